@@ -1,0 +1,10 @@
+from .errors import ContactimgError as ContactimgError
+from .errors import ConvergenceError as ConvergenceError
+from .errors import FrameError as FrameError
+from .errors import InputError as InputError
+from .errors import ModelRangeError as ModelRangeError
+from .frame import Frame as Frame
+from .pose import Pose as Pose
+from .scene import Scene as Scene
+from .scene import scene_from_dict as scene_from_dict
+from .tables import Flag as Flag

@@ -1,0 +1,1 @@
+"""From pixels to disks: plain arrays, pixel lengths, no files."""

@@ -1,0 +1,1 @@
+"""Closed forms of contact mechanics: no files, no images."""

@@ -1,0 +1,1 @@
+"""Multi-asperity contact models."""

@@ -1,0 +1,1 @@
+"""The light: what the optics make of a contact."""

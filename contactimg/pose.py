@@ -1,0 +1,77 @@
+"""Where the camera looks: the similarity between pixels and sample coordinates."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import InputError
+
+__all__ = ["Pose"]
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Similarity between pixel coordinates and sample coordinates.
+
+    A sample point ``s`` is seen at the pixel ``q = q0 + R(rotation) F (s - centre) / pixel_size`` with
+    ``q = (x_px, y_px)``, ``q0`` the image centre ``((columns-1)/2, (rows-1)/2)``, ``R`` the rotation that
+    turns +x towards +y (clockwise on the screen, where y points down), and ``F = diag(1, -1)`` if mirrored.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the image.
+    pixel_size : float
+        Sample length per pixel, m.
+    centre : (float, float)
+        Sample point at the image centre, m.
+    rotation : float
+        rad.
+    mirrored : bool
+        True if +y of the sample points up in the image.
+
+    Raises
+    ------
+    InputError
+        If the pixel size is not a positive number.
+    """
+
+    shape: tuple[int, int]
+    pixel_size: float
+    centre: tuple[float, float] = (0.0, 0.0)
+    rotation: float = 0.0
+    mirrored: bool = False
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.pixel_size) and self.pixel_size > 0):
+            raise InputError(
+                f"pixel size must be a positive length, got {self.pixel_size!r} m; "
+                "give the sample length that one pixel covers"
+            )
+
+    @property
+    def image_centre(self) -> NDArray[np.float64]:
+        """(x_px, y_px) of the image centre."""
+        rows, columns = self.shape
+        return np.array([(columns - 1) / 2, (rows - 1) / 2])
+
+    @property
+    def matrix(self) -> NDArray[np.float64]:
+        """2 x 2 matrix that turns a sample displacement (m) into a pixel displacement."""
+        c, s = np.cos(self.rotation), np.sin(self.rotation)
+        flip = -1.0 if self.mirrored else 1.0
+        return np.array([[c, -s * flip], [s, c * flip]]) / self.pixel_size
+
+    def to_pixels(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Pixel coordinates ``(x_px, y_px)`` of sample points (m)."""
+        points = np.stack([np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]])
+        x_px, y_px = np.tensordot(self.matrix, points, axes=1)
+        return x_px + self.image_centre[0], y_px + self.image_centre[1]
+
+    def to_sample(self, x_px: ArrayLike, y_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sample coordinates ``(x, y)`` in m of pixel positions."""
+        q0 = self.image_centre
+        points = np.stack([np.asarray(x_px, float) - q0[0], np.asarray(y_px, float) - q0[1]])
+        x, y = np.tensordot(np.linalg.inv(self.matrix), points, axes=1)
+        return x + self.centre[0], y + self.centre[1]

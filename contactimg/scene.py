@@ -1,0 +1,315 @@
+"""The scene: one description of an experiment, measured or simulated, validated at the door.
+
+Keys carry their unit (``radius_m``); the attributes of the records do not (``radius``) and hold SI floats,
+pixel lengths apart (``_px``). An unknown key, a missing key or a value out of range is an `InputError` whose
+sentence names the section, the key, the rule, the value got and, for an unknown key, the allowed keys.
+"""
+
+import difflib
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    PrivateAttr,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+from pydantic_core import ErrorDetails
+
+from contactimg.errors import InputError
+from contactimg.pose import Pose
+
+__all__ = [
+    "Asperities",
+    "Camera",
+    "Effects",
+    "Elastic",
+    "Images",
+    "Indenter",
+    "Measure",
+    "Scene",
+    "Simulate",
+    "Tolerance",
+    "scene_from_dict",
+]
+
+Positive = Annotated[FiniteFloat, Field(gt=0)]
+NonNegative = Annotated[FiniteFloat, Field(ge=0)]
+Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
+OpenFraction = Annotated[FiniteFloat, Field(gt=0, lt=1)]
+Point = tuple[FiniteFloat, FiniteFloat]
+Switch = Literal["auto", "on", "off"]
+
+
+class _Section(BaseModel):
+    """Common rules of all sections: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
+
+
+class Indenter(_Section):
+    """The smooth sphere (or the textured lens): radius of curvature and where its apex stands, m."""
+
+    radius: Positive = Field(alias="radius_m")
+    apex: Point = Field((0.0, 0.0), alias="apex_m")
+
+
+class Elastic(_Section):
+    """The elastic body; Pa, m, J/m^2. Without a thickness it is a half-space."""
+
+    young_modulus: Positive = Field(alias="young_modulus_Pa")
+    young_modulus_std: NonNegative = Field(0.0, alias="young_modulus_std_Pa")
+    poisson_ratio: Annotated[FiniteFloat, Field(gt=-1, le=0.5)] = 0.5
+    thickness: Positive | None = Field(None, alias="thickness_m")
+    work_of_adhesion: NonNegative = Field(0.0, alias="work_of_adhesion_J_m2")
+
+    @property
+    def contact_modulus(self) -> float:
+        """E* = E/(1 - nu^2), Pa: the partner is rigid."""
+        return self.young_modulus / (1 - self.poisson_ratio**2)
+
+
+class Asperities(_Section):
+    """The asperities: a table, a generator, or the parameters of a statistical model."""
+
+    file: str | None = None
+    generate: Literal["SA", "RA-", "RA+"] | None = None
+    coverage: OpenFraction | None = None
+    side: Positive = Field(0.01, alias="side_m")
+    seed: Annotated[int, Field(ge=0)] = 0
+    textured: Literal["soft", "rigid"] = "soft"
+    density: Positive | None = Field(None, alias="density_per_m2")
+    radius: Positive | None = Field(None, alias="radius_m")
+    height_law: Literal["uniform", "gaussian"] | None = None
+    height_min: FiniteFloat | None = Field(None, alias="height_min_m")
+    height_max: FiniteFloat | None = Field(None, alias="height_max_m")
+    height_mean: FiniteFloat | None = Field(None, alias="height_mean_m")
+    height_std: NonNegative | None = Field(None, alias="height_std_m")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Asperities":
+        if self.file is not None and self.generate is not None:
+            raise ValueError("file and generate are both given; keep one of the two")
+        if self.height_min is not None and self.height_max is not None and self.height_max < self.height_min:
+            raise ValueError(
+                f"height_max_m ({self.height_max}) must not be below height_min_m ({self.height_min})"
+            )
+        return self
+
+
+class Camera(_Section):
+    """How the sample is seen; m and rad. Without a centre the image is centred on the apex."""
+
+    pixel_size: Positive = Field(alias="pixel_size_m")
+    centre: Point | None = Field(None, alias="centre_m")
+    rotation: Annotated[FiniteFloat, AfterValidator(math.radians)] = Field(0.0, alias="rotation_deg")
+    mirrored: bool = False
+
+
+class Images(_Section):
+    """The frames of the experiment, by paths relative to the scene file."""
+
+    reference: str | None = None
+    frames: str | list[str] = "frame_*.*"
+    loads: str | None = None
+    polarity: Literal["bright", "dark", "auto"] = "bright"
+
+
+class Measure(_Section):
+    """How contacts are measured; ``blur_px`` (standard deviation) is estimated from the frame if not given.
+
+    ``pose = "fit"`` corrects the camera's pose with the matched asperities, ``"given"`` takes it as is.
+    """
+
+    method: Literal["threshold", "disk"] = "disk"
+    threshold: OpenFraction | Literal["auto"] = 0.5
+    blur_px: Positive | None = None
+    pose: Literal["fit", "given"] = "fit"
+
+    @field_validator("threshold", mode="wrap")
+    @classmethod
+    def _threshold(cls, value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(
+                f'must be a number between 0 and 1 (exclusive) or "auto", got {value!r}'
+            ) from None
+
+
+class Tolerance(_Section):
+    """Which output must be accurate, and to what relative change."""
+
+    output: Literal["area", "force", "radius"] = "area"
+    relative: Positive = 0.01
+
+
+class Effects(_Section):
+    """One switch an effect."""
+
+    coupling: Switch = "auto"
+    adhesion: Switch = "auto"
+    layer: Switch = "auto"
+    sphere_profile: Switch = "auto"
+    blur: Switch = "auto"
+    film: Switch = "auto"
+    vignetting: Switch = "auto"
+    light_drift: Switch = "auto"
+    position_drift: Switch = "auto"
+    shot_noise: Switch = "auto"
+    read_noise: Switch = "auto"
+    quantisation: Switch = "auto"
+    saturation: Switch = "auto"
+    dust: Switch = "auto"
+    edge_roughness: Switch = "auto"
+
+
+class Simulate(_Section):
+    """Optics and sensor of synthetic frames.
+
+    Grey levels are those of the camera; ``contrast_levels`` is contact minus background at the image centre.
+    An optical or sensor effect under ``"auto"`` is rendered when its parameter here is not zero; the air film
+    only when it is switched on.
+    """
+
+    loads: list[NonNegative] = Field([], alias="loads_N")
+    shape: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] = (1200, 1600)
+    background_levels: Positive = 80.0
+    contrast_levels: FiniteFloat = 100.0
+    brightness_spread: NonNegative = 0.0
+    blur_px: NonNegative = 1.4
+    psf: Literal["gaussian", "halo", "airy"] = "gaussian"
+    halo_fraction: Fraction = 0.2
+    halo_sigma_px: Positive = 8.0
+    edge_softness_px: NonNegative = 0.0
+    edge_roughness_px: NonNegative = 0.0
+    vignetting: Fraction = 0.0
+    texture: NonNegative = 0.0
+    dust_count: Annotated[int, Field(ge=0)] = 0
+    light_drift: FiniteFloat = 0.0
+    position_drift_px: NonNegative = 0.0
+    electrons_per_level: NonNegative = 0.0
+    read_noise_electrons: NonNegative = 0.0
+    bit_depth: Literal[8, 10, 12, 14, 16] = 8
+    supersampling: Annotated[int, Field(ge=1, le=16)] = 4
+    film_index_indenter: Positive = 1.52
+    film_index_elastic: Positive = 1.41
+    film_wavelength_nm: Positive = 560.0
+    film_bandwidth_nm: Positive = 70.0
+    film_range_nm: tuple[Positive, Positive] = (450.0, 680.0)
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+_SectionType = TypeVar("_SectionType", bound=_Section)
+
+
+class Scene(_Section):
+    """A whole scene: every section is optional where a command does not need it."""
+
+    indenter: Indenter | None = None
+    elastic: Elastic | None = None
+    asperities: Asperities | None = None
+    camera: Camera | None = None
+    images: Images = Images()  # type: ignore[call-arg]
+    measure: Measure = Measure()
+    tolerance: Tolerance = Tolerance()
+    effects: Effects = Effects()
+    simulate: Simulate | None = None
+
+    _source: dict[str, Any] = PrivateAttr(default_factory=dict)
+
+    @property
+    def source(self) -> dict[str, Any]:
+        """The dict this scene was made from, with the keys as written."""
+        return self._source
+
+    def need(self, section: str, purpose: str) -> Any:
+        """The named section, or an `InputError` that says what it is needed for."""
+        value = getattr(self, section)
+        if value is None:
+            raise InputError(f"{purpose} needs a section [{section}] in the scene; add it")
+        return value
+
+    def pose(self, shape: tuple[int, int]) -> Pose:
+        """The camera's pose for images of ``shape`` (rows, columns)."""
+        camera: Camera = self.need("camera", "turning pixels into metres")
+        apex = self.indenter.apex if self.indenter is not None else (0.0, 0.0)
+        return Pose(
+            shape=shape,
+            pixel_size=camera.pixel_size,
+            centre=camera.centre if camera.centre is not None else apex,
+            rotation=camera.rotation,
+            mirrored=camera.mirrored,
+        )
+
+
+def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene") -> Scene:
+    """Validate a scene.
+
+    Parameters
+    ----------
+    data : mapping
+        Sections and keys as in the scene file.
+    name : str
+        What to call the scene in an error (the file name).
+
+    Raises
+    ------
+    InputError
+        One sentence on the first broken rule: section, key, rule, value, allowed keys.
+
+    Examples
+    --------
+    >>> scene_from_dict({"camera": {"pixel_size_m": 6e-6}}).camera.pixel_size
+    6e-06
+    """
+    try:
+        scene = Scene.model_validate(dict(data))
+    except ValidationError as error:
+        details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
+        raise InputError(_sentence(details[0], name)) from None
+    scene._source = dict(data)
+    return scene
+
+
+def _sentence(detail: ErrorDetails, name: str) -> str:
+    """One sentence for one validation error."""
+    path = [str(part) for part in detail["loc"]]
+    section, key = path[0], (path[1] if len(path) > 1 else None)
+    where = f"{name}: [{section}]" + (f" {key}" if key else "")
+    if detail["type"] == "extra_forbidden":
+        return _unknown_key(name, section, key)
+    if detail["type"] == "missing":
+        return f"{where} is missing; add it"
+    rule = detail["msg"].removeprefix("Value error, ").replace("Input should", "should")
+    rule = rule.replace("should", "must", 1)
+    got = "" if detail["type"] == "value_error" else f", got {detail['input']!r}"
+    return f"{where} {rule}{got}" if key else f"{where}: {rule}{got}"
+
+
+def _unknown_key(name: str, section: str, key: str | None) -> str:
+    """The sentence for a key or section that does not exist, with the allowed ones."""
+    if key is None:
+        allowed, what = _keys(Scene), f"{name}: unknown section [{section}]"
+        wrong, kind = section, "sections"
+    else:
+        annotation = Scene.model_fields[section].annotation
+        options = [annotation, *getattr(annotation, "__args__", ())]
+        model = next(o for o in options if isinstance(o, type) and issubclass(o, _Section))
+        allowed, what = _keys(model), f"{name}: [{section}] has no key {key!r}"
+        wrong, kind = key, "keys"
+    close = difflib.get_close_matches(wrong, allowed, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"{what}{hint} (allowed {kind}: {', '.join(allowed)})"
+
+
+def _keys(model: type[_Section]) -> list[str]:
+    """Names of a section's keys as written in the scene file."""
+    return [field.alias or attribute for attribute, field in model.model_fields.items()]
