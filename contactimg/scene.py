@@ -217,7 +217,7 @@ class Scene(_Section):
     elastic: Elastic | None = None
     asperities: Asperities | None = None
     camera: Camera | None = None
-    images: Images = Images()  # type: ignore[call-arg]
+    images: Images = Images()
     measure: Measure = Measure()
     tolerance: Tolerance = Tolerance()
     effects: Effects = Effects()
