@@ -7,8 +7,8 @@ Images
     pixel, x runs along the columns to the right, y along the rows **down**. The image centre is
     ``((columns-1)/2, (rows-1)/2)``; the camera's ``centre_m`` is the sample point there. In the sample +x
     points right and +y down, unless the camera is mirrored (+y up). ``shift_*_px`` is position in the frame
-    minus position in the reference. A threshold is a fraction: level = background + threshold x contrast, with one
-    contrast (plateau minus background) a frame.
+    minus position in the reference. A threshold is a fraction: level = background + threshold x contrast,
+    with one contrast (plateau minus background) a frame.
 Units
     Inside Python SI floats, without a unit in the name; only pixel lengths end in ``_px``. A name that leaves
     Python (column, key, option) carries its unit: ``radius_m``, ``force_N``, ``--pixel-size-um``.
