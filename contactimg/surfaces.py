@@ -1,0 +1,330 @@
+"""Asperity tables: the patterns SA, RA- and RA+, their check, and the composite plane under a lens.
+
+A table has the columns of `contactimg.tables.ASPERITIES`: ``x_m, y_m, height_m, radius_m``, one row a
+spherical cap. A cap of height ``h`` and radius ``R`` covers a disc of radius ``sqrt(2 R h - h^2)``; the
+generated patterns place these discs at random without overlap, largest first.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import InputError
+from contactimg.tables import ASPERITIES
+
+__all__ = ["base_radius", "check_asperities", "composite_apexes", "generate_asperities"]
+
+Values = NDArray[np.float64]
+
+
+def base_radius(height: ArrayLike, radius: ArrayLike) -> Values:
+    """Radius of the disc that a spherical cap covers: ``sqrt(2 R h - h^2)``.
+
+    Parameters
+    ----------
+    height : array_like, m
+        ``h``; a cap higher than its radius covers the disc of the radius.
+    radius : array_like, m
+        ``R``.
+
+    Returns
+    -------
+    ndarray, m
+
+    Examples
+    --------
+    >>> float(base_radius(40e-6, 100e-6)) * 1e6
+    80.0
+    """
+    R = np.asarray(radius, dtype=np.float64)
+    h = np.clip(np.asarray(height, dtype=np.float64), 0.0, R)
+    return np.sqrt(h * (2 * R - h))
+
+
+def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
+    """The table with exactly the columns of `ASPERITIES`, as float64, once it keeps the rules.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``; others are left out.
+
+    Returns
+    -------
+    DataFrame
+        A new table, rows in the same order, numbered from 0.
+
+    Raises
+    ------
+    InputError
+        Naming the missing column, or row and column of the first value that is not a finite number or of the
+        first radius that is not positive.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> check_asperities(pd.DataFrame({"x_m": [0], "y_m": [0], "height_m": [4e-5], "radius_m": [1e-4]}))
+       x_m  y_m  height_m  radius_m
+    0  0.0  0.0   0.00004    0.0001
+    """
+    if not isinstance(asperities, pd.DataFrame):
+        raise InputError(
+            f"asperities must be a table (DataFrame) with columns {', '.join(ASPERITIES.columns)}, "
+            f"got {type(asperities).__name__}"
+        )
+    missing = [name for name in ASPERITIES.columns if name not in asperities]
+    if missing:
+        raise InputError(f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.columns)}")
+    columns = {name: _finite_column(asperities, name) for name in ASPERITIES.columns}
+    bad = np.flatnonzero(~(columns["radius_m"] > 0))
+    if bad.size:
+        raise InputError(
+            f"asperities: row {bad[0]}, column 'radius_m' must be positive, got {columns['radius_m'][bad[0]]!r}"
+        )
+    return pd.DataFrame(columns)
+
+
+def _finite_column(table: pd.DataFrame, name: str) -> Values:
+    """A column as float64, or an error that names the row."""
+    try:
+        values = table[name].to_numpy(dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        row = int(np.flatnonzero(np.isnan(numbers))[0]) if np.isnan(numbers).any() else 0
+        raise InputError(
+            f"asperities: row {row}, column {name!r} must be a number, got {table[name].iloc[row]!r}"
+        ) from None
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise InputError(f"asperities: row {bad[0]}, column {name!r} must be finite, got {values[bad[0]]!r}")
+    return values
+
+
+def composite_apexes(
+    asperities: pd.DataFrame, *, indenter_radius: float, apex: tuple[float, float] = (0.0, 0.0)
+) -> pd.DataFrame:
+    """The summits of asperities and lens combined, exact for parabolic caps under a parabolic lens.
+
+    Radius ``R Rl/(R + Rl)``, apex at ``x Rl/(R + Rl)`` from the lens's apex, height ``h - r^2/(2 (R + Rl))``:
+    the cap meets the lens not above its own summit but where both slopes agree.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``.
+    indenter_radius : float, m
+        ``Rl``; infinite for a flat, under which the caps are their own composites.
+    apex : (float, float), m
+        Where the lens's apex stands over the sample.
+
+    Returns
+    -------
+    DataFrame
+        The same columns and rows: where a first contact lies, with which height and which radius.
+
+    Raises
+    ------
+    InputError
+        If the table breaks a rule (`check_asperities`) or the indenter's radius is not positive.
+
+    Notes
+    -----
+    Leaving the difference out costs 0.06-0.08 % of the load on the pattern SA+ at 0.02-0.5 N.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> cap = pd.DataFrame({"x_m": [1e-3], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
+    >>> composite_apexes(cap, indenter_radius=9.9e-3)
+           x_m  y_m   height_m  radius_m
+    0  0.00099  0.0  -0.00001  0.000099
+    """
+    table = check_asperities(asperities)
+    if not float(indenter_radius) > 0:
+        raise InputError(f"indenter_radius must be positive (inf for a flat), got {indenter_radius!r} m")
+    x0, y0 = (float(value) for value in apex)
+    if not (np.isfinite(x0) and np.isfinite(y0)):
+        raise InputError(f"apex must be two finite coordinates, got {apex!r} m")
+    R = table["radius_m"].to_numpy()
+    dx, dy = table["x_m"].to_numpy() - x0, table["y_m"].to_numpy() - y0
+    nearness = R / indenter_radius  # R/Rl: zero under a flat
+    drop = (dx**2 + dy**2) / (2 * R) * (nearness / (1 + nearness))
+    return pd.DataFrame(
+        {
+            "x_m": x0 + dx / (1 + nearness),
+            "y_m": y0 + dy / (1 + nearness),
+            "height_m": table["height_m"].to_numpy() - drop,
+            "radius_m": R / (1 + nearness),
+        }
+    )
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """How one kind of surface draws its caps: default coverage and ``draw(count, rng) -> height, radius``."""
+
+    coverage: float
+    draw: Callable[[int, np.random.Generator], tuple[Values, Values]]
+
+
+def _draw_sa(count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+    """SA: R = 100 um, heights uniform in 30-60 um."""
+    return rng.uniform(30e-6, 60e-6, count), np.full(count, 100e-6)
+
+
+def _draw_ra_minus(count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+    """RA-: h = 9.0 +- 2.4 um, R = 49.6 +- 12.8 um, uncorrelated, 0 < h < R."""
+    height = _positive_normal(9.0e-6, 2.4e-6, count, rng)
+    radius = _positive_normal(49.6e-6, 12.8e-6, count, rng)
+    while (low := radius <= height).any():
+        radius[low] = _positive_normal(49.6e-6, 12.8e-6, int(low.sum()), rng)
+    return height, radius
+
+
+def _draw_ra_plus(count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+    """RA+: h = 29.6 +- 10.1 um, R = h/(1 - cos 57 deg)."""
+    height = _positive_normal(29.6e-6, 10.1e-6, count, rng)
+    return height, height / (1 - np.cos(np.radians(57.0)))
+
+
+def _positive_normal(mean: float, std: float, count: int, rng: np.random.Generator) -> Values:
+    """Normal draws, the non-positive ones drawn again."""
+    values = rng.normal(mean, std, count)
+    while (low := values <= 0).any():
+        values[low] = rng.normal(mean, std, int(low.sum()))
+    return values
+
+
+_PATTERNS = {
+    "SA": _Pattern(0.4, _draw_sa),
+    "RA-": _Pattern(0.34, _draw_ra_minus),
+    "RA+": _Pattern(0.41, _draw_ra_plus),
+}
+
+
+def generate_asperities(
+    kind: str,
+    *,
+    side: float,
+    rng: np.random.Generator,
+    coverage: float | None = None,
+    max_tries: int = 100_000,
+) -> pd.DataFrame:
+    """A random pattern of non-overlapping caps on the square ``[0, side]^2``.
+
+    Caps are drawn until their base discs cover the wanted fraction of the square, then placed largest first,
+    each uniformly at random where its disc touches no other and does not leave the square.
+
+    Parameters
+    ----------
+    kind : {"SA", "RA-", "RA+"}
+        ``"SA"``: R = 100 um, heights uniform in 30-60 um. ``"RA-"``: h = 9.0 +- 2.4 um, R = 49.6 +- 12.8 um,
+        independent. ``"RA+"``: h = 29.6 +- 10.1 um, R = h/(1 - cos 57 deg). Normal laws, cut at zero.
+    side : float, m
+        Side of the square.
+    rng : numpy.random.Generator
+        Source of chance; the same state gives the same pattern.
+    coverage : float, optional
+        Covered fraction of the square; by default 0.4, 0.34 and 0.41 for the three kinds.
+    max_tries : int
+        Places tried for one cap before giving up.
+
+    Returns
+    -------
+    DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``; rows from the largest base disc down.
+
+    Raises
+    ------
+    InputError
+        If an argument breaks its rule, or the coverage cannot be reached: random placement of equal discs
+        jams at 0.547, and a square of few discs before that.
+
+    Notes
+    -----
+    The number of caps is the one whose covered area is nearest to the wanted one, so the coverage is met to
+    half a disc.
+
+    References
+    ----------
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Experimental and table 1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> pattern = generate_asperities("SA", side=2e-3, rng=np.random.default_rng(1))
+    >>> discs = base_radius(pattern["height_m"], pattern["radius_m"])
+    >>> round(float(np.pi * (discs**2).sum() / 2e-3**2), 2)
+    0.4
+    """
+    pattern = _PATTERNS.get(kind)
+    if pattern is None:
+        raise InputError(f"kind must be one of {', '.join(map(repr, _PATTERNS))}, got {kind!r}")
+    if not (np.isfinite(side) and side > 0):
+        raise InputError(f"side must be a positive length, got {side!r} m")
+    fraction = pattern.coverage if coverage is None else float(coverage)
+    if not 0 < fraction < 1:
+        raise InputError(f"coverage must lie between 0 and 1 (exclusive), got {coverage!r}")
+    height, radius = _draw_to_cover(pattern, fraction * side**2, rng)
+    disc = base_radius(height, radius)
+    order = np.argsort(-disc, kind="stable")
+    height, radius, disc = height[order], radius[order], disc[order]
+    x, y, placed = _place_discs(disc / side, max_tries, rng)
+    if placed < len(disc):
+        reached = np.pi * np.sum(disc[:placed] ** 2) / side**2
+        raise InputError(
+            f"coverage {fraction:g} cannot be reached on a square of {side:g} m: after {placed} of {len(disc)} "
+            f"caps (coverage {reached:.3f}) {max_tries} places were tried in vain; "
+            "random placement without overlap jams near 0.5, ask for less or for a larger square"
+        )
+    return pd.DataFrame({"x_m": x * side, "y_m": y * side, "height_m": height, "radius_m": radius})
+
+
+def _draw_to_cover(pattern: _Pattern, area: float, rng: np.random.Generator) -> tuple[Values, Values]:
+    """Caps whose discs together come nearest to the area, never none."""
+    height, radius = pattern.draw(64, rng)
+    while (total := np.sum(np.pi * base_radius(height, radius) ** 2)) <= area:
+        more = pattern.draw(int(1.05 * len(height) * max(area / total - 1, 0.05)) + 1, rng)
+        height, radius = np.concatenate([height, more[0]]), np.concatenate([radius, more[1]])
+    covered = np.cumsum(np.pi * base_radius(height, radius) ** 2)
+    count = int(np.searchsorted(covered, area))
+    below = covered[count - 1] if count else 0.0
+    count += int(covered[count] - area < area - below or count == 0)
+    return height[:count], radius[:count]
+
+
+@njit(cache=True)
+def _place_discs(disc, max_tries, rng):  # pragma: no cover - compiled
+    """Random sequential adsorption on the unit square with a cell list; places, and how many discs fit.
+
+    Cells are as wide as the largest disc's diameter, so that discs that may touch lie in adjacent cells.
+    """
+    count = disc.size
+    x, y = np.zeros(count), np.zeros(count)
+    cells = max(1, min(int(1.0 / (2.0 * disc[0])), int(np.sqrt(count)) + 1))
+    head, after = np.full((cells, cells), -1), np.full(count, -1)
+    for i in range(count):
+        free = False
+        room = 1.0 - 2.0 * disc[i]
+        for _ in range(max_tries if room >= 0.0 else 0):
+            xi, yi = disc[i] + room * rng.random(), disc[i] + room * rng.random()
+            row, column = min(int(yi * cells), cells - 1), min(int(xi * cells), cells - 1)
+            free = True
+            for near_row in range(max(row - 1, 0), min(row + 2, cells)):
+                for near_column in range(max(column - 1, 0), min(column + 2, cells)):
+                    j = head[near_row, near_column]
+                    while j >= 0 and free:
+                        reach = disc[i] + disc[j]
+                        free = (xi - x[j]) ** 2 + (yi - y[j]) ** 2 >= reach * reach
+                        j = after[j]
+            if free:
+                x[i], y[i] = xi, yi
+                after[i], head[row, column] = head[row, column], i
+                break
+        if not free:
+            return x, y, i
+    return x, y, count
