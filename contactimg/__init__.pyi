@@ -8,3 +8,10 @@ from .pose import Pose as Pose
 from .scene import Scene as Scene
 from .scene import scene_from_dict as scene_from_dict
 from .tables import Flag as Flag
+from .mechanics import hertz as hertz
+from .mechanics import jkr as jkr
+from .models.interacting import solve_interacting as solve_interacting
+from .models.interacting import solve_loads as solve_loads
+from .surfaces import check_asperities as check_asperities
+from .surfaces import composite_apexes as composite_apexes
+from .surfaces import generate_asperities as generate_asperities

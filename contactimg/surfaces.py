@@ -78,7 +78,9 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
         )
     missing = [name for name in ASPERITIES.columns if name not in asperities]
     if missing:
-        raise InputError(f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.columns)}")
+        raise InputError(
+            f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.columns)}"
+        )
     columns = {name: _finite_column(asperities, name) for name in ASPERITIES.columns}
     bad = np.flatnonzero(~(columns["radius_m"] > 0))
     if bad.size:

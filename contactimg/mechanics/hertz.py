@@ -245,7 +245,7 @@ def pressure(r: ArrayLike, *, radius: float, sphere_radius: float, contact_modul
 def surface_displacement(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
     """Displacement of the half-space's surface, into it, at distances from the centre of the contact.
 
-    ``u(r) = [(2 a^2 - r^2) asin(a/r) + r a sqrt(1 - a^2/r^2)] / (pi R)`` outside, ``a^2/R - r^2/(2 R)`` inside.
+    ``[(2 a^2 - r^2) asin(a/r) + r a sqrt(1 - a^2/r^2)] / (pi R)`` outside, ``a^2/R - r^2/(2 R)`` inside.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def surface_displacement(r: ArrayLike, *, radius: float, sphere_radius: float) -
 def displacement_factor(ratio: ArrayLike) -> Values:
     """Displacement outside a Hertz contact over that of a point force, at ``ratio = a/r <= 1``.
 
-    ``(3/(4 q^3)) [(2 q^2 - 1) asin(q) + q sqrt(1 - q^2)]`` with ``q = a/r``: 1 far away, ``3 pi/8`` at the edge.
+    ``(3/(4 q^3)) [(2 q^2 - 1) asin(q) + q sqrt(1 - q^2)]``, ``q = a/r``: 1 far away, ``3 pi/8`` at the edge.
     Below 0.05 the series ``1 + q^2/10 + 9 q^4/280 + 5 q^6/336``, exact there to 1e-12.
     """
     q = np.asarray(ratio, dtype=np.float64)
@@ -311,8 +311,8 @@ def gap(r: ArrayLike, *, radius: float, sphere_radius: float) -> Values:
 
     Notes
     -----
-    Evaluated in a form that does not cancel at the edge (and there by its series), to 1e-9 relative at all ``r``
-    that are distinguishable from ``a``.
+    Evaluated in a form that does not cancel at the edge (and there by its series), to 1e-9 relative
+    wherever ``r`` can be told from ``a``.
 
     References
     ----------

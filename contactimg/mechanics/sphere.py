@@ -1,0 +1,190 @@
+"""Sneddon: a rigid sphere with its exact profile on an elastic half-space, for large ``a/R``.
+
+``delta = (a/2) ln((R + a)/(R - a))``, ``P = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``. Hertz's paraboloid
+is the leading term of both in ``a/R``. Lengths m, forces N, ``contact_modulus`` is ``E*``.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import ModelRangeError
+from contactimg.mechanics.checks import non_negative, positive
+
+__all__ = [
+    "indentation_from_radius",
+    "load",
+    "radius",
+    "radius_from_indentation",
+    "scaled_indentation",
+    "scaled_load",
+    "scaled_radius",
+]
+
+Values = NDArray[np.float64]
+
+_SERIES_BELOW = 0.1
+_SERIES_TERMS = np.arange(1, 9)  # the ninth term is below 0.1^18/17 of the first
+
+
+def _inside(radius: ArrayLike, sphere_radius: float) -> Values:
+    """a/R, refused from 1 on: there the sphere is indented to its equator."""
+    ratio = non_negative("radius", radius, "m") / positive("sphere_radius", sphere_radius, "m")
+    if np.any(ratio >= 1):
+        raise ModelRangeError(
+            f"radius must stay below the sphere's radius, got a/R = {float(ratio.max()):.6g}"
+        )
+    return ratio
+
+
+def scaled_indentation(ratio: Values) -> Values:
+    """delta/R at ``ratio = a/R < 1``: ``s atanh(s)``."""
+    return ratio * np.arctanh(ratio)
+
+
+def scaled_load(ratio: Values) -> Values:
+    """P/(E* R^2) at ``ratio = a/R < 1``: ``(1 + s^2) atanh(s) - s``, by its series where that cancels."""
+    small = np.minimum(ratio, _SERIES_BELOW)
+    n = _SERIES_TERMS
+    # (1 + s^2) sum s^(2n+1)/(2n+1) - s = sum_{n>=1} s^(2n+1) [1/(2n+1) + 1/(2n-1)]
+    weights = 1 / (2 * n + 1) + 1 / (2 * n - 1)
+    series = small**3 * np.polynomial.polynomial.polyval(small**2, weights)
+    large = np.maximum(ratio, _SERIES_BELOW)
+    return np.where(ratio < _SERIES_BELOW, series, (1 + large**2) * np.arctanh(large) - large)
+
+
+def scaled_radius(depth: Values) -> Values:
+    """a/R at ``depth = delta/R``: ``s atanh(s) = depth`` solved in ``t = atanh(s)`` by Newton.
+
+    ``t tanh(t)`` is increasing and close to ``t^2`` below and ``t`` above one, so a handful of steps suffice.
+    """
+    t = np.where(depth < 1, np.sqrt(depth * (1 + depth / 3)), depth)
+    for _ in range(30):
+        slope = np.tanh(t) + t / np.cosh(np.minimum(t, 300.0)) ** 2
+        step = (t * np.tanh(t) - depth) / np.where(slope > 0, slope, 1.0)
+        t = np.maximum(t - step, 0.0)
+        if np.all(np.abs(step) <= 2e-16 * t):
+            break
+    return np.tanh(t)
+
+
+def indentation_from_radius(radius: ArrayLike, *, sphere_radius: float) -> Values:
+    """Indentation at a contact radius: ``delta = (a/2) ln((R + a)/(R - a))``.
+
+    Parameters
+    ----------
+    radius : array_like, m
+        Contact radius ``a < R``.
+    sphere_radius : float, m
+        ``R``.
+
+    Returns
+    -------
+    ndarray, m
+
+    Raises
+    ------
+    ModelRangeError
+        If a contact radius reaches the sphere's radius.
+
+    References
+    ----------
+    Sneddon, Int. J. Eng. Sci. 3 (1965) 47, doi:10.1016/0020-7225(65)90019-4, section 6.
+
+    Examples
+    --------
+    >>> round(float(indentation_from_radius(50e-6, sphere_radius=100e-6)) * 1e6, 3)
+    27.465
+    """
+    return sphere_radius * scaled_indentation(_inside(radius, sphere_radius))
+
+
+def radius_from_indentation(indentation: ArrayLike, *, sphere_radius: float) -> Values:
+    """Contact radius at an indentation, the inverse of `indentation_from_radius`.
+
+    Parameters
+    ----------
+    indentation : array_like, m
+    sphere_radius : float, m
+
+    Returns
+    -------
+    ndarray, m
+
+    Examples
+    --------
+    >>> delta = indentation_from_radius(50e-6, sphere_radius=100e-6)
+    >>> round(float(radius_from_indentation(delta, sphere_radius=100e-6)) * 1e6, 9)
+    50.0
+    """
+    R = positive("sphere_radius", sphere_radius, "m")
+    return R * scaled_radius(non_negative("indentation", indentation, "m") / R)
+
+
+def load(radius: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> Values:
+    """Load at a contact radius: ``P = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``.
+
+    Parameters
+    ----------
+    radius : array_like, m
+        Contact radius ``a < R``.
+    sphere_radius : float, m
+    contact_modulus : float, Pa
+
+    Returns
+    -------
+    ndarray, N
+
+    Raises
+    ------
+    ModelRangeError
+        If a contact radius reaches the sphere's radius.
+
+    Notes
+    -----
+    Above Hertz's ``K a^3/R`` by a fraction ``(2/5)(a/R)^2`` to first order: 4.4 % at ``a/R = 0.33``.
+
+    References
+    ----------
+    Sneddon, Int. J. Eng. Sci. 3 (1965) 47, doi:10.1016/0020-7225(65)90019-4, section 6.
+
+    Examples
+    --------
+    >>> from contactimg.mechanics import hertz
+    >>> where = dict(sphere_radius=100e-6, contact_modulus=4e6)
+    >>> round(float(load(33e-6, **where) / hertz.load(33e-6, **where)), 3)
+    1.047
+    """
+    E = positive("contact_modulus", contact_modulus, "Pa")
+    return E * sphere_radius**2 * scaled_load(_inside(radius, sphere_radius))
+
+
+def radius(load: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> Values:
+    """Contact radius under a load, the inverse of `load`.
+
+    Parameters
+    ----------
+    load : array_like, N
+    sphere_radius : float, m
+    contact_modulus : float, Pa
+
+    Returns
+    -------
+    ndarray, m
+
+    Examples
+    --------
+    >>> where = dict(sphere_radius=100e-6, contact_modulus=4e6)
+    >>> round(float(radius(load(33e-6, **where), **where)) * 1e6, 9)
+    33.0
+    """
+    R = positive("sphere_radius", sphere_radius, "m")
+    target = non_negative("load", load, "N") / (positive("contact_modulus", contact_modulus, "Pa") * R**2)
+    # in the depth d = delta/R the load is convex with slope 2 a/R: Newton from Hertz's depth, an upper bound of a
+    depth = (0.75 * target) ** (2 / 3)
+    for _ in range(60):
+        s = scaled_radius(depth)
+        step = (scaled_load(s) - target) / np.where(s > 0, 2 * s, 1.0)
+        depth = np.maximum(depth - step, 0.0)
+        if np.all(np.abs(step) <= 4e-16 * depth):
+            break
+    return R * scaled_radius(depth)

@@ -1,0 +1,186 @@
+"""Newton's method for many unilateral contacts, load and indentation solved together (dimensionless).
+
+Unknowns are the forces ``q`` on the candidates and the indentation ``D``. They fix the penetrations
+``delta = D - g - C q`` exactly, and the equations are ``q = p(delta)`` and ``sum q = P``. As ``p`` is
+continuously differentiable, with ``p = 0`` out of contact, the active set needs no rule of its own: it is
+``{delta > 0}``, and the mismatch ``|p(delta) - q|`` is a merit function that every Newton direction lowers.
+The Newton system is symmetric: ``(W^{-1} + C) dq = W^{-1}(p - q) + dD`` on the active rows with the
+stiffnesses ``W = 2 a``, and ``dq = -q`` elsewhere.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.models.coupling import Coupling, NotPositiveDefinite
+from contactimg.models.local_laws import LocalLaw
+
+__all__ = ["Iterate", "System", "initial_iterate", "measure", "solve_uncoupled", "take_step"]
+
+Values = NDArray[np.float64]
+
+SHORTEST_STEP = 2.0**-12
+DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+
+
+@dataclass
+class System:
+    """The candidates of a contact problem.
+
+    Parameters
+    ----------
+    gap : ndarray
+        ``g``: how far each summit lies below the highest.
+    radius : ndarray
+        Composite radii of curvature.
+    law : LocalLaw
+    coupling : Coupling
+    load : float or None
+        ``P`` over ``E*``; None when the indentation is prescribed.
+    """
+
+    gap: Values
+    radius: Values
+    law: LocalLaw
+    coupling: Coupling
+    load: float | None
+
+    def response(self, penetration: Values) -> tuple[Values, Values]:
+        """Forces and contact radii at penetrations."""
+        contact_radius = self.law.contact_radius(penetration, self.radius)
+        return self.law.force(contact_radius, self.radius), contact_radius
+
+
+@dataclass
+class Iterate:
+    """Forces, indentation, the displacement by the forces, and the mismatch ``|p - q|`` over ``sum p``."""
+
+    force: Values
+    indentation: float
+    displacement: Values
+    mismatch: float
+
+    def penetration(self, system: System) -> Values:
+        """``delta = D - g - C q``."""
+        return self.indentation - system.gap - self.displacement
+
+
+def solve_uncoupled(system: System, offset: Values, load: float) -> float:
+    """Indentation at which independent contacts under gaps ``g + offset`` bear a load, by Newton from above.
+
+    The load is a convex, increasing function of the indentation, so from above Newton descends to the root.
+    """
+    gap = system.gap + offset
+    highest = int(np.argmin(gap))
+    depth = (0.75 * load / np.sqrt(system.radius[highest])) ** (2 / 3)  # Hertz, alone; a start for any law
+    lowest = gap[highest]
+    while _total(system, lowest + depth - gap)[0] < load:
+        depth *= 2
+    for _ in range(200):
+        total, stiffness = _total(system, lowest + depth - gap)
+        step = (total - load) / stiffness
+        depth = max(depth - step, 0.5 * depth)
+        if abs(step) <= 1e-14 * depth:
+            break
+    return float(lowest + depth)
+
+
+def _total(system: System, penetration: Values) -> tuple[float, float]:
+    """Sum of forces and of stiffnesses of independent contacts."""
+    touching = np.flatnonzero(penetration > 0)
+    radius = system.radius[touching]
+    contact_radius = system.law.contact_radius(penetration[touching], radius)
+    return float(np.sum(system.law.force(contact_radius, radius))), float(2 * np.sum(contact_radius))
+
+
+def initial_iterate(system: System, force: Values, indentation: float) -> Iterate:
+    """A mean-field start from forces that neglect the coupling, or from a neighbouring solution.
+
+    At prescribed load the displacement by these forces is taken as given and the indentation found that
+    bears the load; at prescribed indentation they are scaled so that they reproduce their own sum.
+    """
+    displacement = system.coupling.displacement(force)
+    if system.load is not None:
+        indentation = solve_uncoupled(system, displacement, system.load)
+    else:
+        factor = _self_consistent_factor(system, force, displacement, indentation)
+        force, displacement = factor * force, factor * displacement
+    carried, _ = system.response(indentation - system.gap - displacement)
+    mixed = 0.5 * (force + carried)
+    displacement = system.coupling.displacement(mixed)
+    if system.load is not None:
+        mixed *= system.load / mixed.sum()
+        indentation = solve_uncoupled(system, displacement, system.load)
+    return measure(system, mixed, indentation, displacement)
+
+
+def _self_consistent_factor(system: System, force: Values, displacement: Values, indentation: float) -> float:
+    """Factor on forces and their displacement at which the contacts bear the sum, by bisection."""
+    low, high, total = 0.0, 1.0, float(force.sum())
+    for _ in range(30):
+        middle = 0.5 * (low + high)
+        carried = _total(system, indentation - system.gap - middle * displacement)[0]
+        low, high = (middle, high) if carried > middle * total else (low, middle)
+    return 0.5 * (low + high)
+
+
+def measure(system: System, force: Values, indentation: float, displacement: Values) -> Iterate:
+    """An iterate with its mismatch."""
+    carried, _ = system.response(indentation - system.gap - displacement)
+    scale = system.load if system.load is not None else float(carried.sum())
+    mismatch = float(np.abs(carried - force).sum())
+    return Iterate(force, indentation, displacement, mismatch / scale if scale > 0 else mismatch)
+
+
+def take_step(system: System, at: Iterate) -> Iterate:
+    """One damped Newton step; the iterate itself comes back when no step lowers the mismatch."""
+    carried, contact_radius = system.response(at.penetration(system))
+    for damping in DAMPINGS:
+        try:
+            change, rise = _direction(system, at, carried, contact_radius, damping)
+        except NotPositiveDefinite:
+            continue
+        better = _search_line(system, at, change, rise, float(np.linalg.norm(carried - at.force)))
+        if better is not None:
+            return better
+    return at
+
+
+def _direction(
+    system: System, at: Iterate, carried: Values, contact_radius: Values, damping: float
+) -> tuple[Values, float]:
+    """Newton's change of forces and of indentation; ``damping`` softens the contacts by ``1/(1 + damping)``."""
+    active = np.flatnonzero(contact_radius > 0)
+    change = -at.force
+    scale = np.sqrt(2 * contact_radius[active] / (1 + damping))
+    leaving = change.copy()
+    leaving[active] = 0.0
+    mismatch = (carried - at.force)[active] / scale
+    if np.any(leaving):
+        mismatch -= scale * system.coupling.displacement(leaving)[active]
+    solution = system.coupling.newton(active, scale, np.column_stack([mismatch, scale]))
+    rise = 0.0
+    if system.load is not None:
+        missing = system.load - float(at.force.sum()) - float(leaving.sum())
+        rise = (missing - float(scale @ solution[:, 0])) / float(scale @ solution[:, 1])
+    change[active] = scale * (solution[:, 0] + rise * solution[:, 1])
+    return change, rise
+
+
+def _search_line(system: System, at: Iterate, change: Values, rise: float, mismatch: float) -> Iterate | None:
+    """Halve the step until the mismatch falls; None if it never does."""
+    response = system.coupling.displacement(change)
+    step = 1.0
+    while step >= SHORTEST_STEP:
+        trial = measure(
+            system,
+            at.force + step * change,
+            at.indentation + step * rise,
+            at.displacement + step * response,
+        )
+        carried, _ = system.response(trial.penetration(system))
+        if float(np.linalg.norm(carried - trial.force)) < (1 - 1e-4 * step) * mismatch:
+            return trial
+        step /= 2
+    return None

@@ -1,0 +1,120 @@
+"""The record that a solved contact problem of single asperities is, and its table of contacts."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.models.validity import Validity, assess, contact_flags
+from contactimg.tables import CONTACTS
+
+__all__ = ["InteractingSolution"]
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class InteractingSolution:
+    """Forces and contact radii of every asperity at one load.
+
+    Parameters
+    ----------
+    force : ndarray, shape (n,), N
+        One value an asperity, in the order of the table; zero out of contact.
+    radius : ndarray, shape (n,), m
+        Contact radii ``a``; zero out of contact.
+    x, y : ndarray, shape (n,), m
+        Composite apexes: where a contact lies.
+    composite_radius : ndarray, shape (n,), m
+        The radius of curvature in the contact's law.
+    height : ndarray, shape (n,), m
+        Height of the summit above the plane it stands on.
+    penetration : ndarray, shape (n,), m
+        ``delta``: indentation of each asperity, negative: the gap that remains; -inf for an asperity so low
+        that it was never a candidate.
+    indentation : float, m
+        ``D`` from first touch.
+    load : float, N
+        Sum of the forces.
+    coupling : str
+        Level of coupling.
+    thickness : float, m
+        Of the layer; infinite for a half-space.
+    status : str
+        ``"converged"``.
+    iterations : int
+        Newton steps.
+    residual : float
+        Sum of ``|p - q|`` over the load, ``q`` the forces and ``p`` those that the penetrations call for.
+    """
+
+    force: Values
+    radius: Values
+    x: Values
+    y: Values
+    composite_radius: Values
+    height: Values
+    penetration: Values
+    indentation: float
+    load: float
+    coupling: str
+    thickness: float
+    status: str
+    iterations: int
+    residual: float
+
+    @property
+    def touching(self) -> NDArray[np.intp]:
+        """Rows of the asperities in contact."""
+        return np.flatnonzero(self.radius > 0)
+
+    @property
+    def area(self) -> float:
+        """Real contact area ``A = sum pi a^2``, m^2."""
+        return float(np.pi * np.sum(self.radius**2))
+
+    @cached_property
+    def validity(self) -> Validity:
+        """How far the solution is from the limits of the model."""
+        rows = self.touching
+        return assess(
+            self.x[rows],
+            self.y[rows],
+            self.radius[rows],
+            radius=self.composite_radius[rows],
+            base_gap=self.height[rows] - self.penetration[rows],
+            thickness=self.thickness,
+        )
+
+    def contacts(self, frame: str = "") -> pd.DataFrame:
+        """The contacts as a table of the schema `CONTACTS`, in the order of the asperities.
+
+        Parameters
+        ----------
+        frame : str
+            Name of the load, for the column ``frame``.
+
+        Returns
+        -------
+        DataFrame
+            Centre, radius, area, force, row of the asperity, flags ``BEYOND_HERTZ`` and ``OVERLAP``.
+        """
+        rows = self.touching
+        x, y, a = self.x[rows], self.y[rows], self.radius[rows]
+        return CONTACTS.conform(
+            pd.DataFrame(
+                {
+                    "frame": np.full(rows.size, frame, dtype=object),
+                    "label": np.arange(1, rows.size + 1),
+                    "x_m": x,
+                    "y_m": y,
+                    "radius_m": a,
+                    "area_m2": np.pi * a**2,
+                    "asperity": rows,
+                    "force_N": self.force[rows],
+                    "flags": contact_flags(x, y, a, self.composite_radius[rows]),
+                }
+            )
+        )

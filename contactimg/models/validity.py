@@ -1,0 +1,144 @@
+"""Where a solution leaves the ground the models stand on: flags on the contacts and a summary.
+
+Measured against the assumptions: small strain at a contact (``a/R``), contacts apart from each other, caps
+not pressed down to the plane they stand on, spacing wide against the contacts (``L/a``), a layer thick
+against the loaded region. Beyond a certain overlap the equations have several solutions; that is an error.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from contactimg.tables import Flag
+
+__all__ = ["HERTZ_LIMIT", "Validity", "assess", "close_pairs", "contact_flags"]
+
+Values = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+HERTZ_LIMIT = 0.33
+"""``a/R`` up to which Hertz's law describes elastomer spheres (Yashima et al., Experimental setups)."""
+
+
+@dataclass(frozen=True)
+class Validity:
+    """How far a solution is from the limits of its model; nan where there is nothing to measure.
+
+    Parameters
+    ----------
+    n_contacts : int
+    max_strain : float
+        Largest ``a/R`` of a contact (composite radius); Hertz's law holds to about 0.33.
+    n_beyond_hertz : int
+        Contacts above that.
+    n_overlapping : int
+        Contacts closer to a neighbour than the sum of the two radii.
+    spacing_ratio : float
+        ``L/a``: mean distance of a contact to its nearest neighbour over the mean contact radius.
+    base_gap : float, m
+        Least distance between the indenter and the plane the touched caps stand on, at their summits
+        (height minus penetration); below zero the planes touch, outside every asperity model.
+    thickness_ratio : float
+        Radius of the loaded region over the layer's thickness; 0 for a half-space.
+    """
+
+    n_contacts: int
+    max_strain: float
+    n_beyond_hertz: int
+    n_overlapping: int
+    spacing_ratio: float
+    base_gap: float
+    thickness_ratio: float
+
+    @property
+    def planes_touch(self) -> bool:
+        """Whether the indenter reaches the plane between the asperities."""
+        return bool(self.base_gap < 0)
+
+    def messages(self) -> list[str]:
+        """One sentence for each assumption that does not hold."""
+        found = []
+        if self.n_beyond_hertz:
+            found.append(
+                f"{self.n_beyond_hertz} of {self.n_contacts} contacts have a/R above {HERTZ_LIMIT} "
+                f"(largest {self.max_strain:.2f}): beyond Hertz's law"
+            )
+        if self.n_overlapping:
+            found.append(
+                f"{self.n_overlapping} of {self.n_contacts} contacts overlap a neighbour: they would merge"
+            )
+        if self.planes_touch:
+            found.append(
+                f"the indenter lies {-self.base_gap * 1e6:.3g} um below the plane between the asperities: "
+                "the planes touch, outside every asperity model"
+            )
+        return found
+
+
+def close_pairs(x: Values, y: Values, reach: Values) -> tuple[Rows, Rows, Values]:
+    """Pairs ``(i, j)`` no further apart than ``reach[i]``, with ``reach[j] <= reach[i]``, and their distances.
+
+    The larger of the two reaches counts; a pair of equal reaches comes once.
+    """
+    empty = np.zeros(0, dtype=np.intp)
+    if x.size < 2:
+        return empty, empty, np.zeros(0)
+    points = np.column_stack([x, y])
+    tree = cKDTree(points)
+    nearest = tree.query(points, k=2)[0][:, 1]
+    candidates = np.flatnonzero(nearest <= reach.max())
+    candidates = candidates[reach[candidates] > 0]
+    near = tree.query_ball_point(points[candidates], reach[candidates])
+    i = np.repeat(candidates, [len(found) for found in near])
+    j = np.fromiter((k for found in near for k in found), dtype=np.intp, count=i.size)
+    keep = (reach[j] < reach[i]) | ((reach[j] == reach[i]) & (j < i))
+    i, j = i[keep], j[keep]
+    return i, j, np.hypot(x[i] - x[j], y[i] - y[j])
+
+
+def overlapping(x: Values, y: Values, contact_radius: Values) -> NDArray[np.bool_]:
+    """Which contacts are closer to another than the sum of the two radii."""
+    i, j, distance = close_pairs(x, y, 2 * contact_radius)
+    touch = contact_radius[i] + contact_radius[j] > distance
+    result = np.zeros(x.size, dtype=bool)
+    result[i[touch]] = True
+    result[j[touch]] = True
+    return result
+
+
+def contact_flags(x: Values, y: Values, contact_radius: Values, radius: Values) -> NDArray[np.int64]:
+    """`Flag` values of contacts: ``BEYOND_HERTZ`` and ``OVERLAP``."""
+    flags = np.where(contact_radius > HERTZ_LIMIT * radius, int(Flag.BEYOND_HERTZ), 0)
+    return flags + np.where(overlapping(x, y, contact_radius), int(Flag.OVERLAP), 0)
+
+
+def assess(
+    x: Values,
+    y: Values,
+    contact_radius: Values,
+    *,
+    radius: Values,
+    base_gap: Values,
+    thickness: float,
+) -> Validity:
+    """Summary over the contacts (arrays over contacts alone, m)."""
+    count = contact_radius.size
+    strain = contact_radius / radius
+    extent = float(np.hypot(x - x.mean(), y - y.mean()).max()) if count else 0.0
+    return Validity(
+        n_contacts=count,
+        max_strain=float(strain.max()) if count else np.nan,
+        n_beyond_hertz=int(np.sum(strain > HERTZ_LIMIT)),
+        n_overlapping=int(np.sum(overlapping(x, y, contact_radius))),
+        spacing_ratio=_spacing(x, y) / float(contact_radius.mean()) if count > 1 else np.nan,
+        base_gap=float(base_gap.min()) if count else np.nan,
+        thickness_ratio=(extent + float(contact_radius.max())) / thickness if count else 0.0,
+    )
+
+
+def _spacing(x: Values, y: Values) -> float:
+    """Mean distance to the nearest neighbour."""
+    points = np.column_stack([x, y])
+    return float(cKDTree(points).query(points, k=2)[0][:, 1].mean())
