@@ -18,7 +18,7 @@ from contactimg.errors import InputError
 from contactimg.pose import Pose
 from contactimg.tables import MATCHES
 
-__all__ = ["PoseFit", "PoseSearch", "fit_pose", "match_contacts", "pair_points"]
+__all__ = ["PoseFit", "PoseSearch", "fit_pose", "match_contacts", "pair_points", "pairing_distance"]
 
 
 @dataclass(frozen=True)
@@ -167,8 +167,8 @@ def fit_pose(
 
     The pairs are found by voting: for each rotation and scale of a grid around the guess, the differences
     between points and targets are counted in a histogram of shifts, and the fullest cell is a candidate. The
-    candidates nearest to the guess are refined first, by least squares on one-to-one pairs, until one explains
-    nearly all points. The guess is kept, and said to be kept, when no candidate stands out from chance.
+    candidates nearest to the guess are refined first, by least squares on one-to-one pairs, until one
+    explains nearly all points. The guess is kept, and said to be kept, when no candidate stands out from chance.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def fit_pose(
         + 1j * (np.asarray(y_px, float) - guess.image_centre[1])
     )
     spots = _complex(np.asarray(targets, float).reshape(-1, 2))
-    gate = _gate(spots, guess)
+    gate = pairing_distance(_real(spots), guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan, chance=0.0)
     if len(points) < 3 or len(spots) < 3:
         return best
@@ -204,6 +204,23 @@ def fit_pose(
             break
     significant = best.n_matched >= max(3.0, 0.5 * len(points), best.chance + 5 * np.sqrt(best.chance))
     return best if significant else replace(best, pose=guess, fitted=False)
+
+
+def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
+    """Distance (m) within which a contact belongs to a target: well below their spacing, two pixels at least.
+
+    Parameters
+    ----------
+    targets : array_like, shape (m, 2)
+        Sample coordinates of the places where contacts can be, m.
+    pose : Pose
+        Gives the pixel size.
+    """
+    points = np.asarray(targets, float).reshape(-1, 2)
+    if len(points) < 2:
+        return 2 * pose.pixel_size
+    distance, _ = KDTree(points).query(points, k=2)
+    return max(0.15 * float(np.median(distance[:, 1])), 2 * pose.pixel_size)
 
 
 def _half_spacing(contacts: pd.DataFrame) -> float:
@@ -223,15 +240,6 @@ def _complex(points: NDArray) -> NDArray[np.complex128]:
 def _real(points: NDArray) -> NDArray[np.float64]:
     """(n,) complex -> (n, 2) real."""
     return np.column_stack([points.real, points.imag])
-
-
-def _gate(spots: NDArray[np.complex128], guess: Pose) -> float:
-    """Distance within which a point belongs to a target: well below the spacing, not below two pixels."""
-    if len(spots) < 2:
-        return 2 * guess.pixel_size
-    points = _real(spots)
-    distance, _ = KDTree(points).query(points, k=2)
-    return max(0.15 * float(np.median(distance[:, 1])), 2 * guess.pixel_size)
 
 
 def _candidates(

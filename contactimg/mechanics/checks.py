@@ -1,5 +1,7 @@
 """Checks at the public door that every closed form shares."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -8,12 +10,13 @@ from contactimg.errors import InputError
 __all__ = ["non_negative", "positive"]
 
 
-def positive(name: str, value: float, unit: str) -> float:
-    """``value`` as a float, or an `InputError` unless it is a positive number (infinity allowed)."""
-    number = float(value)
-    if not number > 0:
-        raise InputError(f"{name} must be positive, got {value!r} {unit}")
-    return number
+def positive(name: str, value: ArrayLike, unit: str) -> Any:
+    """``value`` as float or float64 array, or an `InputError` naming the first that is not positive (infinity allowed)."""
+    number = np.asarray(value, dtype=np.float64)
+    wrong = ~(number > 0)
+    if wrong.any():
+        raise InputError(f"{name} must be positive, got {number[wrong].flat[0]!r} {unit}")
+    return float(number) if number.ndim == 0 else number
 
 
 def non_negative(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]:

@@ -32,15 +32,15 @@ def _stiffness(contact_modulus: float) -> float:
     return 4 / 3 * positive("contact_modulus", contact_modulus, "Pa")
 
 
-def load(radius: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> Values:
+def load(radius: ArrayLike, *, sphere_radius: ArrayLike, contact_modulus: float) -> Values:
     """Load that presses a sphere to a contact radius: ``P = K a^3 / R``.
 
     Parameters
     ----------
     radius : array_like, m
         Contact radius ``a``.
-    sphere_radius : float, m
-        Radius of curvature ``R`` (for two spheres, ``R1 R2/(R1 + R2)``).
+    sphere_radius : array_like, m
+        Radius of curvature ``R`` of each contact or of all (for two spheres, ``R1 R2/(R1 + R2)``).
     contact_modulus : float, Pa
         ``E*``; ``K = 4 E*/3``.
 

@@ -1,0 +1,1 @@
+"""What the contacts say together: profiles, areas."""

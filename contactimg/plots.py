@@ -1,0 +1,157 @@
+"""Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from contactimg.pose import Pose
+
+__all__ = ["image_axes", "new_axes", "plot_area", "plot_circles", "plot_image", "plot_scale_bar"]
+
+MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
+"""Colours of measured contacts, of the two predictions, and of the Hertz circle (the paper's Fig. 6)."""
+
+
+def new_axes(*, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
+    """Axes on a new figure that no window or global state knows about."""
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure.add_subplot()
+
+
+def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
+    """Axes that fill a new figure whose pixels are the image's (images under 800 columns are enlarged)."""
+    rows, columns = shape
+    zoom = max(1, int(np.ceil(800 / columns)))
+    figure = Figure(figsize=(zoom * columns / dpi, zoom * rows / dpi), dpi=dpi)
+    FigureCanvasAgg(figure)
+    return figure.add_axes((0, 0, 1, 1))
+
+
+def plot_image(image: NDArray, *, ax: Axes | None = None) -> Axes:
+    """Show an image in grey, pixel centres at integers, stretched between its 0.5 and 99.8 % levels.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Grey levels; holes may be NaN.
+    ax : Axes, optional
+        Default: new axes of the image's size.
+
+    Returns
+    -------
+    Axes
+    """
+    ax = image_axes(image.shape) if ax is None else ax
+    sample = np.asarray(image[:: max(1, image.shape[0] // 500), :: max(1, image.shape[1] // 500)], float)
+    sample = sample[np.isfinite(sample)]
+    low, high = np.percentile(sample, [0.5, 99.8]) if sample.size else (0.0, 1.0)
+    ax.imshow(image, cmap="gray", vmin=low, vmax=max(high, low + 1), interpolation="nearest")
+    ax.set_axis_off()
+    return ax
+
+
+def plot_circles(
+    x: NDArray | pd.Series,
+    y: NDArray | pd.Series,
+    radius: NDArray | pd.Series,
+    *,
+    ax: Axes,
+    label: str = "",
+    **style: Any,
+) -> EllipseCollection:
+    """Draw outlines of circles given in data units, and enter them in the legend under ``label``.
+
+    Parameters
+    ----------
+    x, y, radius : array_like, shape (n,)
+        Same unit as the axes (pixels on an image).
+    ax : Axes
+    label : str
+        Text of the legend; empty for none.
+    **style
+        Of the collection: ``color``, ``linewidth``, ``linestyle``.
+    """
+    diameter = 2 * np.asarray(radius, float)
+    color = style.pop("color", MEASURED)
+    circles = EllipseCollection(
+        diameter,
+        diameter,
+        np.zeros_like(diameter),
+        units="xy",
+        offsets=np.column_stack([np.asarray(x, float), np.asarray(y, float)]),
+        offset_transform=ax.transData,
+        facecolors="none",
+        edgecolors=color,
+        label=label,
+        **style,
+    )
+    ax.add_collection(circles, autolim=False)
+    return circles
+
+
+def plot_scale_bar(pose: Pose, *, ax: Axes) -> Axes:
+    """Draw a bar of a round length, about a sixth of the image wide, in the lower right corner."""
+    rows, columns = pose.shape
+    target = columns * pose.pixel_size / 6
+    decade = 10.0 ** np.floor(np.log10(target))
+    length = max(step * decade for step in (1, 2, 5) if step * decade <= target)
+    width = length / pose.pixel_size
+    x, y = 0.96 * columns - width, 0.95 * rows
+    ax.plot([x, x + width], [y, y], color="white", linewidth=3, solid_capstyle="butt")
+    text = f"{length * 1e3:g} mm" if length >= 1e-3 else f"{length * 1e6:g} µm"
+    ax.text(x + width / 2, y - 0.012 * rows, text, color="white", ha="center", va="bottom", fontsize=11)
+    return ax
+
+
+def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: str = "") -> None:
+    """Legend with one line a collection: the collections themselves have no handle that shows an outline."""
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=mpl.colors.to_hex(c.get_edgecolor()[0]),
+            linestyle=c.get_linestyle()[0],
+            label=str(c.get_label()),
+        )
+        for c in circles
+    ]
+    ax.legend(
+        handles=handles, title=title, loc="upper left", labelcolor="white", facecolor="black", framealpha=0.6
+    ).get_title().set_color("white")
+
+
+def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
+    """Plot the real contact area (mm^2) against load (mN), with error bars, on logarithmic axes.
+
+    Parameters
+    ----------
+    frames : DataFrame
+        The frames table; rows without load or area are left out.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    good = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
+    ax.errorbar(
+        good["load_N"] * 1e3,
+        good["area_m2"] * 1e6,
+        yerr=good["area_std_m2"] * 1e6,
+        fmt="o",
+        color="C0",
+        capsize=3,
+    )
+    ax.set(xscale="log", yscale="log", xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    return ax

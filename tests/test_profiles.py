@@ -1,0 +1,58 @@
+"""Profiles: annuli by hand, conservation of force, number and area."""
+
+import numpy as np
+import pytest
+
+from contactimg.analysis.profiles import annulus_edges, radial_profile
+from contactimg.errors import InputError
+from contactimg.tables import CONTACTS
+
+
+def contacts(x, y, radius, force):
+    radius = np.asarray(radius, float)
+    return CONTACTS.conform(
+        {"x_m": x, "y_m": y, "radius_m": radius, "area_m2": np.pi * radius**2, "force_N": force}
+    )
+
+
+def profile(table, edges, centre=(0.0, 0.0)):
+    return radial_profile(table, centre=centre, edges=edges, frame="f", model="measured")
+
+
+def test_two_annuli_by_hand():
+    table = contacts([1.0, 11.5, 10.0], [2.0, 2.0, 3.5], [0.1, 0.2, 0.4], [3.0, 5.0, 7.0])
+    rows = profile(table, [0.0, 1.0, 2.0], centre=(10.0, 2.0))
+    # distances from (10, 2): 9 (outside), 1.5, 1.5; the outer annulus has the area 3 pi
+    assert rows["density_per_m2"].tolist() == [0.0, pytest.approx(2 / (3 * np.pi))]
+    assert rows["pressure_Pa"].tolist() == [0.0, pytest.approx(12 / (3 * np.pi))]
+    assert rows["pressure_std_Pa"][1] == pytest.approx(np.sqrt(25 + 49) / (3 * np.pi))
+    assert np.isnan(rows["mean_radius_m"][0])
+    assert rows["mean_radius_m"][1] == pytest.approx(0.3)
+
+
+def test_force_number_and_area_are_conserved(rng):
+    table = contacts(*rng.normal(size=(2, 300)), rng.random(300), rng.random(300))
+    edges = annulus_edges(table, centre=(0.1, -0.2), width=0.25)
+    rows = profile(table, edges, centre=(0.1, -0.2))
+    area = np.pi * np.diff(edges**2)
+    assert np.sum(rows["pressure_Pa"] * area) == pytest.approx(table["force_N"].sum(), rel=1e-12)
+    assert np.sum(rows["density_per_m2"] * area) == pytest.approx(300, rel=1e-12)
+    assert np.sum(rows["area_fraction"] * area) == pytest.approx(table["area_m2"].sum(), rel=1e-12)
+
+
+def test_no_contacts_is_one_empty_annulus():
+    edges = annulus_edges(CONTACTS.empty(), centre=(0.0, 0.0), width=0.25)
+    rows = profile(CONTACTS.empty(), edges)
+    assert edges.tolist() == [0.0, 0.25]
+    assert rows["pressure_Pa"].tolist() == [0.0]
+
+
+@pytest.mark.parametrize("edges", [[0.0], [1.0, 0.5], [0.0, 0.0]])
+def test_edges_must_increase(edges):
+    with pytest.raises(InputError, match="must increase"):
+        profile(CONTACTS.empty(), edges)
+
+
+def test_width_must_be_positive():
+    with pytest.raises(InputError, match="width of an annulus must be positive"):
+        annulus_edges(CONTACTS.empty(), centre=(0.0, 0.0), width=0.0)
