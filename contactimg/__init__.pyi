@@ -1,8 +1,12 @@
+__version__: str
+
 from .errors import ContactimgError as ContactimgError
 from .errors import ConvergenceError as ConvergenceError
 from .errors import FrameError as FrameError
 from .errors import InputError as InputError
 from .errors import ModelRangeError as ModelRangeError
+from .files import read_frames as read_frames
+from .files import read_scene as read_scene
 from .frame import Frame as Frame
 from .pose import Pose as Pose
 from .scene import Scene as Scene

@@ -15,7 +15,7 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
-    FiniteFloat,
+    PlainSerializer,
     PrivateAttr,
     ValidationError,
     field_validator,
@@ -40,11 +40,17 @@ __all__ = [
     "scene_from_dict",
 ]
 
-Positive = Annotated[FiniteFloat, Field(gt=0)]
-NonNegative = Annotated[FiniteFloat, Field(ge=0)]
-Fraction = Annotated[FiniteFloat, Field(ge=0, le=1)]
-OpenFraction = Annotated[FiniteFloat, Field(gt=0, lt=1)]
-Point = tuple[FiniteFloat, FiniteFloat]
+# strict: text and true/false are not numbers
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+CountFrom1 = Annotated[int, Field(strict=True, ge=1)]
+YesNo = Annotated[bool, Field(strict=True)]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Fraction = Annotated[Number, Field(ge=0, le=1)]
+OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
+Point = tuple[Number, Number]
+FilePath = Annotated[str, Field(min_length=1)]
 Switch = Literal["auto", "on", "off"]
 
 
@@ -66,7 +72,7 @@ class Elastic(_Section):
 
     young_modulus: Positive = Field(alias="young_modulus_Pa")
     young_modulus_std: NonNegative = Field(0.0, alias="young_modulus_std_Pa")
-    poisson_ratio: Annotated[FiniteFloat, Field(gt=-1, le=0.5)] = 0.5
+    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5)] = 0.5
     thickness: Positive | None = Field(None, alias="thickness_m")
     work_of_adhesion: NonNegative = Field(0.0, alias="work_of_adhesion_J_m2")
 
@@ -79,18 +85,18 @@ class Elastic(_Section):
 class Asperities(_Section):
     """The asperities: a table, a generator, or the parameters of a statistical model."""
 
-    file: str | None = None
+    file: FilePath | None = None
     generate: Literal["SA", "RA-", "RA+"] | None = None
     coverage: OpenFraction | None = None
     side: Positive = Field(0.01, alias="side_m")
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Count = 0
     textured: Literal["soft", "rigid"] = "soft"
     density: Positive | None = Field(None, alias="density_per_m2")
     radius: Positive | None = Field(None, alias="radius_m")
     height_law: Literal["uniform", "gaussian"] | None = None
-    height_min: FiniteFloat | None = Field(None, alias="height_min_m")
-    height_max: FiniteFloat | None = Field(None, alias="height_max_m")
-    height_mean: FiniteFloat | None = Field(None, alias="height_mean_m")
+    height_min: Number | None = Field(None, alias="height_min_m")
+    height_max: Number | None = Field(None, alias="height_max_m")
+    height_mean: Number | None = Field(None, alias="height_mean_m")
     height_std: NonNegative | None = Field(None, alias="height_std_m")
 
     @model_validator(mode="after")
@@ -105,21 +111,40 @@ class Asperities(_Section):
 
 
 class Camera(_Section):
-    """How the sample is seen; m and rad. Without a centre the image is centred on the apex."""
+    """How the sample is seen; m and rad. Without a centre the image is centred on the apex.
+
+    ``full_scale_levels`` is the grey level at which the sensor saturates, for cameras whose files do not say
+    it (12 bits in 16: 4095); without it that of the file, else of its dtype, holds.
+    """
 
     pixel_size: Positive = Field(alias="pixel_size_m")
     centre: Point | None = Field(None, alias="centre_m")
-    rotation: Annotated[FiniteFloat, AfterValidator(math.radians)] = Field(0.0, alias="rotation_deg")
-    mirrored: bool = False
+    rotation: Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)] = Field(
+        0.0, alias="rotation_deg"
+    )
+    mirrored: YesNo = False
+    full_scale: Positive | None = Field(None, alias="full_scale_levels")
 
 
 class Images(_Section):
-    """The frames of the experiment, by paths relative to the scene file."""
+    """The frames of the experiment, by paths relative to the scene file.
 
-    reference: str | None = None
-    frames: str | list[str] = "frame_*.*"
-    loads: str | None = None
+    Without ``frames``: the images called ``frame_*``, failing that every image of the folder but the
+    reference. Without ``loads``: ``loads.csv`` if there is one.
+    """
+
+    reference: FilePath | None = None
+    frames: str | list[str] | None = None
+    loads: FilePath | None = None
     polarity: Literal["bright", "dark", "auto"] = "bright"
+
+    @field_validator("frames", mode="before")
+    @classmethod
+    def _frames(cls, value: Any) -> Any:
+        entries = value if isinstance(value, list) else [value]
+        if value is not None and not (entries and all(isinstance(entry, str) and entry for entry in entries)):
+            raise ValueError(f"must be a file, a glob or a list of these, got {value!r}")
+        return value
 
 
 class Measure(_Section):
@@ -180,9 +205,9 @@ class Simulate(_Section):
     """
 
     loads: list[NonNegative] = Field([], alias="loads_N")
-    shape: tuple[Annotated[int, Field(gt=0)], Annotated[int, Field(gt=0)]] = (1200, 1600)
+    shape: tuple[CountFrom1, CountFrom1] = (1200, 1600)
     background_levels: Positive = 80.0
-    contrast_levels: FiniteFloat = 100.0
+    contrast_levels: Number = 100.0
     brightness_spread: NonNegative = 0.0
     blur_px: NonNegative = 1.4
     psf: Literal["gaussian", "halo", "airy"] = "gaussian"
@@ -192,19 +217,19 @@ class Simulate(_Section):
     edge_roughness_px: NonNegative = 0.0
     vignetting: Fraction = 0.0
     texture: NonNegative = 0.0
-    dust_count: Annotated[int, Field(ge=0)] = 0
-    light_drift: FiniteFloat = 0.0
+    dust_count: Count = 0
+    light_drift: Number = 0.0
     position_drift_px: NonNegative = 0.0
     electrons_per_level: NonNegative = 0.0
     read_noise_electrons: NonNegative = 0.0
     bit_depth: Literal[8, 10, 12, 14, 16] = 8
-    supersampling: Annotated[int, Field(ge=1, le=16)] = 4
+    supersampling: Annotated[CountFrom1, Field(le=16)] = 4
     film_index_indenter: Positive = 1.52
     film_index_elastic: Positive = 1.41
     film_wavelength_nm: Positive = 560.0
     film_bandwidth_nm: Positive = 70.0
     film_range_nm: tuple[Positive, Positive] = (450.0, 680.0)
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Count = 0
 
 
 _SectionType = TypeVar("_SectionType", bound=_Section)
@@ -224,11 +249,22 @@ class Scene(_Section):
     simulate: Simulate | None = None
 
     _source: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _folder: str = PrivateAttr(default=".")
 
     @property
     def source(self) -> dict[str, Any]:
         """The dict this scene was made from, with the keys as written."""
         return self._source
+
+    @property
+    def folder(self) -> str:
+        """The folder that the scene's paths are relative to."""
+        return self._folder
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Every key with its value, defaults included, as a dict that gives this scene again."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
 
     def need(self, section: str, purpose: str) -> Any:
         """The named section, or an `InputError` that says what it is needed for."""
@@ -250,7 +286,7 @@ class Scene(_Section):
         )
 
 
-def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene") -> Scene:
+def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene", folder: str = ".") -> Scene:
     """Validate a scene.
 
     Parameters
@@ -259,6 +295,8 @@ def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene") -> Scene:
         Sections and keys as in the scene file.
     name : str
         What to call the scene in an error (the file name).
+    folder : str
+        What the scene's paths are relative to.
 
     Raises
     ------
@@ -275,23 +313,43 @@ def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene") -> Scene:
     except ValidationError as error:
         details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
         raise InputError(_sentence(details[0], name)) from None
-    scene._source = dict(data)
+    scene._source, scene._folder = dict(data), folder
     return scene
 
 
 def _sentence(detail: ErrorDetails, name: str) -> str:
     """One sentence for one validation error."""
-    path = [str(part) for part in detail["loc"]]
-    section, key = path[0], (path[1] if len(path) > 1 else None)
-    where = f"{name}: [{section}]" + (f" {key}" if key else "")
+    section, *keys = detail["loc"]
     if detail["type"] == "extra_forbidden":
-        return _unknown_key(name, section, key)
+        return _unknown_key(name, str(section), str(keys[0]) if keys else None)
+    where = f"{name}: [{section}]" + "".join(_place(key) for key in keys)
     if detail["type"] == "missing":
         return f"{where} is missing; add it"
-    rule = detail["msg"].removeprefix("Value error, ").replace("Input should", "should")
-    rule = rule.replace("should", "must", 1)
-    got = "" if detail["type"] == "value_error" else f", got {detail['input']!r}"
-    return f"{where} {rule}{got}" if key else f"{where}: {rule}{got}"
+    if detail["type"] == "value_error":
+        return f"{where}{'' if keys else ':'} {detail['msg'].removeprefix('Value error, ')}"
+    return f"{where} {_rule(detail)}, got {detail['input']!r}"
+
+
+def _place(key: int | str) -> str:
+    """A key, or a place in a list."""
+    return f"[{key}]" if isinstance(key, int) else f" {key}"
+
+
+def _rule(detail: ErrorDetails) -> str:
+    """The broken rule in plain words."""
+    context = detail.get("ctx", {})
+    rules = {
+        "model_type": "must be a section of keys",
+        "bool_type": "must be true or false",
+        "float_type": "must be a number",
+        "int_type": "must be a whole number",
+        "string_type": "must be text in quotes",
+        "string_too_short": "must not be empty",
+        "list_type": "must be a list",
+        "tuple_type": "must be a list",
+        "too_long": f"must have no more than {context.get('max_length')} items",
+    }
+    return rules.get(detail["type"], detail["msg"].replace("Input should", "must", 1))
 
 
 def _unknown_key(name: str, section: str, key: str | None) -> str:

@@ -1,0 +1,41 @@
+"""The only room that touches files: frames, scenes and tables in, tables, frames and output folders out."""
+
+from contactimg.files.atomic import replacing, write_json, write_text
+from contactimg.files.csv_tables import read_asperities, read_loads, read_table, write_table
+from contactimg.files.experiment import (
+    SCENE_FILE,
+    Experiment,
+    open_experiment,
+    read_scene,
+    read_scene_asperities,
+    write_scene,
+)
+from contactimg.files.output import OutputFolder
+from contactimg.files.runs import RunFolder, provenance, read_run
+from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
+from contactimg.files.tiff import write_frame
+
+__all__ = [
+    "SCENE_FILE",
+    "Experiment",
+    "FrameSeries",
+    "FrameSource",
+    "OutputFolder",
+    "RunFolder",
+    "list_frames",
+    "open_experiment",
+    "provenance",
+    "read_asperities",
+    "read_frames",
+    "read_loads",
+    "read_run",
+    "read_scene",
+    "read_scene_asperities",
+    "read_table",
+    "replacing",
+    "write_frame",
+    "write_json",
+    "write_scene",
+    "write_table",
+    "write_text",
+]

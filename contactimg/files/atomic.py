@@ -1,0 +1,95 @@
+"""Files that appear whole or not at all."""
+
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from contactimg.errors import InputError
+
+__all__ = ["replacing", "write_json", "write_text"]
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """A temporary name in the same folder, which replaces ``path`` when the block ends without an error.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to write; its folder must exist.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written, with the system's reason.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     with replacing(Path(folder) / "note.txt") as part:
+    ...         _ = part.write_text("whole")
+    ...     (Path(folder) / "note.txt").read_text()
+    'whole'
+    """
+    path = Path(path)
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        os.close(handle)
+        part = Path(name)
+        try:
+            yield part
+            part.chmod(0o666 & ~_umask())
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def _umask() -> int:
+    """The process's mask of file permissions; mkstemp ignores it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def write_text(text: str, path: str | Path) -> None:
+    r"""Write text as UTF-8 with line ends ``\n``, whole or not at all."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")
+
+
+def write_json(data: Mapping[str, Any], path: str | Path) -> None:
+    """Write JSON: numpy numbers and arrays as numbers and lists, paths as text, NaN and infinity as ``null``.
+
+    Parameters
+    ----------
+    data : mapping
+        What to write.
+    path : str or Path
+        The file appears whole or not at all.
+    """
+    write_text(json.dumps(_plain(data), indent=2, ensure_ascii=True) + "\n", path)
+
+
+def _plain(value: Any) -> Any:
+    """The value in JSON's own types."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, Path):
+        return value.as_posix()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

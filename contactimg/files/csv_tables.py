@@ -1,0 +1,299 @@
+"""CSV in and out: errors name file, row and column; numbers keep every digit."""
+
+import csv
+import io
+import math
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import pandas as pd
+
+from contactimg.errors import InputError
+from contactimg.files.atomic import write_text
+from contactimg.surfaces import check_asperities
+from contactimg.tables import ASPERITIES, LOADS, Flag, Schema, flag_names
+
+__all__ = ["read_asperities", "read_loads", "read_table", "write_table"]
+
+_BLOCK = 50_000  # rows converted at once: text takes some twenty times the memory of numbers
+_SEPARATORS = (",", ";", "\t")
+_SIZE_SHOWN = 60
+
+
+def read_table(
+    path: str | Path,
+    schema: Schema,
+    *,
+    required: Collection[str] | None = None,
+    infinite: bool = False,
+) -> pd.DataFrame:
+    """Read a CSV file of a known schema.
+
+    Parameters
+    ----------
+    path : str or Path
+        UTF-8 text with a header, with or without a byte order mark. Separated by commas, semicolons or tabs,
+        whichever the header has; without commas as separators a decimal comma is understood (European Excel).
+    schema : Schema
+        The columns to read; others in the file are ignored, and blank lines are skipped.
+    required : collection of str, optional
+        Columns that must be there and hold a value in every row; default: every column must be
+        there, cells may be empty.
+    infinite : bool
+        True to accept ``inf``.
+
+    Returns
+    -------
+    DataFrame
+        The columns of the schema, in its order; an empty cell is NaN, NA or the empty text.
+
+    Raises
+    ------
+    InputError
+        One sentence with the file, and the line and column of the first cell that breaks a rule.
+    """
+    path, text = Path(path), _read_text(path)
+    separator = _separator(text)
+    rules = _Rules(
+        path, schema, required, _parsers(schema, decimal_comma=separator != ",", infinite=infinite)
+    )
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    rows = ((lines.line_num, row) for row in lines if any(cell.strip() for cell in row))
+    blocks = [schema.empty()]
+    try:
+        header = [name.strip() for name in next(rows, (1, []))[1]]
+        _check_header(rules, header)
+        while block := list(islice(rows, _BLOCK)):
+            blocks.append(_convert(rules, header, block))
+    except csv.Error as error:
+        raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
+    return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """What a file must hold: columns, those that must have a value in every row, and how to read a cell."""
+
+    path: Path
+    schema: Schema
+    required: Collection[str] | None
+    parse: Mapping[str, Callable[[str], object]]
+
+
+def _read_text(path: str | Path) -> str:
+    """The text of a file, with bytes that are not UTF-8 kept as they are (file names may hold them)."""
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:1000]:
+        raise InputError(f"{path}: is not UTF-8 text; save it as 'CSV UTF-8'")
+    return data.decode("utf-8-sig", errors="surrogateescape")
+
+
+def _separator(text: str) -> str:
+    """What separates the cells of the header."""
+    header = text.lstrip("\r\n").partition("\n")[0]
+    return max(_SEPARATORS, key=header.count)
+
+
+def _check_header(rules: _Rules, header: list[str]) -> None:
+    """Raise for a repeated, misspelt (capitals) or missing column."""
+    for name in header:
+        if name in rules.schema.columns and header.count(name) > 1:
+            raise InputError(f"{rules.path}: column {name} is there {header.count(name)} times; keep one")
+        for right in rules.schema.columns:
+            if name.lower() == right.lower() and name != right:
+                raise InputError(f"{rules.path}: column {name!r} must be written {right!r}")
+    needed = rules.schema.columns if rules.required is None else rules.required
+    for name in needed:
+        if name not in header:
+            given = ", ".join(header)[:_SIZE_SHOWN] or "nothing"
+            raise InputError(
+                f"{rules.path}: column {name} is missing; "
+                f"the header must name {', '.join(needed)}, got {given}"
+            )
+
+
+def _convert(rules: _Rules, header: list[str], block: list[tuple[int, list[str]]]) -> pd.DataFrame:
+    """A block of numbered text rows as a table."""
+    for line, row in block:
+        if len(row) != len(header):
+            raise InputError(
+                f"{rules.path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
+            )
+    columns = {
+        name: _parse_column(rules, name, [(line, row[place]) for line, row in block])
+        for place, name in enumerate(header)
+        if name in rules.parse
+    }
+    return rules.schema.conform(pd.DataFrame(columns))
+
+
+def _parse_column(rules: _Rules, name: str, cells: list[tuple[int, str]]) -> list[object]:
+    """The values of a column's numbered cells, or an error that names the first bad one."""
+    values, parse = [], rules.parse[name]
+    for line, cell in cells:
+        try:
+            if name in (rules.required or ()) and not cell.strip():
+                raise ValueError("must have a value")
+            values.append(parse(cell))
+        except ValueError as error:
+            got = cell[:_SIZE_SHOWN]
+            raise InputError(f"{rules.path}: line {line}, column {name} {error}, got {got!r}") from None
+    return values
+
+
+def _parsers(schema: Schema, *, decimal_comma: bool, infinite: bool) -> dict[str, Callable[[str], object]]:
+    """How to read a cell of each column."""
+
+    def number(cell: str) -> float:
+        return _parse_number(cell.replace(",", ".") if decimal_comma else cell, infinite=infinite)
+
+    of_dtype: dict[str, Callable[[str], object]] = {"str": str, "float64": number, "Int64": _parse_count}
+    parsers = {name: of_dtype.get(dtype, _parse_count) for name, (dtype, _) in schema.columns.items()}
+    return parsers | ({"flags": _parse_flags} if "flags" in parsers else {})
+
+
+def _parse_number(cell: str, *, infinite: bool) -> float:
+    """A float; an empty cell is NaN."""
+    if not cell.strip():
+        return math.nan
+    try:
+        value = float(cell.replace("_", "?"))  # Python would take 1_000
+    except ValueError:
+        raise ValueError("must be a number") from None
+    if math.isnan(value) or (math.isinf(value) and not infinite):
+        raise ValueError("must be a finite number")
+    return value
+
+
+def _parse_count(cell: str) -> object:
+    """An integer, also where a spreadsheet wrote it with decimals; an empty cell is NA."""
+    if not cell.strip():
+        return pd.NA
+    if cell.isdecimal():
+        return int(cell)
+    value = _parse_number(cell, infinite=False)
+    if not value.is_integer():
+        raise ValueError("must be a whole number")
+    return int(value)
+
+
+def _parse_flags(cell: str) -> int:
+    """The sum of the named flags; an empty cell is none."""
+    names = [name.strip() for name in cell.split("|") if name.strip()]
+    if any(name not in Flag.__members__ for name in names):
+        raise ValueError(f"must hold names of flags ({', '.join(Flag.__members__)}) joined by |")
+    return sum({Flag[name].value for name in names})
+
+
+def read_loads(path: str | Path) -> pd.DataFrame:
+    """Read the loads of a series.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with columns ``frame, load_N`` and, if measured, ``friction_N, velocity_m_s``; others are ignored.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `contactimg.tables.LOADS`; loads in N, not negative, one row a frame.
+
+    Raises
+    ------
+    InputError
+        For a missing column, a cell that is no finite number, a negative load or a frame that is there twice.
+    """
+    table = read_table(path, LOADS, required=("frame", "load_N"))
+    table["frame"] = table["frame"].str.strip()
+    negative = table[table["load_N"] < 0]
+    if len(negative):
+        row = negative.iloc[0]
+        raise InputError(f"{path}: load_N of {row['frame']} must not be negative, got {row['load_N']}")
+    _check_unique(path, table, ["frame"])
+    return table
+
+
+def read_asperities(path: str | Path) -> pd.DataFrame:
+    """Read an asperity table.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with columns ``x_m, y_m, height_m, radius_m``; others are ignored.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `contactimg.tables.ASPERITIES`, m; at least one row.
+
+    Raises
+    ------
+    InputError
+        For a missing column, a cell that is no finite number, a radius that is not positive, an empty
+        table, or two asperities in the same place.
+    """
+    table = read_table(path, ASPERITIES, required=tuple(ASPERITIES.columns))
+    if table.empty:
+        raise InputError(f"{path}: the table has no row; it needs at least one asperity")
+    try:
+        check_asperities(table)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    _check_unique(path, table, ["x_m", "y_m"])
+    return table
+
+
+def _check_unique(path: str | Path, table: pd.DataFrame, columns: list[str]) -> None:
+    """Raise if two rows agree in the columns."""
+    repeated = table[table.duplicated(columns)]
+    if len(repeated):
+        value = ", ".join(str(cell) for cell in repeated.iloc[0][columns])
+        raise InputError(f"{path}: {', '.join(columns)} {value} is there more than once; keep one row")
+
+
+def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
+    r"""Write a table as CSV, whole or not at all.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Rows of the schema; a column that is not given is empty.
+    schema : Schema
+        The columns and their order.
+    path : str or Path
+        UTF-8, commas, line ends ``\n``. Numbers have the fewest digits that give back the same float; NaN and
+        NA are empty cells; flags are names joined by ``|``.
+
+    Raises
+    ------
+    InputError
+        If the table does not fit the schema or the file cannot be written.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "loads.csv"
+    ...     write_table(pd.DataFrame({"frame": ["a.tif"], "load_N": [0.1]}), LOADS, path)
+    ...     path.read_text()
+    'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
+    """
+    whole = schema.conform(table)
+    if "flags" in whole:
+        whole["flags"] = flag_names(whole["flags"])
+    columns = [_cells(whole[name]) for name in whole]
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(whole.columns)
+    writer.writerows(zip(*columns, strict=True))
+    write_text(buffer.getvalue(), path)
+
+
+def _cells(column: pd.Series) -> Iterator[object]:
+    """Values that Python's csv module writes with every digit; missing ones are empty."""
+    return ("" if missing else value for value, missing in zip(column.tolist(), column.isna(), strict=True))

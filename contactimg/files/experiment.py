@@ -1,0 +1,236 @@
+"""A scene file and the files it names: reference, frames, loads and asperities of one experiment."""
+
+import logging
+import math
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import tomli_w
+
+from contactimg.errors import InputError
+from contactimg.files.atomic import write_text
+from contactimg.files.csv_tables import read_asperities, read_loads
+from contactimg.files.sources import FrameSource, list_frames
+from contactimg.scene import Scene, scene_from_dict
+from contactimg.tables import LOADS
+
+__all__ = [
+    "SCENE_FILE",
+    "Experiment",
+    "open_experiment",
+    "read_scene",
+    "read_scene_asperities",
+    "write_scene",
+]
+
+logger = logging.getLogger(__name__)
+
+SCENE_FILE = "scene.toml"
+"""Name of the scene file in a folder."""
+
+_LOADS_FILE = "loads.csv"
+_NAMES_SHOWN = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """The files of one experiment, found and checked; no image has been read yet.
+
+    Attributes
+    ----------
+    scene : Scene
+        What was asked for.
+    reference : FrameSource or None
+        The non-contact frame; None if the scene names none.
+    frames : tuple of FrameSource
+        The frames in order, without the reference.
+    loads : DataFrame
+        Columns of `contactimg.tables.LOADS`, one row a frame in the same order; NaN where no load is known.
+    asperities : DataFrame or None
+        Columns of `contactimg.tables.ASPERITIES`; None if the scene names no table.
+    inputs : tuple of Path
+        Every file that a result depends on, once.
+    """
+
+    scene: Scene
+    reference: FrameSource | None
+    frames: tuple[FrameSource, ...]
+    loads: pd.DataFrame
+    asperities: pd.DataFrame | None
+    inputs: tuple[Path, ...]
+
+    def load_of(self, name: str) -> float:
+        """Load P (N) of the frame of this name, NaN if it is not known."""
+        loads = self.loads.loc[self.loads["frame"] == name, "load_N"]
+        return float(loads.iloc[0]) if len(loads) else math.nan
+
+
+def read_scene(path: str | Path) -> Scene:
+    r"""Read a scene file.
+
+    Parameters
+    ----------
+    path : str or Path
+        A TOML file, or a folder that holds a ``scene.toml``.
+
+    Returns
+    -------
+    Scene
+        Validated; its `Scene.folder` is what its relative paths are relative to.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is not TOML (with line and column), or a key breaks a rule.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = (Path(folder) / "scene.toml").write_text("[camera]\npixel_size_m = 6.0e-6\n")
+    ...     read_scene(folder).camera.pixel_size
+    6e-06
+    """
+    path = Path(path)
+    file = path / SCENE_FILE if path.is_dir() else path
+    try:
+        data = tomllib.loads(file.read_bytes().decode("utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f"{file}: there is no such scene file; write one, or give its path") from None
+    except OSError as error:
+        raise InputError(f"{file}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{file}: is not UTF-8 text") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{file}: is not valid TOML: {error}") from None
+    return scene_from_dict(data, name=str(file), folder=str(file.parent))
+
+
+def write_scene(data: Mapping[str, object], path: str | Path) -> None:
+    """Write a scene file, whole or not at all.
+
+    Parameters
+    ----------
+    data : mapping
+        Sections and keys as in the file (`Scene.source` or `Scene.configuration`), valid.
+    path : str or Path
+        The TOML file.
+    """
+    scene_from_dict(data, name=str(path))
+    write_text(tomli_w.dumps(data), path)
+
+
+def open_experiment(scene: Scene) -> Experiment:
+    """Find and check the files that a scene names.
+
+    Parameters
+    ----------
+    scene : Scene
+        From `read_scene`, or from a dict with the folder given.
+
+    Returns
+    -------
+    Experiment
+        A frame without a load, and a load without a frame, are logged as warnings.
+
+    Raises
+    ------
+    InputError
+        If a named file is missing or breaks a rule, no frame is found, or no load belongs to any frame.
+    """
+    reference = _find_reference(scene)
+    frames = _find_frames(scene, reference)
+    tables = [_loads_file(scene), _asperities_file(scene)]
+    loads = _align_loads(tables[0], frames)
+    sources = [*([reference] if reference is not None else []), *frames]
+    files = [source.path for source in sources] + [table for table in tables if table is not None]
+    inputs = tuple(dict.fromkeys(files))
+    return Experiment(scene, reference, tuple(frames), loads, read_scene_asperities(scene), inputs)
+
+
+def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
+    """The asperity table that a scene names, None if it names none; see `read_asperities`."""
+    path = _asperities_file(scene)
+    return None if path is None else read_asperities(path)
+
+
+def _asperities_file(scene: Scene) -> Path | None:
+    """Path of the asperity table."""
+    named = scene.asperities is not None and scene.asperities.file
+    return Path(scene.folder) / named if named else None
+
+
+def _full_scale(scene: Scene) -> float | None:
+    """Full scale of the camera, if the scene states it."""
+    return None if scene.camera is None else scene.camera.full_scale
+
+
+def _find_reference(scene: Scene) -> FrameSource | None:
+    """The reference frame: a file with one image, or ``name[k]`` for one of several."""
+    named = scene.images.reference
+    if named is None:
+        return None
+    path = Path(scene.folder) / named
+    stack = re.fullmatch(r"(.+)\[\d+\]", named)
+    file = stack[1] if stack and not path.exists() else named
+    if not (Path(scene.folder) / file).is_file():
+        raise InputError(f"{path}: the scene names this reference, but there is no such file")
+    sources = list_frames(file, folder=scene.folder, full_scale=_full_scale(scene))
+    matches = [source for source in sources if source.name == path.name] if file is not named else sources
+    if len(matches) != 1:
+        first, last = sources[0].name, sources[-1].name
+        raise InputError(f"{path}: the reference must be one image; name one of {first} ... {last}")
+    return matches[0]
+
+
+def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSource]:
+    """The frames of a scene, without the reference."""
+    named = scene.images.frames
+    if named is None:
+        named = "frame_*" if any(Path(scene.folder).glob("frame_*")) else "."
+    frames = list_frames(named, folder=scene.folder, full_scale=_full_scale(scene))
+    if reference is not None:
+        place = reference.path.resolve(), reference.index
+        frames = [frame for frame in frames if (frame.path.resolve(), frame.index) != place]
+    if not frames:
+        raise InputError(f"{scene.folder}: there is no frame besides the reference {scene.images.reference}")
+    return frames
+
+
+def _loads_file(scene: Scene) -> Path | None:
+    """Path of the table of loads; without one in the scene, loads.csv if it is there."""
+    if scene.images.loads is not None:
+        return Path(scene.folder) / scene.images.loads
+    path = Path(scene.folder) / _LOADS_FILE
+    return path if path.is_file() else None
+
+
+def _align_loads(path: Path | None, frames: list[FrameSource]) -> pd.DataFrame:
+    """One row a frame; what does not fit together is logged, and an error if nothing fits."""
+    names = [frame.name for frame in frames]
+    if path is None:
+        return LOADS.conform({"frame": names})
+    loads = read_loads(path)
+    known, present = set(loads["frame"]), set(names)
+    if not known & present:
+        raise InputError(
+            f"{path}: none of its frames ({_some(loads['frame'])}) is among the frames read ({_some(names)})"
+        )
+    for text, missing in (
+        ("has loads for frames that are not there", [name for name in loads["frame"] if name not in present]),
+        ("has no load for the frames", [name for name in names if name not in known]),
+    ):
+        if missing:
+            logger.warning("%s %s: %s", path, text, _some(missing))
+    return LOADS.conform(loads.set_index("frame").reindex(names).reset_index())
+
+
+def _some(names: Iterable[str]) -> str:
+    """The first few names, and how many more there are."""
+    names = list(names)
+    more = len(names) - _NAMES_SHOWN
+    return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")

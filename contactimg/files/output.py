@@ -1,0 +1,171 @@
+"""A run's output folder: complete or as it was before, with its provenance."""
+
+import json
+import logging
+import shutil
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from filelock import FileLock, Timeout
+
+from contactimg.errors import InputError
+from contactimg.files.atomic import write_json
+from contactimg.files.runs import PROVENANCE_FILE, relative_to_output
+
+__all__ = ["OutputFolder"]
+
+logger = logging.getLogger(__name__)
+
+_LOCK = ".contactimg.lock"
+_STAGING = ".contactimg.part"
+
+
+class OutputFolder:
+    """The output folder of one run, complete or as it was before.
+
+    Inside the ``with`` block files are written to a hidden folder within it; a block that ends without an error
+    moves them to their places.
+
+    Parameters
+    ----------
+    path : str or Path
+        Created if need be. It must be new, empty, or hold an earlier run.
+    record : mapping
+        From `provenance`; written as provenance.json together with the names of the files of the run.
+
+    Attributes
+    ----------
+    path : Path
+        Where the results will be.
+    folder : Path
+        Where to write them inside the block.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be written, holds files but no earlier run, or another run is writing into it.
+
+    Notes
+    -----
+    A run that fails leaves the folder as it was. A run that succeeds replaces the earlier one: files which
+    the earlier run wrote and this one did not are deleted. Files that no run wrote (notes, figures) stay, and
+    if a new file has the name of one, that one is kept with ``.bak`` added to its name. The lock is the
+    operating system's and ends with the process, so a killed run does not block the next.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from contactimg.files import provenance
+    >>> with TemporaryDirectory() as top:
+    ...     with OutputFolder(Path(top) / "out", provenance(command="demo")) as out:
+    ...         _ = (out.folder / "note.txt").write_text("done")
+    ...     sorted(file.name for file in (Path(top) / "out").iterdir())
+    ['note.txt', 'provenance.json']
+    """
+
+    def __init__(self, path: str | Path, record: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.folder = self.path / _STAGING
+        self.record = dict(record)
+        self._created: list[Path] = []
+        self._lock = FileLock(self.path / _LOCK, timeout=0)
+
+    def __enter__(self) -> Self:
+        self._created = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._lock.acquire()
+        except Timeout:
+            raise InputError(
+                f"{self.path}: another run is writing there; wait for it or choose another output folder"
+            ) from None
+        except OSError as error:
+            self._remove_created()
+            raise InputError(
+                f"{self.path}: cannot be written ({error.strerror or error}); choose another output folder"
+            ) from None
+        try:
+            self._check_contents()
+            shutil.rmtree(self.folder, ignore_errors=True)  # left by a run that was killed
+            self.folder.mkdir()
+        except BaseException:
+            self._release()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            if kind is None:
+                self._commit()
+        finally:
+            self._release()
+
+    def _check_contents(self) -> None:
+        """Raise if the folder holds files, but no run that this one could replace."""
+        visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
+        if visible and _earlier_files(self.path) is None:
+            raise InputError(
+                f"{self.path}: holds files but no earlier run (among them {min(visible)}); "
+                "choose a new or empty output folder"
+            )
+
+    def _commit(self) -> None:
+        """Move the new files to their places, delete what only the earlier run wrote, write the provenance."""
+        new = sorted(file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file())
+        earlier = _earlier_files(self.path) or set()
+        record = relative_to_output(self.record, self.path) | {"outputs": [file.as_posix() for file in new]}
+        for file in new:
+            self._place(file, foreign=file not in earlier)
+        for file in earlier - set(new):
+            (self.path / file).unlink(missing_ok=True)
+            _remove_empty((self.path / file).parent, top=self.path)
+        write_json(record, self.path / PROVENANCE_FILE)
+
+    def _place(self, file: Path, *, foreign: bool) -> None:
+        """Move one file to its place; a file there that no run wrote is kept under another name."""
+        target = self.path / file
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if foreign and target.exists():
+            kept = target.with_name(target.name + ".bak")
+            logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
+            target.replace(kept)
+        (self.folder / file).replace(target)
+
+    def _release(self) -> None:
+        """Remove the hidden files, and folders that are still empty, and give the folder free."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        with suppress(OSError):  # Windows does not delete an open file; the lock does it then
+            (self.path / _LOCK).unlink()
+        self._lock.release()
+        self._remove_created()
+
+    def _remove_created(self) -> None:
+        """Remove the folders that this run created, as far as they are empty."""
+        for folder in self._created:
+            with suppress(OSError):
+                folder.rmdir()
+
+
+def _earlier_files(folder: Path) -> set[Path] | None:
+    """The files that the run in a folder wrote, relative to it; None if there is no run."""
+    try:
+        outputs = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))["outputs"]
+        files = {Path(name) for name in outputs}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return {file for file in files if not file.is_absolute() and ".." not in file.parts}
+
+
+def _remove_empty(folder: Path, *, top: Path) -> None:
+    """Remove a folder below ``top``, and those above it, as far as they are empty."""
+    while folder != top:
+        try:
+            folder.rmdir()
+        except OSError:
+            return
+        folder = folder.parent

@@ -1,0 +1,179 @@
+"""How a result came about: the record that every output folder holds, and reading a run back with it."""
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import re
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from contactimg import __version__
+from contactimg.errors import InputError
+from contactimg.files.csv_tables import read_table
+from contactimg.scene import Scene, scene_from_dict
+from contactimg.tables import CONTACTS, FRAMES
+
+__all__ = ["PROVENANCE_FILE", "SCHEMA_VERSION", "RunFolder", "provenance", "read_run", "relative_to_output"]
+
+SCHEMA_VERSION = 1
+"""Raised when a column or key is added to the output; names are never changed."""
+
+PROVENANCE_FILE = "provenance.json"
+
+
+def provenance(
+    *,
+    command: str,
+    scene: Scene | None = None,
+    options: Mapping[str, Any] | None = None,
+    inputs: Iterable[Path] = (),
+) -> dict[str, Any]:
+    """How a result came about.
+
+    Parameters
+    ----------
+    command : str
+        The command, as typed.
+    scene : Scene, optional
+        Recorded with every key, defaults included.
+    options : mapping, optional
+        Settings that are not in the scene.
+    inputs : iterable of Path
+        Files read; recorded with size and SHA-256.
+
+    Returns
+    -------
+    dict
+        schema_version, command, created (UTC), versions (of contactimg, Python and each library it depends
+        on), platform, configuration (scene, scene_folder, options) and inputs.
+
+    Examples
+    --------
+    >>> provenance(command="contactimg process frames")["schema_version"]
+    1
+    """
+    configuration: dict[str, Any] = {"options": dict(options or {})}
+    if scene is not None:
+        configuration |= {"scene": scene.configuration, "scene_folder": str(Path(scene.folder).resolve())}
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "command": command,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": _versions(),
+        "platform": platform.platform(),
+        "configuration": configuration,
+        "inputs": [_fingerprint(path) for path in inputs],
+    }
+
+
+def relative_to_output(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The record with the scene's folder also relative to the output folder: both can move together."""
+    configuration = dict(record.get("configuration", {}))
+    if "scene_folder" in configuration:
+        with suppress(ValueError):  # on another drive
+            relative = os.path.relpath(configuration["scene_folder"], folder.resolve())
+            configuration["scene_folder_relative"] = Path(relative).as_posix()
+    return dict(record) | {"configuration": configuration}
+
+
+def _versions() -> dict[str, str]:
+    """Versions of contactimg, Python and the libraries that contactimg declares."""
+    declared = importlib.metadata.requires("contactimg") or []
+    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
+    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
+    return {"contactimg": __version__, "python": platform.python_version()} | versions
+
+
+def _fingerprint(path: Path) -> dict[str, Any]:
+    """Path, size and SHA-256 of a file."""
+    try:
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+        return {"path": str(path.resolve()), "bytes": path.stat().st_size, "sha256": digest}
+    except OSError as error:
+        return {"path": str(path.resolve()), "bytes": None, "sha256": None, "error": error.strerror}
+
+
+@dataclass(frozen=True, eq=False)
+class RunFolder:
+    """What `process` or `predict` wrote, read back.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it was read.
+    contacts, frames : DataFrame
+        Columns of `contactimg.tables.CONTACTS` (flags as numbers) and `contactimg.tables.FRAMES`.
+    scene : Scene or None
+        The scene of the run, with every key.
+    provenance : dict
+        Contents of provenance.json.
+    """
+
+    folder: Path
+    contacts: pd.DataFrame
+    frames: pd.DataFrame
+    scene: Scene | None
+    provenance: dict[str, Any]
+
+
+def read_run(folder: str | Path) -> RunFolder:
+    """Read back the output folder of a run.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Output of `process` or `predict`.
+
+    Returns
+    -------
+    RunFolder
+        Tables, scene and provenance.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no complete run, or one written by a newer contactimg.
+    """
+    folder = Path(folder)
+    try:
+        record = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+        version, configuration = int(record["schema_version"]), dict(record["configuration"])
+    except OSError:
+        raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None
+    except (ValueError, KeyError, TypeError):
+        raise InputError(f"{folder / PROVENANCE_FILE}: is damaged; repeat the run") from None
+    if version > SCHEMA_VERSION:
+        raise InputError(
+            f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
+        )
+    contacts = read_table(folder / "contacts.csv", CONTACTS, infinite=True)
+    frames = read_table(folder / "frames.csv", FRAMES, infinite=True)
+    return RunFolder(folder, contacts, frames, _scene_of_run(folder, configuration), record)
+
+
+def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene | None:
+    """The scene of a run; its folder is found again if it was moved together with the run's folder."""
+    data = configuration.get("scene")
+    if data is None:
+        return None
+    return scene_from_dict(
+        data, name=str(folder / PROVENANCE_FILE), folder=_scene_folder(folder, configuration)
+    )
+
+
+def _scene_folder(folder: Path, configuration: dict[str, Any]) -> str:
+    """Where the scene's files are: at the recorded place, or where they were relative to the run's folder."""
+    recorded = str(configuration.get("scene_folder", "."))
+    relative = configuration.get("scene_folder_relative")
+    if Path(recorded).is_dir() or relative is None:
+        return recorded
+    return os.path.normpath(folder / relative)

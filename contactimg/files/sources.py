@@ -1,0 +1,285 @@
+"""Where frames come from: one small record an image, and the lists and lazy series made of them."""
+
+import glob
+import os
+import re
+import warnings
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import ModuleType
+from typing import overload
+
+from contactimg.errors import FrameError, InputError
+from contactimg.files import norpix, stills, tiff, video
+from contactimg.files.grey import to_grey
+from contactimg.frame import Frame
+
+__all__ = ["SUFFIXES", "FrameSeries", "FrameSource", "list_frames", "natural_key", "read_frames"]
+
+PathLike = str | os.PathLike[str]
+
+_DECODERS: dict[str, ModuleType] = {
+    **dict.fromkeys((".tif", ".tiff", ".stk"), tiff),
+    **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), stills),
+    ".seq": norpix,
+    **dict.fromkeys((".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), video),
+}
+SUFFIXES = tuple(_DECODERS)
+"""File name extensions that hold frames; upper or lower case."""
+
+
+@dataclass(frozen=True)
+class FrameSource:
+    """Where one frame is; it holds no pixel, so it is cheap to list, to pickle and to send to a worker.
+
+    Attributes
+    ----------
+    name : str
+        File name with extension; ``name[k]``, k from 0, where the file holds several images.
+    path : Path
+        The file.
+    index : int
+        Number of the image in the file, from 0.
+    full_scale : float or None
+        Grey level at which the sensor saturates, where it is known better than from the file.
+    """
+
+    name: str
+    path: Path
+    index: int = 0
+    full_scale: float | None = None
+
+    def read(self) -> Frame:
+        """Read the frame.
+
+        Returns
+        -------
+        Frame
+            Grey levels; colour becomes ``0.299 R + 0.587 G + 0.114 B`` unrounded, transparency is dropped,
+            black-and-white becomes 0 and 255. Full scale: as given, else what the file says of the sensor
+            (TIFF MaxSampleValue of the form 2^n - 1, bit depth of a Norpix sequence), else that of the dtype.
+
+        Raises
+        ------
+        FrameError
+            If the file cannot be read: one sentence with the file and the reason.
+        """
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                pixels = _decoder(self.path).read_image(_checked(self.path), self.index)
+                image = to_grey(pixels.array)
+        except Exception as error:
+            raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
+        return Frame(image, self.name, pixels.full_scale if self.full_scale is None else self.full_scale)
+
+
+def _decoder(path: Path) -> ModuleType:
+    """The module that reads files with this extension."""
+    if path.suffix.lower() not in _DECODERS:
+        raise InputError(
+            f"{path}: frames have one of the extensions {', '.join(SUFFIXES)}, got {path.suffix or 'none'!r}"
+        )
+    return _DECODERS[path.suffix.lower()]
+
+
+def _checked(path: Path) -> Path:
+    """The path, if it is a file with something in it."""
+    if path.is_dir():
+        raise ValueError("it is a folder, not a file")
+    if path.stat().st_size == 0:
+        raise ValueError("the file is empty (0 bytes)")
+    return path
+
+
+def _reason(error: Exception) -> str:
+    """The first line of what a library says, or the kind of error where it says nothing."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    if isinstance(error, MemoryError):
+        return "the file is damaged, or the image does not fit into memory"
+    lines = str(error).strip().splitlines()
+    return lines[0][:200] if lines else type(error).__name__
+
+
+def natural_key(text: PathLike) -> tuple[list[str | int], str]:
+    """Sort key under which ``frame_2`` comes before ``frame_10``.
+
+    Examples
+    --------
+    >>> sorted(["frame_10.tif", "frame_2.tif"], key=natural_key)
+    ['frame_2.tif', 'frame_10.tif']
+    """
+    text = os.fspath(text)
+    parts = re.split(r"([0-9]+)", text.casefold())  # text and digits alternate, so like meets like
+    return [int(part) if number % 2 else part for number, part in enumerate(parts)], text
+
+
+def list_frames(
+    path: PathLike | Iterable[PathLike], *, folder: PathLike = ".", full_scale: float | None = None
+) -> list[FrameSource]:
+    """List the frames of a folder, a glob, a file or a list of these, without reading an image.
+
+    Parameters
+    ----------
+    path : path-like or iterable of path-like
+        A folder gives its image files (hidden files, sub-folders and other files are passed over); a glob
+        gives the image files it matches; both in natural order. A list keeps its own order. A file with
+        several images gives them all.
+    folder : path-like
+        What relative paths are relative to.
+    full_scale : float, optional
+        Grey level at which the sensor saturates, if known better than from the files.
+
+    Returns
+    -------
+    list of FrameSource
+        A file that cannot be read is listed; reading it raises, and the others are not concerned.
+
+    Raises
+    ------
+    InputError
+        If nothing is found, an extension is not that of an image, or two frames have the same name.
+
+    Examples
+    --------
+    >>> list_frames("no_such_folder/*.tif")  # doctest: +ELLIPSIS
+    Traceback (most recent call last):
+        ...
+    contactimg.errors.InputError: no_such_folder/*.tif matches no image file; looked for .tif, .tiff, .stk, ...
+    """
+    entries = [path] if isinstance(path, str | os.PathLike) else list(path)
+    if not entries:
+        raise InputError("the list of frames is empty; name at least one file, folder or glob")
+    files = [file for entry in entries for file in _files(Path(folder), entry)]
+    sources = [source for file in files for source in _images(file)]
+    _check_names(sources)
+    return [replace(source, full_scale=full_scale) for source in sources]
+
+
+def _files(folder: Path, entry: PathLike) -> list[Path]:
+    """The image files that one path or glob stands for."""
+    path = folder / entry
+    if path.is_dir():
+        found = [file for file in path.iterdir() if _is_image(file)]
+        return _sorted_or_none(found, f"{path} holds no image file")
+    if path.exists():
+        _decoder(path)
+        return [path]
+    if glob.has_magic(os.fspath(entry)):
+        matches = glob.glob(os.fspath(entry), root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
+        found = [folder / match for match in matches if _is_image(folder / match)]
+        return _sorted_or_none(found, f"{path} matches no image file")
+    raise InputError(f"{path}: there is no such file or folder")
+
+
+def _is_image(path: Path) -> bool:
+    """True for a file, not hidden, with the extension of an image."""
+    return path.suffix.lower() in _DECODERS and not path.name.startswith(".") and path.is_file()
+
+
+def _sorted_or_none(found: list[Path], complaint: str) -> list[Path]:
+    """The files in natural order; none is an error."""
+    if not found:
+        raise InputError(f"{complaint}; looked for {', '.join(SUFFIXES)}")
+    return sorted(found, key=lambda path: natural_key(path.as_posix()))
+
+
+def _images(path: Path) -> list[FrameSource]:
+    """The images of one file; a file that cannot be opened counts as one, which will fail when it is read."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            count = _decoder(path).count_images(_checked(path))
+    except Exception:  # any failure is told when the image is read
+        count = 1
+    if count <= 1:
+        return [FrameSource(path.name, path)]
+    return [FrameSource(f"{path.name}[{k}]", path, k) for k in range(count)]
+
+
+def _check_names(sources: Sequence[FrameSource]) -> None:
+    """Raise if two frames have the same name: no table could tell them apart."""
+    name, count = Counter(source.name for source in sources).most_common(1)[0]
+    if count > 1:
+        paths = [str(source.path) for source in sources if source.name == name]
+        raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
+
+
+class FrameSeries(Sequence[Frame]):
+    """Frames in order, each read when it is asked for and not kept.
+
+    Parameters
+    ----------
+    sources : iterable of FrameSource
+        Where the frames are.
+    """
+
+    def __init__(self, sources: Iterable[FrameSource]) -> None:
+        self.sources = tuple(sources)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the frames."""
+        return [source.name for source in self.sources]
+
+    def __len__(self) -> int:
+        return len(self.sources)
+
+    @overload
+    def __getitem__(self, index: int) -> Frame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "FrameSeries": ...
+
+    def __getitem__(self, index: int | slice) -> "Frame | FrameSeries":
+        """Read one frame, or take a part of the series without reading."""
+        if isinstance(index, slice):
+            return FrameSeries(self.sources[index])
+        return self.sources[index].read()
+
+    def __repr__(self) -> str:
+        return (
+            f"<FrameSeries of {len(self)} frames, {self.names[0]} to {self.names[-1]}>"
+            if self
+            else "<FrameSeries>"
+        )
+
+
+def read_frames(path: PathLike | Iterable[PathLike]) -> FrameSeries:
+    """The frames of a folder, a glob, a file or a list of these, as a sequence that reads each when asked.
+
+    Parameters
+    ----------
+    path : path-like or iterable of path-like
+        TIFF (any bit depth, byte order, compression, several pages), PNG, BMP, JPEG, Norpix ``.seq``
+        (uncompressed monochrome), AVI and other videos; see `list_frames`.
+
+    Returns
+    -------
+    FrameSeries
+        ``len``, ``names``, indexing and iteration; memory of one frame however long the series. Reading a bad
+        file raises `FrameError` for that frame only.
+
+    Raises
+    ------
+    InputError
+        If nothing is found, an extension is not that of an image, or two frames have the same name.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> from contactimg import Frame
+    >>> from contactimg.files import write_frame
+    >>> with TemporaryDirectory() as folder:
+    ...     for k in (10, 2):
+    ...         write_frame(Frame(np.full((3, 4), k, np.uint8)), Path(folder) / f"frame_{k}.tif")
+    ...     frames = read_frames(folder)
+    ...     frames.names, [int(frame.image[0, 0]) for frame in frames]
+    (['frame_2.tif', 'frame_10.tif'], [2, 10])
+    """
+    return FrameSeries(list_frames(path))

@@ -1,0 +1,46 @@
+"""PNG, JPEG and BMP: one image a file, told apart by their first bytes."""
+
+import io
+from pathlib import Path
+
+import imagecodecs
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from contactimg.files.grey import Pixels, UnsupportedPixelsError
+
+__all__ = ["count_images", "read_image"]
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def count_images(path: Path) -> int:  # noqa: ARG001 (every decoder has the same two functions)
+    """One: these formats hold a single image."""
+    return 1
+
+
+def read_image(path: Path, index: int) -> Pixels:  # noqa: ARG001
+    """Pixels as stored (an orientation tag is not applied), without transparency."""
+    data = path.read_bytes()
+    array = _decode_png(data) if data.startswith(_PNG) else _decode_other(data)
+    return Pixels(array, float(np.iinfo(array.dtype).max))
+
+
+def _decode_png(data: bytes) -> NDArray:
+    """Grey or red-green-blue of a PNG, 8 or 16 bits; palettes are expanded."""
+    array = imagecodecs.png_decode(data)
+    if array.ndim == 2:
+        return array
+    return array[..., 0] if array.shape[2] <= 2 else array[..., :3]
+
+
+def _decode_other(data: bytes) -> NDArray:
+    """Grey or red-green-blue of a JPEG or BMP, 8 bits."""
+    try:
+        with Image.open(io.BytesIO(data), formats=("JPEG", "BMP")) as image:
+            if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
+                raise UnsupportedPixelsError(f"colours of type {image.mode} are not supported")
+            return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
+    except UnidentifiedImageError:
+        raise ValueError("the content is not that of a PNG, JPEG or BMP image") from None

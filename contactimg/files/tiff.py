@@ -1,0 +1,212 @@
+"""TIFF: pages of any bit depth, byte order, compression and photometric meaning; lossless writing."""
+
+import logging
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from contactimg.files.atomic import replacing
+from contactimg.files.grey import Pixels, UnsupportedPixelsError
+from contactimg.frame import Frame
+
+__all__ = ["count_images", "read_image", "write_frame"]
+
+_MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
+_PHOTOMETRIC = tifffile.PHOTOMETRIC
+_SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
+_complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=None)
+
+
+def _collect(record: logging.LogRecord) -> bool:
+    """Filter of tifffile's logger: inside `_opened` a record is collected, not printed."""
+    complaints = _complaints.get()
+    if complaints is None:
+        return True
+    complaints.append(record.getMessage())
+    return False
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
+    """The open file, and what tifffile would log in this thread meanwhile."""
+    with path.open("rb") as file:
+        if file.read(4) not in _SIGNATURES:
+            raise ValueError("the content is not that of a TIFF image")
+    logging.getLogger("tifffile").addFilter(_collect)  # adding it again changes nothing
+    complaints: list[str] = []
+    token = _complaints.set(complaints)
+    try:
+        with tifffile.TiffFile(path) as tif:
+            yield tif, complaints
+    except (tifffile.TiffFileError, struct.error) as error:
+        raise ValueError(f"the file is truncated or damaged: {error}") from None
+    finally:
+        _complaints.reset(token)
+
+
+def count_images(path: Path) -> int:
+    """Number of images, without thumbnails; where the chain of pages breaks off the rest count as one."""
+    with _opened(path) as (tif, complaints):
+        stack = _undivided(tif)
+        if stack > 1:
+            return stack
+        images = len(_full_size(tif))
+        return images + any("TiffPages" in complaint for complaint in complaints)
+
+
+def read_image(path: Path, index: int) -> Pixels:
+    """Pixels of the image number ``index``, from 0, of a TIFF file."""
+    with _opened(path) as (tif, _):
+        if _undivided(tif) > 1:
+            page, array = tif.pages[0], _read_undivided(tif, index)
+        else:
+            pages = _full_size(tif)
+            if index >= len(pages):
+                raise ValueError(f"the file is truncated or damaged after {len(pages)} images")
+            page = pages[index]
+            _check_complete(page, path.stat().st_size)
+            array = page.asarray()
+            array = np.moveaxis(array, 0, -1) if page.axes == "SYX" else array
+        return _interpret(page, array)
+
+
+def _full_size(tif: tifffile.TiffFile) -> list[tifffile.TiffPage]:
+    """The pages that are images in their own right, not reduced copies or masks of one."""
+    return [page for page in tif.pages if not (page.is_reduced or page.is_mask)]
+
+
+def _undivided(tif: tifffile.TiffFile) -> int:
+    """Images of a stack that has one page header for all (ImageJ beyond 4 GB, MetaMorph); else 1."""
+    if len(tif.pages) > 1 or not (tif.is_imagej or tif.is_stk):
+        return 1
+    series = tif.series[0]
+    return series.size // tif.pages[0].size if series.dataoffset is not None else 1
+
+
+def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
+    """Image number ``index`` of such a stack: the images follow each other without a gap."""
+    page, series = tif.pages[0], tif.series[0]
+    offset = series.dataoffset + index * page.nbytes
+    if offset + page.nbytes > tif.filehandle.size:
+        raise ValueError(
+            f"the file is truncated: {offset + page.nbytes - tif.filehandle.size} bytes are missing"
+        )
+    tif.filehandle.seek(offset)
+    return tif.filehandle.read_array(page.dtype.newbyteorder(tif.byteorder), page.size).reshape(page.shape)
+
+
+def _check_complete(page: tifffile.TiffPage, size: int) -> None:
+    """Raise if a strip or tile of the page lies beyond the end of the file or was never written."""
+    segments = list(zip(page.dataoffsets, page.databytecounts, strict=True))
+    if not segments or any(count == 0 for _, count in segments):
+        raise ValueError("the file is damaged: part of the image has no data")
+    missing = max(offset + count for offset, count in segments) - size
+    if missing > 0:
+        raise ValueError(f"the file is truncated: {missing} bytes are missing")
+
+
+def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
+    """Grey or red-green-blue, as the page's photometric tag says."""
+    if array.ndim > 2 and "S" not in page.axes:
+        raise UnsupportedPixelsError(f"an image with axes {page.axes} is not a plane of pixels")
+    bits = _bits(page)
+    full_scale = float(2**bits - 1) if array.dtype.kind in "bu" else None
+    if page.photometric == _PHOTOMETRIC.PALETTE:
+        return Pixels(_apply_palette(page.colormap, array), 255.0)
+    array = _strip_alpha(page, array)
+    if array.dtype == bool:
+        array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0
+    if page.photometric == _PHOTOMETRIC.MINISWHITE:
+        if full_scale is None:
+            raise UnsupportedPixelsError(f"inverted grey levels of type {array.dtype} are not supported")
+        array = array.dtype.type(full_scale) - array
+    return Pixels(array.astype(array.dtype.newbyteorder("="), copy=False), _sensor_scale(page, full_scale))
+
+
+def _strip_alpha(page: tifffile.TiffPage, array: NDArray) -> NDArray:
+    """Grey or red-green-blue without transparency; any other set of channels has no grey level."""
+    grey = page.photometric in (_PHOTOMETRIC.MINISBLACK, _PHOTOMETRIC.MINISWHITE)
+    if not (grey or _is_colour(page)):
+        name = getattr(page.photometric, "name", page.photometric)
+        raise UnsupportedPixelsError(f"pixels of photometric type {name} are not supported")
+    if array.ndim == 2:
+        return array
+    channels = 1 if grey else 3
+    extra = array.shape[-1] - channels
+    if extra < 0 or extra > 1 or (grey and extra == 1 and not _has_alpha(page)):
+        raise UnsupportedPixelsError(f"{array.shape[-1]} channels are neither grey nor red-green-blue")
+    return array[..., 0] if grey else array[..., :3]
+
+
+def _is_colour(page: tifffile.TiffPage) -> bool:
+    """True if the decoded channels are red, green and blue; the JPEG decoder makes them so."""
+    jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG
+    return page.photometric == _PHOTOMETRIC.RGB or (
+        page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
+    )
+
+
+def _has_alpha(page: tifffile.TiffPage) -> bool:
+    """True if the last channel is said to be transparency."""
+    return bool(page.extrasamples) and page.extrasamples[-1] in (
+        tifffile.EXTRASAMPLE.ASSOCALPHA,
+        tifffile.EXTRASAMPLE.UNASSALPHA,
+    )
+
+
+def _bits(page: tifffile.TiffPage) -> int:
+    """Bits of a sample, also where the tag lists one number a channel."""
+    return int(np.max(page.bitspersample))
+
+
+def _apply_palette(colormap: NDArray, array: NDArray) -> NDArray:
+    """Red-green-blue, 0 to 255, of palette indices; writers scale 8-bit colours by 257, 256 or 1."""
+    wide = 257.0 if (colormap & 0xFF).any() else 256.0
+    scale = wide if colormap.max() > 255 else 1.0
+    return np.moveaxis(colormap[:, array].astype(np.float32) / np.float32(scale), 0, -1)
+
+
+def _sensor_scale(page: tifffile.TiffPage, full_scale: float | None) -> float | None:
+    """Full scale: MaxSampleValue where it is that of an n-bit camera, else that of the stored bits."""
+    tag = page.tags.get(_MAX_SAMPLE_VALUE)
+    if full_scale is None or tag is None:
+        return full_scale
+    stated = int(np.max(tag.value))
+    plausible = {2**bits - 1 for bits in range(8, _bits(page))}
+    return float(stated) if stated in plausible else full_scale
+
+
+def write_frame(frame: Frame, path: Path) -> None:
+    """Write a frame as a losslessly compressed TIFF (deflate) that keeps dtype and full scale.
+
+    Parameters
+    ----------
+    frame : Frame
+        Pixels and full scale; the name is not stored.
+    path : Path
+        The file appears whole or not at all.
+
+    Notes
+    -----
+    The full scale of integers (4095 for 12 bits in 16) is stored as MaxSampleValue, where the reader looks
+    for it. The same frame always gives the same bytes.
+    """
+    scale, integer = frame.full_scale, frame.image.dtype.kind == "u"
+    tags = [(_MAX_SAMPLE_VALUE, "H", 1, int(scale), True)] if integer and scale is not None else []
+    with replacing(path) as part:
+        tifffile.imwrite(
+            part,
+            frame.image,
+            photometric="minisblack",
+            compression="zlib",
+            predictor=True,
+            metadata=None,
+            software=False,
+            extratags=tags,
+        )
