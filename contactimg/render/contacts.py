@@ -1,0 +1,161 @@
+"""Where contacts stand in a frame, and how their edges and their brightness look there."""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import InputError
+from contactimg.optics.film import Light, excess_table
+from contactimg.render.recipe import Recipe
+from contactimg.render.spots import FilmSpots, Spots, surround_with_film
+from contactimg.scene import Scene, Simulate
+from contactimg.tables import CONTACTS
+
+__all__ = ["dress_contacts", "place_contacts"]
+
+Values = NDArray[np.float64]
+
+IN_PX = ["x_px", "y_px", "radius_px"]
+SECTORS = 256
+LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the place
+
+
+def place_contacts(
+    contacts: pd.DataFrame, scene: Scene, *, shape: tuple[int, int], shift_px: tuple[float, float]
+) -> pd.DataFrame:
+    """The contacts where they stand in a frame.
+
+    Parameters
+    ----------
+    contacts : DataFrame, contacts schema
+        Rows with finite ``x_px, y_px, radius_px`` stand there without shift; the others at ``x_m, y_m,
+        radius_m``.
+    scene : Scene
+        Its pose turns metres into pixels.
+    shape : (int, int)
+        Rows and columns of the frame.
+    shift_px : (float, float), px
+        (x, y) by which the sample has moved.
+
+    Returns
+    -------
+    DataFrame, contacts schema
+        With all columns in px.
+
+    Raises
+    ------
+    InputError
+        If a row has no finite place, or a negative radius.
+    """
+    table = CONTACTS.conform(contacts)
+    by_metres = ~np.isfinite(table[IN_PX].to_numpy()).all(axis=1)
+    if by_metres.any():
+        pose = scene.pose(shape)
+        rows = table.loc[by_metres]
+        x_px, y_px = pose.to_pixels(rows["x_m"].to_numpy(), rows["y_m"].to_numpy())
+        radius_px = rows["radius_m"].to_numpy() / pose.pixel_size
+        table.loc[by_metres, IN_PX] = np.column_stack([x_px, y_px, radius_px])
+    values = table[IN_PX].to_numpy()
+    wrong = ~np.isfinite(values).all(axis=1) | (values[:, 2] < 0)
+    if wrong.any():
+        row = int(np.flatnonzero(wrong)[0])
+        raise InputError(
+            f"contacts: row {row} needs a finite centre and a radius that is not negative, in px or in m; "
+            f"got {', '.join(f'{n} = {v:g}' for n, v in zip(IN_PX, values[row], strict=True))}"
+        )
+    table["x_px"] += shift_px[0]
+    table["y_px"] += shift_px[1]
+    return table
+
+
+def dress_contacts(
+    truth: pd.DataFrame,
+    scene: Scene,
+    recipe: Recipe,
+    *,
+    sphere_radius: ArrayLike | None,
+    rng: np.random.Generator,
+) -> Spots | FilmSpots:
+    """The contacts with the brightness, the edge and the film that a frame gives them.
+
+    Parameters
+    ----------
+    truth : DataFrame, contacts schema
+        With finite columns in px.
+    scene : Scene
+        Pixel size and radii of curvature, for the film.
+    recipe : Recipe
+    sphere_radius : array_like, m, or None
+        R of each contact, or one for all; None to take the scene's.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    Spots or FilmSpots
+        Of the contacts whose radius is not 0.
+
+    Raises
+    ------
+    InputError
+        If the film is asked for and the radii of curvature are not known, or not one a contact.
+    """
+    simulate = recipe.simulate
+    seen = truth["radius_px"].to_numpy() > 0
+    x_px, y_px, radius_px = (truth.loc[seen, name].to_numpy() for name in IN_PX)
+    brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
+    outline_px = np.zeros((radius_px.size, 1))
+    if "edge_roughness" in recipe.effects:
+        outline_px = _rough_outlines(radius_px, simulate.edge_roughness_px, rng)
+    spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
+    if "film" not in recipe.effects:
+        return spots
+    return surround_with_film(
+        spots,
+        sphere_radius=_sphere_radii(sphere_radius, scene, len(truth))[seen],
+        pixel_size=scene.need("camera", "rendering the air film").pixel_size,
+        excess=excess_table(_lamp(simulate)),
+    )
+
+
+def _rough_outlines(radius_px: Values, rms_px: float, rng: np.random.Generator) -> Values:
+    """Edges that wander by ``rms_px`` (at most a sixth of the radius) around disks of unchanged area."""
+    modes = np.arange(LOWEST_MODE, HIGHEST_MODE + 1)
+    angles = -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
+    waves = np.concatenate([np.cos(modes[:, None] * angles), np.sin(modes[:, None] * angles)])
+    amplitudes = rng.standard_normal((radius_px.size, len(waves))) / np.sqrt(len(modes))
+    edges = radius_px[:, None] + np.minimum(rms_px, radius_px / 6)[:, None] * (amplitudes @ waves)
+    edges = np.maximum(edges, 0.0)
+    equal_area = radius_px / np.sqrt(np.mean(edges**2, axis=1))
+    return edges * equal_area[:, None] - radius_px[:, None]
+
+
+def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:
+    """R of each contact, from what was handed in or from the scene."""
+    if sphere_radius is None:
+        asperities, indenter = scene.asperities, scene.indenter
+        if asperities is None or asperities.radius is None:
+            raise InputError(
+                "the film needs the radius of curvature of the contacts: hand over sphere_radius, or give "
+                "radius_m in [asperities]"
+            )
+        curvature = 1 / asperities.radius + (1 / indenter.radius if indenter is not None else 0.0)
+        sphere_radius = 1 / curvature
+    radii = np.asarray(sphere_radius, float)
+    if radii.ndim and radii.shape != (count,):
+        raise InputError(
+            f"sphere_radius must be one number or one a contact ({count}), got shape {radii.shape}"
+        )
+    if not np.all(np.isfinite(radii) & (radii > 0)):
+        raise InputError("sphere_radius must be positive for every contact")
+    return np.broadcast_to(radii, count)
+
+
+def _lamp(simulate: Simulate) -> Light:
+    """The light of the scene, and the media that it crosses."""
+    return Light(
+        index_indenter=simulate.film_index_indenter,
+        index_elastic=simulate.film_index_elastic,
+        wavelength=simulate.film_wavelength_nm * 1e-9,
+        bandwidth=simulate.film_bandwidth_nm * 1e-9,
+        band=(simulate.film_range_nm[0] * 1e-9, simulate.film_range_nm[1] * 1e-9),
+    )

@@ -1,0 +1,223 @@
+"""Synthetic frames: contacts under a scene's light, seen by its camera.
+
+    levels = background V (1 + T) (1 - D) (1 + drift) (1 + (contrast/background) C)
+
+with V the falloff of the light, T the surface texture, D dust, and C the light of the contacts in the image.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.frame import Frame
+from contactimg.optics.psf import Halo, Psf, airy_psf, gaussian_psf, no_blur, sampling_for
+from contactimg.render.contacts import dress_contacts, place_contacts
+from contactimg.render.recipe import Recipe, read_recipe
+from contactimg.render.sensor import add_read_noise, add_shot_noise, digitise
+from contactimg.render.spots import spots_image
+from contactimg.render.static import dust_shadow, light_falloff, surface_texture
+from contactimg.scene import Scene
+
+__all__ = ["Rendered", "render_contacts", "render_frame", "render_reference"]
+
+Values = NDArray[np.float64]
+Shift = tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Rendered:
+    """A synthetic frame and the truth about it.
+
+    Parameters
+    ----------
+    frame : Frame
+    contacts : DataFrame, contacts schema
+        As handed in, with the columns in px where the contacts stand in this frame.
+    shift_x_px, shift_y_px : float
+        Position in the frame minus position in the reference.
+    """
+
+    frame: Frame
+    contacts: pd.DataFrame
+    shift_x_px: float
+    shift_y_px: float
+
+
+def render_contacts(
+    contacts: pd.DataFrame,
+    scene: Scene,
+    *,
+    rng: np.random.Generator,
+    sphere_radius: ArrayLike | None = None,
+    name: str = "frame",
+) -> Rendered:
+    """Photograph contacts as the scene's camera would, and keep the truth.
+
+    Parameters
+    ----------
+    contacts : DataFrame, contacts schema
+        Rows with finite ``x_px, y_px, radius_px`` stand there in the reference's pixels; the others at
+        ``x_m, y_m, radius_m``, seen through the scene's camera. A radius of 0 is dark.
+    scene : Scene
+        With a section ``[simulate]``; ``[camera]`` where metres or the film need it.
+    rng : numpy.random.Generator
+        Noise, drift of position, brightness and roughness of the contacts, in streams of their own: switching
+        the noise or the drift off leaves the rest as it is. Texture and dust come from the scene's seed.
+    sphere_radius : array_like, m, optional
+        Radius of curvature R in Hertz's law of each contact, or one for all, for the film; without it that of
+        the scene's asperities under its indenter, ``R Rl/(R + Rl)``.
+    name : str
+        Name of the frame.
+
+    Returns
+    -------
+    Rendered
+
+    Raises
+    ------
+    InputError
+        If a row has no place or a negative radius, or the scene's parameters do not go together.
+
+    Notes
+    -----
+    ``light_drift`` is the relative change of the light from the reference to a frame, ``position_drift_px``
+    the standard deviation of each component of the shift. The film is drawn around contacts only: a cap that
+    comes close without touching stays dark.
+
+    Examples
+    --------
+    >>> from contactimg import scene_from_dict
+    >>> scene = scene_from_dict({"simulate": {"shape": [60, 80], "position_drift_px": 0.3}})
+    >>> contacts = pd.DataFrame({"x_px": [30.0], "y_px": [20.0], "radius_px": [5.0]})
+    >>> shot = render_contacts(contacts, scene, rng=np.random.default_rng(1))
+    >>> shot.frame.image.dtype, shot.frame.shape, float(shot.contacts["x_px"][0] - shot.shift_x_px)
+    (dtype('uint8'), (60, 80), 30.0)
+    """
+    recipe = read_recipe(scene)
+    simulate = recipe.simulate
+    streams = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
+    shift = _draw_shift(recipe, streams[0])
+    truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
+    spots = dress_contacts(truth, scene, recipe, sphere_radius=sphere_radius, rng=streams[1])
+    psf, halo = _optics(recipe)
+    light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
+    drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
+    levels = drift * _still_levels(recipe, psf, shift)
+    levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
+    frame = _expose(levels, recipe, streams[2], streams[3], name)
+    return Rendered(frame, truth, *shift)
+
+
+def render_frame(
+    contacts: pd.DataFrame,
+    scene: Scene,
+    *,
+    rng: np.random.Generator,
+    sphere_radius: ArrayLike | None = None,
+    name: str = "frame",
+) -> Frame:
+    """The frame alone of `render_contacts`, which see.
+
+    Examples
+    --------
+    >>> from contactimg import scene_from_dict
+    >>> scene = scene_from_dict({"simulate": {"shape": [60, 80], "blur_px": 0.0}})
+    >>> contacts = pd.DataFrame({"x_px": [30.0], "y_px": [20.0], "radius_px": [5.0]})
+    >>> render_frame(contacts, scene, rng=np.random.default_rng(1)).image[20, [24, 25, 30]]
+    array([ 80, 129, 180], dtype=uint8)
+    """
+    return render_contacts(contacts, scene, rng=rng, sphere_radius=sphere_radius, name=name).frame
+
+
+def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "reference") -> Frame:
+    """The frame without contact: the scene's light, texture and dust where they stand, with fresh noise.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a section ``[simulate]``.
+    rng : numpy.random.Generator
+    name : str
+
+    Returns
+    -------
+    Frame
+
+    Examples
+    --------
+    >>> from contactimg import scene_from_dict
+    >>> scene = scene_from_dict({"simulate": {"shape": [4, 6], "background_levels": 80}})
+    >>> int(render_reference(scene, rng=np.random.default_rng(1)).image.max())
+    80
+    """
+    recipe = read_recipe(scene)
+    shot, read = (np.random.default_rng(seed) for seed in rng.integers(2**63, size=2))
+    psf, _ = _optics(recipe)
+    return _expose(_still_levels(recipe, psf, (0.0, 0.0)), recipe, shot, read, name)
+
+
+def _draw_shift(recipe: Recipe, rng: np.random.Generator) -> Shift:
+    """How far the sample has moved since the reference, (x, y) in px."""
+    if "position_drift" not in recipe.effects:
+        return 0.0, 0.0
+    x, y = rng.normal(0.0, recipe.simulate.position_drift_px, 2)
+    return float(x), float(y)
+
+
+def _optics(recipe: Recipe) -> tuple[Psf, Halo | None]:
+    """The point spread function of the scene, and its wide part if it has one."""
+    simulate = recipe.simulate
+    if not ("blur" in recipe.effects and simulate.blur_px):
+        return no_blur(sampling=simulate.supersampling), None
+    sigma = simulate.blur_px
+    sampling = sampling_for(sigma, at_least=simulate.supersampling)
+    if simulate.psf == "airy":
+        return airy_psf(sigma, sampling=sampling), None
+    core = gaussian_psf(sigma, sampling=sampling)
+    if simulate.psf == "gaussian":
+        return core, None
+    return core, Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
+
+
+def _still_levels(recipe: Recipe, psf: Psf, shift: Shift) -> Values:
+    """Grey levels without contact and without noise."""
+    simulate = recipe.simulate
+    levels = np.full(simulate.shape, simulate.background_levels)
+    if "vignetting" in recipe.effects:
+        levels *= light_falloff(simulate.shape, fraction=simulate.vignetting)
+    if simulate.texture:
+        blur_px = simulate.blur_px if "blur" in recipe.effects else 0.0
+        levels *= 1 + surface_texture(
+            simulate.shape, rms=simulate.texture, blur_px=blur_px, shift_px=shift, seed=simulate.seed
+        )
+    if "dust" in recipe.effects:
+        levels *= 1 - dust_shadow(
+            simulate.shape, count=simulate.dust_count, psf=psf, shift_px=shift, seed=simulate.seed
+        )
+    return levels
+
+
+def _expose(
+    levels: Values, recipe: Recipe, shot: np.random.Generator, read: np.random.Generator, name: str
+) -> Frame:
+    """The sensor's answer to noise-free levels."""
+    simulate = recipe.simulate
+    levels = np.maximum(levels, 0.0)
+    if "shot_noise" in recipe.effects:
+        levels = add_shot_noise(levels, electrons_per_level=simulate.electrons_per_level, rng=shot)
+    if "read_noise" in recipe.effects:
+        levels = add_read_noise(
+            levels,
+            electrons=simulate.read_noise_electrons,
+            electrons_per_level=simulate.electrons_per_level,
+            rng=read,
+        )
+    return digitise(
+        levels,
+        bit_depth=simulate.bit_depth,
+        saturate="saturation" in recipe.effects,
+        quantise="quantisation" in recipe.effects,
+        name=name,
+    )

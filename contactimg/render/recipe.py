@@ -1,0 +1,108 @@
+"""Which effects a synthetic frame is to show, and which combinations have no meaning."""
+
+from dataclasses import dataclass
+
+from contactimg.errors import InputError
+from contactimg.scene import Scene, Simulate
+
+__all__ = ["Recipe", "read_recipe"]
+
+PARAMETER = {
+    "blur": "blur_px",
+    "vignetting": "vignetting",
+    "light_drift": "light_drift",
+    "position_drift": "position_drift_px",
+    "shot_noise": "electrons_per_level",
+    "read_noise": "read_noise_electrons",
+    "quantisation": "bit_depth",
+    "saturation": "bit_depth",
+    "dust": "dust_count",
+    "edge_roughness": "edge_roughness_px",
+}
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How synthetic frames of a scene are made; see `read_recipe`.
+
+    Parameters
+    ----------
+    simulate : Simulate
+        Optics and sensor.
+    effects : frozenset of str
+        Names of the optical and sensor effects that are rendered.
+    """
+
+    simulate: Simulate
+    effects: frozenset[str]
+
+
+def read_recipe(scene: Scene) -> Recipe:
+    """What a scene says about its synthetic frames, once it makes sense.
+
+    Parameters
+    ----------
+    scene : Scene
+        With a section ``[simulate]``.
+
+    Returns
+    -------
+    Recipe
+        Under "auto" an effect is rendered when its parameter is not zero, and the film is not.
+
+    Raises
+    ------
+    InputError
+        If the section is missing, if noise is asked for without a number of electrons a level, a halo is not
+        wider than the blur, a contact is darker than black, or a soft edge is asked for with the film on.
+
+    Examples
+    --------
+    >>> from contactimg import scene_from_dict
+    >>> scene = scene_from_dict({"simulate": {"vignetting": 0.2}, "effects": {"blur": "off"}})
+    >>> sorted(read_recipe(scene).effects)
+    ['quantisation', 'saturation', 'vignetting']
+    """
+    simulate: Simulate = scene.need("simulate", "rendering frames")
+    switches = {effect: getattr(scene.effects, effect) for effect in PARAMETER}
+    asked = {
+        effect
+        for effect, parameter in PARAMETER.items()
+        if switches[effect] == "on" or (switches[effect] == "auto" and getattr(simulate, parameter) != 0)
+    }
+    if scene.effects.film == "on":
+        asked.add("film")
+    recipe = Recipe(simulate, frozenset(asked))
+    _check_noise(recipe)
+    _check_light(recipe)
+    return recipe
+
+
+def _check_noise(recipe: Recipe) -> None:
+    """Noise is counted in electrons, so a grey level must be worth some."""
+    for effect in ("shot_noise", "read_noise"):
+        if effect in recipe.effects and recipe.simulate.electrons_per_level == 0:
+            raise InputError(
+                f"[simulate] {effect} needs electrons_per_level above 0, got 0; give it or set "
+                f'[effects] {effect} = "off"'
+            )
+
+
+def _check_light(recipe: Recipe) -> None:
+    """Combinations of optical parameters that have no meaning."""
+    simulate = recipe.simulate
+    if "blur" in recipe.effects and simulate.psf == "halo" and simulate.halo_sigma_px <= simulate.blur_px:
+        raise InputError(
+            f"[simulate] halo_sigma_px must exceed blur_px ({simulate.blur_px:g}), "
+            f"got {simulate.halo_sigma_px:g}"
+        )
+    if simulate.background_levels + simulate.contrast_levels < 0:
+        raise InputError(
+            f"[simulate] contrast_levels ({simulate.contrast_levels:g}) must not exceed the background "
+            f"({simulate.background_levels:g}) downwards: a contact cannot be darker than black"
+        )
+    if "film" in recipe.effects and simulate.edge_softness_px > 0:
+        raise InputError(
+            "[simulate] edge_softness_px must be 0 with the film on, which has an edge of its own; "
+            f"got {simulate.edge_softness_px:g}"
+        )
