@@ -66,7 +66,7 @@ class PoseFit:
     n_points: int
     n_matched: int
     residual: float
-    chance: float
+    chance: float = 0.0
 
 
 def pair_points(
@@ -192,7 +192,7 @@ def fit_pose(
     )
     spots = _complex(np.asarray(targets, float).reshape(-1, 2))
     gate = pairing_distance(_real(spots), guess)
-    best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan, chance=0.0)
+    best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
     if len(points) < 3 or len(spots) < 3:
         return best
     tree = KDTree(_real(spots))

@@ -8,7 +8,7 @@ import pandas as pd
 
 from contactimg.analysis.profiles import annulus_edges, radial_profile
 from contactimg.mechanics import hertz
-from contactimg.models import solve_interacting
+from contactimg.models.interacting import solve_interacting
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES
@@ -141,7 +141,7 @@ def see_contacts(
 
 
 def hertz_circle(scene: Scene, load: float) -> tuple[float, float, float] | None:
-    """Apparent contact ``(x, y, radius)`` of the smooth sphere at a load (m), if the scene has what it takes."""
+    """Apparent contact ``(x, y, radius)`` of the smooth sphere at a load (m), if the scene says enough."""
     if scene.indenter is None or scene.elastic is None or not np.isfinite(load) or load < 0:
         return None
     radius = hertz.radius(

@@ -10,6 +10,7 @@ from contactimg.files.experiment import (
     read_scene_asperities,
     write_scene,
 )
+from contactimg.files.figures import write_figure
 from contactimg.files.output import OutputFolder
 from contactimg.files.runs import RunFolder, provenance, read_run
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
@@ -33,6 +34,7 @@ __all__ = [
     "read_scene_asperities",
     "read_table",
     "replacing",
+    "write_figure",
     "write_frame",
     "write_json",
     "write_scene",

@@ -1,0 +1,7 @@
+"""``python -m contactimg``."""
+
+import sys
+
+from contactimg.cli import main
+
+sys.exit(main())

@@ -1,0 +1,48 @@
+"""``contactimg predict``: what the models say of a scene at given loads."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from contactimg.cli.common import command_line, echo_frames, output_option, quiet_option
+
+__all__ = ["predict"]
+
+
+@click.command()
+@click.argument("scene", type=click.Path(exists=True))
+@click.option("--load-N", "loads", type=float, multiple=True, required=True, help="Load, N; repeatable.")
+@output_option
+@click.option(
+    "--coupling",
+    type=click.Choice(["auto", "none", "asymptotic", "hertz", "full"]),
+    default="auto",
+    show_default=True,
+    help="How asperities act on each other.",
+)
+@click.option("--annulus-mm", type=float, default=0.25, show_default=True, help="Width of profile annuli.")
+@quiet_option
+def predict(
+    *, scene: str, loads: tuple[float, ...], output: str | None, coupling: Any, annulus_mm: float, quiet: bool
+) -> None:
+    r"""Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
+
+    Writes contacts.csv, frames.csv, profile.csv and provenance.json.
+
+    \b
+    Example:
+      contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o model
+    """
+    from contactimg.files import OutputFolder, provenance, read_scene
+    from contactimg.pipeline.predict import predict_loads
+
+    description = read_scene(scene)
+    target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
+    options = {"loads_N": list(loads), "coupling": coupling, "annulus_mm": annulus_mm}
+    record = provenance(command=command_line("predict"), scene=description, options=options)
+    with OutputFolder(target, record) as out:
+        frames = predict_loads(description, loads, out.folder, coupling=coupling, annulus=annulus_mm * 1e-3)
+    if not quiet:
+        echo_frames(frames, title=f"{scene}, coupling {coupling}")
+        click.echo(f"results in {target}")

@@ -1,0 +1,80 @@
+"""From a folder and options to a scene: what the scene file says holds unless an option says otherwise."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from contactimg.errors import InputError
+from contactimg.files import SCENE_FILE, list_frames, read_scene
+from contactimg.scene import Scene, scene_from_dict
+
+__all__ = ["scene_of_folder"]
+
+OPTION_KEYS = {
+    "reference": ("images", "reference"),
+    "frames": ("images", "frames"),
+    "loads": ("images", "loads"),
+    "polarity": ("images", "polarity"),
+    "method": ("measure", "method"),
+    "threshold": ("measure", "threshold"),
+    "pixel_size_m": ("camera", "pixel_size_m"),
+}
+PATHS = ("reference", "loads")
+"""Options that name files, relative to where the command is typed."""
+
+
+def scene_of_folder(folder: str | Path, options: Mapping[str, Any]) -> Scene:
+    """The scene of a folder of frames.
+
+    Parameters
+    ----------
+    folder : path-like
+        With a ``scene.toml``, or with frames only.
+    options : mapping
+        Of the command; None where an option is not given.
+
+    Raises
+    ------
+    InputError
+        If the scene file or an option breaks a rule.
+    """
+    folder, given = Path(folder), {key: value for key, value in options.items() if value is not None}
+    if folder.is_file():
+        raise InputError(f"{folder} is a file; give the folder that holds the frames")
+    data, base = _base_scene(folder, given.pop("scene", None))
+    if "pixel_size_um" in given:
+        given["pixel_size_m"] = given.pop("pixel_size_um") * 1e-6
+    for key, value in given.items():
+        section, name = OPTION_KEYS[key]
+        data.setdefault(section, {})[name] = _plain(key, value)
+    return scene_from_dict(data, name="the options and the scene", folder=str(base))
+
+
+def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], Path]:
+    """Sections of the scene file and the folder its paths are relative to; a bare folder makes its own."""
+    if scene_file is not None:
+        scene = read_scene(scene_file)
+        images = dict(scene.source.get("images", {}))
+        images.setdefault("frames", str(folder.resolve()))
+        return _copied(scene) | {"images": images}, Path(scene.folder)
+    if (folder / SCENE_FILE).exists():
+        return _copied(read_scene(folder)), folder
+    reference = [source.path for source in list_frames(folder) if source.path.stem.lower() == "reference"]
+    return {"images": {"reference": reference[0].name}} if len(reference) == 1 else {}, folder
+
+
+def _copied(scene: Scene) -> dict[str, Any]:
+    """The scene as written, its sections free to change."""
+    return {section: dict(keys) for section, keys in scene.source.items()}
+
+
+def _plain(key: str, value: Any) -> Any:
+    """A path is absolute; a threshold is a number unless it is a word."""
+    if key in PATHS:
+        return str(Path(value).resolve())
+    if key != "threshold":
+        return value
+    try:
+        return float(value)
+    except ValueError:
+        return value

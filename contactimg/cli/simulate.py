@@ -1,0 +1,42 @@
+"""``contactimg simulate``: a scene to synthetic frames with their truth table."""
+
+from pathlib import Path
+
+import click
+
+from contactimg.cli.common import command_line, output_option, progress, quiet_option
+
+__all__ = ["simulate"]
+
+
+@click.command()
+@click.argument("scene", type=click.Path(exists=True))
+@output_option
+@quiet_option
+def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
+    r"""Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
+
+    Its section [simulate] describes loads, optics and sensor. Writes reference.tif, frame_*.tif, loads.csv,
+    asperities.csv, truth.csv and scene.toml: a folder that `process` takes as it is.
+
+    \b
+    Example:
+      contactimg simulate scene.toml -o frames
+      contactimg process frames
+    """
+    from contactimg.files import OutputFolder, provenance, read_scene
+    from contactimg.pipeline.inputs import need_asperities
+    from contactimg.pipeline.simulate import write_simulation
+
+    description = read_scene(scene)
+    asperities = need_asperities(description, "simulating frames")
+    target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
+    record = provenance(command=command_line("simulate"), scene=description)
+    count = 1 + len(description.need("simulate", "simulating frames").loads)
+    with (
+        OutputFolder(target, record) as out,
+        progress("making frames", count, quiet=quiet) as advance,
+    ):
+        write_simulation(description, asperities, out.folder, advance=advance)
+    if not quiet:
+        click.echo(f"{count - 1} frames and their truth in {target}")

@@ -1,0 +1,32 @@
+"""Figures as files."""
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from contactimg.errors import InputError
+from contactimg.files.atomic import replacing
+
+__all__ = ["write_figure"]
+
+
+def write_figure(ax: Axes, path: str | Path) -> None:
+    """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), whole or not at all.
+
+    Parameters
+    ----------
+    ax : Axes
+    path : str or Path
+        The file; its folder must exist.
+
+    Raises
+    ------
+    InputError
+        If the axes belong to no figure, or the file cannot be written.
+    """
+    figure = ax.get_figure(root=True)
+    if not isinstance(figure, Figure):
+        raise InputError(f"{path}: these axes belong to no figure")
+    with replacing(path) as part:
+        figure.savefig(part, format=Path(path).suffix.removeprefix("."))

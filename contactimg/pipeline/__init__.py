@@ -1,0 +1,1 @@
+"""The chains: measure a frame, a series; predict; simulate; compare."""

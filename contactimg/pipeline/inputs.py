@@ -1,0 +1,39 @@
+"""What a scene stands on: its asperities, from a table or a generator, and where they touch."""
+
+import numpy as np
+import pandas as pd
+
+from contactimg.errors import InputError
+from contactimg.files import read_scene_asperities
+from contactimg.scene import Scene
+from contactimg.surfaces import composite_apexes, generate_asperities
+
+__all__ = ["contact_sites", "need_asperities", "scene_asperities"]
+
+
+def scene_asperities(scene: Scene) -> pd.DataFrame | None:
+    """The scene's asperity table: read, or generated from its seed; None if it has neither."""
+    section = scene.asperities
+    if section is None or section.generate is None:
+        return read_scene_asperities(scene)
+    return generate_asperities(
+        section.generate,
+        side=section.side,
+        coverage=section.coverage,
+        rng=np.random.default_rng(section.seed),
+    )
+
+
+def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
+    """The scene's asperity table, or an `InputError` that says what it is needed for."""
+    asperities = scene_asperities(scene)
+    if asperities is None:
+        raise InputError(f"{purpose} needs asperities; give [asperities] a file, or generate them")
+    return asperities
+
+
+def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
+    """Where each asperity touches first and with which radius: the composite summits under the indenter."""
+    if scene.indenter is None:
+        return asperities
+    return composite_apexes(asperities, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)

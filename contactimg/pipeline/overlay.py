@@ -1,0 +1,177 @@
+"""Compare a run with what the models predict: pairs and scores, frame by frame."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from contactimg.files import Experiment, write_figure, write_table
+from contactimg.matching import match_contacts
+from contactimg.pipeline.pictures import draw_predicted
+from contactimg.pipeline.process import picture_name
+from contactimg.pipeline.series import Run, shift_of
+from contactimg.pose import Pose
+from contactimg.prediction import Coupling, hertz_circle, predict_contacts, see_contacts
+from contactimg.scene import Scene
+from contactimg.tables import MATCHES, SCORES
+
+__all__ = ["Comparison", "compare_frame", "compare_run", "draw_comparison", "write_comparison"]
+
+MODELS: dict[str, Coupling] = {"coupled": "asymptotic", "uncoupled": "none"}
+"""Model name in the tables -> level of coupling."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Measured against predicted contacts.
+
+    Attributes
+    ----------
+    matches : DataFrame
+        Pairs with the coupled model's contacts.
+    scores : DataFrame
+        One row a frame and model.
+    predicted : dict
+        Frame -> model -> contacts table, those that the camera sees.
+    """
+
+    matches: pd.DataFrame
+    scores: pd.DataFrame
+    predicted: dict[str, dict[str, pd.DataFrame]]
+
+
+def compare_run(
+    run: Run,
+    asperities: pd.DataFrame,
+    *,
+    min_radius_px: float = 1.0,
+    advance: Callable[[], None] | None = None,
+) -> Comparison:
+    """Predict the contacts of every frame with a load, coupled and uncoupled, and match them.
+
+    Parameters
+    ----------
+    run : Run
+        With a pose, of a scene with sections ``[indenter]`` and ``[elastic]``.
+    asperities : DataFrame
+        Asperity table.
+    min_radius_px : float
+        Predicted contacts below it are not expected to be seen: they and their partners do not count.
+    advance : callable, optional
+        Called once a frame.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If the run has no pose, or the scene lacks what the models need.
+    """
+    pose = run.need_pose()
+    matches, scores, predicted = [MATCHES.empty()], [], {}
+    for row in run.frames[run.frames["load_N"].notna()].to_dict("records"):
+        frame = row["frame"]
+        measured = run.contacts[run.contacts["frame"] == frame]
+        predicted[frame] = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
+        for model, seen in predicted[frame].items():
+            pairs, score = compare_frame(
+                measured, seen, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
+            )
+            scores.append({"frame": frame, "model": model, **score})
+            if model == "coupled":
+                matches.append(pairs)
+        if advance is not None:
+            advance()
+    table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
+    return Comparison(MATCHES.conform(pd.concat(matches, ignore_index=True)), table, predicted)
+
+
+def _predicted(
+    scene: Scene, asperities: pd.DataFrame, row: dict[str, Any], pose: Pose, shift_px: tuple[float, float]
+) -> dict[str, pd.DataFrame]:
+    """The contacts each model predicts in the camera's view."""
+    seen = {}
+    for model, coupling in MODELS.items():
+        prediction = predict_contacts(
+            scene, asperities, load=row["load_N"], coupling=coupling, frame=row["frame"]
+        )
+        seen[model] = _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
+    return seen
+
+
+def compare_frame(
+    measured: pd.DataFrame, predicted: pd.DataFrame, *, pixel_size: float, min_radius_px: float
+) -> tuple[pd.DataFrame, dict[str, float]]:
+    """Match one frame's contacts and score the prediction.
+
+    Precision is the matched share of the predicted contacts, recall that of the measured ones. A measured
+    contact whose partner is predicted smaller than ``min_radius_px`` counts neither for nor against.
+    """
+    pairs = match_contacts(measured, predicted, max_distance=3 * pixel_size)
+    visible = predicted["radius_m"] >= min_radius_px * pixel_size
+    counted = pairs["radius_predicted_m"] >= min_radius_px * pixel_size
+    n_measured, n_predicted = len(measured) - int((~counted).sum()), int(visible.sum())
+    n_matched = int(counted.sum())
+    precision = n_matched / n_predicted if n_predicted else np.nan
+    recall = n_matched / n_measured if n_measured else np.nan
+    good = pairs[counted]
+    return pairs, {
+        "n_measured": n_measured,
+        "n_predicted": n_predicted,
+        "n_matched": n_matched,
+        "precision": precision,
+        "recall": recall,
+        "f1": 2 * n_matched / (n_measured + n_predicted) if n_measured + n_predicted else np.nan,
+        "position_rms_m": _rms(good["distance_m"]),
+        "radius_rms_m": _rms(good["radius_measured_m"] - good["radius_predicted_m"]),
+    }
+
+
+def _in_view(contacts: pd.DataFrame, shape: tuple[int, int]) -> pd.DataFrame:
+    """Contacts whose centre lies in the image."""
+    rows, columns = shape
+    inside = contacts["x_px"].between(-0.5, columns - 0.5) & contacts["y_px"].between(-0.5, rows - 0.5)
+    return contacts[inside].reset_index(drop=True)
+
+
+def _rms(values: pd.Series) -> float:
+    """Root mean square; nan of nothing."""
+    return float(np.sqrt(np.mean(values.to_numpy(float) ** 2))) if len(values) else np.nan
+
+
+def write_comparison(comparison: Comparison, folder: Path) -> None:
+    """Write matches.csv and scores.csv."""
+    write_table(comparison.matches, MATCHES, folder / "matches.csv")
+    write_table(comparison.scores, SCORES, folder / "scores.csv")
+
+
+def draw_comparison(
+    comparison: Comparison,
+    run: Run,
+    experiment: Experiment,
+    folder: Path,
+    *,
+    advance: Callable[[], None] | None = None,
+) -> None:
+    """Draw measured and predicted contacts on each compared frame, as PNG files."""
+    folder.mkdir()
+    sources = {source.name: source for source in experiment.frames}
+    for frame, predicted in comparison.predicted.items():
+        load = experiment.load_of(frame)
+        ax = draw_predicted(
+            sources[frame].read().image,
+            run.contacts[run.contacts["frame"] == frame],
+            predicted,
+            hertz_circle(experiment.scene, load),
+            pose=run.need_pose(),
+            shift_px=shift_of(run.frames, frame),
+            title=f"{frame}, {1e3 * load:g} mN",
+        )
+        write_figure(ax, folder / picture_name(frame))
+        if advance is not None:
+            advance()

@@ -1,0 +1,113 @@
+"""Synthetic series: solve the scene at each load, photograph the contacts, keep the truth."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from contactimg.errors import InputError
+from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
+from contactimg.frame import Frame
+from contactimg.pipeline.inputs import contact_sites
+from contactimg.prediction import predict_contacts
+from contactimg.render import Rendered, render_contacts, render_reference
+from contactimg.scene import Scene
+from contactimg.tables import ASPERITIES, CONTACTS, LOADS
+
+__all__ = ["SimulatedFrame", "simulate_series", "write_simulation"]
+
+
+@dataclass(frozen=True)
+class SimulatedFrame:
+    """One synthetic frame: its load (nan for the reference), its pixels and its true contacts."""
+
+    load: float
+    frame: Frame
+    truth: pd.DataFrame | None
+
+
+def simulate_series(scene: Scene, asperities: pd.DataFrame) -> Iterator[SimulatedFrame]:
+    """Make the frames of a scene one after the other, the reference first.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
+    asperities : DataFrame
+        Asperity table.
+
+    Yields
+    ------
+    SimulatedFrame
+        The same scene gives the same frames.
+
+    Raises
+    ------
+    InputError
+        If a section is missing or there is no load.
+    """
+    simulate = scene.need("simulate", "simulating frames")
+    if not simulate.loads:
+        raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
+    seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
+    reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
+    yield SimulatedFrame(np.nan, reference, None)
+    sphere_radius = contact_sites(asperities, scene)["radius_m"].to_numpy(float)
+    for name, load, seed in zip(_frame_names(len(simulate.loads)), simulate.loads, seeds[1:], strict=True):
+        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
+        rendered: Rendered = render_contacts(
+            contacts,
+            scene,
+            rng=np.random.default_rng(seed),
+            sphere_radius=sphere_radius[contacts["asperity"].to_numpy(int)],
+            name=name,
+        )
+        yield SimulatedFrame(load, rendered.frame, rendered.contacts)
+
+
+def write_simulation(
+    scene: Scene, asperities: pd.DataFrame, folder: Path, *, advance: Callable[[], None] | None = None
+) -> None:
+    """Write the frames of `simulate_series` with loads, asperities, truth and scene, ready for `process`.
+
+    Parameters
+    ----------
+    scene, asperities
+        As for `simulate_series`.
+    folder : Path
+        Exists.
+    advance : callable, optional
+        Called once a frame.
+    """
+    loads, truth = [], [CONTACTS.empty()]
+    for shot in simulate_series(scene, asperities):
+        write_frame(shot.frame, folder / shot.frame.name)
+        if shot.truth is not None:
+            loads.append({"frame": shot.frame.name, "load_N": shot.load})
+            truth.append(shot.truth)
+        if advance is not None:
+            advance()
+    write_table(pd.DataFrame(loads), LOADS, folder / "loads.csv")
+    write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
+    write_table(asperities, ASPERITIES, folder / "asperities.csv")
+    write_scene(_measured_scene(scene), folder / SCENE_FILE)
+
+
+def _measured_scene(scene: Scene) -> dict[str, Any]:
+    """The scene as an experimenter would write it for the simulated folder."""
+    data = {section: dict(keys) for section, keys in scene.source.items()}
+    generated = ("generate", "coverage", "seed")
+    kept = {key: value for key, value in data.get("asperities", {}).items() if key not in generated}
+    data["asperities"] = kept | {"file": "asperities.csv"}
+    images = {"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"}
+    data["images"] = data.get("images", {}) | images
+    return data
+
+
+def _frame_names(count: int) -> list[str]:
+    """Names of the frames of a series: numbers padded to one width."""
+    width = len(str(count))
+    return [f"frame_{k:0{width}d}.tif" for k in range(1, count + 1)]
