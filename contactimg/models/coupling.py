@@ -1,18 +1,32 @@
 """What contacts do to each other: displacement of the surface at every candidate by the forces on all.
 
-Dimensionless throughout (``E* = 1``): a force ``q_j`` lowers the surface at a distance ``r`` by
-``q_j/(pi r)``. An operator offers the product with a vector of forces and the solution of the Newton system
-``(I + S C S) z = b`` on the active rows, ``S`` the diagonal of ``s = sqrt(2 a)``.
+Dimensionless throughout (``E* = 1``): on a half-space a force ``q`` lowers the surface at a distance ``r`` by
+``q/(pi r)``; on a bonded layer of thickness ``t`` by ``q/pi [1/r - phi(r/t)/t]``. An operator offers the
+product with a vector of forces and the solution of the Newton system ``(I + S C S) z = b`` on the active
+rows, ``S`` the diagonal of ``s = sqrt(2 a)``.
 """
 
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import lapack
 
-__all__ = ["Coupling", "DenseCoupling", "NoCoupling", "NotPositiveDefinite"]
+from contactimg.mechanics import layer
+
+__all__ = [
+    "Coupling",
+    "DenseCoupling",
+    "Fields",
+    "Kernel",
+    "NoCoupling",
+    "NotPositiveDefinite",
+    "displacement_excess",
+    "layer_deficit",
+]
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -22,14 +36,73 @@ class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the itera
     """The Newton matrix is indefinite: some contacts overlap too far."""
 
 
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """Half-space or bonded layer.
+
+    Parameters
+    ----------
+    thinness : float
+        ``1/t``; zero for a half-space.
+    value, slope : ndarray
+        `contactimg.mechanics.layer.deficit_table`, empty for a half-space.
+    """
+
+    thinness: float
+    value: Values
+    slope: Values
+
+    @classmethod
+    def of_thickness(cls, thickness: float) -> "Kernel":
+        """The kernel of a layer; of a half-space if the thickness is infinite."""
+        if np.isinf(thickness):
+            return cls(0.0, np.zeros(0), np.zeros(0))
+        return cls(1 / thickness, *layer.deficit_table())
+
+    def deficit(self, r: Values) -> Values:
+        """``phi(r/t)/t``, zero for a half-space."""
+        if not self.thinness:
+            return np.zeros_like(r)
+        knots = layer.STEP * np.arange(self.value.size)
+        s = r * self.thinness
+        inside = CubicHermiteSpline(knots, self.value, self.slope)(np.minimum(s, knots[-1]))
+        return self.thinness * np.where(s < knots[-1], inside, 1 / np.maximum(s, knots[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """What the neighbours' displacement field does beyond a point force's value at the summit.
+
+    Parameters
+    ----------
+    excess : ndarray
+        Displacement by Hertz's pressure of the neighbours less that by point forces.
+    slope_x, slope_y : ndarray
+        Slope of the displacement by point forces.
+    curvature : ndarray
+        Half its Laplacian: the mean curvature over all directions.
+    """
+
+    excess: Values
+    slope_x: Values
+    slope_y: Values
+    curvature: Values
+
+
 class Coupling(Protocol):
     """Displacement of the surface at the candidates by the forces on the candidates."""
 
     def displacement(self, force: Values) -> Values:
         """``C q``: displacement into the body at every candidate."""
 
-    def newton(self, active: Rows, scale: Values, sides: Values) -> Values:
+    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """Solve ``(I + S C S) z = b`` on the active rows for the columns of ``sides``."""
+
+    def fields(self, force: Values, contact_radius: Values) -> Fields:
+        """The neighbours' fields at every candidate."""
+
+    def moved(self, x: Values, y: Values) -> "Coupling":
+        """The same coupling between candidates at other places."""
 
 
 class NoCoupling:
@@ -39,9 +112,17 @@ class NoCoupling:
         """Nothing moves."""
         return np.zeros_like(force)
 
-    def newton(self, active: Rows, scale: Values, sides: Values) -> Values:
+    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
         """The identity."""
         return sides
+
+    def fields(self, force: Values, contact_radius: Values) -> Fields:  # noqa: ARG002
+        """None."""
+        return Fields(*(np.zeros_like(force) for _ in range(4)))
+
+    def moved(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
+        """Itself."""
+        return self
 
 
 class DenseCoupling:
@@ -51,12 +132,12 @@ class DenseCoupling:
     ----------
     x, y : ndarray, shape (n,)
         Candidates; no two may coincide.
-    self_displacement : float
-        What a unit force on a candidate adds to the displacement there beyond its own contact law (layer).
+    kernel : Kernel
     """
 
-    def __init__(self, x: Values, y: Values, self_displacement: float = 0.0) -> None:
-        self.matrix = point_kernel(x, y, self_displacement)
+    def __init__(self, x: Values, y: Values, kernel: Kernel) -> None:
+        self._x, self._y, self._kernel = x, y, kernel
+        self.matrix = _coupling_matrix(x, y, kernel.thinness, kernel.value, kernel.slope)
 
     def displacement(self, force: Values) -> Values:
         """``C q``, over the candidates that carry a force."""
@@ -65,9 +146,9 @@ class DenseCoupling:
             return self.matrix[loaded].T @ force[loaded]
         return self.matrix @ force
 
-    def newton(self, active: Rows, scale: Values, sides: Values) -> Values:
-        """By Cholesky; `NotPositiveDefinite` if the matrix is not."""
-        system = newton_matrix(self.matrix, active, scale)
+    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
+        """By Cholesky, to rounding; `NotPositiveDefinite` if the matrix is not."""
+        system = _newton_matrix(self.matrix, active, scale)
         # the kernel fills the lower triangle in C order, which is the upper one for LAPACK
         factor, failed = lapack.dpotrf(system.T, lower=0, clean=0, overwrite_a=1)
         if failed:
@@ -75,24 +156,61 @@ class DenseCoupling:
         solution, _ = lapack.dpotrs(factor, sides, lower=0)
         return solution
 
+    def fields(self, force: Values, contact_radius: Values) -> Fields:
+        """The neighbours' fields, summed pair by pair."""
+        k = self._kernel
+        loaded = np.flatnonzero(force * contact_radius)
+        return Fields(
+            *_pair_fields(self._x, self._y, loaded, force, contact_radius, k.thinness, k.value, k.slope)
+        )
+
+    def moved(self, x: Values, y: Values) -> "DenseCoupling":
+        """The same coupling between candidates at other places."""
+        return DenseCoupling(x, y, self._kernel)
+
 
 @njit(cache=True)
-def point_kernel(x, y, self_displacement):  # pragma: no cover - compiled
-    """``C_ij = 1/(pi r_ij)``."""
+def layer_deficit(r, thinness, value, slope):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """``phi(r/t)/t``, its derivative and its Laplacian in ``r``, by cubic Hermite interpolation."""
+    s = r * thinness
+    place = s / layer.STEP
+    k = int(place)
+    if k + 1 >= value.size:
+        return 1.0 / r, -1.0 / r**2, 1.0 / r**3
+    f = place - k
+    rise = value[k + 1] - value[k]
+    left, right = slope[k] * layer.STEP - rise, rise - slope[k + 1] * layer.STEP
+    bend = f * (1 - f) * (left * (1 - f) + right * f)
+    first = (rise + (1 - 2 * f) * (left * (1 - f) + right * f) + f * (1 - f) * (right - left)) / layer.STEP
+    second = (2 * (1 - 2 * f) * (right - left) - 2 * (left * (1 - f) + right * f)) / layer.STEP**2
+    over = first / s if s > 0.5 * layer.STEP else second
+    return (
+        thinness * (value[k] + f * rise + bend),
+        thinness**2 * first,
+        thinness**3 * (second + over),
+    )
+
+
+@njit(cache=True)
+def _coupling_matrix(x, y, thinness, value, slope):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """``C_ij = 1/(pi r_ij)``, less the layer's deficit if there is one."""
     n = x.size
     matrix = np.empty((n, n))
     for i in range(n):
         for j in range(i):
             dx, dy = x[i] - x[j], y[i] - y[j]
-            value = 1.0 / (np.pi * np.sqrt(dx * dx + dy * dy))
-            matrix[i, j] = value
-            matrix[j, i] = value
-        matrix[i, i] = self_displacement
+            r = np.sqrt(dx * dx + dy * dy)
+            entry = 1.0 / r
+            if thinness > 0.0:
+                entry -= layer_deficit(r, thinness, value, slope)[0]
+            matrix[i, j] = entry / np.pi
+            matrix[j, i] = entry / np.pi
+        matrix[i, i] = -thinness * value[0] / np.pi if thinness > 0.0 else 0.0
     return matrix
 
 
 @njit(cache=True)
-def newton_matrix(matrix, active, scale):  # pragma: no cover - compiled
+def _newton_matrix(matrix, active, scale):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Lower triangle of ``I + S C S`` on the active rows."""
     n = active.size
     system = np.empty((n, n))
@@ -102,3 +220,46 @@ def newton_matrix(matrix, active, scale):  # pragma: no cover - compiled
             system[i, j] = scale[i] * matrix[row, active[j]] * scale[j]
         system[i, i] = 1.0 + scale[i] * scale[i] * matrix[row, row]
     return system
+
+
+@njit(cache=True)
+def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Displacement by Hertz's pressure over that by a point force, less one, at ``ratio = a/r``.
+
+    The scalar of `contactimg.mechanics.hertz.displacement_factor`, continued inside the contact circle.
+    """
+    q2 = ratio * ratio
+    if ratio < 0.05:
+        return q2 * (1 / 10 + q2 * (9 / 280 + q2 * (5 / 336)))
+    if ratio < 1.0:
+        closed = (2 * q2 - 1) * np.arcsin(ratio) + ratio * np.sqrt(1 - q2)
+        return 0.75 * closed / (ratio * q2) - 1.0
+    return 0.75 * np.pi * (1.0 - 0.5 / q2) / ratio - 1.0
+
+
+@njit(cache=True)
+def _pair_fields(x, y, loaded, force, contact_radius, thinness, value, slope):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Excess, slopes and half the Laplacian of the displacement at every candidate by the loaded ones."""
+    n = x.size
+    excess, slope_x, slope_y, curvature = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    for i in range(n):
+        for j in loaded:
+            dx, dy = x[i] - x[j], y[i] - y[j]
+            r2 = dx * dx + dy * dy
+            r = np.sqrt(r2)
+            own, first, laplacian = 0.0, 0.0, 0.0
+            if i != j:
+                own = displacement_excess(contact_radius[j] / r) / r
+                first, laplacian = -1.0 / r2, 1.0 / (r2 * r)
+            if thinness > 0.0:
+                _, layer_first, layer_laplacian = layer_deficit(r, thinness, value, slope)
+                first -= layer_first
+                laplacian -= layer_laplacian
+                own -= 0.1 * contact_radius[j] ** 2 * layer_laplacian
+            strength = force[j] / np.pi
+            excess[i] += strength * own
+            curvature[i] += 0.5 * strength * laplacian
+            if i != j:
+                slope_x[i] += strength * first * dx / r
+                slope_y[i] += strength * first * dy / r
+    return excess, slope_x, slope_y, curvature

@@ -21,10 +21,12 @@ __all__ = ["Iterate", "System", "initial_iterate", "measure", "solve_uncoupled",
 Values = NDArray[np.float64]
 
 SHORTEST_STEP = 2.0**-12
+
 DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+"""Softenings of the contacts tried in turn when the Newton matrix is indefinite or no step helps."""
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class System:
     """The candidates of a contact problem.
 
@@ -52,18 +54,48 @@ class System:
         return self.law.force(contact_radius, self.radius), contact_radius
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class Iterate:
-    """Forces, indentation, the displacement by the forces, and the mismatch ``|p - q|`` over ``sum p``."""
+    """A state of the iteration.
+
+    Parameters
+    ----------
+    force : ndarray
+        ``q``.
+    indentation : float
+        ``D``.
+    displacement : ndarray
+        ``C q``.
+    carried, contact_radius : ndarray
+        ``p`` and ``a`` at the penetrations of this state.
+    residual : float
+        Sum of ``|p - q|`` over the load.
+    """
 
     force: Values
     indentation: float
     displacement: Values
-    mismatch: float
+    carried: Values
+    contact_radius: Values
+    residual: float
 
     def penetration(self, system: System) -> Values:
         """``delta = D - g - C q``."""
         return self.indentation - system.gap - self.displacement
+
+    @property
+    def mismatch(self) -> float:
+        """Euclidean norm of ``p - q``, the merit function."""
+        return float(np.linalg.norm(self.carried - self.force))
+
+
+def measure(system: System, force: Values, indentation: float, displacement: Values) -> Iterate:
+    """The state of given forces and indentation."""
+    carried, contact_radius = system.response(indentation - system.gap - displacement)
+    load = system.load if system.load is not None else float(carried.sum())
+    difference = float(np.abs(carried - force).sum())
+    residual = difference / load if load > 0 else float(difference > 0)
+    return Iterate(force, indentation, displacement, carried, contact_radius, residual)
 
 
 def solve_uncoupled(system: System, offset: Values, load: float) -> float:
@@ -72,21 +104,20 @@ def solve_uncoupled(system: System, offset: Values, load: float) -> float:
     The load is a convex, increasing function of the indentation, so from above Newton descends to the root.
     """
     gap = system.gap + offset
-    highest = int(np.argmin(gap))
-    depth = (0.75 * load / np.sqrt(system.radius[highest])) ** (2 / 3)  # Hertz, alone; a start for any law
-    lowest = gap[highest]
-    while _total(system, lowest + depth - gap)[0] < load:
+    lowest = float(gap.min())
+    depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # Hertz's, alone
+    while _bearing(system, lowest + depth - gap)[0] < load:
         depth *= 2
-    for _ in range(200):
-        total, stiffness = _total(system, lowest + depth - gap)
+    for _ in range(100):
+        total, stiffness = _bearing(system, lowest + depth - gap)
         step = (total - load) / stiffness
         depth = max(depth - step, 0.5 * depth)
         if abs(step) <= 1e-14 * depth:
             break
-    return float(lowest + depth)
+    return lowest + depth
 
 
-def _total(system: System, penetration: Values) -> tuple[float, float]:
+def _bearing(system: System, penetration: Values) -> tuple[float, float]:
     """Sum of forces and of stiffnesses of independent contacts."""
     touching = np.flatnonzero(penetration > 0)
     radius = system.radius[touching]
@@ -95,22 +126,23 @@ def _total(system: System, penetration: Values) -> tuple[float, float]:
 
 
 def initial_iterate(system: System, force: Values, indentation: float) -> Iterate:
-    """A mean-field start from forces that neglect the coupling, or from a neighbouring solution.
+    """A mean-field start from forces that neglect the coupling, or from those of a neighbouring solution.
 
     At prescribed load the displacement by these forces is taken as given and the indentation found that
-    bears the load; at prescribed indentation they are scaled so that they reproduce their own sum.
+    bears the load; at prescribed indentation they are scaled until they bear their own sum. The forces are
+    then averaged with those they call for.
     """
     displacement = system.coupling.displacement(force)
-    if system.load is not None:
-        indentation = solve_uncoupled(system, displacement, system.load)
-    else:
+    if system.load is None:
         factor = _self_consistent_factor(system, force, displacement, indentation)
         force, displacement = factor * force, factor * displacement
-    carried, _ = system.response(indentation - system.gap - displacement)
-    mixed = 0.5 * (force + carried)
-    displacement = system.coupling.displacement(mixed)
+    else:
+        indentation = solve_uncoupled(system, displacement, system.load)
+    mixed = 0.5 * (force + system.response(indentation - system.gap - displacement)[0])
     if system.load is not None:
         mixed *= system.load / mixed.sum()
+    displacement = system.coupling.displacement(mixed)
+    if system.load is not None:
         indentation = solve_uncoupled(system, displacement, system.load)
     return measure(system, mixed, indentation, displacement)
 
@@ -120,46 +152,37 @@ def _self_consistent_factor(system: System, force: Values, displacement: Values,
     low, high, total = 0.0, 1.0, float(force.sum())
     for _ in range(30):
         middle = 0.5 * (low + high)
-        carried = _total(system, indentation - system.gap - middle * displacement)[0]
-        low, high = (middle, high) if carried > middle * total else (low, middle)
+        bears_more = _bearing(system, indentation - system.gap - middle * displacement)[0] > middle * total
+        low, high = (middle, high) if bears_more else (low, middle)
     return 0.5 * (low + high)
 
 
-def measure(system: System, force: Values, indentation: float, displacement: Values) -> Iterate:
-    """An iterate with its mismatch."""
-    carried, _ = system.response(indentation - system.gap - displacement)
-    scale = system.load if system.load is not None else float(carried.sum())
-    mismatch = float(np.abs(carried - force).sum())
-    return Iterate(force, indentation, displacement, mismatch / scale if scale > 0 else mismatch)
-
-
-def take_step(system: System, at: Iterate) -> Iterate:
-    """One damped Newton step; the iterate itself comes back when no step lowers the mismatch."""
-    carried, contact_radius = system.response(at.penetration(system))
+def take_step(system: System, at: Iterate) -> Iterate | None:
+    """One Newton step, shortened where the full one does not lower the mismatch; None if no step does."""
     for damping in DAMPINGS:
         try:
-            change, rise = _direction(system, at, carried, contact_radius, damping)
+            change, rise = _direction(system, at, damping)
         except NotPositiveDefinite:
             continue
-        better = _search_line(system, at, change, rise, float(np.linalg.norm(carried - at.force)))
-        if better is not None:
-            return better
-    return at
+        following = _search_line(system, at, change, rise)
+        if following is not None:
+            return following
+    return None
 
 
-def _direction(
-    system: System, at: Iterate, carried: Values, contact_radius: Values, damping: float
-) -> tuple[Values, float]:
-    """Newton's change of forces and of indentation; ``damping`` softens the contacts by ``1/(1 + damping)``."""
-    active = np.flatnonzero(contact_radius > 0)
+def _direction(system: System, at: Iterate, damping: float) -> tuple[Values, float]:
+    """Newton's change of forces and of indentation, with contacts softened by ``1/(1 + damping)``."""
+    active = np.flatnonzero(at.contact_radius > 0)
     change = -at.force
-    scale = np.sqrt(2 * contact_radius[active] / (1 + damping))
+    scale = np.sqrt(2 * at.contact_radius[active] / (1 + damping))
+    right = (at.carried - at.force)[active] / scale
     leaving = change.copy()
     leaving[active] = 0.0
-    mismatch = (carried - at.force)[active] / scale
-    if np.any(leaving):
-        mismatch -= scale * system.coupling.displacement(leaving)[active]
-    solution = system.coupling.newton(active, scale, np.column_stack([mismatch, scale]))
+    if leaving.any():
+        right -= scale * system.coupling.displacement(leaving)[active]
+    # an inexact solution is exact enough if its error stays below that of the linearisation
+    accuracy = min(1e-3, max(1e-10, 0.1 * at.residual))
+    solution = system.coupling.newton(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
     if system.load is not None:
         missing = system.load - float(at.force.sum()) - float(leaving.sum())
@@ -168,10 +191,10 @@ def _direction(
     return change, rise
 
 
-def _search_line(system: System, at: Iterate, change: Values, rise: float, mismatch: float) -> Iterate | None:
+def _search_line(system: System, at: Iterate, change: Values, rise: float) -> Iterate | None:
     """Halve the step until the mismatch falls; None if it never does."""
     response = system.coupling.displacement(change)
-    step = 1.0
+    step, mismatch = 1.0, at.mismatch
     while step >= SHORTEST_STEP:
         trial = measure(
             system,
@@ -179,8 +202,7 @@ def _search_line(system: System, at: Iterate, change: Values, rise: float, misma
             at.indentation + step * rise,
             at.displacement + step * response,
         )
-        carried, _ = system.response(trial.penetration(system))
-        if float(np.linalg.norm(carried - trial.force)) < (1 - 1e-4 * step) * mismatch:
+        if trial.mismatch < (1 - 1e-4 * step) * mismatch:
             return trial
         step /= 2
     return None

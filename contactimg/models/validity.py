@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from contactimg.tables import Flag
 
-__all__ = ["HERTZ_LIMIT", "Validity", "assess", "close_pairs", "contact_flags"]
+__all__ = ["HERTZ_LIMIT", "Validity", "assess", "close_pairs", "contact_flags", "unstable_pair"]
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -96,6 +96,27 @@ def close_pairs(x: Values, y: Values, reach: Values) -> tuple[Rows, Rows, Values
     keep = (reach[j] < reach[i]) | ((reach[j] == reach[i]) & (j < i))
     i, j = i[keep], j[keep]
     return i, j, np.hypot(x[i] - x[j], y[i] - y[j])
+
+
+def unstable_pair(
+    x: Values, y: Values, contact_radius: Values, penetration: Values, force: Values
+) -> tuple[int, int] | None:
+    """Two candidates so close that the solution is not the only one, by point forces; None if there are none.
+
+    Two contacts ``i, j`` are in unstable equilibrium where ``2 sqrt(a_i a_j) >= pi r``. A candidate that its
+    neighbour keeps out of contact could keep the neighbour out instead if its displacement, from its
+    penetration without the neighbour, reached the neighbour's penetration. Dimensionless (``E* = 1``).
+    """
+    i, j, distance = close_pairs(x, y, 2 / np.pi * contact_radius)
+    if not i.size:
+        return None
+    both = 4 * contact_radius[i] * contact_radius[j] >= (np.pi * distance) ** 2
+    freed = np.maximum(penetration[j] + force[i] / (np.pi * distance), 0.0)
+    # the force grows with the penetration at least as a paraboloid's of the neighbour's curvature
+    swapped = 4 / 3 * np.sqrt(contact_radius[i] ** 2 / penetration[i]) * freed**1.5
+    either = (contact_radius[j] == 0) & (swapped >= np.pi * distance * penetration[i])
+    wrong = np.flatnonzero(both | either)
+    return (int(i[wrong[0]]), int(j[wrong[0]])) if wrong.size else None
 
 
 def overlapping(x: Values, y: Values, contact_radius: Values) -> NDArray[np.bool_]:

@@ -1,0 +1,189 @@
+"""From an asperity table to a contact problem without dimensions, and back to a solution with them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+from contactimg.models.solution import InteractingSolution
+from contactimg.surfaces import composite_apexes
+
+__all__ = ["Problem", "Setting", "pose_problem"]
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What surrounds the asperities and what is prescribed; SI.
+
+    Parameters
+    ----------
+    indenter_radius : float, m
+    contact_modulus : float, Pa
+    apex : (float, float), m
+    thickness : float, m
+        Infinite for a half-space.
+    load, indentation : float or None
+        Exactly one is given.
+    """
+
+    indenter_radius: float
+    contact_modulus: float
+    apex: tuple[float, float]
+    thickness: float
+    load: float | None
+    indentation: float | None
+
+    def check(self) -> None:
+        """Refuse what makes no problem."""
+        if not (np.isfinite(self.contact_modulus) and self.contact_modulus > 0):
+            raise InputError(f"contact_modulus must be a positive modulus, got {self.contact_modulus!r} Pa")
+        if not self.thickness > 0:
+            raise InputError(f"thickness must be positive (inf for a half-space), got {self.thickness!r} m")
+        if (self.load is None) == (self.indentation is None):
+            raise InputError(
+                f"give exactly one of load and indentation, got load={self.load!r} "
+                f"and indentation={self.indentation!r}"
+            )
+        for name, value in (("load", self.load), ("indentation", self.indentation)):
+            if value is not None and not np.isfinite(value):
+                raise InputError(f"{name} must be finite, got {value!r}")
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Asperities without dimensions, from the highest down.
+
+    Lengths along the surface are in units of ``length``, heights of ``depth``, forces of
+    ``E* length depth``, with ``length^2 = R depth`` for the highest asperity's ``R``, so that a paraboloid
+    keeps its equation.
+
+    Parameters
+    ----------
+    x, y, gap, radius : ndarray
+        Composite apexes; ``gap`` counts down from the highest.
+    load : float or None
+    indentation : float
+        The prescribed one, or an estimate.
+    order : ndarray
+        Rows of the asperities in the table.
+    length, depth, force_unit : float
+    apexes : DataFrame
+        The composite apexes in the order of the table, m.
+    height : ndarray, m
+        Heights above the plane they stand on, in the order of the table.
+    """
+
+    x: Values
+    y: Values
+    gap: Values
+    radius: Values
+    load: float | None
+    indentation: float
+    order: NDArray[np.intp]
+    length: float
+    depth: float
+    force_unit: float
+    apexes: pd.DataFrame
+    height: Values
+
+    @property
+    def touches(self) -> bool:
+        """Whether anything is prescribed that brings asperities into contact."""
+        if self.load:
+            if not self.order.size:
+                raise InputError("the asperity table is empty: nothing can bear the load")
+            return True
+        return bool(self.order.size) and self.indentation > 0
+
+    def untouched(self, *, coupling: str, thickness: float) -> InteractingSolution:
+        """The solution without contacts."""
+        nothing = np.zeros(self.order.size)
+        return self.record(
+            nothing,
+            nothing,
+            self.indentation - self.gap,
+            indentation=self.indentation * self.depth,
+            coupling=coupling,
+            thickness=thickness,
+            status="converged",
+            iterations=0,
+            residual=0.0,
+        )
+
+    def duplicates(self, count: int) -> tuple[int, int] | None:
+        """Rows in the table of two of the first ``count`` asperities that stand in the same place."""
+        x, y = self.x[:count], self.y[:count]
+        order = np.lexsort((y, x))
+        same = np.flatnonzero((np.diff(x[order]) == 0) & (np.diff(y[order]) == 0))
+        if not same.size:
+            return None
+        first, second = sorted(int(self.order[order[same[0] + k]]) for k in (0, 1))
+        return first, second
+
+    def scattered(self, values: Values, *, fill: float = 0.0) -> Values:
+        """Values of the first asperities, in the order of the table; the rest filled."""
+        result = np.full(len(self.order), fill)
+        result[self.order[: values.size]] = values
+        return result
+
+    def padded(self, values: Values) -> Values:
+        """Values of the first asperities, zero for those further down."""
+        return np.concatenate([values, np.zeros(self.order.size - values.size)])
+
+    def record(
+        self, force: Values, contact_radius: Values, penetration: Values, **facts: object
+    ) -> InteractingSolution:
+        """The solution with dimensions; ``facts`` are its remaining fields."""
+        return InteractingSolution(
+            force=self.scattered(force * self.force_unit),
+            radius=self.scattered(contact_radius * self.length),
+            x=self.apexes["x_m"].to_numpy(),
+            y=self.apexes["y_m"].to_numpy(),
+            composite_radius=self.apexes["radius_m"].to_numpy(),
+            height=self.height,
+            penetration=self.scattered(penetration * self.depth, fill=-np.inf),
+            load=float(np.sum(force)) * self.force_unit,
+            **facts,  # type: ignore[arg-type]
+        )
+
+
+def pose_problem(asperities: pd.DataFrame, setting: Setting, *, depth: float | None = None) -> Problem:
+    """Scale a table by its highest asperity, ``depth`` being the unit of height (m).
+
+    Without ``depth`` the unit is the prescribed indentation, or the one at which the highest asperity alone
+    would bear the prescribed load.
+    """
+    setting.check()
+    apexes = composite_apexes(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
+    height, radius = apexes["height_m"].to_numpy(), apexes["radius_m"].to_numpy()
+    order = np.argsort(-height, kind="stable")
+    highest = float(radius[order[0]]) if order.size else 1.0
+    if depth is None:
+        depth = _natural_depth(setting, highest) or highest
+    length = float(np.sqrt(highest * depth))
+    unit = setting.contact_modulus * length * depth
+    return Problem(
+        x=apexes["x_m"].to_numpy()[order] / length,
+        y=apexes["y_m"].to_numpy()[order] / length,
+        gap=(height[order[:1]] - height[order]) / depth,
+        radius=radius[order] / highest,
+        load=None if setting.load is None else setting.load / unit,
+        indentation=0.0 if setting.indentation is None else setting.indentation / depth,
+        order=order,
+        length=length,
+        depth=depth,
+        force_unit=unit,
+        apexes=apexes,
+        height=asperities["height_m"].to_numpy(dtype=np.float64),
+    )
+
+
+def _natural_depth(setting: Setting, highest: float) -> float:
+    """Penetration scale of a load or an indentation; zero if neither is positive."""
+    if setting.load is None:
+        return max(float(setting.indentation or 0.0), 0.0)
+    return float(max(0.75 * setting.load / setting.contact_modulus / np.sqrt(highest), 0.0) ** (2 / 3))
