@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from contactimg.pose import Pose
 
-__all__ = ["image_axes", "new_axes", "plot_area", "plot_circles", "plot_image", "plot_scale_bar"]
+__all__ = ["crop_to", "image_axes", "new_axes", "plot_area", "plot_circles", "plot_image", "plot_scale_bar"]
 
 MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
 """Colours of measured contacts, of the two predictions, and of the Hertz circle (the paper's Fig. 6)."""
@@ -29,21 +29,42 @@ def new_axes(*, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
 
 
 def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
-    """Axes that fill a new figure whose pixels are the image's (images under 800 columns are enlarged)."""
+    """Axes that fill a new figure: whole screen pixels for each of the image's, 1600 across or more."""
     rows, columns = shape
-    zoom = max(1, int(np.ceil(800 / columns)))
+    zoom = max(1, int(np.ceil(1600 / columns)))
     figure = Figure(figsize=(zoom * columns / dpi, zoom * rows / dpi), dpi=dpi)
     FigureCanvasAgg(figure)
     return figure.add_axes((0, 0, 1, 1))
 
 
-def plot_image(image: NDArray, *, ax: Axes | None = None) -> Axes:
+def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:
+    """Part of an image that holds all points and a margin, and its first row and column.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+    x_px, y_px : ndarray, shape (n,)
+        Column and row of each point; without points the whole image is returned.
+    margin_px : float
+    """
+    if len(x_px) == 0:
+        return image, 0, 0
+    rows, columns = image.shape
+    top, left = max(0, int(np.min(y_px) - margin_px)), max(0, int(np.min(x_px) - margin_px))
+    bottom = min(rows, int(np.max(y_px) + margin_px) + 1)
+    right = min(columns, int(np.max(x_px) + margin_px) + 1)
+    return image[top:bottom, left:right], top, left
+
+
+def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:
     """Show an image in grey, pixel centres at integers, stretched between its 0.5 and 99.8 % levels.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
         Grey levels; holes may be NaN.
+    top, left : int
+        Row and column of its first pixel, if it is a part of a larger image.
     ax : Axes, optional
         Default: new axes of the image's size.
 
@@ -55,7 +76,9 @@ def plot_image(image: NDArray, *, ax: Axes | None = None) -> Axes:
     sample = np.asarray(image[:: max(1, image.shape[0] // 500), :: max(1, image.shape[1] // 500)], float)
     sample = sample[np.isfinite(sample)]
     low, high = np.percentile(sample, [0.5, 99.8]) if sample.size else (0.0, 1.0)
-    ax.imshow(image, cmap="gray", vmin=low, vmax=max(high, low + 1), interpolation="nearest")
+    rows, columns = image.shape
+    extent = (left - 0.5, left + columns - 0.5, top + rows - 0.5, top - 0.5)
+    ax.imshow(image, cmap="gray", vmin=low, vmax=max(high, low + 1), interpolation="nearest", extent=extent)
     ax.set_axis_off()
     return ax
 
@@ -100,16 +123,18 @@ def plot_circles(
 
 
 def plot_scale_bar(pose: Pose, *, ax: Axes) -> Axes:
-    """Draw a bar of a round length, about a sixth of the image wide, in the lower right corner."""
-    rows, columns = pose.shape
-    target = columns * pose.pixel_size / 6
+    """Draw a bar of a round length, up to a sixth of the axes wide, in the lower right corner."""
+    left, right = ax.get_xlim()
+    bottom, top = ax.get_ylim()
+    target = (right - left) * pose.pixel_size / 6
     decade = 10.0 ** np.floor(np.log10(target))
     length = max(step * decade for step in (1, 2, 5) if step * decade <= target)
     width = length / pose.pixel_size
-    x, y = 0.96 * columns - width, 0.95 * rows
+    x, y = right - 0.04 * (right - left) - width, bottom + 0.05 * (top - bottom)
     ax.plot([x, x + width], [y, y], color="white", linewidth=3, solid_capstyle="butt")
     text = f"{length * 1e3:g} mm" if length >= 1e-3 else f"{length * 1e6:g} µm"
-    ax.text(x + width / 2, y - 0.012 * rows, text, color="white", ha="center", va="bottom", fontsize=11)
+    y += 0.012 * (top - bottom)
+    ax.text(x + width / 2, y, text, color="white", ha="center", va="bottom", fontsize=_font_size(ax))
     return ax
 
 
@@ -125,9 +150,14 @@ def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: 
         )
         for c in circles
     ]
-    ax.legend(
-        handles=handles, title=title, loc="upper left", labelcolor="white", facecolor="black", framealpha=0.6
-    ).get_title().set_color("white")
+    style = {"labelcolor": "white", "facecolor": "black", "framealpha": 0.6, "fontsize": _font_size(ax)}
+    legend = ax.legend(handles=handles, title=title, loc="upper left", **style)
+    legend.get_title().set(color="white", fontsize=_font_size(ax))
+
+
+def _font_size(ax: Axes) -> float:
+    """Size of letters that can be read when the whole picture is looked at."""
+    return 0.65 * float(ax.get_figure(root=True).get_figwidth())
 
 
 def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from contactimg.plots import (
+    crop_to,
     image_axes,
     legend_of_circles,
     plot_area,
@@ -16,8 +17,19 @@ from contactimg.pose import Pose
 
 
 def test_image_axes_have_one_screen_pixel_a_pixel():
-    figure = image_axes((900, 1200)).figure
-    assert tuple(figure.canvas.get_width_height()) == (1200, 900)
+    assert tuple(image_axes((1200, 1600)).figure.canvas.get_width_height()) == (1600, 1200)
+    assert tuple(image_axes((300, 700)).figure.canvas.get_width_height()) == (2100, 900)
+
+
+def test_crop_holds_the_points_and_a_margin_and_keeps_their_place():
+    image = np.arange(5000.0).reshape(50, 100)
+    part, top, left = crop_to(image, np.array([20.0, 40.0]), np.array([10.0, 48.0]), margin_px=5)
+    assert (top, left, part.shape) == (5, 15, (45, 31))
+    assert part[0, 0] == image[5, 15]
+    assert crop_to(image, np.array([]), np.array([]), margin_px=5)[0] is image
+    ax = plot_image(part, top=top, left=left)
+    assert ax.get_xlim() == (14.5, 45.5)
+    assert ax.get_ylim() == (49.5, 4.5)
 
 
 def test_image_spans_its_pixels_with_centres_at_integers():

@@ -1,6 +1,6 @@
 """What the commands share: options, progress bars, the summary table."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
 from typing import TYPE_CHECKING, Any
@@ -57,38 +57,41 @@ def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
 
 def echo_frames(frames: "pd.DataFrame", *, title: str) -> None:
     """Print the frames table as a person reads it: mN, mm^2, one line a frame."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(title=title, title_justify="left")
-    table.add_column("frame", overflow="fold")
-    for name in ("status", "load (mN)", "contacts", "area (mm²)", "sum of forces (mN)", "forces / load"):
-        table.add_column(name, justify="left" if name == "status" else "right")
-    for row in frames.to_dict("records"):
-        table.add_row(*_cells(row))
-    console = Console()
-    console.print(table)
+    heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")
+    _echo_table(title, heads, [_cells(row) for row in frames.to_dict("records")], left=2)
     for row in frames[frames["message"] != ""].to_dict("records"):
-        console.print(f"{row['frame']}: {row['message']}", highlight=False, markup=False)
+        click.echo(f"{row['frame']}: {row['message']}")
 
 
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
     """Print the scores, one line a frame and model."""
+    heads = ("frame", "model", "measured", "predicted", "matched", "precision", "recall", "f1")
+    rows = [
+        [
+            row["frame"],
+            row["model"],
+            *(str(row[name]) for name in ("n_measured", "n_predicted", "n_matched")),
+            *(_number(row[name], "{:.3f}") for name in ("precision", "recall", "f1")),
+        ]
+        for row in scores.to_dict("records")
+    ]
+    _echo_table(title, heads, rows, left=2)
+
+
+def _echo_table(title: str, heads: Sequence[str], rows: list[list[str]], *, left: int) -> None:
+    """Print a table; its first columns are text."""
+    from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(title=title, title_justify="left")
-    table.add_column("frame", overflow="fold")
-    table.add_column("model")
-    for name in ("measured", "predicted", "matched", "precision", "recall", "f1", "radius RMS (µm)"):
-        table.add_column(name, justify="right")
-    for row in scores.to_dict("records"):
-        counts = [str(row[name]) for name in ("n_measured", "n_predicted", "n_matched")]
-        shares = [_number(row[name], "{:.3f}") for name in ("precision", "recall", "f1")]
-        table.add_row(
-            row["frame"], row["model"], *counts, *shares, _number(1e6 * row["radius_rms_m"], "{:.2f}")
-        )
-    Console().print(table)
+    table = Table(
+        title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+    )
+    for k, head in enumerate(heads):
+        table.add_column(head, justify="left" if k < left else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console(highlight=False, markup=False).print(table)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:
@@ -111,10 +114,10 @@ def _number(value: float, form: str = "{:g}") -> str:
 
 
 def _with_std(value: float, std: float) -> str:
-    """Value ± uncertainty, the value to the decimals that the uncertainty leaves."""
+    """A value with the uncertainty of its last digits in brackets: 0.0510(12) is 0.0510 ± 0.0012."""
     if isnan(value):
         return ""
     if not std > 0:
         return f"{value:.4g}"
     decimals = max(0, 1 - floor(log10(std)))
-    return f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    return f"{value:.{decimals}f}({std * 10**decimals:.0f})" if decimals else f"{value:.0f} ± {std:.0f}"

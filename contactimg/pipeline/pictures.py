@@ -1,5 +1,7 @@
 """Pictures of a run: measured outlines on each frame, predictions over them."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -11,6 +13,7 @@ from contactimg.plots import (
     HERTZ,
     MEASURED,
     UNCOUPLED,
+    crop_to,
     legend_of_circles,
     plot_circles,
     plot_image,
@@ -38,8 +41,7 @@ def draw_measured(
     ax : Axes, optional
         Default: new axes of the image's size.
     """
-    ax = plot_image(image, ax=ax)
-    circles = [_measured(contacts, ax)]
+    circles = [_measured(contacts, ax := plot_image(image, ax=ax))]
     return _finish(ax, circles, pose, title)
 
 
@@ -71,23 +73,30 @@ def draw_predicted(
     title : str
         Title of the legend.
     """
-    ax = plot_image(image)
+    ax = _region(image, contacts, predicted)
     circles = []
-    for model, color in (("uncoupled", UNCOUPLED), ("coupled", COUPLED)):
+    for model, color, width in (("uncoupled", UNCOUPLED, 1.2), ("coupled", COUPLED, 2.4)):
         if model in predicted:
-            circles.append(
-                _in_pixels(predicted[model], pose, shift_px, ax=ax, color=color, label=f"predicted, {model}")
-            )
+            style = {"color": color, "linewidth": width}
+            label = f"predicted, {model}"
+            circles.append(_in_pixels(predicted[model], pose, shift_px, ax=ax, label=label, **style))
     circles.append(_measured(contacts, ax))
     if hertz_circle is not None:
         x, y, radius = (np.atleast_1d(value) for value in hertz_circle)
         circle = pd.DataFrame({"x_m": x, "y_m": y, "radius_m": radius})
-        circles.append(
-            _in_pixels(
-                circle, pose, shift_px, ax=ax, color=HERTZ, label="Hertz, smooth sphere", linestyle="--"
-            )
-        )
+        style = {"color": HERTZ, "linewidth": 1.5, "linestyle": "--"}
+        label = "Hertz, smooth sphere"
+        circles.append(_in_pixels(circle, pose, shift_px, ax=ax, label=label, **style))
     return _finish(ax, circles, pose, title)
+
+
+def _region(image: NDArray, contacts: pd.DataFrame, predicted: dict[str, pd.DataFrame]) -> Axes:
+    """The part of the image that holds every contact."""
+    tables = [contacts, *predicted.values()]
+    x = np.concatenate([table["x_px"].to_numpy(float) for table in tables])
+    y = np.concatenate([table["y_px"].to_numpy(float) for table in tables])
+    part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
+    return plot_image(part, top=top, left=left)
 
 
 def _measured(contacts: pd.DataFrame, ax: Axes) -> EllipseCollection:
@@ -104,27 +113,14 @@ def _measured(contacts: pd.DataFrame, ax: Axes) -> EllipseCollection:
 
 
 def _in_pixels(
-    contacts: pd.DataFrame,
-    pose: Pose,
-    shift_px: tuple[float, float],
-    *,
-    ax: Axes,
-    color: str,
-    label: str,
-    linestyle: str = "-",
+    contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float], *, ax: Axes, label: str, **style: Any
 ) -> EllipseCollection:
     """Outlines of contacts given in sample coordinates."""
     x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    return plot_circles(
-        x + shift_px[0],
-        y + shift_px[1],
-        contacts["radius_m"].to_numpy(float) / pose.pixel_size,
-        ax=ax,
-        color=color,
-        linewidth=0.9,
-        linestyle=linestyle,
-        label=f"{label} ({len(contacts)})" if len(contacts) > 1 else label,
-    )
+    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
+    if len(contacts) > 1:
+        label = f"{label} ({len(contacts)})"
+    return plot_circles(x + shift_px[0], y + shift_px[1], radius, ax=ax, label=label, **style)
 
 
 def _finish(ax: Axes, circles: list[EllipseCollection], pose: Pose | None, title: str) -> Axes:
