@@ -134,10 +134,10 @@ def _convert(rules: _Rules, header: list[str], block: list[tuple[int, list[str]]
 
 def _parse_column(rules: _Rules, name: str, cells: list[tuple[int, str]]) -> list[object]:
     """The values of a column's numbered cells, or an error that names the first bad one."""
-    values, parse = [], rules.parse[name]
+    values, parse, required = [], rules.parse[name], name in (rules.required or ())
     for line, cell in cells:
         try:
-            if name in (rules.required or ()) and not cell.strip():
+            if required and not cell.strip():
                 raise ValueError("must have a value")
             values.append(parse(cell))
         except ValueError as error:
@@ -174,7 +174,7 @@ def _parse_count(cell: str) -> object:
     """An integer, also where a spreadsheet wrote it with decimals; an empty cell is NA."""
     if not cell.strip():
         return pd.NA
-    if cell.isdecimal():
+    if cell.strip().lstrip("+-").isdecimal():
         return int(cell)
     value = _parse_number(cell, infinite=False)
     if not value.is_integer():

@@ -8,7 +8,7 @@ import numpy as np
 
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
 
-__all__ = ["count_images", "read_image"]
+__all__ = ["list_images", "read_image"]
 
 # magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
 _HEADER = struct.Struct("<L24sll512s9Ld8L")
@@ -29,9 +29,9 @@ class _Layout:
     count: int
 
 
-def count_images(path: Path) -> int:
-    """Number of images that the header announces."""
-    return _read_layout(path).count
+def list_images(path: Path) -> range:
+    """Numbers of the images that the header announces."""
+    return range(_read_layout(path).count)
 
 
 def read_image(path: Path, index: int) -> Pixels:

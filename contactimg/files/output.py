@@ -26,13 +26,13 @@ _STAGING = ".contactimg.part"
 class OutputFolder:
     """The output folder of one run, complete or as it was before.
 
-    Inside the ``with`` block files are written to a hidden folder within it; a block that ends without an error
-    moves them to their places.
+    Inside the ``with`` block files are written to a hidden folder within it; a block that ends without an
+    error moves them to their places.
 
     Parameters
     ----------
     path : str or Path
-        Created if need be. It must be new, empty, or hold an earlier run.
+        Created if need be. It must be new, empty, or hold an earlier run of the same command.
     record : mapping
         From `provenance`; written as provenance.json together with the names of the files of the run.
 
@@ -46,7 +46,8 @@ class OutputFolder:
     Raises
     ------
     InputError
-        If the folder cannot be written, holds files but no earlier run, or another run is writing into it.
+        If the folder cannot be written, holds files but no earlier run of the same command, or another run is
+        writing into it.
 
     Notes
     -----
@@ -106,18 +107,26 @@ class OutputFolder:
             self._release()
 
     def _check_contents(self) -> None:
-        """Raise if the folder holds files, but no run that this one could replace."""
+        """Raise if the folder holds files, but no run that this one may replace."""
         visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
-        if visible and _earlier_files(self.path) is None:
+        if not visible:
+            return
+        earlier = _read_record(self.path)
+        if earlier is None:
             raise InputError(
                 f"{self.path}: holds files but no earlier run (among them {min(visible)}); "
                 "choose a new or empty output folder"
             )
+        if _task(earlier) != _task(self.record):
+            raise InputError(
+                f"{self.path}: holds the output of '{_task(earlier)}', which '{_task(self.record)}' "
+                "does not replace; choose another output folder"
+            )
 
     def _commit(self) -> None:
-        """Move the new files to their places, delete what only the earlier run wrote, write the provenance."""
+        """Move the new files to their places, delete what only the earlier run wrote, record both."""
         new = sorted(file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file())
-        earlier = _earlier_files(self.path) or set()
+        earlier = _files_of(_read_record(self.path))
         record = relative_to_output(self.record, self.path) | {"outputs": [file.as_posix() for file in new]}
         for file in new:
             self._place(file, foreign=file not in earlier)
@@ -151,14 +160,25 @@ class OutputFolder:
                 folder.rmdir()
 
 
-def _earlier_files(folder: Path) -> set[Path] | None:
-    """The files that the run in a folder wrote, relative to it; None if there is no run."""
+def _read_record(folder: Path) -> dict[str, Any] | None:
+    """The provenance of the run in a folder; None if there is no run."""
     try:
-        outputs = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))["outputs"]
-        files = {Path(name) for name in outputs}
-    except (OSError, ValueError, KeyError, TypeError):
+        record = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
         return None
+    complete = isinstance(record, dict) and isinstance(record.get("outputs"), list)
+    return record if complete else None
+
+
+def _files_of(record: dict[str, Any] | None) -> set[Path]:
+    """The files that a run wrote, relative to its folder."""
+    files = {Path(str(name)) for name in (record or {}).get("outputs", [])}
     return {file for file in files if not file.is_absolute() and ".." not in file.parts}
+
+
+def _task(record: Mapping[str, Any]) -> str:
+    """The kind of run: program and command, without what they were applied to."""
+    return " ".join(str(record.get("command", "")).split()[:2])
 
 
 def _remove_empty(folder: Path, *, top: Path) -> None:

@@ -21,7 +21,7 @@ __all__ = ["SUFFIXES", "FrameSeries", "FrameSource", "list_frames", "natural_key
 PathLike = str | os.PathLike[str]
 
 _DECODERS: dict[str, ModuleType] = {
-    **dict.fromkeys((".tif", ".tiff", ".stk"), tiff),
+    **dict.fromkeys((".tif", ".tiff"), tiff),
     **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), stills),
     ".seq": norpix,
     **dict.fromkeys((".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), video),
@@ -41,7 +41,7 @@ class FrameSource:
     path : Path
         The file.
     index : int
-        Number of the image in the file, from 0.
+        Number of the page or image in the file, from 0, thumbnails counted.
     full_scale : float or None
         Grey level at which the sensor saturates, where it is known better than from the file.
     """
@@ -69,7 +69,8 @@ class FrameSource:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                pixels = _decoder(self.path).read_image(_checked(self.path), self.index)
+                path = _checked(self.path)
+                pixels = _decoder(path).read_image(path, self.index)
                 image = to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
@@ -148,7 +149,7 @@ def list_frames(
     >>> list_frames("no_such_folder/*.tif")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    contactimg.errors.InputError: no_such_folder/*.tif matches no image file; looked for .tif, .tiff, .stk, ...
+    contactimg.errors.InputError: no_such_folder/*.tif matches no image file; looked for .tif, ...
     """
     entries = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not entries:
@@ -192,12 +193,12 @@ def _images(path: Path) -> list[FrameSource]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            count = _decoder(path).count_images(_checked(path))
+            numbers = _decoder(path).list_images(_checked(path))
     except Exception:  # any failure is told when the image is read
-        count = 1
-    if count <= 1:
-        return [FrameSource(path.name, path)]
-    return [FrameSource(f"{path.name}[{k}]", path, k) for k in range(count)]
+        numbers = range(1)
+    if len(numbers) <= 1:
+        return [FrameSource(path.name, path, index) for index in numbers or range(1)]
+    return [FrameSource(f"{path.name}[{k}]", path, index) for k, index in enumerate(numbers)]
 
 
 def _check_names(sources: Sequence[FrameSource]) -> None:

@@ -10,14 +10,14 @@ from PIL import Image, UnidentifiedImageError
 
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
 
-__all__ = ["count_images", "read_image"]
+__all__ = ["list_images", "read_image"]
 
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def count_images(path: Path) -> int:  # noqa: ARG001 (every decoder has the same two functions)
-    """One: these formats hold a single image."""
-    return 1
+def list_images(path: Path) -> range:  # noqa: ARG001 (every decoder has the same two functions)
+    """Image 0 alone: these formats hold no more."""
+    return range(1)
 
 
 def read_image(path: Path, index: int) -> Pixels:  # noqa: ARG001

@@ -15,7 +15,7 @@ from contactimg.files.atomic import replacing
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
 from contactimg.frame import Frame
 
-__all__ = ["count_images", "read_image", "write_frame"]
+__all__ = ["list_images", "read_image", "write_frame"]
 
 _MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
@@ -50,55 +50,55 @@ def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
         _complaints.reset(token)
 
 
-def count_images(path: Path) -> int:
-    """Number of images, without thumbnails; where the chain of pages breaks off the rest count as one."""
+def list_images(path: Path) -> list[int]:
+    """Numbers of the pages that are images in their own right, not thumbnails or masks.
+
+    Where the chain of pages breaks off, one number more stands for the pages that are lost.
+    """
     with _opened(path) as (tif, complaints):
-        stack = _undivided(tif)
-        if stack > 1:
-            return stack
-        images = len(_full_size(tif))
-        return images + any("TiffPages" in complaint for complaint in complaints)
+        if _undivided(tif) > 1:
+            return list(range(_undivided(tif)))
+        pages = [k for k, page in enumerate(tif.pages) if not (page.is_reduced or page.is_mask)]
+        lost = any("TiffPages" in complaint for complaint in complaints)
+        return [*pages, len(tif.pages)] if lost else pages
 
 
 def read_image(path: Path, index: int) -> Pixels:
-    """Pixels of the image number ``index``, from 0, of a TIFF file."""
+    """Pixels of page number ``index``, from 0, of a TIFF file."""
     with _opened(path) as (tif, _):
         if _undivided(tif) > 1:
-            page, array = tif.pages[0], _read_undivided(tif, index)
-        else:
-            pages = _full_size(tif)
-            if index >= len(pages):
-                raise ValueError(f"the file is truncated or damaged after {len(pages)} images")
-            page = pages[index]
-            _check_complete(page, path.stat().st_size)
-            array = page.asarray()
-            array = np.moveaxis(array, 0, -1) if page.axes == "SYX" else array
-        return _interpret(page, array)
+            return _interpret(tif.pages[0], _read_undivided(tif, index))
+        if not _has_page(tif, index):
+            raise ValueError(f"the file is truncated or damaged after page {index - 1}")
+        page = tif.pages[index]
+        _check_complete(page, tif.filehandle.size)
+        array = page.asarray()
+        return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
 
 
-def _full_size(tif: tifffile.TiffFile) -> list[tifffile.TiffPage]:
-    """The pages that are images in their own right, not reduced copies or masks of one."""
-    return [page for page in tif.pages if not (page.is_reduced or page.is_mask)]
+def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
+    """True if the chain of pages reaches this one; the pages after it are not looked at."""
+    try:
+        return tif.pages[index] is not None
+    except IndexError:
+        return False
 
 
 def _undivided(tif: tifffile.TiffFile) -> int:
-    """Images of a stack that has one page header for all (ImageJ beyond 4 GB, MetaMorph); else 1."""
-    if len(tif.pages) > 1 or not (tif.is_imagej or tif.is_stk):
+    """Images of a stack that has one page header for all (ImageJ beyond 4 GB); else 1."""
+    if not tif.is_imagej or not tif.pages[0].is_contiguous or _has_page(tif, 1):
         return 1
-    series = tif.series[0]
-    return series.size // tif.pages[0].size if series.dataoffset is not None else 1
+    return int((tif.imagej_metadata or {}).get("images", 1))
 
 
 def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
     """Image number ``index`` of such a stack: the images follow each other without a gap."""
-    page, series = tif.pages[0], tif.series[0]
-    offset = series.dataoffset + index * page.nbytes
-    if offset + page.nbytes > tif.filehandle.size:
-        raise ValueError(
-            f"the file is truncated: {offset + page.nbytes - tif.filehandle.size} bytes are missing"
-        )
-    tif.filehandle.seek(offset)
-    return tif.filehandle.read_array(page.dtype.newbyteorder(tif.byteorder), page.size).reshape(page.shape)
+    page, file = tif.pages[0], tif.filehandle
+    start = page.dataoffsets[0] + index * page.nbytes
+    if start + page.nbytes > file.size:
+        raise ValueError(f"the file is truncated: {start + page.nbytes - file.size} bytes are missing")
+    file.seek(start)
+    return file.read_array(page.dtype.newbyteorder(tif.byteorder), page.size).reshape(page.shape)
 
 
 def _check_complete(page: tifffile.TiffPage, size: int) -> None:

@@ -10,21 +10,21 @@ import cv2
 
 from contactimg.files.grey import Pixels
 
-__all__ = ["count_images", "read_image"]
+__all__ = ["list_images", "read_image"]
 
 _lock = threading.Lock()  # stderr belongs to the whole process
 
 
-def count_images(path: Path) -> int:
-    """Number of images; where the container does not say it they are counted."""
+def list_images(path: Path) -> range:
+    """Numbers of the images; where the container does not say how many there are they are counted."""
     with _opened(path) as video:
         count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         if count > 0:
-            return count
+            return range(count)
         count = 0
         while video.grab():
             count += 1
-        return count
+        return range(count)
 
 
 def read_image(path: Path, index: int) -> Pixels:

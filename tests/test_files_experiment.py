@@ -1,0 +1,243 @@
+"""A scene and the files it names: found, ordered, checked against each other, or one sentence."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from contactimg import Frame, InputError, read_scene, scene_from_dict
+from contactimg.files import open_experiment, write_frame, write_scene
+from contactimg.tables import LOADS
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Three frames, a reference, loads and asperities."""
+    for k in (1, 2, 10):
+        write_frame(Frame(np.full((3, 4), k, np.uint16)), tmp_path / f"frame_{k}.tif")
+    write_frame(Frame(np.zeros((3, 4), np.uint16)), tmp_path / "reference.tif")
+    rows = "frame_10.tif,0.5\nframe_1.tif,0.02\nframe_2.tif,0.1\n"
+    (tmp_path / "loads.csv").write_text(f"frame,load_N\n{rows}")
+    (tmp_path / "asperities.csv").write_text("x_m,y_m,height_m,radius_m\n0,0,4e-5,1e-4\n")
+    return tmp_path
+
+
+def experiment_of(folder, **sections):
+    return open_experiment(scene_from_dict(sections, folder=str(folder)))
+
+
+def refusal(folder, **sections):
+    with pytest.raises(InputError) as caught:
+        experiment_of(folder, **sections)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def names(experiment):
+    return [frame.name for frame in experiment.frames]
+
+
+# ---------------------------------------------------------------- the scene file
+
+
+def test_scene_is_read_from_a_folder_or_a_file(tmp_path):
+    text = "\ufeff[camera]\npixel_size_m = 6.0e-6  # 6 µm\n"
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "other.toml").write_text(text, encoding="utf-8")
+    for path in (tmp_path, str(tmp_path), tmp_path / "scene.toml", tmp_path / "other.toml"):
+        scene = read_scene(path)
+        assert scene.camera.pixel_size == 6e-6
+        assert scene.folder == str(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"[camera]\npixel_size_m = \n", "is not valid TOML: Invalid value (at line 2, column 16)"),
+        (
+            b"[camera]\n[camera]\n",
+            "is not valid TOML: Cannot declare ('camera',) twice (at line 2, column 8)",
+        ),
+        (b"a = '\xb5'\n", "is not UTF-8 text"),
+        (b"[camera]\npixel_size_m = -6e-6\n", "[camera] pixel_size_m must be greater than 0, got -6e-06"),
+        (b"[camera]\npixel_size_m = 0\n", "[camera] pixel_size_m must be greater than 0, got 0"),
+        (
+            b"[camera]\npixel_size_um = 6\n",
+            (
+                "[camera] has no key 'pixel_size_um'; did you mean 'pixel_size_m'? (allowed keys: "
+                "pixel_size_m, centre_m, rotation_deg, mirrored, full_scale_levels)"
+            ),
+        ),
+    ],
+)
+def test_scene_that_is_refused(tmp_path, content, sentence):
+    (tmp_path / "scene.toml").write_bytes(content)
+    with pytest.raises(InputError) as caught:
+        read_scene(tmp_path)
+    assert str(caught.value) == f"{tmp_path / 'scene.toml'}: {sentence}"
+
+
+def test_no_scene_file(tmp_path):
+    with pytest.raises(InputError) as caught:
+        read_scene(tmp_path)
+    assert str(caught.value) == (
+        f"{tmp_path / 'scene.toml'}: there is no such scene file; write one, or give its path"
+    )
+    (tmp_path / "scene.toml").mkdir()
+    with pytest.raises(
+        InputError, match=r"scene\.toml: cannot be read \(Is a directory\)$|Permission denied"
+    ):
+        read_scene(tmp_path)
+
+
+def test_written_scene_is_read_back(tmp_path):
+    data = {
+        "camera": {"pixel_size_m": 1 / 3e5, "rotation_deg": -0.25},
+        "simulate": {"loads_N": [0.02, 0.5], "shape": [3, 4]},
+    }
+    write_scene(data, tmp_path / "scene.toml")
+    assert read_scene(tmp_path).source == data
+    with pytest.raises(InputError, match=r"unknown section \[camra\]"):
+        write_scene({"camra": {}}, tmp_path / "scene.toml")
+    assert read_scene(tmp_path).source == data
+
+
+def test_configuration_is_a_scene_file_of_its_own(tmp_path):
+    scene = scene_from_dict(
+        {"indenter": {"radius_m": 0.1288}, "asperities": {"generate": "SA", "coverage": 0.4}}
+    )
+    write_scene(scene.configuration, tmp_path / "scene.toml")
+    assert read_scene(tmp_path).configuration == scene.configuration
+    assert json.loads(json.dumps(scene.configuration)) == scene.configuration
+
+
+# ---------------------------------------------------------------- frames and reference
+
+
+def test_frames_in_natural_order_with_loads_in_theirs(folder):
+    experiment = experiment_of(
+        folder, images={"reference": "reference.tif"}, asperities={"file": "asperities.csv"}
+    )
+    assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
+    assert list(experiment.loads) == list(LOADS.columns)
+    assert experiment.loads["frame"].tolist() == names(experiment)
+    assert experiment.loads["load_N"].tolist() == [0.02, 0.1, 0.5]
+    assert experiment.load_of("frame_10.tif") == 0.5
+    assert np.isnan(experiment.load_of("no such frame"))
+    assert experiment.reference.read().image.max() == 0
+    assert len(experiment.asperities) == 1
+    assert [path.name for path in experiment.inputs] == [
+        "reference.tif",
+        *names(experiment),
+        "loads.csv",
+        "asperities.csv",
+    ]
+
+
+def test_what_a_scene_leaves_out(folder):
+    experiment = experiment_of(folder)
+    assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
+    assert (experiment.reference, experiment.asperities) == (None, None)
+    for path in folder.glob("frame_*"):
+        path.rename(folder / path.name.replace("frame", "shot"))
+    (folder / "loads.csv").unlink()
+    experiment = experiment_of(folder, images={"reference": "reference.tif"})
+    assert names(experiment) == ["shot_1.tif", "shot_2.tif", "shot_10.tif"]
+    assert experiment.loads["load_N"].isna().all()
+
+
+@pytest.mark.parametrize("reference", ["reference.tif", "./reference.tif", "sub/../reference.tif"])
+def test_reference_is_no_frame_even_if_the_glob_matches_it(folder, reference):
+    (folder / "sub").mkdir()
+    experiment = experiment_of(folder, images={"reference": reference, "frames": "*.tif"})
+    assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
+
+
+def test_page_of_a_stack_as_reference(folder):
+    with_pages = folder / "s.tif"
+    import tifffile
+
+    tifffile.imwrite(
+        with_pages, np.arange(3 * 20).reshape(3, 4, 5).astype(np.uint8), photometric="minisblack"
+    )
+    (folder / "loads.csv").unlink()
+    experiment = experiment_of(folder, images={"reference": "s.tif[0]", "frames": "s.tif"})
+    assert experiment.reference.read().image[0, 0] == 0
+    assert names(experiment) == ["s.tif[1]", "s.tif[2]"]
+    assert experiment.inputs == (with_pages,)
+    for reference in ("s.tif", "s.tif[3]"):
+        sentence = f"{folder / reference}: the reference must be one image; name one of s.tif[0] ... s.tif[2]"
+        assert refusal(folder, images={"reference": reference, "frames": "s.tif"}) == sentence
+
+
+def test_absolute_paths(folder, tmp_path_factory):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    images = {"reference": str(folder / "reference.tif"), "frames": f"{folder}/frame_*.tif"}
+    images |= {"loads": str(folder / "loads.csv")}
+    experiment = experiment_of(elsewhere, images=images)
+    assert experiment.load_of("frame_2.tif") == 0.1
+    assert experiment.reference.path == folder / "reference.tif"
+
+
+def test_reference_that_is_missing(folder):
+    sentence = f"{folder / 'dark.tif'}: the scene names this reference, but there is no such file"
+    assert refusal(folder, images={"reference": "dark.tif"}) == sentence
+    assert refusal(folder, images={"reference": "dark.tif[0]"}) == sentence.replace("dark.tif", "dark.tif[0]")
+
+
+def test_frames_that_are_not_there(folder):
+    start = f"{folder / 'shot_*.tif'} matches no image file; looked for .tif,"
+    assert refusal(folder, images={"frames": "shot_*.tif"}).startswith(start)
+    for path in folder.glob("frame_*"):
+        path.unlink()
+    assert refusal(folder, images={"reference": "reference.tif"}) == (
+        f"{folder}: there is no frame besides the reference reference.tif"
+    )
+    (folder / "reference.tif").unlink()
+    assert refusal(folder).startswith(f"{folder} holds no image file; looked for .tif,")
+
+
+def test_full_scale_of_the_camera_holds_for_every_frame(folder):
+    camera = {"pixel_size_m": 6e-6, "full_scale_levels": 4095}
+    experiment = experiment_of(folder, camera=camera, images={"reference": "reference.tif"})
+    sources = [experiment.reference, *experiment.frames]
+    assert {source.read().full_scale for source in sources} == {4095}
+
+
+# ---------------------------------------------------------------- loads and asperities
+
+
+def test_frame_without_load_and_load_without_frame_are_told(folder, caplog):
+    rows = "".join(f"lost_{k}.tif,1\n" for k in range(5))
+    (folder / "loads.csv").write_text(f"frame,load_N\nframe_2.tif,0.1\n{rows}")
+    experiment = experiment_of(folder)
+    np.testing.assert_array_equal(experiment.loads["load_N"], [np.nan, 0.1, np.nan])
+    lost = "lost_0.tif, lost_1.tif, lost_2.tif and 2 more"
+    assert caplog.messages == [
+        f"{folder / 'loads.csv'} has loads for frames that are not there: {lost}",
+        f"{folder / 'loads.csv'} has no load for the frames: frame_1.tif, frame_10.tif",
+    ]
+
+
+def test_loads_of_other_frames_altogether(folder):
+    (folder / "loads.csv").write_text("frame,load_N\nframe_1,0.1\n")
+    assert refusal(folder) == (
+        f"{folder / 'loads.csv'}: none of its frames (frame_1) is among the frames read "
+        "(frame_1.tif, frame_2.tif, frame_10.tif)"
+    )
+
+
+@pytest.mark.parametrize("sections", [{"images": {"loads": "l.csv"}}, {"asperities": {"file": "l.csv"}}])
+def test_named_table_that_is_missing(folder, sections):
+    sentence = f"{folder / 'l.csv'}: cannot be read (No such file or directory)"
+    assert refusal(folder, **sections) == sentence
+
+
+def test_relative_paths_are_those_of_the_scene_file(folder, monkeypatch, tmp_path_factory):
+    (folder / "scene.toml").write_text('[images]\nreference = "reference.tif"\nframes = ["frame_2.tif"]\n')
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    experiment = open_experiment(read_scene(folder))
+    assert names(experiment) == ["frame_2.tif"]
+    monkeypatch.chdir(folder.parent)
+    assert names(open_experiment(read_scene(Path(folder.name)))) == ["frame_2.tif"]

@@ -1,0 +1,276 @@
+"""CSV: what is accepted, one sentence with line and column for what is not, and every digit kept."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from contactimg import Flag, InputError
+from contactimg.files import csv_tables, read_asperities, read_loads, read_table, write_table
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, LOADS, MATCHES, PROFILE, REJECTED, SCORES
+
+SCHEMAS = [ASPERITIES, CONTACTS, FRAMES, LOADS, MATCHES, PROFILE, REJECTED, SCORES]
+
+
+def loads_of(tmp_path, content, *, name="loads.csv"):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return read_loads(path)
+
+
+def refusal(tmp_path, content, read=loads_of):
+    """The sentence without the path in front."""
+    with pytest.raises(InputError) as caught:
+        read(tmp_path, content)
+    sentence = str(caught.value)
+    assert sentence.startswith(f"{tmp_path / 'loads.csv'}: ")
+    assert "\n" not in sentence
+    return sentence.removeprefix(f"{tmp_path / 'loads.csv'}: ")
+
+
+def asperities_of(tmp_path, content):
+    (tmp_path / "loads.csv").write_text(content)
+    return read_asperities(tmp_path / "loads.csv")
+
+
+# ---------------------------------------------------------------- accepted
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "frame,load_N\na.tif,0.02\nb.tif,0.5\n",
+        "frame,load_N\r\na.tif,0.02\r\nb.tif,0.5",
+        "\ufefframe,load_N\na.tif,0.02\nb.tif,0.5\n".replace("\ufeffr", "\ufefffr"),
+        "\n\nframe,load_N\n\na.tif,0.02\n , \nb.tif,0.5\n\n",
+        "frame;load_N\na.tif;0,02\nb.tif;0,5\n",
+        "frame;load_N\na.tif;0.02\nb.tif;0.5\n",
+        "frame\tload_N\na.tif\t0,02\nb.tif\t5e-1\n",
+        " frame , load_N \n a.tif , 0.02 \n b.tif , 0.5 \n",
+        'load_N,comment,frame\n0.02,"slow, dry",a.tif\n0.5,,b.tif\n',
+        "frame,load_N,temp µ\n".encode("cp1252") + b"a.tif,0.02,1\nb.tif,0.5,2\n",
+    ],
+    ids=["plain", "CRLF", "BOM", "blanks", "Excel", "semicolons", "tabs", "spaces", "extra", "cp1252"],
+)
+def test_ways_to_write_the_same_loads(tmp_path, content):
+    loads = loads_of(tmp_path, content)
+    assert list(loads) == list(LOADS.columns)
+    assert loads["frame"].tolist() == ["a.tif", "b.tif"]
+    assert loads["load_N"].tolist() == [0.02, 0.5]
+    assert loads["friction_N"].isna().all()
+    assert {name: str(dtype) for name, dtype in loads.dtypes.items()} == {
+        name: dtype for name, (dtype, _) in LOADS.columns.items()
+    }
+
+
+def test_optional_columns_are_kept(tmp_path):
+    loads = loads_of(tmp_path, "frame,load_N,velocity_m_s,friction_N\na.tif,0.02,1e-4,\n")
+    assert loads["velocity_m_s"].tolist() == [1e-4]
+    assert np.isnan(loads["friction_N"][0])
+
+
+def test_header_alone_is_an_empty_table(tmp_path):
+    loads = loads_of(tmp_path, "frame,load_N\n")
+    assert (len(loads), list(loads)) == (0, list(LOADS.columns))
+    assert str(loads["load_N"].dtype) == "float64"
+
+
+def test_asperities(tmp_path):
+    table = asperities_of(
+        tmp_path, "x_m,y_m,height_m,radius_m,kind\n1e-3,2e-3,4e-5,1e-4,cap\n0,0,-1e-5,2e-4,\n"
+    )
+    assert list(table) == list(ASPERITIES.columns)
+    np.testing.assert_array_equal(table.to_numpy(), [[1e-3, 2e-3, 4e-5, 1e-4], [0, 0, -1e-5, 2e-4]])
+
+
+def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_tables, "_BLOCK", 7)
+    lines = [f"f{k}.tif,{k / 7!r}" for k in range(50)]
+    loads = loads_of(tmp_path, "frame,load_N\n" + "\n".join(lines))
+    assert loads["load_N"].tolist() == [k / 7 for k in range(50)]
+    assert loads.index.tolist() == list(range(50))
+    lines[40] = "f40.tif,x"
+    sentence = refusal(tmp_path, "frame,load_N\n" + "\n".join(lines))
+    assert sentence == "line 42, column load_N must be a number, got 'x'"
+
+
+# ---------------------------------------------------------------- refused
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (
+            "frame,load\na,1\n",
+            "column load_N is missing; the header must name frame, load_N, got frame, load",
+        ),
+        ("", "column frame is missing; the header must name frame, load_N, got nothing"),
+        ("frame,LOAD_N\na,1\n", "column 'LOAD_N' must be written 'load_N'"),
+        ("frame,load_N,Friction_n\na,1,2\n", "column 'Friction_n' must be written 'friction_N'"),
+        ("frame,load_N,load_N\na,1,2\n", "column load_N is there 2 times; keep one"),
+        ("frame,load_N\na,1\n\nb,0.1 N\n", "line 4, column load_N must be a number, got '0.1 N'"),
+        ("frame,load_N\na,1_000\n", "line 2, column load_N must be a number, got '1_000'"),
+        ("frame;load_N\na;1.234,5\n", "line 2, column load_N must be a number, got '1.234,5'"),
+        ("frame,load_N\na,nan\n", "line 2, column load_N must be a finite number, got 'nan'"),
+        ("frame,load_N\na,-inf\n", "line 2, column load_N must be a finite number, got '-inf'"),
+        ("frame,load_N\na,1e999\n", "line 2, column load_N must be a finite number, got '1e999'"),
+        (
+            "frame,load_N,friction_N\na,1,inf\n",
+            "line 2, column friction_N must be a finite number, got 'inf'",
+        ),
+        ("frame,load_N\na,\n", "line 2, column load_N must have a value, got ''"),
+        ("frame,load_N\n ,1\n", "line 2, column frame must have a value, got ' '"),
+        ("frame,load_N\na,1,2\n", "line 2 has 3 cells, but the header has 2 columns"),
+        ("frame,load_N\na\n", "line 2 has 1 cells, but the header has 2 columns"),
+        ("frame,load_N\na,0.1\nb,-0.1\n", "load_N of b must not be negative, got -0.1"),
+        ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
+        ("frame,load_N\na,1\n".encode("utf-16"), "is not UTF-8 text; save it as 'CSV UTF-8'"),
+        (b"PK\3\4\0\0", "is not UTF-8 text; save it as 'CSV UTF-8'"),
+    ],
+)
+def test_loads_that_are_refused(tmp_path, content, sentence):
+    assert refusal(tmp_path, content) == sentence
+
+
+def test_cell_without_end(tmp_path):
+    content = "frame,load_N\na,1\nb," + "9" * 200_000 + "\n"
+    assert refusal(tmp_path, content) == "line 3 is not CSV (field larger than field limit (131072))"
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (
+            "x_m,y_m,height_m\n0,0,1e-5\n",
+            (
+                "column radius_m is missing; the header must name x_m, y_m, height_m, radius_m, "
+                "got x_m, y_m, height_m"
+            ),
+        ),
+        ("x_m,y_m,height_m,radius_m\n", "the table has no row; it needs at least one asperity"),
+        ("x_m,y_m,height_m,radius_m\n0,0,,1e-4\n", "line 2, column height_m must have a value, got ''"),
+        (
+            "x_m,y_m,height_m,radius_m\n0,0,1e-5,1e-4\n0,1e-3,1e-5,0\n",
+            "asperities: row 1, column 'radius_m' must be positive, got ",
+        ),
+        (
+            "x_m,y_m,height_m,radius_m\n0,0.5,1e-5,1e-4\n0,0.5,2e-5,1e-4\n",
+            "x_m, y_m 0.0, 0.5 is there more than once; keep one row",
+        ),
+    ],
+)
+def test_asperities_that_are_refused(tmp_path, content, sentence):
+    assert refusal(tmp_path, content, asperities_of).startswith(sentence)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(InputError, match=r"loads\.csv: cannot be read \(No such file or directory\)$"):
+        read_loads(tmp_path / "loads.csv")
+
+
+NO_FLAG = f"must hold names of flags ({', '.join(Flag.__members__)}) joined by |, got 'EDGE|ROUND'"
+
+
+@pytest.mark.parametrize(
+    ("cell", "column", "sentence"),
+    [
+        ("1.5", "label", "line 2, column label must be a whole number, got '1.5'"),
+        ("one", "label", "line 2, column label must be a number, got 'one'"),
+        ("EDGE|ROUND", "flags", f"line 2, column flags {NO_FLAG}"),
+        ("inf", "x_m", "line 2, column x_m must be a finite number, got 'inf'"),
+    ],
+)
+def test_contacts_that_are_refused(tmp_path, cell, column, sentence):
+    cells = dict.fromkeys(CONTACTS.columns, "") | {"frame": "a.tif", column: cell}
+
+    def read(folder, content):
+        (folder / "loads.csv").write_text(content)
+        return read_table(folder / "loads.csv", CONTACTS)
+
+    content = ",".join(cells) + "\n" + ",".join(cells.values()) + "\n"
+    assert refusal(tmp_path, content, read) == sentence
+
+
+def test_whole_numbers_that_a_spreadsheet_wrote_with_decimals(tmp_path):
+    given_cells = {"frame": "a.tif", "label": "3.0", "asperity": "1e2"}
+    cells = dict.fromkeys(CONTACTS.columns, "") | given_cells
+    (tmp_path / "c.csv").write_text(",".join(cells) + "\n" + ",".join(cells.values()) + "\n")
+    table = read_table(tmp_path / "c.csv", CONTACTS)
+    assert (table["label"].tolist(), table["asperity"].tolist(), table["flags"].tolist()) == ([3], [100], [0])
+
+
+# ---------------------------------------------------------------- written and read back
+
+# a carriage return alone is a line end to every reader of CSV, so a name with one does not survive; NUL marks
+# a file that is no text
+TEXT = st.text(st.characters(exclude_characters="\0\r", exclude_categories=["Cs"]), max_size=12)
+NUMBER = st.floats(allow_nan=False) | st.just(float("nan"))
+COUNT = st.integers(-(2**63), 2**63 - 1) | st.just(pd.NA)
+CELLS = {
+    "str": TEXT,
+    "float64": NUMBER,
+    "Int64": COUNT,
+    "int64": st.integers(0, sum(Flag)),
+}
+
+
+def rows_of(schema):
+    cells = {name: CELLS[dtype] for name, (dtype, _) in schema.columns.items()}
+    if "frame" in cells:
+        cells["frame"] = TEXT.filter(lambda text: text.strip())  # a row without any value is a blank line
+    else:
+        cells[next(iter(cells))] = st.floats(allow_nan=False)
+    return st.lists(st.fixed_dictionaries(cells), max_size=4)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("tables")
+
+
+@pytest.mark.parametrize("schema", SCHEMAS, ids=lambda schema: schema.name)
+def test_tables_survive_the_file_bit_by_bit(folder, schema):
+    @settings(max_examples=40, deadline=None)
+    @given(rows_of(schema))
+    def check(rows):
+        table = schema.conform(pd.DataFrame(rows)) if rows else schema.empty()
+        write_table(table, schema, folder / "t.csv")
+        again = read_table(folder / "t.csv", schema, infinite=True)
+        pd.testing.assert_frame_equal(again, table, check_exact=True, check_index_type=False)
+        for name in again.select_dtypes("float64"):  # -0.0 too
+            np.testing.assert_array_equal(np.signbit(again[name]), np.signbit(table[name]))
+
+    check()
+
+
+def test_file_as_a_person_sees_it(folder):
+    flags = [0, Flag.EDGE | Flag.MERGED]
+    table = pd.DataFrame(
+        {"frame": ['a,"1".tif', "b.tif"], "label": [1, pd.NA], "x_px": [0.1, np.nan], "flags": flags}
+    )
+    write_table(table, CONTACTS, folder / "c.csv")
+    header, first, second = (folder / "c.csv").read_bytes().decode().splitlines()
+    assert header == ",".join(CONTACTS.columns)
+    assert first == '"a,""1"".tif",1,0.1' + "," * 12
+    assert second == "b.tif" + "," * 14 + "EDGE|MERGED"
+    assert [path.name for path in folder.iterdir() if path.suffix == ".part"] == []
+
+
+def test_file_name_that_is_not_utf8_survives(folder):
+    name = b"caf\xe9.tif".decode(errors="surrogateescape")
+    write_table(pd.DataFrame({"frame": [name], "load_N": [1.0]}), LOADS, folder / "l.csv")
+    assert read_loads(folder / "l.csv")["frame"].tolist() == [name]
+
+
+def test_table_that_does_not_fit_is_not_written(folder):
+    with pytest.raises(InputError, match="unknown column 'load'"):
+        write_table(pd.DataFrame({"frame": ["a"], "load": [1.0]}), LOADS, folder / "never.csv")
+    assert not (folder / "never.csv").exists()
+
+
+def test_folder_that_is_not_there(tmp_path):
+    with pytest.raises(InputError) as caught:
+        write_table(LOADS.empty(), LOADS, tmp_path / "no" / "loads.csv")
+    path = tmp_path / "no" / "loads.csv"
+    assert str(caught.value) == f"{path}: cannot be written (No such file or directory)"
