@@ -16,6 +16,10 @@ from .mechanics import hertz as hertz
 from .mechanics import jkr as jkr
 from .models.interacting import solve_interacting as solve_interacting
 from .models.interacting import solve_loads as solve_loads
+from .render import Rendered as Rendered
+from .render import render_contacts as render_contacts
+from .render import render_frame as render_frame
+from .render import render_reference as render_reference
 from .surfaces import check_asperities as check_asperities
 from .surfaces import composite_apexes as composite_apexes
 from .surfaces import generate_asperities as generate_asperities

@@ -69,7 +69,8 @@ def _cell_fraction(x, y, radius, cell):  # type: ignore[no-untyped-def]
         return 0.0
     if distance + cell * math.sqrt(0.5) <= radius:
         return 1.0
-    return disk_rectangle_area(x - half, x + half, y - half, y + half, radius) / (cell * cell)
+    area = disk_rectangle_area(x - half, x + half, y - half, y + half, radius)
+    return max(area, 0.0) / (cell * cell)  # rounding may leave an empty cell below 0
 
 
 @njit(cache=True, error_model="numpy")
