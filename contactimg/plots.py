@@ -157,7 +157,7 @@ def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: 
 
 def _font_size(ax: Axes) -> float:
     """Size of letters that can be read when the whole picture is looked at."""
-    return 0.65 * float(ax.get_figure(root=True).get_figwidth())
+    return 0.0065 * float(ax.bbox.width)
 
 
 def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
