@@ -23,3 +23,10 @@ from .render import render_reference as render_reference
 from .surfaces import check_asperities as check_asperities
 from .surfaces import composite_apexes as composite_apexes
 from .surfaces import generate_asperities as generate_asperities
+from .matching import PoseFit as PoseFit
+from .matching import PoseSearch as PoseSearch
+from .matching import fit_pose as fit_pose
+from .matching import match_contacts as match_contacts
+from .pipeline.measure import measure_frame as measure_frame
+from .pipeline.series import Run as Run
+from .pipeline.series import measure_series as measure_series

@@ -19,7 +19,7 @@ __all__ = ["main"]
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="contactimg")
 def commands() -> None:
-    r"""From contact micrographs to microcontacts, local forces and contact-model overlays.
+    """From contact micrographs to microcontacts, local forces and contact-model overlays.
 
     A folder of frames with its scene.toml is measured by one command:
 

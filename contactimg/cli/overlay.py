@@ -9,7 +9,7 @@ from contactimg.cli.common import command_line, echo_scores, output_option, prog
 __all__ = ["overlay"]
 
 
-@click.command()
+@click.command(short_help="Predicted and measured contacts on each frame, with scores.")
 @click.argument("run", type=click.Path(exists=True, file_okay=False))
 @output_option
 @click.option(
@@ -21,7 +21,7 @@ __all__ = ["overlay"]
 )
 @quiet_option
 def overlay(*, run: str, output: str | None, min_radius_px: float, quiet: bool) -> None:
-    r"""Compare RUN, the output of `process`, with what the model predicts, coupled and uncoupled.
+    """Compare RUN, the output of `process`, with what the model predicts, coupled and uncoupled.
 
     Writes a picture of each frame with a load (measured contacts blue, predicted ones green with coupling and
     red without, the Hertz circle of the smooth sphere dashed white), matches.csv and scores.csv.

@@ -10,7 +10,7 @@ from contactimg.cli.common import command_line, echo_frames, output_option, quie
 __all__ = ["predict"]
 
 
-@click.command()
+@click.command(short_help="Contacts that the models predict at given loads.")
 @click.argument("scene", type=click.Path(exists=True))
 @click.option("--load-N", "loads", type=float, multiple=True, required=True, help="Load, N; repeatable.")
 @output_option
@@ -26,7 +26,7 @@ __all__ = ["predict"]
 def predict(
     *, scene: str, loads: tuple[float, ...], output: str | None, coupling: Any, annulus_mm: float, quiet: bool
 ) -> None:
-    r"""Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
+    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
     Writes contacts.csv, frames.csv, profile.csv and provenance.json.
 

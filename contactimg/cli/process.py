@@ -17,7 +17,7 @@ from contactimg.cli.common import (
 __all__ = ["process"]
 
 
-@click.command()
+@click.command(short_help="A folder of frames to contacts, local forces and overlays.")
 @click.argument("folder", type=click.Path(exists=True))
 @output_option
 @click.option("--scene", type=click.Path(exists=True, dir_okay=False), help="Scene file instead of FOLDER's.")
@@ -34,7 +34,7 @@ __all__ = ["process"]
 def process(
     *, folder: str, output: str | None, pictures: bool, workers: int | None, quiet: bool, **options: Any
 ) -> int:
-    r"""Measure every frame of FOLDER: contacts, local forces, overlays.
+    """Measure every frame of FOLDER: contacts, local forces, overlays.
 
     What the scene.toml in FOLDER says holds unless an option says otherwise; without one, --reference and
     --pixel-size-um are enough. Writes contacts.csv, frames.csv, rejected.csv, provenance.json and a picture

@@ -9,12 +9,12 @@ from contactimg.cli.common import command_line, output_option, progress, quiet_o
 __all__ = ["simulate"]
 
 
-@click.command()
+@click.command(short_help="Synthetic frames of a scene with their truth.")
 @click.argument("scene", type=click.Path(exists=True))
 @output_option
 @quiet_option
 def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
-    r"""Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
+    """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     Its section [simulate] describes loads, optics and sensor. Writes reference.tif, frame_*.tif, loads.csv,
     asperities.csv, truth.csv and scene.toml: a folder that `process` takes as it is.
