@@ -1,0 +1,201 @@
+"""Where the background is, and how its brightness differs from the reference's: a slow polynomial field.
+
+Everything here works on block averages of the frame, so that it costs next to nothing and sees little noise.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+__all__ = ["BLOCK", "LightField", "background_mode", "block_means", "fit_light", "polynomial_rows"]
+
+BLOCK = 8
+"""Side of the blocks, px."""
+
+ORDER = 3
+TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
+CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
+MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread of its own
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """A polynomial of total degree 3 over the image and the blocks it was fitted to.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (4, 4)
+        ``coefficients[j, i]`` multiplies ``u**i v**j`` with ``u = 2 x/columns - 1`` and ``v = 2 y/rows - 1``.
+    background : ndarray of bool, shape (block rows, block columns)
+        Blocks taken as background.
+    spread : float
+        Robust standard deviation of one background block about the field.
+    """
+
+    coefficients: NDArray[np.float64]
+    background: NDArray[np.bool_]
+    spread: float
+
+    def evaluate(self, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """The field at every pixel of an image of ``shape``."""
+        return polynomial_rows(self.coefficients, np.arange(shape[0]), *shape)
+
+    def rows(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.float32]:
+        """The field at every pixel of some rows of an image of ``shape``."""
+        return polynomial_rows(self.coefficients, rows, *shape)
+
+    def at(self, x: NDArray, y: NDArray, shape: tuple[int, int]) -> NDArray[np.float64]:
+        """The field at points (px) of an image of ``shape``."""
+        u, v = 2 * np.asarray(x) / shape[1] - 1, 2 * np.asarray(y) / shape[0] - 1
+        return np.polynomial.polynomial.polyval2d(v, u, self.coefficients)
+
+
+def block_means(image: NDArray[np.float32], valid: NDArray[np.uint8] | None = None) -> NDArray[np.float32]:
+    """Mean of each `BLOCK` x `BLOCK` block; the last row and column of blocks reach beyond the image by reflection.
+
+    Invalid pixels do not count; a block without a valid pixel is NaN.
+    """
+    rows, columns = image.shape
+    pad_rows, pad_columns = -rows % BLOCK, -columns % BLOCK
+    if pad_rows or pad_columns:
+        image = cv2.copyMakeBorder(image, 0, pad_rows, 0, pad_columns, cv2.BORDER_REPLICATE)
+    size = (image.shape[1] // BLOCK, image.shape[0] // BLOCK)
+    if valid is None:
+        return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    valid = cv2.copyMakeBorder(valid, 0, pad_rows, 0, pad_columns, cv2.BORDER_REPLICATE).astype(np.float32)
+    weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(image * valid, size, interpolation=cv2.INTER_AREA)
+    return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
+
+
+def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: float) -> LightField:
+    """Fit a slow field to the blocks that are background.
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (block rows, block columns)
+        Block means of the quantity (ratio to the reference, or grey level); NaN = no data.
+    shape : (int, int)
+        Shape of the image in pixels.
+    start, spread : float
+        Level of the background and its scatter to start from; the field and its scatter are then refined in turn.
+
+    Returns
+    -------
+    LightField
+        A field of lower order where too few blocks are background to determine the full one.
+    """
+    basis = _basis(blocks.shape, shape)
+    data = np.asarray(blocks, float).ravel()
+    finite = np.isfinite(data)
+    data = np.where(finite, data, start)
+    deviation = data - start
+    coefficients = np.zeros(len(TERMS))
+    keep = finite
+    for _ in range(6):
+        keep, before = finite & (np.abs(deviation) < CLIP * spread), keep
+        orders = _orders_supported(int(np.count_nonzero(keep)))
+        if orders == 0:
+            break
+        coefficients = _solve(basis, data - start, keep, orders)
+        deviation = data - start - basis @ coefficients
+        spread = max(1.4826 * float(np.median(np.abs(deviation[keep]))), MINIMUM_SPREAD * abs(start), 1e-9)
+        if np.count_nonzero(keep != before) < 1e-3 * len(data):
+            break
+    grid = np.zeros((ORDER + 1, ORDER + 1))
+    for k, (i, j) in enumerate(TERMS):
+        grid[j, i] = coefficients[k]
+    grid[0, 0] += start
+    return LightField(grid, keep.reshape(blocks.shape), spread)
+
+
+@lru_cache(maxsize=4)
+def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Each term of the polynomial at the centre of each block."""
+    y, x = np.mgrid[0 : blocks[0], 0 : blocks[1]]
+    u = ((2 * x + 1) * BLOCK - 1) / shape[1] - 1
+    v = ((2 * y + 1) * BLOCK - 1) / shape[0] - 1
+    return np.stack([(u**i * v**j).ravel() for i, j in TERMS], axis=-1)
+
+
+def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
+    """Least squares over the kept blocks with the terms of the lowest ``orders`` orders."""
+    used = np.array([i + j < orders for i, j in TERMS])
+    weighted = basis[:, used] * keep[:, None]
+    # a weak pull towards the constant keeps corners without background from running away
+    ridge = 1e-3 * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (int(used.sum()) - 1))
+    coefficients = np.zeros(len(TERMS))
+    coefficients[used] = np.linalg.solve(weighted.T @ basis[:, used] + ridge, weighted.T @ data)
+    return coefficients
+
+
+def _orders_supported(count: int) -> int:
+    """Number of polynomial orders (constant = 1) that ``count`` blocks determine: ten blocks for each coefficient."""
+    return int(
+        sum(count >= 10 * (order + 1) * (order + 2) // 2 for order in range(1, ORDER + 1)) + (count > 0)
+    )
+
+
+@njit(cache=True)
+def polynomial_rows(coefficients, which, rows, columns):
+    """Value of the polynomial at every pixel of the rows ``which``."""
+    out = np.empty((len(which), columns), np.float32)
+    for k in range(len(which)):
+        v = 2.0 * which[k] / rows - 1.0
+        c0 = coefficients[0, 0] + v * (coefficients[1, 0] + v * (coefficients[2, 0] + v * coefficients[3, 0]))
+        c1 = coefficients[0, 1] + v * (coefficients[1, 1] + v * coefficients[2, 1])
+        c2 = coefficients[0, 2] + v * coefficients[1, 2]
+        c3 = coefficients[0, 3]
+        for x in range(columns):
+            u = 2.0 * x / columns - 1.0
+            out[k, x] = c0 + u * (c1 + u * (c2 + u * c3))
+    return out
+
+
+def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
+    """Most likely level of the background among block means, and the scatter of a block.
+
+    Parameters
+    ----------
+    blocks : ndarray
+        Block means; NaN = no data.
+    prefer : {"low", "high", "one", "common"}
+        Which of several well-populated levels is the background: the lowest (bright contacts), the highest (dark
+        contacts), the one closest to 1 (ratio to a reference) or the most common.
+
+    Returns
+    -------
+    level, spread : float
+    """
+    values = blocks[np.isfinite(blocks)]
+    if not len(values):
+        return 1.0, MINIMUM_SPREAD
+    low, high = float(values.min()), float(values.max())
+    spread = max(_neighbour_scatter(blocks), MINIMUM_SPREAD * max(abs(low), abs(high)), 1e-9)
+    bins = int(np.clip((high - low) / spread, 1, 2000)) + 4
+    counts, edges = np.histogram(values, bins=bins, range=(low - 2 * spread, high + 2 * spread))
+    smooth = np.convolve(counts, [1, 4, 6, 4, 1], mode="same") / 16.0
+    left, right = np.r_[0.0, smooth[:-1]], np.r_[smooth[1:], 0.0]
+    populated = smooth >= max(0.05 * smooth.max(), 1e-9)
+    peaks = np.flatnonzero((smooth > left) & (smooth >= right) & populated)
+    centres = (edges[:-1] + edges[1:]) / 2
+    choice = {
+        "low": 0,
+        "high": -1,
+        "one": int(np.argmin(np.abs(centres[peaks] - 1.0))),
+        "common": int(np.argmax(smooth[peaks])),
+    }[prefer]
+    return float(centres[peaks[choice]]), 2.0 * max(spread, float(edges[1] - edges[0]))
+
+
+def _neighbour_scatter(blocks: NDArray) -> float:
+    """Robust scatter of one block from the differences of neighbours."""
+    difference = np.diff(blocks, axis=1).ravel()
+    difference = difference[np.isfinite(difference)]
+    if not len(difference):
+        return 0.0
+    return float(1.4826 * np.median(np.abs(difference)) / np.sqrt(2))

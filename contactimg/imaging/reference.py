@@ -1,0 +1,184 @@
+"""Take the background out of a frame: registered reference, slow light changes, texture and dirt of both frames.
+
+The reference carries its own noise. What it shows of the surface (texture, dirt) is wanted, its noise is not, so it is split
+into bands of scale and each band is weighted by what least squares finds common to frame and reference: a Wiener
+filter measured on the images themselves. Contacts transmit a fraction of the light that falls on them, so the
+frame is divided by the background, and the difference is given at the background's median level.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
+from contactimg.imaging.register import Shift, estimate_shift, shift_kernel, shift_whole_pixels
+
+__all__ = ["Difference", "estimate_background", "subtract_reference"]
+
+SCALES = (0.9, 2.2)  # px, Gaussian widths that separate the bands
+FLOOR = 0.1  # of the median level: darker backgrounds are divided by this much only
+DUST_FROM, DUST_FULL = 4.0, 6.0  # robust standard deviations of the middle band between which detail is dirt
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """Frame minus background, light corrected.
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (rows, columns)
+        Grey levels at the median level of the background; contacts stand out, the rest is noise about zero.
+    level : float
+        Median grey level of the background.
+    illumination : ndarray of float32, shape (block rows, block columns)
+        Brightness of the background of each block relative to ``level``.
+    light : LightField
+        Slow ratio (with a reference) or level (without) of the background, and which blocks are background.
+    shift : Shift or None
+        Of the reference; None without one.
+    """
+
+    image: NDArray[np.float32]
+    level: float
+    illumination: NDArray[np.float32]
+    light: LightField
+    shift: Shift | None
+
+
+def subtract_reference(
+    frame: NDArray[np.float32],
+    reference: NDArray[np.float32],
+    *,
+    valid: NDArray[np.uint8] | None = None,
+    prefer: str = "one",
+) -> Difference:
+    """Frame minus registered, light-corrected reference.
+
+    Parameters
+    ----------
+    frame, reference : ndarray, shape (rows, columns)
+        Grey levels; holes filled with anything finite.
+    valid : ndarray of uint8 or None
+        0 where either image has a hole.
+    prefer : str
+        Which level is background, see `contactimg.imaging.light.background_mode`.
+
+    Returns
+    -------
+    Difference
+    """
+    blocks_f, blocks_r = block_means(frame, valid), block_means(reference, valid)
+    level = max(float(np.nanmedian(blocks_r)), 1e-3)
+    ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
+    start, spread = background_mode(ratio, prefer=prefer)
+    light = fit_light(ratio, frame.shape, start=start, spread=spread)
+    shift = estimate_shift(frame, reference, light)
+    image = _divide(frame, reference, light, shift, level)
+    illumination = np.nan_to_num(np.maximum(blocks_r, FLOOR * level) / level, nan=1.0).astype(np.float32)
+    return Difference(image, level, illumination, light, shift)
+
+
+def estimate_background(
+    frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None, prefer: str = "common"
+) -> Difference:
+    """Frame minus a slow background fitted to the frame itself, when there is no reference.
+
+    Parameters
+    ----------
+    frame, valid, prefer
+        As in `subtract_reference`.
+
+    Returns
+    -------
+    Difference
+        Texture and dirt stay in it.
+    """
+    blocks = block_means(frame, valid)
+    start, spread = background_mode(blocks, prefer=prefer)
+    light = fit_light(blocks, frame.shape, start=start, spread=spread)
+    image = frame - light.evaluate(frame.shape)
+    return Difference(image, start, np.ones_like(blocks), light, None)
+
+
+def _divide(
+    frame: NDArray, reference: NDArray, light: LightField, shift: Shift, level: float
+) -> NDArray[np.float32]:
+    """``level (F/(g R) - 1)`` with the Wiener-filtered registered reference R and the slow ratio g."""
+    whole = int(np.rint(shift.x_px)), int(np.rint(shift.y_px))
+    moved = shift_whole_pixels(reference, *whole)
+    fraction = shift.x_px - whole[0], shift.y_px - whole[1]
+    sharp = moved if fraction == (0.0, 0.0) else _filter(moved, *(shift_kernel(f) for f in fraction))
+    middle, smooth = (_filter(moved, *(_moved_gaussian(f, scale) for f in fraction)) for scale in SCALES)
+    gains, dirt = _band_gains(frame, sharp, middle, smooth, light)
+    return _combine(frame, sharp, middle, smooth, light.coefficients, gains, dirt, level, FLOOR * level)
+
+
+def _filter(image: NDArray, along_x: NDArray, along_y: NDArray) -> NDArray[np.float32]:
+    return cv2.sepFilter2D(image, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REPLICATE)
+
+
+def _moved_gaussian(fraction: float, scale: float) -> NDArray[np.float64]:
+    """Filter that blurs by ``scale`` and moves by ``fraction`` px."""
+    half = int(np.ceil(3.2 * scale)) + 1
+    kernel = np.exp(-((np.arange(-half, half + 1) + fraction) ** 2) / (2 * scale**2))
+    return kernel / kernel.sum()
+
+
+def _band_gains(
+    frame: NDArray, sharp: NDArray, middle: NDArray, smooth: NDArray, light: LightField
+) -> tuple[NDArray[np.float64], float]:
+    """Share of each band that frame and reference have in common, and the robust scatter of the middle band."""
+    rows = np.arange(1, frame.shape[0] - 1, 4)
+    part = (rows[:, None], np.arange(1, frame.shape[1] - 1, 3)[None, :])
+    mask = light.background[part[0] // BLOCK, part[1] // BLOCK]
+    target = (frame[rows] / light.rows(rows, frame.shape))[:, 1:-1:3][mask]
+    s, m, b = (image[1:-1:4, 1:-1:3][mask] for image in (sharp, middle, smooth))
+    if len(target) < 1000:
+        return np.ones(2), np.inf
+    bands = np.stack([s - m, m - b])
+    rest = target - b
+    rest = rest - np.median(rest)
+    scatter = 1.4826 * float(np.median(np.abs(bands[1])))
+    usual = (np.abs(rest) < 6 * 1.4826 * np.median(np.abs(rest))) & (np.abs(bands[1]) < DUST_FROM * scatter)
+    bands, rest = bands[:, usual], rest[usual]
+    power = bands @ bands.T
+    if not np.all(np.diag(power) > 1e-12 * len(rest)):
+        return np.ones(2), np.inf
+    gains = np.linalg.solve(power.astype(float), (bands @ rest).astype(float))
+    return np.clip(gains, 0.0, 1.0), scatter
+
+
+@njit(cache=True)
+def _combine(frame, sharp, middle, smooth, coefficients, gains, dirt, level, floor):
+    """Put the bands together, multiply by the slow ratio, divide."""
+    rows, columns = frame.shape
+    out = np.empty((rows, columns), np.float32)
+    gain_sharp, gain_middle = np.float32(gains[0]), np.float32(gains[1])
+    start, width = np.float32(DUST_FROM * dirt), np.float32((DUST_FULL - DUST_FROM) * dirt)
+    lowest, level = np.float32(floor), np.float32(level)
+    step = np.float32(2.0 / columns)
+    one = np.float32(1.0)
+    for y in range(rows):
+        v = 2.0 * y / rows - 1.0
+        c0 = np.float32(
+            coefficients[0, 0] + v * (coefficients[1, 0] + v * (coefficients[2, 0] + v * coefficients[3, 0]))
+        )
+        c1 = np.float32(coefficients[0, 1] + v * (coefficients[1, 1] + v * coefficients[2, 1]))
+        c2 = np.float32(coefficients[0, 2] + v * coefficients[1, 2])
+        c3 = np.float32(coefficients[0, 3])
+        for x in range(columns):
+            u = step * np.float32(x) - one
+            ratio = c0 + u * (c1 + u * (c2 + u * c3))
+            band_sharp = sharp[y, x] - middle[y, x]
+            band_middle = middle[y, x] - smooth[y, x]
+            excess = (abs(band_middle) - start) / width
+            dirty = min(max(excess, np.float32(0.0)), one)
+            estimate = smooth[y, x]
+            estimate += (gain_middle + dirty * (one - gain_middle)) * band_middle
+            estimate += (gain_sharp + dirty * (one - gain_sharp)) * band_sharp
+            background = ratio * estimate
+            out[y, x] = level * (frame[y, x] - background) / max(background, lowest)
+    return out

@@ -1,0 +1,122 @@
+"""Contrast of a frame and the level that a threshold stands for.
+
+Level = background + threshold x (plateau - background), one plateau a frame; the difference image has its background at 0.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+
+__all__ = ["Contrast", "choose_threshold", "estimate_noise", "find_polarity", "measure_contrast"]
+
+CORE = 7  # px: the plateau is read where a window of this width lies inside a contact
+ENOUGH = 40  # pixels that give a plateau
+DETECTABLE = 6.0  # noise standard deviations
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Plateau of the contacts above the background.
+
+    Parameters
+    ----------
+    plateau : float
+        Grey levels; 0 when nothing stands out of the noise.
+    resolved : bool
+        True if contacts wide enough to show their plateau gave it, False if it was guessed from the brightest spots.
+    """
+
+    plateau: float
+    resolved: bool
+
+
+def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_], block: int) -> float:
+    """Robust standard deviation of a background pixel, grey levels.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image.
+    background : ndarray of bool
+        Background blocks of ``block`` x ``block`` pixels.
+    """
+    rows, columns = np.arange(0, image.shape[0], 3), np.arange(0, image.shape[1], 5)
+    sample = image[::3, ::5][background[rows // block][:, columns // block]]
+    if len(sample) < 100:
+        # no background to look at: neighbouring pixels differ by the noise of both
+        difference = np.abs(np.diff(image[::3], axis=1))[:, ::5]
+        return float(1.4826 * np.median(difference) / np.sqrt(2)) if difference.size else 0.0
+    return float(1.4826 * np.median(np.abs(sample - np.median(sample))))
+
+
+def find_polarity(blocks: NDArray, noise: float) -> str:
+    """``"bright"`` or ``"dark"``: on which side of zero the block means of the difference have the longer tail."""
+    excess = np.abs(blocks) - 4.0 * noise
+    tail = np.where(excess > 0, blocks, 0.0)
+    return "dark" if np.nansum(tail) < 0 else "bright"
+
+
+def measure_contrast(image: NDArray[np.float32], noise: float) -> Contrast:
+    """Plateau of the contacts in an image where they are positive and the background is zero.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+    noise : float
+        Of one pixel.
+
+    Returns
+    -------
+    Contrast
+    """
+    smooth = cv2.blur(image, (3, 3))
+    floor = max(DETECTABLE * noise / 3.0, 1e-6)
+    high = smooth[smooth > floor]
+    if len(high) < 4:
+        return Contrast(0.0, resolved=False)
+    plateau = float(np.percentile(high[:: max(len(high) // 20000, 1)], 95))
+    resolved = False
+    for _ in range(4):
+        inside = cv2.erode(
+            (smooth > max(0.5 * plateau, floor)).astype(np.uint8), np.ones((CORE, CORE), np.uint8)
+        )
+        values = image[inside > 0]
+        resolved = len(values) >= ENOUGH
+        if not resolved:
+            break
+        before, plateau = plateau, float(np.median(values[:: max(len(values) // 20000, 1)]))
+        if abs(plateau - before) < 0.01 * plateau:
+            break
+    return Contrast(plateau, resolved)
+
+
+def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: float | str | None) -> float:
+    """The fraction to use: a number as given, 0.5 for None, Otsu's two-class optimum for ``"auto"``.
+
+    Raises
+    ------
+    InputError
+        If it is not a fraction between 0 and 1.
+    """
+    if threshold is None:
+        return 0.5
+    if isinstance(threshold, str):
+        if threshold != "auto":
+            raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
+        return _otsu(image, contrast.plateau)
+    if not 0 < threshold < 1:
+        raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
+    return float(threshold)
+
+
+def _otsu(image: NDArray[np.float32], plateau: float) -> float:
+    """Fraction of the plateau that separates background and contacts with least variance inside both classes."""
+    if plateau <= 0:
+        return 0.5
+    scaled = np.clip(image * (200.0 / plateau), 0, 255).astype(np.uint8)
+    level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    return float(np.clip((level + 0.5) / 200.0, 0.05, 0.95))
