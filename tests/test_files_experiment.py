@@ -147,10 +147,11 @@ def test_what_a_scene_leaves_out(folder):
     assert experiment.loads["load_N"].isna().all()
 
 
+@pytest.mark.parametrize("frames", ["*.tif", "sub/../*.tif"])
 @pytest.mark.parametrize("reference", ["reference.tif", "./reference.tif", "sub/../reference.tif"])
-def test_reference_is_no_frame_even_if_the_glob_matches_it(folder, reference):
+def test_reference_is_no_frame_even_if_the_glob_matches_it(folder, reference, frames):
     (folder / "sub").mkdir()
-    experiment = experiment_of(folder, images={"reference": reference, "frames": "*.tif"})
+    experiment = experiment_of(folder, images={"reference": reference, "frames": frames})
     assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
 
 

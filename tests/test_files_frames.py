@@ -437,6 +437,15 @@ def test_video_gives_the_frame_asked_for(tmp_path, codec, suffix, tolerance):
         np.testing.assert_allclose(frame.image, grey[k], atol=tolerance)
 
 
+def test_video_colours_are_red_green_blue(tmp_path):
+    writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+    writer.write(np.full((48, 64, 3), (200, 100, 20), np.uint8))  # OpenCV: blue, green, red
+    writer.release()
+    frame = only_frame(tmp_path / "v.avi")
+    # 0.299 20 + 0.587 100 + 0.114 200 = 87.48, in the order of the bytes 120.8; JPEG rounds by a few levels
+    np.testing.assert_allclose(frame.image, 87.48, atol=3)
+
+
 def test_truncated_video_fails_where_it_ends(tmp_path):
     path = write_video(tmp_path / "v.avi", "MJPG", 10 + 5 * np.arange(40))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
