@@ -98,7 +98,7 @@ def test_contacts_stand_out_where_the_truth_puts_them():
     reference = next(iter(read_frames(SA_PLUS / "reference.tif"))).image.astype(float)
     large = truth[(truth["frame"] == "frame_6.tif") & (truth["radius_px"] > 3)]
     at = large["y_px"].round().astype(int), large["x_px"].round().astype(int)
-    # 100 levels at the centre, 80 in the corners, 2 % more light; five standard deviations of the noise (3 levels)
+    # 100 levels at the centre, 80 in the corners, 2 % more light; five standard deviations of 3 levels
     rise = frame[at] - reference[at]
     assert rise.min() > 80 - 15
     assert rise.max() < 102 + 15
