@@ -131,7 +131,8 @@ def _measure_source(source: FrameSource, reference: NDArray | None, scene: Scene
             blur_px=scene.measure.blur_px,
         )
     except FrameError as error:
-        failure = {"frame": source.name, "status": FAILED, "message": str(error)}
+        message = str(error) if source.name in str(error) else f"{source.name}: {error}"
+        failure = {"frame": source.name, "status": FAILED, "message": message}
         return _Measured(CONTACTS.empty(), REJECTED.empty(), failure, shape=None)
     row: dict[str, Any] = {
         "frame": source.name,

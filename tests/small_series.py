@@ -1,0 +1,40 @@
+"""A small synthetic series, processed in a fraction of a second: 2 mm, 70 asperities, three loads."""
+
+import shutil
+from pathlib import Path
+
+from contactimg.pipeline.inputs import need_asperities
+from contactimg.pipeline.simulate import write_simulation
+from contactimg.scene import scene_from_dict
+
+SCENE = {
+    "indenter": {"radius_m": 0.1288, "apex_m": [0.001, 0.001]},
+    "elastic": {"young_modulus_Pa": 3.0e6, "young_modulus_std_Pa": 0.03e6},
+    "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.002, "seed": 3},
+    "camera": {"pixel_size_m": 6.0e-6},
+    "simulate": {
+        "loads_N": [0.005, 0.02, 0.05],
+        "shape": [340, 360],
+        "blur_px": 1.4,
+        "texture": 0.02,
+        "light_drift": 0.02,
+        "position_drift_px": 0.3,
+        "electrons_per_level": 20,
+        "read_noise_electrons": 10,
+        "seed": 7,
+    },
+}
+
+
+def write_small_series(folder: Path) -> Path:
+    """Write the series into a new folder."""
+    folder.mkdir(parents=True)
+    scene = scene_from_dict(SCENE)
+    write_simulation(scene, need_asperities(scene, "a test"), folder)
+    return folder
+
+
+def copy_of(folder: Path, target: Path) -> Path:
+    """A copy that a test may spoil."""
+    shutil.copytree(folder, target)
+    return target

@@ -1,0 +1,330 @@
+"""The command line: what it writes, what it says, and that bad input costs one sentence and nothing else."""
+
+import json
+import re
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+from small_series import copy_of
+
+from contactimg.cli import main
+from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
+
+
+@pytest.fixture
+def series(small_series, tmp_path):
+    return copy_of(small_series, tmp_path / "series")
+
+
+def process(folder, *options):
+    return main(["process", str(folder), "--workers", "1", "--quiet", "--no-pictures", *map(str, options)])
+
+
+def frames_of(out):
+    return pd.read_csv(out / "frames.csv").set_index("frame")
+
+
+def failure(capsys, code):
+    """The sentence of a command that did nothing."""
+    assert code == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1, lines
+    assert lines[0].startswith("contactimg: ")
+    return lines[0]
+
+
+def edit(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+# what the commands write
+
+
+def test_process_writes_the_fixed_columns_and_pictures(series, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["process", str(series), "-o", str(out), "--workers", "1"]) == 0
+    for schema in (CONTACTS, FRAMES, REJECTED):
+        assert pd.read_csv(out / f"{schema.name}.csv").columns.tolist() == list(schema.columns)
+    frames = frames_of(out)
+    assert frames.index.tolist() == ["frame_1.tif", "frame_2.tif", "frame_3.tif"]
+    assert (frames["status"] == "ok").all()
+    assert sorted(path.name for path in (out / "overlays").iterdir()) == [
+        f"frame_{k}.tif.png" for k in (1, 2, 3)
+    ]
+    assert cv2.imread(str(out / "overlays" / "frame_1.tif.png")).shape[1] >= 1600
+    printed = capsys.readouterr()
+    assert "frame_3.tif" in printed.out
+    record = json.loads((out / "provenance.json").read_text())
+    assert record["pose"]["fitted"]
+    assert {item["path"].rsplit("/", 1)[-1] for item in record["inputs"]} >= {"reference.tif", "loads.csv"}
+
+
+def test_output_defaults_to_a_folder_inside_and_a_second_run_replaces_the_first(series):
+    assert process(series) == 0
+    first = (series / "contactimg_out" / "contacts.csv").read_bytes()
+    assert process(series) == 0
+    assert (series / "contactimg_out" / "contacts.csv").read_bytes() == first
+
+
+def test_forces_add_up_to_the_load(series, tmp_path):
+    process(series, "-o", tmp_path / "out")
+    frames = frames_of(tmp_path / "out")
+    np.testing.assert_allclose(frames["force_sum_N"], frames["load_N"], rtol=0.03)
+
+
+def test_workers_do_not_change_the_result(series, tmp_path):
+    process(series, "-o", tmp_path / "one")
+    assert main(["process", str(series), "-o", str(tmp_path / "two"), "--workers", "2", "--quiet"]) == 0
+    assert (tmp_path / "one" / "contacts.csv").read_bytes() == (
+        tmp_path / "two" / "contacts.csv"
+    ).read_bytes()
+
+
+def test_overlay_writes_matches_and_scores_for_both_models(series, tmp_path):
+    process(series, "-o", tmp_path / "run")
+    assert main(["overlay", str(tmp_path / "run"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    scores = pd.read_csv(tmp_path / "out" / "scores.csv")
+    assert scores.columns.tolist() == list(SCORES.columns)
+    assert scores.groupby("frame")["model"].apply(sorted).tolist() == [["coupled", "uncoupled"]] * 3
+    assert (scores.loc[scores["model"] == "coupled", "f1"] > 0.97).all()
+    matches = pd.read_csv(tmp_path / "out" / "matches.csv")
+    assert matches.columns.tolist() == list(MATCHES.columns)
+    assert len(list((tmp_path / "out" / "overlays").glob("*.png"))) == 3
+
+
+def test_predict_writes_one_name_a_load(series, tmp_path):
+    out = tmp_path / "out"
+    assert (
+        main(["predict", str(series), "--load-N", "0.02", "--load-N", "0.05", "-o", str(out), "--quiet"]) == 0
+    )
+    frames = frames_of(out)
+    assert len(frames) == 2
+    np.testing.assert_allclose(frames["force_sum_N"], frames["load_N"], rtol=1e-9)
+    assert pd.read_csv(out / "contacts.csv")["frame"].nunique() == 2
+    assert pd.read_csv(out / "profile.csv").columns.tolist() == list(PROFILE.columns)
+
+
+def test_simulate_makes_a_folder_that_process_takes(series, tmp_path):
+    assert main(["simulate", str(series), "-o", str(tmp_path / "again"), "--quiet"]) == 0
+    assert (tmp_path / "again" / "truth.csv").read_bytes() == (series / "truth.csv").read_bytes()
+    assert process(tmp_path / "again", "-o", tmp_path / "out") == 0
+
+
+def test_frames_without_a_scene_are_measured_in_pixels_and_with_a_pixel_size_in_metres(series, tmp_path):
+    for name in ("scene.toml", "loads.csv", "asperities.csv", "truth.csv"):
+        (series / name).unlink()
+    assert process(series, "-o", tmp_path / "px") == 0
+    contacts = pd.read_csv(tmp_path / "px" / "contacts.csv")
+    assert contacts["radius_px"].notna().all()
+    assert contacts["radius_m"].isna().all()
+    assert process(series, "-o", tmp_path / "m", "--pixel-size-um", 6) == 0
+    metres = pd.read_csv(tmp_path / "m" / "contacts.csv")
+    np.testing.assert_allclose(metres["radius_m"], 6e-6 * contacts["radius_px"], rtol=1e-12)
+
+
+def test_python_m_contactimg_answers_help():
+    run = subprocess.run(
+        [sys.executable, "-m", "contactimg", "--help"], capture_output=True, text=True, check=True
+    )
+    assert "process" in run.stdout
+
+
+@pytest.mark.parametrize("command", ["process", "predict", "overlay", "simulate"])
+def test_help_shows_an_example_on_its_own_line(command, capsys):
+    assert main([command, "--help"]) == 0
+    assert re.search(rf"^ +contactimg {command} ", capsys.readouterr().out, re.MULTILINE)
+
+
+# one bad frame is reported and does not stop the others
+
+
+def truncated(path):
+    path.write_bytes(path.read_bytes()[:5000])
+
+
+def text_file(path):
+    path.write_text("this is no image\n")
+
+
+def other_size(path):
+    tifffile.imwrite(path, np.zeros((20, 30), np.uint8))
+
+
+@pytest.mark.parametrize("spoil", [truncated, text_file, other_size])
+def test_a_bad_frame_is_named_and_the_others_are_measured(series, tmp_path, spoil):
+    process(series, "-o", tmp_path / "good")
+    spoil(series / "frame_2.tif")
+    assert process(series, "-o", tmp_path / "out") == 1
+    frames = frames_of(tmp_path / "out")
+    assert frames.loc["frame_2.tif", "status"] == "failed"
+    assert "frame_2.tif" in frames.loc["frame_2.tif", "message"]
+    contacts, good = (pd.read_csv(tmp_path / name / "contacts.csv") for name in ("out", "good"))
+    # the pose is fitted to the frame with most contacts, which is not the spoilt one
+    pd.testing.assert_frame_equal(contacts, good[good["frame"] != "frame_2.tif"].reset_index(drop=True))
+
+
+def black(image):
+    return np.zeros_like(image)
+
+
+def white(image):
+    return np.full_like(image, 255)
+
+
+def holed(image):
+    image = image.astype(np.float32)
+    image[100:110, 100:130] = np.nan
+    return image
+
+
+@pytest.mark.parametrize("change", [black, white, holed])
+def test_odd_frames_are_measured_and_carry_a_status(series, tmp_path, change):
+    path = series / "frame_3.tif"
+    tifffile.imwrite(path, change(tifffile.imread(path)))
+    assert process(series, "-o", tmp_path / "out") == 0
+    frames = frames_of(tmp_path / "out")
+    assert frames.loc["frame_3.tif", "status"] not in ("ok", "failed")
+    assert (frames.drop("frame_3.tif")["status"] == "ok").all()
+
+
+def test_reference_as_a_frame_has_no_contacts_and_a_status(series, tmp_path):
+    (series / "frame_2.tif").write_bytes((series / "reference.tif").read_bytes())
+    assert process(series, "-o", tmp_path / "out") == 0
+    row = frames_of(tmp_path / "out").loc["frame_2.tif"]
+    assert row["status"] != "ok"
+    assert (row["n_contacts"], row["area_m2"], row["force_sum_N"]) == (0, 0, 0)
+
+
+def test_no_reference_is_said(series, tmp_path):
+    edit(series / "scene.toml", 'reference = "reference.tif"\n', "")
+    (series / "reference.tif").unlink()
+    assert process(series, "-o", tmp_path / "out") == 0
+    assert frames_of(tmp_path / "out")["message"].str.contains("background").all()
+
+
+# nothing done: one sentence, exit code 2, and an earlier run untouched
+
+
+def in_scene(old, new):
+    return lambda folder: edit(folder / "scene.toml", old, new)
+
+
+def in_loads(old, new):
+    return lambda folder: edit(folder / "loads.csv", old, new)
+
+
+def small_reference(folder):
+    other_size(folder / "reference.tif")
+
+
+def no_reference(folder):
+    (folder / "reference.tif").unlink()
+
+
+def no_frames(folder):
+    for path in folder.glob("frame_*.tif"):
+        path.unlink()
+
+
+def no_height(folder):
+    edit(folder / "asperities.csv", "height_m", "hight")
+
+
+def word_for_a_number(folder):
+    lines = (folder / "asperities.csv").read_text().splitlines()
+    lines[3] = lines[3].replace(lines[3].split(",")[1], "many", 1)
+    (folder / "asperities.csv").write_text("\n".join(lines))
+
+
+BAD_INPUT = {
+    "pixel size 0": (in_scene("6e-06", "0.0"), r"pixel_size_m must be greater than 0, got 0\.0"),
+    "pixel size negative": (in_scene("6e-06", "-6e-6"), "pixel_size_m must be greater than 0, got -6e-06"),
+    "unknown key": (in_scene("pixel_size_m", "pixelsize_m"), r"no key 'pixelsize_m'.*pixel_size_m"),
+    "unknown section": (in_scene("[camera]", "[kamera]"), r"unknown section \[kamera\].*camera"),
+    "no TOML": (in_scene("[camera]", "[camera"), r"scene\.toml: is not valid TOML"),
+    "duplicate load": (
+        in_loads("frame_2.tif", "frame_1.tif"),
+        r"loads\.csv: .*frame_1\.tif is there more than once",
+    ),
+    "word for a load": (
+        in_loads("0.02", "heavy"),
+        r"loads\.csv: line 3, column load_N must be a number, got 'heavy'",
+    ),
+    "no load column": (in_loads("load_N", "load"), r"loads\.csv: column load_N is missing"),
+    "reference of another size": (
+        small_reference,
+        "frame_1.tif: the reference must have the size of the frame, 360 x 340 pixels, got 30 x 20",
+    ),
+    "reference missing": (no_reference, r"reference\.tif: the scene names this reference"),
+    "no frames": (no_frames, "matches no image file"),
+    "missing column": (no_height, r"asperities\.csv: column height_m is missing"),
+    "word for a number": (
+        word_for_a_number,
+        r"asperities\.csv: line 4, column y_m must be a number, got 'many'",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_INPUT)
+def test_bad_input_is_one_sentence_and_loses_nothing(series, capsys, case):
+    spoil, sentence = BAD_INPUT[case]
+    assert process(series) == 0
+    before = {path: path.read_bytes() for path in (series / "contactimg_out").rglob("*") if path.is_file()}
+    spoil(series)
+    capsys.readouterr()
+    assert re.search(sentence, failure(capsys, process(series)))
+    after = {path: path.read_bytes() for path in (series / "contactimg_out").rglob("*") if path.is_file()}
+    assert after == before
+
+
+def test_empty_folder(tmp_path, capsys):
+    assert "no image file" in failure(capsys, process(tmp_path))
+
+
+def test_output_that_cannot_be_a_folder(series, tmp_path, capsys):
+    (tmp_path / "file").write_text("not a folder")
+    assert "cannot be written" in failure(capsys, process(series, "-o", tmp_path / "file" / "out"))
+
+
+def test_output_of_another_command_is_kept(series, tmp_path, capsys):
+    process(series, "-o", tmp_path / "out")
+    code = main(["predict", str(series), "--load-N", "0.02", "-o", str(tmp_path / "out"), "--quiet"])
+    assert "choose" in failure(capsys, code)
+
+
+def test_missing_load_is_a_warning_and_an_empty_cell(series, tmp_path, capsys):
+    lines = (series / "loads.csv").read_text().splitlines()
+    (series / "loads.csv").write_text("\n".join(lines[:-1]) + "\n")
+    assert process(series, "-o", tmp_path / "out") == 0
+    assert "no load for the frames: frame_3.tif" in capsys.readouterr().err
+    assert np.isnan(frames_of(tmp_path / "out").loc["frame_3.tif", "load_N"])
+
+
+def test_every_frame_bad_is_nothing_done(series, tmp_path, capsys):
+    for path in series.glob("frame_*.tif"):
+        text_file(path)
+    assert "no frame could be measured" in failure(capsys, process(series, "-o", tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
+def test_overlay_of_no_run(tmp_path, capsys):
+    assert "holds no run" in failure(capsys, main(["overlay", str(tmp_path)]))
+
+
+def test_predict_negative_and_repeated_load(series, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    assert "load" in failure(capsys, main(["predict", str(series), "--load-N", "-1", "-o", out]))
+    repeated = ["predict", str(series), "--load-N", "1", "--load-N", "1", "-o", out]
+    assert "more than once" in failure(capsys, main(repeated))
+
+
+def test_unknown_option_is_a_usage_error(capsys):
+    assert main(["process", ".", "--no-such-option"]) == 2
+    assert "no-such-option" in capsys.readouterr().err
