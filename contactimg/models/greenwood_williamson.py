@@ -1,0 +1,273 @@
+"""Greenwood-Williamson: independent asperities of random height, under a flat or under a sphere.
+
+Where the other surface has sunk by ``x`` below the highest summits, ``eta = eta0 F_0(x)`` contacts a unit area
+bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.heights`). Under a sphere each ring has
+its own depth ``x``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import InputError
+from contactimg.models.heights import HeightLaw
+from contactimg.tables import PROFILE
+
+__all__ = ["AsperityLayer", "RingSolution", "solve_greenwood_williamson"]
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class AsperityLayer:
+    """Nominally flat surface covered with asperities of one radius and random height.
+
+    Parameters
+    ----------
+    heights : HeightLaw
+    density : float, 1/m^2
+        ``eta0``.
+    radius : float, m
+        ``R`` of every asperity.
+    contact_modulus : float, Pa
+        ``E*``; ``K = 4 E*/3``.
+
+    References
+    ----------
+    Greenwood, Williamson, Proc. R. Soc. A 295 (1966) 300, doi:10.1098/rspa.1966.0242; Yashima et al.,
+    doi:10.1039/C4SM02346C, Appendix B.
+
+    Examples
+    --------
+    For uniform heights of width ``s`` the pressure grows as ``(2/5) K sqrt(R) eta0 x^{5/2}/s``:
+
+    >>> from contactimg.models.heights import UniformHeights
+    >>> layer = AsperityLayer(UniformHeights(0.0, 30e-6), density=18e6, radius=100e-6, contact_modulus=4e6)
+    >>> round(float(layer.pressure(10e-6)), 3), round(0.4 * 16e6 / 3 * 1e-2 * 18e6 * 1e-5**2.5 / 30e-6, 3)
+    (4047.715, 4047.715)
+    """
+
+    heights: HeightLaw
+    density: float
+    radius: float
+    contact_modulus: float
+
+    def __post_init__(self) -> None:
+        for name in ("density", "radius", "contact_modulus"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"{name} must be positive, got {value!r}")
+
+    @property
+    def strength(self) -> float:
+        """Pressure over ``F_{3/2}``: ``K sqrt(R) eta0``."""
+        return float(4 / 3 * self.contact_modulus * np.sqrt(self.radius) * self.density)
+
+    def pressure(self, depth: ArrayLike) -> Values:
+        """Contact pressure at a depth (m) of the other surface below the highest summits, Pa."""
+        return self.strength * self.heights.moment(depth, 1.5)
+
+    def stiffness(self, depth: ArrayLike) -> Values:
+        """Rise of the pressure with the depth, Pa/m."""
+        return 1.5 * self.strength * self.heights.moment(depth, 0.5)
+
+    def contact_density(self, depth: ArrayLike) -> Values:
+        """Contacts per unit area, 1/m^2."""
+        return self.density * self.heights.moment(depth, 0)
+
+    def area_fraction(self, depth: ArrayLike) -> Values:
+        """Contact area per unit area."""
+        return np.pi * self.radius * self.density * self.heights.moment(depth, 1)
+
+    def mean_radius(self, depth: ArrayLike) -> Values:
+        """Mean contact radius, m; nan where nothing touches."""
+        touching = self.heights.moment(depth, 0)
+        total = np.sqrt(self.radius) * self.heights.moment(depth, 0.5)
+        return np.where(touching > 0, total / np.where(touching > 0, touching, 1.0), np.nan)
+
+    def depth(self, pressure: ArrayLike) -> Values:
+        """Depth (m) at which the layer bears a positive pressure (Pa), the inverse of `pressure`."""
+        return depth_of(self.heights, np.asarray(pressure, dtype=np.float64) / self.strength, 1.5)
+
+
+def depth_of(heights: HeightLaw, value: Values, power: float) -> Values:
+    """Depth at which ``F_n`` has a positive value, for ``n > 1``.
+
+    ``F_n`` is convex and grows with the depth, so from a larger depth Newton descends to the root. The depth
+    is negative where the value is reached above the top already (Gaussian heights).
+    """
+    if not np.all(value > 0):
+        raise InputError("a depth exists for positive pressures and loads only")
+    depth = np.full(np.shape(value), 1e-12 * heights.width + np.finfo(float).tiny)
+    while np.any(short := heights.moment(depth, power) < value):
+        depth = np.where(short, 2 * depth, depth)
+    for _ in range(200):
+        step = (heights.moment(depth, power) - value) / (power * heights.moment(depth, power - 1))
+        depth = depth - step
+        if np.all(np.abs(step) <= 1e-14 * np.abs(depth)):
+            break
+    return depth
+
+
+@dataclass(frozen=True, eq=False)
+class RingSolution:
+    """Averages over rings around the axis of the sphere at one load.
+
+    Parameters
+    ----------
+    model : str
+        ``"gw"`` or ``"gt"``.
+    r : ndarray, m
+        Radii of the rings.
+    depth : ndarray, m
+        How far the sphere reaches below the highest summits, their sinking with the half-space included.
+    pressure, density, mean_radius, area_fraction : ndarray
+        Pa, 1/m^2, m, 1.
+    indentation : float, m
+        From the law's reference height.
+    load : float, N
+    area : float, m^2
+        Real contact area.
+    displacement : ndarray, m
+        Of the half-space under the pressure; zero for ``"gw"``.
+    iterations : int
+    residual : float
+        Largest ``|p - q|`` over the largest ``p``.
+    """
+
+    model: str
+    r: Values
+    depth: Values
+    pressure: Values
+    density: Values
+    mean_radius: Values
+    area_fraction: Values
+    indentation: float
+    load: float
+    area: float
+    displacement: Values
+    iterations: int
+    residual: float
+
+    def profile(self, frame: str = "") -> pd.DataFrame:
+        """The rings as a table of the schema `PROFILE`."""
+        return PROFILE.conform(
+            pd.DataFrame(
+                {
+                    "frame": frame,
+                    "model": self.model,
+                    "r_m": self.r,
+                    "pressure_Pa": self.pressure,
+                    "density_per_m2": self.density,
+                    "mean_radius_m": self.mean_radius,
+                    "area_fraction": self.area_fraction,
+                }
+            )
+        )
+
+
+def ring_weights(r: Values) -> Values:
+    """Weights with which values at the radii give ``int 2 pi r f dr`` exactly for piecewise linear ``f``."""
+    width = np.diff(r)
+    weights = np.zeros_like(r)
+    weights[:-1] += np.pi * width * (2 * r[:-1] + r[1:]) / 3
+    weights[1:] += np.pi * width * (r[:-1] + 2 * r[1:]) / 3
+    return weights
+
+
+def solve_greenwood_williamson(
+    heights: HeightLaw,
+    *,
+    density: float,
+    radius: float,
+    indenter_radius: float,
+    contact_modulus: float,
+    load: float,
+    rings: int = 400,
+) -> RingSolution:
+    """Independent random asperities under a sphere: the average of the uncoupled model.
+
+    Parameters
+    ----------
+    heights : HeightLaw
+        `UniformHeights`, `GaussianHeights` or `SampleHeights`.
+    density : float, 1/m^2
+    radius : float, m
+        Composite radius of the asperities.
+    indenter_radius : float, m
+    contact_modulus : float, Pa
+    load : float, N
+        Positive.
+    rings : int
+
+    Returns
+    -------
+    RingSolution
+
+    Raises
+    ------
+    InputError
+        If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> from contactimg.models.heights import UniformHeights
+    >>> s = solve_greenwood_williamson(
+    ...     UniformHeights(30e-6, 60e-6), density=18.45e6, radius=100e-6,
+    ...     indenter_radius=0.1288, contact_modulus=4e6, load=0.5,
+    ... )
+    >>> round(s.indentation * 1e6, 2), round(s.load, 9)
+    (30.94, 0.5)
+    """
+    layer = AsperityLayer(heights, density, radius, contact_modulus)
+    check_rings(indenter_radius, load, rings)
+    # with x = x0 - r^2/(2 Rl) the sum over rings, int 2 pi r p(x) dr, is 2 pi Rl int p(x) dx
+    moment = 2.5 * load / (2 * np.pi * indenter_radius * layer.strength)
+    deepest = float(depth_of(heights, np.array(moment), 2.5))
+    end = np.sqrt(2 * indenter_radius * max(deepest, 0.01 * heights.width))
+    r = end * np.linspace(0.0, 1.0, rings)
+    area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
+    depth = deepest - r**2 / (2 * indenter_radius)
+    return ring_solution("gw", layer, r, depth, load=load, area=area, displacement=np.zeros_like(r))
+
+
+def ring_solution(
+    model: str,
+    layer: AsperityLayer,
+    r: Values,
+    depth: Values,
+    *,
+    load: float,
+    area: float,
+    displacement: Values,
+    iterations: int = 0,
+    residual: float = 0.0,
+) -> RingSolution:
+    """Averages on the rings from their depths; the indentation is what the sphere sinks below the reference."""
+    return RingSolution(
+        model=model,
+        r=r,
+        depth=depth,
+        pressure=layer.pressure(depth),
+        density=layer.contact_density(depth),
+        mean_radius=layer.mean_radius(depth),
+        area_fraction=layer.area_fraction(depth),
+        indentation=float(depth[0] + displacement[0]) - (layer.heights.top - layer.heights.reference),
+        load=load,
+        area=area,
+        displacement=displacement,
+        iterations=iterations,
+        residual=residual,
+    )
+
+
+def check_rings(indenter_radius: float, load: float, rings: int) -> None:
+    """Refuse arguments that make no rings."""
+    if not (np.isfinite(indenter_radius) and indenter_radius > 0):
+        raise InputError(f"indenter_radius must be positive and finite, got {indenter_radius!r} m")
+    if not (np.isfinite(load) and load > 0):
+        raise InputError(f"load must be positive, got {load!r} N")
+    if rings < 8:
+        raise InputError(f"rings must be at least 8, got {rings!r}")
