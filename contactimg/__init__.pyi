@@ -23,6 +23,7 @@ from .render import render_reference as render_reference
 from .surfaces import check_asperities as check_asperities
 from .surfaces import composite_apexes as composite_apexes
 from .surfaces import generate_asperities as generate_asperities
+from .imaging.measure import measure_image as measure_image
 from .matching import PoseFit as PoseFit
 from .matching import PoseSearch as PoseSearch
 from .matching import fit_pose as fit_pose

@@ -1,0 +1,204 @@
+"""The whole chain on the sample data: accuracy, an unknown pose, corrections switched off."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial import KDTree
+
+from contactimg.files import list_frames, read_scene, write_frame, write_scene
+from contactimg.frame import Frame
+from contactimg.matching import pair_points
+from contactimg.pipeline.inputs import need_asperities
+from contactimg.pipeline.overlay import compare_run
+from contactimg.pipeline.series import measure_series
+from contactimg.pipeline.simulate import write_simulation
+from contactimg.scene import scene_from_dict
+
+SAMPLES = Path(__file__).parents[1] / "sample_data"
+PIXEL = 6e-6
+
+
+@pytest.fixture(scope="module")
+def sample_run():
+    return measure_series(read_scene(SAMPLES / "sa_plus"), workers=1)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return pd.read_csv(SAMPLES / "sa_plus" / "truth.csv")
+
+
+def pairs_with_truth(run, truth, frame):
+    """Measured and true contacts of a frame, and the rows of each that belong together."""
+    measured = run.contacts[run.contacts["frame"] == frame].reset_index(drop=True)
+    true = truth[truth["frame"] == frame].reset_index(drop=True)
+    columns = ["x_px", "y_px"]
+    i, j, _ = pair_points(measured[columns], true[columns], max_distance=2.0)
+    return measured, true, i, j
+
+
+def copy_with_scene(target, camera):
+    """The sample's folder with another [camera], and only its last frame."""
+    shutil.copytree(SAMPLES / "sa_plus", target)
+    for k in range(1, 6):
+        (target / f"frame_{k}.tif").unlink()
+    scene = read_scene(target).source
+    write_scene(scene | {"camera": camera}, target / "scene.toml")
+    return target
+
+
+def coupled_and_uncoupled(run):
+    scores = compare_run(run, need_asperities(run.scene, "a test")).scores
+    table = scores.pivot_table(index="frame", columns="model", values="f1")
+    return table["coupled"].to_numpy(), table["uncoupled"].to_numpy()
+
+
+# sa_plus against its truth, no tuning
+
+
+def test_contacts_are_found_and_nothing_else(sample_run, truth):
+    for frame in sample_run.frames["frame"]:
+        measured, true, i, j = pairs_with_truth(sample_run, truth, frame)
+        large, large_true = measured["radius_px"] >= 2, true["radius_px"] >= 2
+        assert np.isin(np.flatnonzero(large), i).mean() >= 0.98
+        assert np.isin(np.flatnonzero(large_true), j).mean() >= 0.98
+
+
+def test_area_and_forces_at_every_load(sample_run, truth):
+    area = truth.groupby("frame")["area_m2"].sum()
+    frames = sample_run.frames.set_index("frame")
+    np.testing.assert_allclose(frames["area_m2"], area[frames.index], rtol=0.02)
+    np.testing.assert_allclose(frames["force_sum_N"], frames["load_N"], rtol=0.05)
+
+
+def test_every_contact_has_its_own_asperity_and_force(sample_run, truth):
+    for frame in sample_run.frames["frame"]:
+        measured, true, i, j = pairs_with_truth(sample_run, truth, frame)
+        assert measured["asperity"][i].tolist() == true["asperity"][j].tolist()
+        assert measured["force_N"].notna().all()
+
+
+def test_stated_uncertainty_of_the_radius_is_the_scatter(sample_run, truth):
+    pulls = []
+    for frame in sample_run.frames["frame"]:
+        measured, true, i, j = pairs_with_truth(sample_run, truth, frame)
+        error = measured["radius_px"].to_numpy()[i] - true["radius_px"].to_numpy()[j]
+        pulls.append(error / measured["radius_std_px"].to_numpy()[i])
+    inside = np.mean(np.abs(np.concatenate(pulls)) < 1)
+    # 881 contacts: a share of 0.68 scatters by 0.016; the blur and contrast they share scatter more
+    assert 0.55 < inside < 0.8
+
+
+def test_coupled_model_agrees_and_the_uncoupled_does_not(sample_run):
+    coupled, uncoupled = coupled_and_uncoupled(sample_run)
+    assert coupled.min() >= 0.97
+    assert uncoupled[-1] < 0.9
+
+
+# the pose used for rendering is handed over to nobody
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        {"pixel_size_m": 6.06e-6, "centre_m": [0.005 + 21e-6, 0.005 - 21e-6], "rotation_deg": 0.5},
+        {"pixel_size_m": 5.94e-6, "centre_m": [0.005 - 21e-6, 0.005 - 21e-6], "rotation_deg": -0.5},
+    ],
+)
+def test_a_wrong_pose_in_the_scene_is_put_right(camera, tmp_path):
+    run = measure_series(read_scene(copy_with_scene(tmp_path / "wrong", camera)), workers=1)
+    assert run.pose.fitted
+    coupled, uncoupled = coupled_and_uncoupled(run)
+    assert coupled[0] >= 0.97
+    assert uncoupled[0] < 0.9
+    assert run.pose.pose.pixel_size == pytest.approx(PIXEL, rel=1e-4)
+    assert run.frames["force_sum_N"][0] == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("axis", [0, 1], ids=["upside down", "left to right"])
+def test_a_mirrored_image_is_recognised(axis, tmp_path):
+    folder = copy_with_scene(tmp_path / "mirrored", {"pixel_size_m": PIXEL, "rotation_deg": 180.0 * axis})
+    for source in list_frames(folder):
+        frame = source.read()
+        flipped = np.ascontiguousarray(cv2.flip(frame.image, axis))
+        write_frame(Frame(flipped, frame.name, frame.full_scale), source.path)
+    run = measure_series(read_scene(folder), workers=1)
+    assert run.pose.pose.mirrored
+    assert coupled_and_uncoupled(run)[0][0] >= 0.97
+
+
+def test_without_fitting_the_pose_a_wrong_one_spoils_matches_and_forces(tmp_path):
+    camera = {"pixel_size_m": 6.06e-6, "centre_m": [0.00503, 0.005], "rotation_deg": 0.5}
+    folder = copy_with_scene(tmp_path / "wrong", camera)
+    scene = read_scene(folder).source
+    write_scene(scene | {"measure": {"pose": "given"}}, folder / "scene.toml")
+    run = measure_series(read_scene(folder), workers=1)
+    assert coupled_and_uncoupled(run)[0][0] < 0.6
+    # the pixel size enters the force to the third power: 1.01^3
+    assert run.frames["force_sum_N"][0] == pytest.approx(0.5 * 1.01**3, rel=5e-3)
+
+
+# frames that the estimator's model does not contain
+
+SCENE = {
+    "indenter": {"radius_m": 0.1288, "apex_m": [0.005, 0.005]},
+    "elastic": {"young_modulus_Pa": 3.0e6},
+    "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.01, "seed": 77},
+    "camera": {"pixel_size_m": PIXEL},
+    "simulate": {
+        "loads_N": [0.2],
+        "shape": [820, 1000],
+        "texture": 0.02,
+        "vignetting": 0.15,
+        "light_drift": 0.02,
+        "position_drift_px": 0.3,
+        "electrons_per_level": 20,
+        "read_noise_electrons": 10,
+        "seed": 78,
+    },
+}
+# largest errors of area and force; on other seeds benchmarks/chain_accuracy.py gives: halo 1.9 and 3.5 %,
+# Airy 1.4 and 2.4 %, spread 0.6 and 0.7 %, film 3.8 and 5.1 %: its rim adds to the radius
+FOREIGN = {
+    "halo": ({"psf": "halo"}, {}, 0.03, 0.05),
+    "airy": ({"psf": "airy"}, {}, 0.02, 0.04),
+    "spread": ({"brightness_spread": 0.05}, {}, 0.02, 0.03),
+    "film": ({}, {"film": "on"}, 0.06, 0.08),
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_frames_foreign_to_the_estimator(name, tmp_path):
+    optics, effects, area_limit, force_limit = FOREIGN[name]
+    scene = scene_from_dict(SCENE | {"simulate": SCENE["simulate"] | optics, "effects": effects})
+    write_simulation(scene, need_asperities(scene, "a test"), tmp_path)
+    run = measure_series(read_scene(tmp_path), workers=1)
+    truth = pd.read_csv(tmp_path / "truth.csv")
+    _, true, _, j = pairs_with_truth(run, truth, "frame_1.tif")
+    assert np.isin(np.flatnonzero(true["radius_px"] >= 2), j).mean() >= 0.98
+    area = run.frames["area_m2"][0] / true["area_m2"].sum() - 1
+    force = run.frames["force_sum_N"][0] / 0.2 - 1
+    assert abs(area) < area_limit
+    assert abs(force) < force_limit
+    if name == "film":  # the bias is real: a disk is not this edge
+        assert force > 0.02
+
+
+# real camera images
+
+
+def test_pins_are_63_contacts_on_a_lattice_of_9_by_7():
+    run = measure_series(read_scene(SAMPLES / "pins"), workers=1)
+    assert len(run.contacts) == 63
+    points = run.contacts[["x_px", "y_px"]].to_numpy()
+    rows = np.argsort(np.argsort(points[:, 1])) // 9
+    columns = np.argsort(np.argsort(points[:, 0])) // 7
+    assert sorted(zip(rows, columns, strict=True)) == [(i, j) for i in range(7) for j in range(9)]
+    # neighbours are a pitch apart: 2.5 mm, drawn out by the lens by up to a third
+    distance, _ = KDTree(points).query(points, k=2)
+    assert distance[:, 1].min() / np.median(distance[:, 1]) > 0.75
+    assert distance[:, 1].max() / np.median(distance[:, 1]) < 1.35
