@@ -1,7 +1,7 @@
 """Sneddon: a rigid sphere with its exact profile on an elastic half-space, for large ``a/R``.
 
-``delta = (a/2) ln((R + a)/(R - a))``, ``P = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``. Hertz's paraboloid
-is the leading term of both in ``a/R``. Lengths m, forces N, ``contact_modulus`` is ``E*``.
+``delta = (a/2) ln((R + a)/(R - a))``, ``P = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``. Hertz's laws are
+the leading terms of both in ``a/R``. Lengths m, forces N, ``contact_modulus`` is ``E*``.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ __all__ = [
     "scaled_indentation",
     "scaled_load",
     "scaled_radius",
+    "scaled_response",
 ]
 
 Values = NDArray[np.float64]
@@ -53,18 +54,30 @@ def scaled_load(ratio: Values) -> Values:
 
 
 def scaled_radius(depth: Values) -> Values:
-    """a/R at ``depth = delta/R``: ``s atanh(s) = depth`` solved in ``t = atanh(s)`` by Newton.
+    """a/R at ``depth = delta/R``."""
+    return np.tanh(_angle(depth))
 
-    ``t tanh(t)`` is increasing and close to ``t^2`` below and ``t`` above one, so a handful of steps suffice.
+
+def scaled_response(depth: Values) -> tuple[Values, Values]:
+    """P/(E* R^2) and a/R at ``depth = delta/R``, also where a/R rounds to one."""
+    t = _angle(depth)
+    s = np.tanh(t)
+    return np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s), s
+
+
+def _angle(depth: Values) -> Values:
+    """``t = atanh(a/R)``: ``t tanh(t) = depth`` by Newton.
+
+    The left side is close to ``t^2`` below one and to ``t`` above, so a handful of steps suffice.
     """
-    t = np.where(depth < 1, np.sqrt(depth * (1 + depth / 3)), depth)
+    t = np.where(depth < 1, np.sqrt(depth * (1 + np.minimum(depth, 1.0) / 3)), depth)
     for _ in range(30):
         slope = np.tanh(t) + t / np.cosh(np.minimum(t, 300.0)) ** 2
         step = (t * np.tanh(t) - depth) / np.where(slope > 0, slope, 1.0)
         t = np.maximum(t - step, 0.0)
         if np.all(np.abs(step) <= 2e-16 * t):
             break
-    return np.tanh(t)
+    return t
 
 
 def indentation_from_radius(radius: ArrayLike, *, sphere_radius: float) -> Values:
@@ -179,7 +192,7 @@ def radius(load: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> 
     """
     R = positive("sphere_radius", sphere_radius, "m")
     target = non_negative("load", load, "N") / (positive("contact_modulus", contact_modulus, "Pa") * R**2)
-    # in the depth d = delta/R the load is convex with slope 2 a/R: Newton from Hertz's depth, an upper bound of a
+    # in the depth delta/R the load is convex with slope 2 a/R: Newton from Hertz's depth
     depth = (0.75 * target) ** (2 / 3)
     for _ in range(60):
         s = scaled_radius(depth)

@@ -58,15 +58,16 @@ class CandidateSolver:
         alone = self._uncoupled()
         if self.coupling == "none":
             return self._system(self.problem.gap.size, NoCoupling()), alone, 0
-        force, reach = alone.force if seed is None else seed, self._reach(alone)
+        force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
         while True:
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
             system = self._system(count, self._operator(count))
             iterate = initial_iterate(system, force[:count], alone.indentation)
             system, iterate, steps = self._converge(system, iterate, tolerance, max_iterations)
+            taken += steps
             if iterate.indentation <= reach or count == self.problem.gap.size:
                 self._refuse_ambiguous(system, iterate)
-                return system, iterate, steps
+                return system, iterate, taken
             force, reach = self.problem.padded(iterate.force), 1.1 * iterate.indentation
 
     def _uncoupled(self) -> Iterate:
@@ -111,14 +112,15 @@ class CandidateSolver:
         self, system: System, iterate: Iterate, tolerance: float, max_iterations: int
     ) -> tuple[System, Iterate, int]:
         """Newton steps, refining the fields between them where the level of coupling asks for it."""
-        refinement = None
+        refinement, count = None, system.gap.size
+        x, y = self.problem.x[:count], self.problem.y[:count]
         if self.coupling in ("hertz", "full"):
-            count = system.gap.size
-            x, y = self.problem.x[:count], self.problem.y[:count]
             refinement = Refinement(system, x, y, full=self.coupling == "full")
         refined = False
         for steps in range(max_iterations + 1):
             if refinement is not None and (refined or iterate.residual < REFINE_BELOW):
+                if not refined:
+                    self._refuse_ambiguous(system, iterate)
                 system, iterate = refinement.apply(system, iterate)
                 refined = True
             if iterate.residual <= tolerance and refined == (refinement is not None):
@@ -128,9 +130,15 @@ class CandidateSolver:
                 break
             iterate = following
         self._refuse_ambiguous(system, iterate)
+        merged = int(np.sum(overlapping(x, y, self._uncoupled().contact_radius[:count])))
         raise ConvergenceError(
             f"the contact forces did not converge: residual {iterate.residual:.3g} after {steps} Newton steps, "
-            f"tolerance {tolerance:.3g}; start from the solution at a smaller load, or allow a larger tolerance"
+            f"tolerance {tolerance:.3g}; "
+            + (
+                f"{merged} contacts would overlap without coupling, so that the load may lie beyond the model"
+                if merged
+                else "start from the solution at a smaller load, or allow a larger tolerance"
+            )
         )
 
     def _refuse_ambiguous(self, system: System, iterate: Iterate) -> None:

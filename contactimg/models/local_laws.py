@@ -17,30 +17,21 @@ __all__ = ["LAWS", "HertzLaw", "LocalLaw", "SphereLaw", "local_law"]
 Values = NDArray[np.float64]
 
 
-_EQUATOR = 1 - 2.0**-53
-"""Largest a/R below one: the sphere's own radius is reached only at infinite indentation."""
-
-
 class LocalLaw(Protocol):
-    """Contact radius and force of separate axisymmetric contacts."""
+    """Force and contact radius of separate axisymmetric contacts."""
 
-    def contact_radius(self, penetration: Values, radius: Values) -> Values:
-        """Contact radius at penetrations; zero where they are negative."""
-
-    def force(self, contact_radius: Values, radius: Values) -> Values:
-        """Force over ``E*`` at contact radii."""
+    def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
+        """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
 
 
 class HertzLaw:
     """Paraboloid: ``a = sqrt(R delta)``, ``p = (4/3) a^3/R``."""
 
-    def contact_radius(self, penetration: Values, radius: Values) -> Values:
-        """Contact radius at penetrations; zero where they are negative."""
-        return np.sqrt(radius * np.maximum(penetration, 0.0))
-
-    def force(self, contact_radius: Values, radius: Values) -> Values:
-        """Force over ``E*`` at contact radii."""
-        return (4 / 3) * contact_radius**3 / radius
+    def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
+        """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
+        depth = np.maximum(penetration, 0.0)
+        contact_radius = np.sqrt(radius * depth)
+        return (4 / 3) * contact_radius * depth, contact_radius
 
 
 @dataclass(frozen=True)
@@ -56,15 +47,11 @@ class SphereLaw:
 
     aspect: float
 
-    def contact_radius(self, penetration: Values, radius: Values) -> Values:
-        """Contact radius at penetrations; zero where they are negative."""
+    def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
+        """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
         depth = self.aspect**2 * np.maximum(penetration, 0.0) / radius
-        return radius / self.aspect * sphere.scaled_radius(depth)
-
-    def force(self, contact_radius: Values, radius: Values) -> Values:
-        """Force over ``E*`` at contact radii."""
-        ratio = np.minimum(self.aspect * contact_radius / radius, _EQUATOR)
-        return radius**2 / self.aspect**3 * sphere.scaled_load(ratio)
+        load, ratio = sphere.scaled_response(depth)
+        return radius**2 / self.aspect**3 * load, radius / self.aspect * ratio
 
 
 LAWS = ("hertz", "sphere")

@@ -50,8 +50,7 @@ class System:
 
     def response(self, penetration: Values) -> tuple[Values, Values]:
         """Forces and contact radii at penetrations."""
-        contact_radius = self.law.contact_radius(penetration, self.radius)
-        return self.law.force(contact_radius, self.radius), contact_radius
+        return self.law.respond(penetration, self.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +119,8 @@ def solve_uncoupled(system: System, offset: Values, load: float) -> float:
 def _bearing(system: System, penetration: Values) -> tuple[float, float]:
     """Sum of forces and of stiffnesses of independent contacts."""
     touching = np.flatnonzero(penetration > 0)
-    radius = system.radius[touching]
-    contact_radius = system.law.contact_radius(penetration[touching], radius)
-    return float(np.sum(system.law.force(contact_radius, radius))), float(2 * np.sum(contact_radius))
+    force, contact_radius = system.law.respond(penetration[touching], system.radius[touching])
+    return float(force.sum()), float(2 * contact_radius.sum())
 
 
 def initial_iterate(system: System, force: Values, indentation: float) -> Iterate:
@@ -159,6 +157,8 @@ def _self_consistent_factor(system: System, force: Values, displacement: Values,
 
 def take_step(system: System, at: Iterate) -> Iterate | None:
     """One Newton step, shortened where the full one does not lower the mismatch; None if no step does."""
+    if not at.contact_radius.any():
+        return None
     for damping in DAMPINGS:
         try:
             change, rise = _direction(system, at, damping)

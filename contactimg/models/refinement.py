@@ -7,7 +7,7 @@ effective radius ``1/(1/R + T)``. Displacements are then those between shifted c
 none: ``hertz`` alone is less accurate than point forces below ``r/a`` of about 3, because their errors cancel.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,17 @@ __all__ = ["Refinement"]
 
 Values = NDArray[np.float64]
 
+MEMORY = 4
+"""Earlier corrections from which the next one is extrapolated."""
+
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
     """Turns a system of point forces into a refined one, around an iterate.
+
+    The corrections (excess displacement, slopes, curvature) follow from the forces and these from the
+    corrections: a fixed point, approached by one Newton step between two updates and by extrapolation from
+    the last few of them (Anderson's method).
 
     Parameters
     ----------
@@ -37,17 +44,43 @@ class Refinement:
     x: Values
     y: Values
     full: bool
+    _history: list[tuple[Values, Values]] = field(default_factory=list)
+    _tried: list[Values] = field(default_factory=list)
 
     def apply(self, system: System, at: Iterate) -> tuple[System, Iterate]:
         """The system refined with the fields at the iterate, and the iterate measured in it."""
-        _, contact_radius = system.response(at.penetration(system))
-        fields = system.coupling.fields(at.force, contact_radius)
-        offset, radius, coupling = fields.excess, self.base.radius, system.coupling
-        if self.full:
-            shift_x, shift_y = -radius * fields.slope_x, -radius * fields.slope_y
-            offset = offset + (shift_x**2 + shift_y**2) / (2 * radius)
-            radius = radius / np.maximum(1 + radius * fields.curvature, 0.1)
-            coupling = coupling.moved(self.x + shift_x, self.y + shift_y)
-        refined = replace(self.base, gap=self.base.gap + offset, radius=radius, coupling=coupling)
-        displacement = coupling.displacement(at.force) if self.full else at.displacement
+        fields = system.coupling.fields(at.force, at.contact_radius)
+        if not self.full:
+            refined = replace(self.base, gap=self.base.gap + self._extrapolated(fields.excess))
+            return refined, measure(refined, at.force, at.indentation, at.displacement)
+        found = np.stack([fields.excess, fields.slope_x, fields.slope_y, fields.curvature])
+        excess, slope_x, slope_y, curvature = self._extrapolated(found.ravel()).reshape(found.shape)
+        radius = self.base.radius
+        shift_x, shift_y = -radius * slope_x, -radius * slope_y
+        refined = replace(
+            self.base,
+            gap=self.base.gap + excess + (shift_x**2 + shift_y**2) / (2 * radius),
+            radius=radius / np.maximum(1 + radius * curvature, 0.1),
+            coupling=system.coupling.moved(self.x + shift_x, self.y + shift_y),
+        )
+        displacement = refined.coupling.displacement(at.force)
         return refined, measure(refined, at.force, at.indentation, displacement)
+
+    def _extrapolated(self, found: Values) -> Values:
+        """The next corrections to try, from those that the last ones tried led to."""
+        if self._tried:
+            self._history.append((self._tried.pop(), found))
+            del self._history[: -MEMORY - 1]
+            found = _least_error(self._history)
+        self._tried.append(found)
+        return found
+
+
+def _least_error(history: list[tuple[Values, Values]]) -> Values:
+    """The combination of what was found whose error, found minus tried, is least (Anderson's mixing)."""
+    if len(history) < 2:
+        return history[-1][1]
+    found = np.column_stack([after for _, after in history])
+    errors = found - np.column_stack([before for before, _ in history])
+    weights = np.linalg.lstsq(np.diff(errors), errors[:, -1], rcond=1e-8)[0]
+    return found[:, -1] - np.diff(found) @ weights
