@@ -31,3 +31,14 @@ from .matching import match_contacts as match_contacts
 from .pipeline.measure import measure_frame as measure_frame
 from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
+from .models.adhesive import solve_adhesive as solve_adhesive
+from .models.adhesive import solve_adhesive_path as solve_adhesive_path
+from .models.ensemble import solve_ensemble as solve_ensemble
+from .models.greenwood_tripp import solve_greenwood_tripp as solve_greenwood_tripp
+from .models.greenwood_williamson import AsperityLayer as AsperityLayer
+from .models.greenwood_williamson import solve_greenwood_williamson as solve_greenwood_williamson
+from .models.heights import GaussianHeights as GaussianHeights
+from .models.heights import SampleHeights as SampleHeights
+from .models.heights import UniformHeights as UniformHeights
+from .models.solution import InteractingSolution as InteractingSolution
+from .mechanics import sphere as sphere

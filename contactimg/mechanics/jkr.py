@@ -5,6 +5,8 @@ With ``w = 0`` every formula is the one of `contactimg.hertz`. JKR rather than D
 ``(R w^2/(E*^2 z0^3))^{1/3}`` is well above one, as it is for rubber.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -26,8 +28,10 @@ __all__ = [
 Values = NDArray[np.float64]
 
 
-def _constants(sphere_radius: float, contact_modulus: float, work_of_adhesion: float) -> tuple[float, ...]:
-    """R, K and w, checked."""
+def _constants(
+    sphere_radius: ArrayLike, contact_modulus: float, work_of_adhesion: float
+) -> tuple[Any, float, float]:
+    """R, K and w, checked; R may be an array."""
     w = float(work_of_adhesion)
     if not 0 <= w < np.inf:
         raise InputError(f"work_of_adhesion must not be negative, got {work_of_adhesion!r} J/m^2")
@@ -79,7 +83,7 @@ def radius(
 
 
 def load(
-    radius: ArrayLike, *, sphere_radius: float, contact_modulus: float, work_of_adhesion: float
+    radius: ArrayLike, *, sphere_radius: ArrayLike, contact_modulus: float, work_of_adhesion: float
 ) -> Values:
     """Load at a contact radius: ``P = K a^3/R - sqrt(6 pi w K a^3)``, the inverse of `radius`.
 
@@ -87,7 +91,7 @@ def load(
     ----------
     radius : array_like, m
         Any contact radius; the inverse gives back the stable ones, from `pull_off_radius` on.
-    sphere_radius : float, m
+    sphere_radius : float or array_like, m
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
 
@@ -111,14 +115,14 @@ def load(
 
 
 def indentation_from_radius(
-    radius: ArrayLike, *, sphere_radius: float, contact_modulus: float, work_of_adhesion: float
+    radius: ArrayLike, *, sphere_radius: ArrayLike, contact_modulus: float, work_of_adhesion: float
 ) -> Values:
     """Indentation at a contact radius: ``delta = a^2/R - sqrt(8 pi w a/(3 K))``.
 
     Parameters
     ----------
     radius : array_like, m
-    sphere_radius : float, m
+    sphere_radius : float or array_like, m
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
 

@@ -1,7 +1,7 @@
 """Greenwood-Tripp: a rough sphere whose asperities obey Greenwood and Williamson on an elastic half-space.
 
-On each ring the sphere reaches ``x(r) = D - r^2/(2 Rl) - w(r)`` below the highest summits, and the pressure is
-``p = K sqrt(R) eta0 F_{3/2}(x)``; ``w`` is the half-space's displacement by ``p``. The pressure is piecewise linear over the rings, which makes
+On each ring the sphere reaches ``x(r) = D - r^2/(2 Rl) - w(r)`` below the highest summits, and the pressure
+is ``p = K sqrt(R) eta0 F_{3/2}(x)``; ``w`` is the half-space's displacement by ``p``. The pressure is piecewise linear over the rings, which makes
 it a stack of discs, ``w(r) = int -p'(c) W(r, c) dc``: the displacement ``W`` by a uniform disc of radius ``c``
 is a complete elliptic integral, continuous at ``c = r``, and the logarithm in its slope is integrated by
 quadrature graded towards it.
@@ -292,7 +292,7 @@ def _displacement_matrix(r: Values) -> Values:
 
 
 def _disc_displacement(r: Values, c: Values | float) -> Values:
-    """Displacement at ``r`` by unit pressure on a disc of radius ``c`` (Johnson, Contact Mechanics, section 3.4)."""
+    """Displacement at ``r`` by unit pressure on a disc of radius ``c`` (Johnson, Contact Mechanics, 3.4)."""
     larger = np.maximum(r, c)
     m = np.minimum((np.minimum(r, c) / larger) ** 2, 1 - 1e-15)
     outside = ellipe(m) - (1 - m) * ellipk(m)

@@ -245,7 +245,7 @@ def ring_solution(
     iterations: int = 0,
     residual: float = 0.0,
 ) -> RingSolution:
-    """Averages on the rings from their depths; the indentation is what the sphere sinks below the reference."""
+    """Averages on the rings from their depths; the indentation is the sphere's below the reference."""
     return RingSolution(
         model=model,
         r=r,

@@ -1,0 +1,366 @@
+"""Interacting asperities with adhesion: JKR's law for each, followed along loading and unloading.
+
+Not a convex problem: at one load several sets of contacts can be in equilibrium, and history chooses. A
+contact forms where two surfaces touch (``delta = 0``) and breaks where its equilibrium ceases to be stable. So the
+set of contacts is carried from load to load; for a given set Newton's method finds radii and indentation.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError, ModelRangeError
+from contactimg.mechanics import jkr
+from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.interacting import solve_interacting
+from contactimg.models.problem import Problem, Setting, pose_problem
+from contactimg.models.solution import InteractingSolution
+
+__all__ = ["solve_adhesive", "solve_adhesive_path"]
+
+Values = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+COUPLINGS = ("none", "asymptotic")
+
+_SHORTEST_STEP = 2.0**-30
+
+
+def solve_adhesive(
+    asperities: pd.DataFrame,
+    *,
+    indenter_radius: float,
+    contact_modulus: float,
+    work_of_adhesion: float,
+    load: float | None = None,
+    indentation: float | None = None,
+    apex: tuple[float, float] = (0.0, 0.0),
+    coupling: str = "asymptotic",
+    start: InteractingSolution | None = None,
+    tolerance: float = 1e-11,
+    max_iterations: int = 30,
+) -> InteractingSolution:
+    """Forces and radii of adhesive contacts, reached from a neighbouring solution or by first loading.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``.
+    indenter_radius : float, m
+    contact_modulus : float, Pa
+    work_of_adhesion : float, J/m^2
+    load, indentation : float, N or m
+        Exactly one of the two; the load may be a pull, the indentation negative, as long as contacts hold.
+    apex : (float, float), m
+    coupling : {"none", "asymptotic"}
+    start : InteractingSolution, optional
+        The solution before: its contacts persist until they break. Without it the surfaces are brought
+        together for the first time.
+    tolerance : float
+        On the errors of the penetrations over the scale of the penetrations.
+    max_iterations : int
+        Newton steps for one set of contacts.
+
+    Returns
+    -------
+    InteractingSolution
+        Forces of contacts under tension are negative.
+
+    Raises
+    ------
+    InputError
+        If an argument breaks its rule.
+    ModelRangeError
+        If the load is a stronger pull than the contacts bear.
+
+    Notes
+    -----
+    Contacts that have formed persist, so the answer depends on the way: reach a load in steps as the
+    experiment did (`solve_adhesive_path`). Each asperity follows JKR's stable branch under an imposed displacement; the compliance that its
+    neighbours add is in the equations, so a contact breaks earlier among compliant neighbours. Suited to
+    some thousand contacts: the Newton system is a dense, unsymmetric matrix.
+
+    References
+    ----------
+    Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301, doi:10.1098/rspa.1971.0141.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> cap = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
+    >>> where = dict(indenter_radius=float("inf"), contact_modulus=4e6, work_of_adhesion=0.05)
+    >>> solution = solve_adhesive(cap, load=0.0, **where)
+    >>> closed = jkr.zero_load_radius(sphere_radius=1e-4, contact_modulus=4e6, work_of_adhesion=0.05)
+    >>> round(float(solution.radius[0]) / closed, 9)
+    1.0
+    """
+    w = float(work_of_adhesion)
+    if not (np.isfinite(w) and w > 0):
+        raise InputError(
+            f"work_of_adhesion must be positive, got {work_of_adhesion!r} J/m^2; "
+            "use solve_interacting without adhesion"
+        )
+    if coupling not in COUPLINGS:
+        raise InputError(f"coupling must be one of {', '.join(map(repr, COUPLINGS))}, got {coupling!r}")
+    setting = Setting(indenter_radius, float(contact_modulus), apex, np.inf, load, indentation)
+    setting.check()
+    problem = pose_problem(asperities, setting, depth=_depth_unit(asperities, setting, w))
+    before = start if start is not None else _without_adhesion(asperities, setting, coupling)
+    adhesion = w * problem.length / (contact_modulus * problem.depth**2)
+    path = _Path(problem, adhesion, coupling, tolerance, max_iterations)
+    state, steps = path.follow(before, first=start is None)
+    return problem.record(
+        *state.scattered(problem.order.size),
+        indentation=state.indentation * problem.depth,
+        coupling=coupling,
+        thickness=np.inf,
+        status="converged",
+        iterations=steps,
+        residual=state.residual,
+    )
+
+
+def solve_adhesive_path(
+    asperities: pd.DataFrame,
+    *,
+    loads: Iterable[float],
+    indenter_radius: float,
+    contact_modulus: float,
+    work_of_adhesion: float,
+    **options: object,
+) -> Iterator[InteractingSolution]:
+    """Loading and unloading: one solution a load, in order, contacts persisting from each to the next.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+    loads : iterable of float, N
+        Up and down; a pull is negative.
+    indenter_radius : float, m
+    contact_modulus : float, Pa
+    work_of_adhesion : float, J/m^2
+    **options
+        Further keywords of `solve_adhesive`.
+
+    Yields
+    ------
+    InteractingSolution
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> cap = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
+    >>> where = dict(indenter_radius=float("inf"), contact_modulus=4e6, work_of_adhesion=0.05)
+    >>> [round(float(s.radius[0]) * 1e6, 1) for s in solve_adhesive_path(cap, loads=[0, 1e-4, 0], **where)]
+    [12.1, 16.8, 12.1]
+    """
+    previous = None
+    for load in loads:
+        previous = solve_adhesive(
+            asperities,
+            indenter_radius=indenter_radius,
+            contact_modulus=contact_modulus,
+            work_of_adhesion=work_of_adhesion,
+            load=float(load),
+            start=previous,
+            **options,  # type: ignore[arg-type]
+        )
+        yield previous
+
+
+def _depth_unit(asperities: pd.DataFrame, setting: Setting, work_of_adhesion: float) -> float:
+    """Unit of height: the larger of Hertz's and adhesion's indentation of a typical asperity."""
+    if not len(asperities):
+        raise InputError("the asperity table is empty: there is nothing to adhere to")
+    radius, E = float(np.median(asperities["radius_m"])), setting.contact_modulus
+    hertz = (0.75 * abs(setting.load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
+    return float(max(hertz, abs(setting.indentation or 0.0), np.cbrt(radius * (work_of_adhesion / E) ** 2)))
+
+
+def _without_adhesion(asperities: pd.DataFrame, setting: Setting, coupling: str) -> InteractingSolution:
+    """The problem without adhesion: first loading touches at least its contacts."""
+    return solve_interacting(
+        asperities,
+        indenter_radius=setting.indenter_radius,
+        contact_modulus=setting.contact_modulus,
+        load=None if setting.load is None else max(setting.load, 0.0),
+        indentation=setting.indentation,
+        apex=setting.apex,
+        coupling=coupling,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Contacts (rows from the highest down), their radii, the penetrations of all, and ``D``."""
+
+    rows: Rows
+    contact_radius: Values
+    force: Values
+    penetration: Values
+    indentation: float
+    residual: float
+
+    def scattered(self, size: int) -> tuple[Values, Values, Values]:
+        """Force, contact radius and penetration of all asperities."""
+        force, contact_radius = np.zeros(size), np.zeros(size)
+        force[self.rows], contact_radius[self.rows] = self.force, self.contact_radius
+        return force, contact_radius, self.penetration
+
+
+@dataclass(frozen=True, eq=False)
+class _Path:
+    """One problem of a path; ``adhesion`` is ``w`` without dimension."""
+
+    problem: Problem
+    adhesion: float
+    coupling: str
+    tolerance: float
+    max_iterations: int
+
+    def follow(self, before: InteractingSolution, *, first: bool) -> tuple[_State, int]:
+        """Let contacts break and form until the set is in equilibrium.
+
+        At first loading under a load the highest asperity is in contact; under an indentation those that the
+        indenter reaches are.
+        """
+        p, steps = self.problem, 0
+        radius = before.radius[p.order] / p.length
+        if first and not radius.any() and (p.load is not None or p.indentation >= 0):
+            radius[0] = self._touch_radius(p.radius[:1])[0]
+        rows, guess, depth = np.flatnonzero(radius), radius, before.indentation / p.depth
+        broken = np.zeros(radius.size, dtype=bool)
+        while rows.size:
+            guess = np.where(
+                guess > 0, np.maximum(guess, self._touch_radius(p.radius) if first else 0.0), 0.0
+            )
+            state, taken, weakest = self._equilibrium(rows, guess[rows], depth)
+            steps += taken
+            if state is None:
+                broken[weakest] = True
+                rows = rows[rows != weakest]
+                continue
+            forming = (state.penetration > 0) & ~broken
+            forming[rows] = False
+            if not forming.any():
+                return state, steps
+            guess, depth, first = self.problem.padded(np.zeros(0)), state.indentation, False
+            guess[rows] = state.contact_radius
+            guess[forming] = self._touch_radius(p.radius[forming])
+            rows = np.flatnonzero(guess)
+        return self._parted(), steps
+
+    def _touch_radius(self, radius: Values) -> Values:
+        """Contact radius of zero penetration, into which a contact jumps: ``a^3 = 2 pi w R^2``."""
+        return np.cbrt(2 * np.pi * self.adhesion * radius**2)
+
+    def _parted(self) -> _State:
+        """The surfaces have come apart."""
+        p = self.problem
+        if p.load is not None and p.load < 0:
+            raise ModelRangeError(
+                f"load must not be below pull-off: no contact bears a pull of {-p.load * p.force_unit:.6g} N"
+            )
+        none, depth = np.zeros(0), 0.0 if p.load is not None else p.indentation
+        return _State(np.zeros(0, dtype=np.intp), none, none, depth - p.gap, depth, 0.0)
+
+    def _equilibrium(self, rows: Rows, a: Values, depth: float) -> tuple[_State | None, int, int]:
+        """Newton on one set of contacts; without equilibrium, the row of the contact nearest to breaking."""
+        contacts = _Contacts.of(self, rows)
+        D = self.problem.indentation if self.problem.load is None else depth
+        error, missing = contacts.errors(a, D)
+        for steps in range(self.max_iterations + 1):
+            residual = contacts.residual(error, missing, D)
+            if residual <= self.tolerance:
+                return contacts.state(a, D, residual), steps, -1
+            change, rise = contacts.direction(a, error, missing)
+            step, merit = 1.0, float(error @ error + missing**2)
+            while step > _SHORTEST_STEP:
+                trial = np.maximum(a + step * change, contacts.fold)
+                error, missing = contacts.errors(trial, D + step * rise)
+                if float(error @ error + missing**2) < (1 - 1e-4 * step) * merit:
+                    break
+                step /= 2
+            else:
+                break
+            a, D = trial, D + step * rise
+        return None, steps, int(rows[np.argmin(a / contacts.fold)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Contacts:
+    """Equations of a set of contacts in their radii: ``delta(a) + C p(a) + g - D = 0``, ``sum p = P``."""
+
+    path: _Path
+    rows: Rows
+    radius: Values
+    gap: Values
+    fold: Values
+    matrix: Values
+
+    @classmethod
+    def of(cls, path: _Path, rows: Rows) -> "_Contacts":
+        """The equations of given rows; ``fold`` are the radii at which an isolated contact breaks."""
+        p = path.problem
+        radius = p.radius[rows]
+        matrix = np.zeros((rows.size, rows.size))
+        if path.coupling != "none":
+            matrix = DenseCoupling(p.x[rows], p.y[rows], Kernel.of_thickness(np.inf)).matrix
+        fold = np.cbrt(np.pi * path.adhesion * radius**2 / 8)
+        return cls(path, rows, radius, p.gap[rows], fold, matrix)
+
+    def force(self, a: Values) -> Values:
+        """JKR's load."""
+        return jkr.load(
+            a, sphere_radius=self.radius, contact_modulus=1.0, work_of_adhesion=self.path.adhesion
+        )
+
+    def errors(self, a: Values, depth: float) -> tuple[Values, float]:
+        """Errors of the penetrations and of the load."""
+        penetration = jkr.indentation_from_radius(
+            a, sphere_radius=self.radius, contact_modulus=1.0, work_of_adhesion=self.path.adhesion
+        )
+        force, load = self.force(a), self.path.problem.load
+        missing = 0.0 if load is None else load - float(force.sum())
+        return penetration + self.matrix @ force + self.gap - depth, missing
+
+    def residual(self, error: Values, missing: float, depth: float) -> float:
+        """Largest relative error."""
+        load = self.path.problem.load
+        size = max(1.0, float(np.abs(depth - self.gap).max()))
+        return max(float(np.abs(error).max()) / size, abs(missing) / max(1.0, abs(load or 0.0)))
+
+    def direction(self, a: Values, error: Values, missing: float) -> tuple[Values, float]:
+        """Newton's change of radii and of the indentation."""
+        w = self.path.adhesion
+        softness = 2 * a / self.radius - np.sqrt(np.pi * w / (2 * a))
+        stiffness = 4 * a**2 / self.radius - np.sqrt(18 * np.pi * w * a)
+        jacobian = self.matrix * stiffness
+        # at the fold the softness vanishes; a floor keeps an uncoupled row regular
+        jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.radius)
+        back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
+        if self.path.problem.load is None:
+            return -back, 0.0
+        rise = float((missing + stiffness @ back) / (stiffness @ sink))
+        return rise * sink - back, rise
+
+    def state(self, a: Values, depth: float, residual: float) -> _State:
+        """The solution with all penetrations: JKR's in contact, elsewhere the overlap of the surfaces."""
+        p, force = self.path.problem, self.force(a)
+        penetration = depth - p.gap
+        near = np.flatnonzero(penetration > 0)
+        if self.path.coupling != "none":
+            penetration[near] -= _displacement(p.x[near], p.y[near], p.x[self.rows], p.y[self.rows], force)
+        penetration[self.rows] = jkr.indentation_from_radius(
+            a, sphere_radius=self.radius, contact_modulus=1.0, work_of_adhesion=self.path.adhesion
+        )
+        return _State(self.rows, a, force, penetration, depth, residual)
+
+
+def _displacement(x: Values, y: Values, source_x: Values, source_y: Values, force: Values) -> Values:
+    """Displacement at places by point forces elsewhere; a place that is a source leaves itself out."""
+    distance = np.hypot(x[:, None] - source_x, y[:, None] - source_y)
+    return np.where(distance > 0, 1 / np.where(distance > 0, distance, 1.0), 0.0) @ force / np.pi

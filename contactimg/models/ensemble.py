@@ -1,0 +1,129 @@
+"""Many random patterns, loads and models in one stream: seeded, over cores, in bounded memory."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from contactimg.errors import InputError
+from contactimg.models.interacting import COUPLINGS, solve_loads
+from contactimg.models.solution import InteractingSolution
+from contactimg.surfaces import generate_asperities
+
+__all__ = ["EnsembleMember", "solve_ensemble"]
+
+
+@dataclass(frozen=True, eq=False)
+class EnsembleMember:
+    """One pattern solved at all loads and levels of coupling.
+
+    Parameters
+    ----------
+    index : int
+        Number of the pattern, from 0.
+    solutions : dict
+        ``(coupling, load)`` -> `InteractingSolution`.
+    """
+
+    index: int
+    solutions: dict[tuple[str, float], InteractingSolution]
+
+
+def solve_ensemble(
+    kind: str,
+    *,
+    patterns: int,
+    loads: Sequence[float],
+    side: float,
+    indenter_radius: float,
+    contact_modulus: float,
+    seed: int,
+    coverage: float | None = None,
+    couplings: Sequence[str] = ("none", "asymptotic"),
+    workers: int = 1,
+) -> Iterator[EnsembleMember]:
+    """Random patterns under a lens over their middle, one after the other.
+
+    Parameters
+    ----------
+    kind : {"SA", "RA-", "RA+"}
+        As in `contactimg.generate_asperities`.
+    patterns : int
+        How many.
+    loads : sequence of float, N
+    side : float, m
+        Side of the square pattern.
+    indenter_radius : float, m
+    contact_modulus : float, Pa
+    seed : int
+        Pattern ``k`` depends on the seed and on ``k`` alone, not on the number of patterns or workers.
+    coverage : float, optional
+    couplings : sequence of str
+        Levels of coupling to solve.
+    workers : int
+        Processes; -1 for all cores.
+
+    Yields
+    ------
+    EnsembleMember
+        In the order of the patterns, as soon as each is solved; only a few are held at a time.
+
+    Raises
+    ------
+    InputError
+        If an argument breaks its rule.
+
+    Examples
+    --------
+    >>> members = solve_ensemble(
+    ...     "SA", patterns=2, loads=[0.02], side=4e-3, indenter_radius=0.1288, contact_modulus=4e6, seed=1
+    ... )
+    >>> [len(member.solutions) for member in members]
+    [2, 2]
+    """
+    if patterns < 0 or isinstance(patterns, bool):
+        raise InputError(f"patterns must not be negative, got {patterns!r}")
+    unknown = [level for level in couplings if level not in COUPLINGS]
+    if unknown:
+        raise InputError(f"couplings must be among {', '.join(map(repr, COUPLINGS))}, got {unknown[0]!r}")
+    options = {
+        "kind": kind,
+        "loads": [float(load) for load in loads],
+        "side": side,
+        "indenter_radius": indenter_radius,
+        "contact_modulus": contact_modulus,
+        "coverage": coverage,
+        "couplings": list(couplings),
+    }
+    tasks = (delayed(_solve_member)(k, seed, **options) for k in range(patterns))
+    yield from Parallel(n_jobs=workers, return_as="generator")(tasks)
+
+
+def _solve_member(
+    index: int,
+    seed: int,
+    *,
+    kind: str,
+    loads: list[float],
+    side: float,
+    indenter_radius: float,
+    contact_modulus: float,
+    coverage: float | None,
+    couplings: list[str],
+) -> EnsembleMember:
+    """Generate and solve one pattern with its own stream of chance, the child of the seed of its number."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+    pattern = generate_asperities(kind, side=side, coverage=coverage, rng=rng)
+    solutions = {}
+    for coupling in couplings:
+        sweep = solve_loads(
+            pattern,
+            loads=loads,
+            indenter_radius=indenter_radius,
+            contact_modulus=contact_modulus,
+            apex=(side / 2, side / 2),
+            coupling=coupling,
+        )
+        solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
+    return EnsembleMember(index, solutions)
