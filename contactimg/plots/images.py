@@ -1,4 +1,4 @@
-"""Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
+"""Contacts drawn on their frames."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,34 +7,17 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
+from contactimg.plots.axes import image_axes
 from contactimg.pose import Pose
 
-__all__ = ["crop_to", "image_axes", "new_axes", "plot_area", "plot_circles", "plot_image", "plot_scale_bar"]
+__all__ = ["crop_to", "legend_of_circles", "plot_circles", "plot_image", "plot_scale_bar"]
 
 MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
 """Colours of measured contacts, of the two predictions, and of the Hertz circle (the paper's Fig. 6)."""
-
-
-def new_axes(*, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
-    """Axes on a new figure that no window or global state knows about."""
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure.add_subplot()
-
-
-def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
-    """Axes that fill a new figure: whole screen pixels for each of the image's, 1600 across or more."""
-    rows, columns = shape
-    zoom = max(1, int(np.ceil(1600 / columns)))
-    figure = Figure(figsize=(zoom * columns / dpi, zoom * rows / dpi), dpi=dpi)
-    FigureCanvasAgg(figure)
-    return figure.add_axes((0, 0, 1, 1))
 
 
 def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:
@@ -158,30 +141,3 @@ def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: 
 def _font_size(ax: Axes) -> float:
     """Size of letters that can be read when the whole picture is looked at."""
     return 0.0065 * float(ax.bbox.width)
-
-
-def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
-    """Plot the real contact area (mm^2) against load (mN), with error bars, on logarithmic axes.
-
-    Parameters
-    ----------
-    frames : DataFrame
-        The frames table; rows without load or area are left out.
-    ax : Axes, optional
-
-    Returns
-    -------
-    Axes
-    """
-    ax = new_axes() if ax is None else ax
-    good = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
-    ax.errorbar(
-        good["load_N"] * 1e3,
-        good["area_m2"] * 1e6,
-        yerr=good["area_std_m2"] * 1e6,
-        fmt="o",
-        color="C0",
-        capsize=3,
-    )
-    ax.set(xscale="log", yscale="log", xlabel="load P (mN)", ylabel="real contact area A (mm²)")
-    return ax

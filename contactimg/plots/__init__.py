@@ -1,0 +1,30 @@
+"""Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
+
+from contactimg.plots.axes import image_axes, new_axes
+from contactimg.plots.curves import plot_area
+from contactimg.plots.images import (
+    COUPLED,
+    HERTZ,
+    MEASURED,
+    UNCOUPLED,
+    crop_to,
+    legend_of_circles,
+    plot_circles,
+    plot_image,
+    plot_scale_bar,
+)
+
+__all__ = [
+    "COUPLED",
+    "HERTZ",
+    "MEASURED",
+    "UNCOUPLED",
+    "crop_to",
+    "image_axes",
+    "legend_of_circles",
+    "new_axes",
+    "plot_area",
+    "plot_circles",
+    "plot_image",
+    "plot_scale_bar",
+]
