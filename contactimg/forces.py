@@ -7,12 +7,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from contactimg.mechanics import hertz
+from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.tables import Flag
 
-__all__ = ["HERTZ_LIMIT", "Total", "assign_forces", "total_area", "total_force"]
-
-HERTZ_LIMIT = 0.33
-"""Contact radius over sphere radius above which a contact is flagged ``BEYOND_HERTZ`` (the paper, eq. 1)."""
+__all__ = ["Total", "assign_forces", "total_area", "total_force"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ def assign_forces(
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
 ) -> pd.DataFrame:
-    """Fill ``force_N`` and ``force_std_N`` by Hertz's law, ``p = 4 E* a^3 / (3 R)``, and flag ``BEYOND_HERTZ``.
+    """Fill ``force_N`` and ``force_std_N`` by Hertz's law, ``p = 4 E* a^3/(3 R)``; flag ``BEYOND_HERTZ``.
 
     Parameters
     ----------

@@ -7,23 +7,32 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.profiles import annulus_edges, radial_profile
+from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
+from contactimg.models.adhesive import solve_adhesive
+from contactimg.models.greenwood_tripp import solve_greenwood_tripp
+from contactimg.models.greenwood_williamson import solve_greenwood_williamson
+from contactimg.models.heights import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
+from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
-from contactimg.scene import Scene
+from contactimg.scene import Asperities, Scene
 from contactimg.tables import CONTACTS, FRAMES
 
 __all__ = [
     "Coupling",
+    "Model",
     "Prediction",
     "hertz_circle",
     "load_name",
-    "model_name",
+    "predict_average",
     "predict_contacts",
     "see_contacts",
 ]
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
+Model = Literal["interacting", "gw", "gt"]
+PURPOSE = "a contact model"
 
 
 @dataclass(frozen=True)
@@ -33,37 +42,42 @@ class Prediction:
     Attributes
     ----------
     contacts : DataFrame
-        Contacts table, lengths in metres.
+        Contacts table, lengths in metres; empty for the models that give averages.
     frames : DataFrame
         One row of the frames table.
+    profile : DataFrame
+        Profile table about the indenter's apex.
     """
 
     contacts: pd.DataFrame
     frames: pd.DataFrame
-
-    def profile(self, scene: Scene, *, model: str, width: float) -> pd.DataFrame:
-        """Profile table about the indenter's apex, in annuli of ``width`` (m)."""
-        centre = scene.need("indenter", "a profile").apex
-        edges = annulus_edges(self.contacts, centre=centre, width=width)
-        frame = str(self.frames["frame"].iloc[0])
-        return radial_profile(self.contacts, centre=centre, edges=edges, frame=frame, model=model)
+    profile: pd.DataFrame
 
 
 def predict_contacts(
-    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: Coupling = "auto", frame: str = ""
+    scene: Scene,
+    asperities: pd.DataFrame,
+    *,
+    load: float,
+    coupling: Coupling = "auto",
+    annulus: float = 2.5e-4,
+    frame: str = "",
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
 
     Parameters
     ----------
     scene : Scene
-        Sections ``[indenter]`` and ``[elastic]`` are needed.
+        Sections ``[indenter]`` and ``[elastic]`` are needed. Of its effects, ``coupling`` is on unless it is
+        switched off; ``adhesion``, ``layer`` and ``sphere_profile`` are off unless they are switched on.
     asperities : DataFrame
         Asperity table.
     load : float
         N.
     coupling : {"auto", "none", "asymptotic", "hertz", "full"}
-        ``"auto"`` obeys the scene's effect ``coupling``: asymptotic unless it is switched off.
+        ``"auto"`` obeys the scene's effect: asymptotic, or none where it is switched off.
+    annulus : float
+        Width of the profile's annuli, m.
     frame : str
         Name entered in the tables; default: the load's own name.
 
@@ -74,41 +88,148 @@ def predict_contacts(
     Raises
     ------
     InputError
-        If a section is missing or the load is negative.
+        If a section is missing, the load is negative, or the effects switched on do not go together.
+    ModelRangeError
+        If the solution is not unique, or the indenter reaches the plane between the asperities.
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    indenter = scene.need("indenter", "a contact model")
-    elastic = scene.need("elastic", "a contact model")
     if coupling == "auto":
         coupling = "none" if scene.effects.coupling == "off" else "asymptotic"
-    solution = solve_interacting(
-        asperities,
+    solution = _solve(scene, asperities, load, coupling)
+    if solution.validity.planes_touch:
+        raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
+    name, model = frame or load_name(load), "uncoupled" if coupling == "none" else "coupled"
+    contacts = solution.contacts(name)
+    row = _row(name, load, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
+    row = row.assign(n_contacts=len(contacts), message="; ".join(solution.validity.messages()))
+    centre = scene.need("indenter", "a profile").apex
+    edges = annulus_edges(contacts, centre=centre, width=annulus)
+    profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
+    return Prediction(contacts, FRAMES.conform(row), profile)
+
+
+def predict_average(
+    scene: Scene, asperities: pd.DataFrame | None, *, load: float, model: Literal["gw", "gt"]
+) -> Prediction:
+    """Solve a statistical model for a scene at one load.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections ``[indenter]``, ``[elastic]`` and ``[asperities]`` are needed.
+    asperities : DataFrame or None
+        Asperity table; what ``[asperities]`` does not state of density, radius and heights is derived from
+        it, the density with ``side_m``.
+    load : float
+        N, positive.
+    model : {"gw", "gt"}
+        Greenwood-Williamson on the rings of an undeformed sphere, or Greenwood-Tripp.
+
+    Returns
+    -------
+    Prediction
+        With an empty contacts table.
+
+    Raises
+    ------
+    InputError
+        If something the model needs is neither stated nor derivable, or an argument breaks its rule.
+    ConvergenceError
+        If the rings do not converge.
+    """
+    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
+    section: Asperities = scene.need("asperities", "a statistical model")
+    radius = _mean_radius(section, asperities)
+    solve = solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
+    rings = solve(
+        _height_law(section, asperities),
+        density=_density(section, asperities),
+        radius=radius * indenter.radius / (radius + indenter.radius),
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         load=load,
-        apex=indenter.apex,
-        coupling=coupling,
     )
-    name = frame or load_name(load)
-    contacts = solution.contacts(name)
-    row = FRAMES.conform(
+    name = load_name(load)
+    row = _row(name, load, rings.area, rings.load, rings.indentation)
+    return Prediction(CONTACTS.empty(), FRAMES.conform(row), rings.profile(name))
+
+
+def _row(name: str, load: float, area: float, force: float, indentation: float) -> pd.DataFrame:
+    """The frames row of a solved load."""
+    return pd.DataFrame(
         {
             "frame": [name],
-            "status": [solution.status],
+            "status": ["ok"],
             "load_N": [load],
-            "n_contacts": [len(contacts)],
-            "area_m2": [float(contacts["area_m2"].sum())],
-            "force_sum_N": [float(contacts["force_N"].sum())],
-            "indentation_m": [solution.indentation],
+            "area_m2": [float(area)],
+            "force_sum_N": [float(force)],
+            "indentation_m": [indentation],
         }
     )
-    return Prediction(contacts, row)
 
 
-def model_name(coupling: Coupling) -> str:
-    """Name of the model in ``scores.csv`` and ``profile.csv``."""
-    return "uncoupled" if coupling == "none" else "coupled"
+def _solve(scene: Scene, asperities: pd.DataFrame, load: float, coupling: Coupling) -> InteractingSolution:
+    """The interacting model with the effects that the scene switches on."""
+    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
+    on = {name for name in ("adhesion", "layer", "sphere_profile") if getattr(scene.effects, name) == "on"}
+    where = {
+        "indenter_radius": indenter.radius,
+        "contact_modulus": elastic.contact_modulus,
+        "apex": indenter.apex,
+        "load": load,
+        "coupling": coupling,
+    }
+    if "adhesion" in on:
+        if on != {"adhesion"}:
+            raise InputError(
+                f'[effects] adhesion = "on" does not go with {" and ".join(sorted(on - {"adhesion"}))} '
+                'yet; switch the others "off"'
+            )
+        return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where)
+    if "layer" in on and elastic.thickness is None:
+        raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
+    return solve_interacting(
+        asperities,
+        law="sphere" if "sphere_profile" in on else "hertz",
+        thickness=elastic.thickness if "layer" in on else np.inf,
+        **where,
+    )
+
+
+def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
+    """The table that a missing statistical parameter is derived from."""
+    if asperities is None:
+        raise InputError(f"a statistical model needs {wanted} in [asperities], or a table to derive it from")
+    return asperities
+
+
+def _mean_radius(section: Asperities, asperities: pd.DataFrame | None) -> float:
+    """Radius of curvature of the asperities, m."""
+    if section.radius is not None:
+        return section.radius
+    return float(_table(asperities, "radius_m")["radius_m"].mean())
+
+
+def _density(section: Asperities, asperities: pd.DataFrame | None) -> float:
+    """Asperities per unit area, 1/m^2."""
+    if section.density is not None:
+        return section.density
+    return len(_table(asperities, "density_per_m2")) / section.side**2
+
+
+def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightLaw:
+    """The stated height law, or the heights of the table."""
+    if section.height_law is None:
+        return SampleHeights(_table(asperities, "height_law")["height_m"].to_numpy(float))
+    uniform = section.height_law == "uniform"
+    names = ("height_min", "height_max") if uniform else ("height_mean", "height_std")
+    first, second = (getattr(section, name) for name in names)
+    if first is None or second is None:
+        raise InputError(
+            f'[asperities] height_law = "{section.height_law}" needs {names[0]}_m and {names[1]}_m; add them'
+        )
+    return UniformHeights(first, second) if uniform else GaussianHeights(first, second)
 
 
 def load_name(load: float) -> str:

@@ -101,7 +101,7 @@ def _cells(row: dict[str, Any]) -> list[str]:
         row["frame"],
         row["status"],
         _number(1e3 * row["load_N"]),
-        str(row["n_contacts"]).replace("<NA>", ""),
+        str(row["n_contacts"]) if isinstance(row["n_contacts"], int) else "",
         _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
         _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
         _number(ratio, "{:.3f}"),

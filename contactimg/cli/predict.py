@@ -15,6 +15,13 @@ __all__ = ["predict"]
 @click.option("--load-N", "loads", type=float, multiple=True, required=True, help="Load, N; repeatable.")
 @output_option
 @click.option(
+    "--model",
+    type=click.Choice(["interacting", "gw", "gt"]),
+    default="interacting",
+    show_default=True,
+    help="Every asperity, or the averages of Greenwood-Williamson or Greenwood-Tripp.",
+)
+@click.option(
     "--coupling",
     type=click.Choice(["auto", "none", "asymptotic", "hertz", "full"]),
     default="auto",
@@ -24,7 +31,14 @@ __all__ = ["predict"]
 @click.option("--annulus-mm", type=float, default=0.25, show_default=True, help="Width of profile annuli.")
 @quiet_option
 def predict(
-    *, scene: str, loads: tuple[float, ...], output: str | None, coupling: Any, annulus_mm: float, quiet: bool
+    *,
+    scene: str,
+    loads: tuple[float, ...],
+    output: str | None,
+    model: Any,
+    coupling: Any,
+    annulus_mm: float,
+    quiet: bool,
 ) -> None:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
@@ -32,17 +46,24 @@ def predict(
 
     \b
     Example:
-      contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o model
+      contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
+      contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
     """
     from contactimg.files import OutputFolder, provenance, read_scene
-    from contactimg.pipeline.predict import predict_loads
+    from contactimg.pipeline.predict import predict_loads, write_predictions
 
     description = read_scene(scene)
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
-    options = {"loads_N": list(loads), "coupling": coupling, "annulus_mm": annulus_mm}
+    options = {"loads_N": list(loads), "model": model, "coupling": coupling, "annulus_mm": annulus_mm}
     record = provenance(command=command_line("predict"), scene=description, options=options)
     with OutputFolder(target, record) as out:
-        frames = predict_loads(description, loads, out.folder, coupling=coupling, annulus=annulus_mm * 1e-3)
+        predictions = predict_loads(
+            description, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3
+        )
+        frames = write_predictions(predictions, description, out.folder)
     if not quiet:
-        echo_frames(frames, title=f"{scene}, coupling {coupling}")
+        echo_frames(
+            frames,
+            title=f"{scene}, model {model}" + (f", coupling {coupling}" if model == "interacting" else ""),
+        )
         click.echo(f"results in {target}")

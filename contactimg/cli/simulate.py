@@ -17,7 +17,8 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     Its section [simulate] describes loads, optics and sensor. Writes reference.tif, frame_*.tif, loads.csv,
-    asperities.csv, truth.csv and scene.toml: a folder that `process` takes as it is.
+    asperities.csv, truth.csv and scene.toml: a folder that `process` takes as it is. Without a section
+    [asperities] the flat is smooth: one contact by JKR a frame, a folder for `calibrate jkr`.
 
     \b
     Example:
@@ -29,7 +30,8 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     from contactimg.pipeline.simulate import write_simulation
 
     description = read_scene(scene)
-    asperities = need_asperities(description, "simulating frames")
+    smooth = description.asperities is None
+    asperities = None if smooth else need_asperities(description, "simulating frames")
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
     record = provenance(command=command_line("simulate"), scene=description)
     count = 1 + len(description.need("simulate", "simulating frames").loads)

@@ -7,54 +7,68 @@ import pandas as pd
 
 from contactimg.errors import InputError
 from contactimg.files import write_table
-from contactimg.pipeline.inputs import need_asperities
-from contactimg.prediction import Coupling, model_name, predict_contacts, see_contacts
-from contactimg.scene import Scene
+from contactimg.pipeline.inputs import need_asperities, scene_asperities
+from contactimg.prediction import (
+    Coupling,
+    Model,
+    Prediction,
+    predict_average,
+    predict_contacts,
+    see_contacts,
+)
+from contactimg.scene import Scene, Simulate
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-__all__ = ["predict_loads"]
+__all__ = ["predict_loads", "write_predictions"]
 
 
 def predict_loads(
-    scene: Scene, loads: Sequence[float], folder: Path, *, coupling: Coupling, annulus: float
-) -> pd.DataFrame:
-    """Predict the contacts at each load and write contacts.csv, frames.csv and profile.csv.
+    scene: Scene, loads: Sequence[float], *, model: Model, coupling: Coupling, annulus: float
+) -> list[Prediction]:
+    """Predict the contacts of a scene at each load.
 
     Parameters
     ----------
     scene : Scene
-        With asperities; where it says how the camera sees them, the pixel columns are filled too.
+        With asperities.
     loads : sequence of float
         N, each once.
-    folder : Path
-        Exists.
+    model : {"interacting", "gw", "gt"}
+        Row by row, or averages over random asperities.
     coupling : str
-        Level of coupling, or "auto" to obey the scene.
+        Level of coupling of the interacting model, or "auto" to obey the scene.
     annulus : float
-        Width of the profile's annuli, m.
-
-    Returns
-    -------
-    DataFrame
-        The frames table, one row a load.
+        Width of the profile's annuli (interacting model), m.
 
     Raises
     ------
     InputError
         If a load is given twice or the scene lacks what the model needs.
     """
-    repeated = {load for load in loads if list(loads).count(load) > 1}
+    repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
-        raise InputError(f"load {repeated.pop()!r} N is given more than once; give each load once")
+        raise InputError(f"load {repeated[0]!r} N is given more than once; give each load once")
+    if model != "interacting":
+        table = scene_asperities(scene)
+        return [predict_average(scene, table, load=load, model=model) for load in loads]
     asperities = need_asperities(scene, "predicting contacts")
-    predictions = [predict_contacts(scene, asperities, load=load, coupling=coupling) for load in loads]
-    profiles = [p.profile(scene, model=model_name(coupling), width=annulus) for p in predictions]
+    return [
+        predict_contacts(scene, asperities, load=load, coupling=coupling, annulus=annulus) for load in loads
+    ]
+
+
+def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: Path) -> pd.DataFrame:
+    """Write contacts.csv, frames.csv and profile.csv; return the frames table.
+
+    Where the scene says how the camera sees the sample, the pixel columns of the contacts are filled too.
+    """
     contacts = pd.concat([prediction.contacts for prediction in predictions], ignore_index=True)
     if scene.camera is not None:
-        shape = scene.simulate.shape if scene.simulate is not None else (1200, 1600)
+        shape = scene.simulate.shape if scene.simulate is not None else Simulate().shape
         contacts = see_contacts(contacts, scene.pose(shape))
     frames = pd.concat([prediction.frames for prediction in predictions], ignore_index=True)
+    profiles = pd.concat([prediction.profile for prediction in predictions], ignore_index=True)
     write_table(contacts, CONTACTS, folder / "contacts.csv")
     write_table(frames, FRAMES, folder / "frames.csv")
-    write_table(pd.concat(profiles, ignore_index=True), PROFILE, folder / "profile.csv")
+    write_table(profiles, PROFILE, folder / "profile.csv")
     return frames
