@@ -201,10 +201,10 @@ class Simulate(_Section):
 
     Grey levels are those of the camera; ``contrast_levels`` is contact minus background at the image centre.
     An optical or sensor effect under ``"auto"`` is rendered when its parameter here is not zero; the air film
-    only when it is switched on.
+    only when it is switched on. Loads may be negative, a pull, where adhesion bears it.
     """
 
-    loads: list[NonNegative] = Field([], alias="loads_N")
+    loads: list[Number] = Field([], alias="loads_N")
     shape: tuple[CountFrom1, CountFrom1] = (1200, 1600)
     background_levels: Positive = 80.0
     contrast_levels: Number = 100.0

@@ -123,7 +123,13 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
         ("frame,load_N\n ,1\n", "line 2, column frame must have a value, got ' '"),
         ("frame,load_N\na,1,2\n", "line 2 has 3 cells, but the header has 2 columns"),
         ("frame,load_N\na\n", "line 2 has 1 cells, but the header has 2 columns"),
-        ("frame,load_N\na,0.1\nb,-0.1\n", "load_N of b must not be negative, got -0.1"),
+        (
+            "frame,load_N\na,0.1\nb,-0.1\n",
+            (
+                "load_N of b must not be negative, got -0.1; "
+                "only an adhesive contact (`calibrate jkr`) bears a pull"
+            ),
+        ),
         ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
         ("frame,load_N\na,1\n".encode("utf-16"), "is not UTF-8 text; save it as 'CSV UTF-8'"),
         (b"PK\3\4\0\0", "is not UTF-8 text; save it as 'CSV UTF-8'"),

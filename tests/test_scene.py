@@ -87,7 +87,6 @@ def test_needed_section_is_asked_for():
         ("camera.centre_m[1]", [0], "is missing; add it"),
         ("camera.full_scale_levels", 0, "must be greater than 0, got 0"),
         ("simulate.loads_N", 0.1, "must be a list, got 0.1"),
-        ("simulate.loads_N[1]", [0.1, -1], "must be greater than or equal to 0, got -1"),
         ("simulate.loads_N[2]", [0.1, 0.2, False], "must be a number, got False"),
         ("simulate.shape[0]", [3.5, 4], "must be a whole number, got 3.5"),
         ("simulate.shape[1]", [3, 0], "must be greater than or equal to 1, got 0"),

@@ -190,30 +190,36 @@ def _parse_flags(cell: str) -> int:
     return sum({Flag[name].value for name in names})
 
 
-def read_loads(path: str | Path) -> pd.DataFrame:
+def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     """Read the loads of a series.
 
     Parameters
     ----------
     path : str or Path
         CSV with columns ``frame, load_N`` and, if measured, ``friction_N, velocity_m_s``; others are ignored.
+    pulled : bool
+        True where a negative load has a meaning: adhesion bears a pull.
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.LOADS`; loads in N, not negative, one row a frame.
+        Columns of `contactimg.tables.LOADS`; loads in N, one row a frame.
 
     Raises
     ------
     InputError
-        For a missing column, a cell that is no finite number, a negative load or a frame that is there twice.
+        For a missing column, a cell that is no finite number, a negative load where none may be, or a frame
+        that is there twice.
     """
     table = read_table(path, LOADS, required=("frame", "load_N"))
     table["frame"] = table["frame"].str.strip()
     negative = table[table["load_N"] < 0]
-    if len(negative):
+    if len(negative) and not pulled:
         row = negative.iloc[0]
-        raise InputError(f"{path}: load_N of {row['frame']} must not be negative, got {row['load_N']}")
+        raise InputError(
+            f"{path}: load_N of {row['frame']} must not be negative, got {row['load_N']}; "
+            "only an adhesive contact (`calibrate jkr`) bears a pull"
+        )
     _check_unique(path, table, ["frame"])
     return table
 

@@ -124,13 +124,15 @@ def write_scene(data: Mapping[str, object], path: str | Path) -> None:
     write_text(tomli_w.dumps(data), path)
 
 
-def open_experiment(scene: Scene) -> Experiment:
+def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     """Find and check the files that a scene names.
 
     Parameters
     ----------
     scene : Scene
         From `read_scene`, or from a dict with the folder given.
+    pulled : bool
+        True where a negative load has a meaning; see `read_loads`.
 
     Returns
     -------
@@ -145,7 +147,7 @@ def open_experiment(scene: Scene) -> Experiment:
     reference = _find_reference(scene)
     frames = _find_frames(scene, reference)
     tables = [_loads_file(scene), _asperities_file(scene)]
-    loads = _align_loads(tables[0], frames)
+    loads = _align_loads(tables[0], frames, pulled=pulled)
     sources = [*([reference] if reference is not None else []), *frames]
     files = [source.path for source in sources] + [table for table in tables if table is not None]
     inputs = tuple(dict.fromkeys(files))
@@ -209,12 +211,12 @@ def _loads_file(scene: Scene) -> Path | None:
     return path if path.is_file() else None
 
 
-def _align_loads(path: Path | None, frames: list[FrameSource]) -> pd.DataFrame:
+def _align_loads(path: Path | None, frames: list[FrameSource], *, pulled: bool) -> pd.DataFrame:
     """One row a frame; what does not fit together is logged, and an error if nothing fits."""
     names = [frame.name for frame in frames]
     if path is None:
         return LOADS.conform({"frame": names})
-    loads = read_loads(path)
+    loads = read_loads(path, pulled=pulled)
     known, present = set(loads["frame"]), set(names)
     if not known & present:
         raise InputError(

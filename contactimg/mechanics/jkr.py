@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError, ModelRangeError
+from contactimg.mechanics import hertz
 from contactimg.mechanics.checks import non_negative, positive
 
 __all__ = [
+    "gap",
     "indentation",
     "indentation_from_radius",
     "load",
@@ -350,8 +352,59 @@ def zero_load_radius(*, sphere_radius: float, contact_modulus: float, work_of_ad
     return float(np.cbrt(6 * np.pi * w * R**2 / K))
 
 
+def gap(
+    r: ArrayLike,
+    *,
+    radius: float,
+    sphere_radius: float,
+    contact_modulus: float,
+    work_of_adhesion: float,
+) -> Values:
+    """Gap between sphere and deformed surface at distances from the centre, zero inside the contact.
+
+    The gap of Hertz's contact of the same radius and that of the flat punch which adhesion pulls back by
+    ``sqrt(8 pi w a/(3 K))``: ``g(r) = g_Hertz(r) + (2/pi) sqrt(8 pi w a/(3 K)) acos(a/r)``.
+
+    Parameters
+    ----------
+    r : array_like, m
+    radius : float, m
+        Contact radius ``a``.
+    sphere_radius : float, m
+    contact_modulus : float, Pa
+    work_of_adhesion : float, J/m^2
+
+    Returns
+    -------
+    ndarray, m
+
+    Notes
+    -----
+    At the edge the gap opens as the square root of the distance, ``(2/pi) sqrt(16 pi w (r - a)/(3 K))``,
+    where Hertz's opens as its power 3/2: adhesion makes the optical edge of a contact sharp.
+
+    References
+    ----------
+    Maugis, Contact, Adhesion and Rupture of Elastic Solids (2000), section 4.2.
+
+    Examples
+    --------
+    >>> where = dict(sphere_radius=0.1288, contact_modulus=4e6)
+    >>> gap([1.51e-3], radius=1.5e-3, work_of_adhesion=0.05, **where) * 1e9
+    array([807.1])
+    >>> gap([1.51e-3], radius=1.5e-3, work_of_adhesion=0.0, **where) * 1e9
+    array([11.4])
+    """
+    R, K, w = _constants(sphere_radius, contact_modulus, work_of_adhesion)
+    a = positive("radius", radius, "m")
+    q = np.maximum(non_negative("r", r, "m") / a, 1.0)
+    pulled = np.sqrt(8 * np.pi * w * a / (3 * K))
+    opened = (2 / np.pi) * pulled * np.arctan(np.sqrt((q - 1) * (q + 1)))  # acos(1/q) without cancellation
+    return hertz.gap(r, radius=a, sphere_radius=R) + opened
+
+
 def _refuse_below(fine: NDArray[np.bool_], values: Values, name: str, limit: float, unit: str) -> None:
     """Refuse values beyond pull-off (NaN included)."""
     if not np.all(fine):
-        wrong = np.asarray(values)[~np.asarray(fine)].flat[0]
+        wrong = float(np.asarray(values)[~np.asarray(fine)].flat[0])
         raise ModelRangeError(f"{name} must not be below pull-off, {limit:.6g} {unit}, got {wrong!r} {unit}")

@@ -13,7 +13,7 @@ from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import predict_contacts
-from contactimg.render import Rendered, render_contacts, render_reference
+from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
@@ -29,15 +29,17 @@ class SimulatedFrame:
     truth: pd.DataFrame | None
 
 
-def simulate_series(scene: Scene, asperities: pd.DataFrame) -> Iterator[SimulatedFrame]:
+def simulate_series(scene: Scene, asperities: pd.DataFrame | None) -> Iterator[SimulatedFrame]:
     """Make the frames of a scene one after the other, the reference first.
+
+    Asperities touch by the interacting model; without any, the smooth sphere touches by JKR.
 
     Parameters
     ----------
     scene : Scene
         Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
-    asperities : DataFrame
-        Asperity table.
+    asperities : DataFrame or None
+        Asperity table; None for a smooth flat.
 
     Yields
     ------
@@ -55,21 +57,34 @@ def simulate_series(scene: Scene, asperities: pd.DataFrame) -> Iterator[Simulate
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
     yield SimulatedFrame(np.nan, reference, None)
-    sphere_radius = contact_sites(asperities, scene)["radius_m"].to_numpy(float)
+    photograph = _smooth_shots(scene) if asperities is None else _rough_shots(scene, asperities)
     for name, load, seed in zip(_frame_names(len(simulate.loads)), simulate.loads, seeds[1:], strict=True):
-        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
-        rendered: Rendered = render_contacts(
-            contacts,
-            scene,
-            rng=np.random.default_rng(seed),
-            sphere_radius=sphere_radius[contacts["asperity"].to_numpy(int)],
-            name=name,
-        )
+        rendered = photograph(load, name, np.random.default_rng(seed))
         yield SimulatedFrame(load, rendered.frame, rendered.contacts)
 
 
+Photograph = Callable[[float, str, np.random.Generator], Rendered]
+
+
+def _smooth_shots(scene: Scene) -> Photograph:
+    """Frames of a smooth sphere on a smooth flat."""
+    return lambda load, name, rng: render_smooth_contact(load, scene, rng=rng, name=name)
+
+
+def _rough_shots(scene: Scene, asperities: pd.DataFrame) -> Photograph:
+    """Frames of asperities that interact."""
+    sphere_radius = contact_sites(asperities, scene)["radius_m"].to_numpy(float)
+
+    def photograph(load: float, name: str, rng: np.random.Generator) -> Rendered:
+        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
+        radii = sphere_radius[contacts["asperity"].to_numpy(int)]
+        return render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
+
+    return photograph
+
+
 def write_simulation(
-    scene: Scene, asperities: pd.DataFrame, folder: Path, *, advance: Callable[[], None] | None = None
+    scene: Scene, asperities: pd.DataFrame | None, folder: Path, *, advance: Callable[[], None] | None = None
 ) -> None:
     """Write the frames of `simulate_series` with loads, asperities, truth and scene, ready for `process`.
 
@@ -92,16 +107,18 @@ def write_simulation(
             advance()
     write_table(pd.DataFrame(loads), LOADS, folder / "loads.csv")
     write_table(pd.concat(truth, ignore_index=True), CONTACTS, folder / "truth.csv")
-    write_table(asperities, ASPERITIES, folder / "asperities.csv")
+    if asperities is not None:
+        write_table(asperities, ASPERITIES, folder / "asperities.csv")
     write_scene(_measured_scene(scene), folder / SCENE_FILE)
 
 
 def _measured_scene(scene: Scene) -> dict[str, Any]:
     """The scene as an experimenter would write it for the simulated folder."""
     data = {section: dict(keys) for section, keys in scene.source.items()}
-    generated = ("generate", "coverage", "seed")
-    kept = {key: value for key, value in data.get("asperities", {}).items() if key not in generated}
-    data["asperities"] = kept | {"file": "asperities.csv"}
+    if "asperities" in data:
+        generated = ("generate", "coverage", "seed")
+        kept = {key: value for key, value in data["asperities"].items() if key not in generated}
+        data["asperities"] = kept | {"file": "asperities.csv"}
     images = {"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"}
     data["images"] = data.get("images", {}) | images
     return data

@@ -11,7 +11,7 @@ from contactimg.render.spots import FilmSpots, Spots, surround_with_film
 from contactimg.scene import Scene, Simulate
 from contactimg.tables import CONTACTS
 
-__all__ = ["dress_contacts", "place_contacts"]
+__all__ = ["dress_contacts", "lamp", "place_contacts"]
 
 Values = NDArray[np.float64]
 
@@ -113,7 +113,7 @@ def dress_contacts(
         spots,
         sphere_radius=_sphere_radii(sphere_radius, scene, len(truth))[seen],
         pixel_size=scene.need("camera", "rendering the air film").pixel_size,
-        excess=excess_table(_lamp(simulate)),
+        excess=excess_table(lamp(simulate)),
     )
 
 
@@ -150,7 +150,7 @@ def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> 
     return np.broadcast_to(radii, count)
 
 
-def _lamp(simulate: Simulate) -> Light:
+def lamp(simulate: Simulate) -> Light:
     """The light of the scene, and the media that it crosses."""
     return Light(
         index_indenter=simulate.film_index_indenter,

@@ -16,11 +16,12 @@ from contactimg.optics.psf import Halo, Psf, airy_psf, gaussian_psf, no_blur, sa
 from contactimg.render.contacts import dress_contacts, place_contacts
 from contactimg.render.recipe import Recipe, read_recipe
 from contactimg.render.sensor import add_read_noise, add_shot_noise, digitise
-from contactimg.render.spots import spots_image
+from contactimg.render.smooth import dress_smooth_contact, smooth_contact
+from contactimg.render.spots import Sampled, spots_image
 from contactimg.render.static import dust_shadow, light_falloff, surface_texture
 from contactimg.scene import Scene
 
-__all__ = ["Rendered", "render_contacts", "render_frame", "render_reference"]
+__all__ = ["Rendered", "render_contacts", "render_frame", "render_reference", "render_smooth_contact"]
 
 Values = NDArray[np.float64]
 Shift = tuple[float, float]
@@ -101,13 +102,7 @@ def render_contacts(
     shift = _draw_shift(recipe, streams[0])
     truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
     spots = dress_contacts(truth, scene, recipe, sphere_radius=sphere_radius, rng=streams[1])
-    psf, halo = _optics(recipe)
-    light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
-    drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
-    levels = drift * _still_levels(recipe, psf, shift)
-    levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
-    frame = _expose(levels, recipe, streams[2], streams[3], name)
-    return Rendered(frame, truth, *shift)
+    return Rendered(_photograph(spots, recipe, shift, streams[2:], name), truth, *shift)
 
 
 def render_frame(
@@ -156,6 +151,71 @@ def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "ref
     shot, read = (np.random.default_rng(seed) for seed in rng.integers(2**63, size=2))
     psf, _ = _optics(recipe)
     return _expose(_still_levels(recipe, psf, (0.0, 0.0)), recipe, shot, read, name)
+
+
+def render_smooth_contact(
+    load: float, scene: Scene, *, rng: np.random.Generator, name: str = "frame"
+) -> Rendered:
+    """Photograph the one contact of a smooth sphere on a smooth flat, with adhesion (JKR).
+
+    Parameters
+    ----------
+    load : float, N
+        Down to the pull-off load; negative is a pull.
+    scene : Scene
+        Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]``; the film around the contact
+        is drawn if the effect is on, its gap that of JKR.
+    rng : numpy.random.Generator
+        As for `render_contacts`.
+    name : str
+        Name of the frame.
+
+    Returns
+    -------
+    Rendered
+        With one row, at the indenter's apex.
+
+    Raises
+    ------
+    InputError
+        If a section is missing, or the load lies below pull-off.
+
+    Examples
+    --------
+    >>> from contactimg import scene_from_dict
+    >>> scene = scene_from_dict({
+    ...     "indenter": {"radius_m": 0.1288}, "camera": {"pixel_size_m": 24e-6},
+    ...     "elastic": {"young_modulus_Pa": 3e6, "work_of_adhesion_J_m2": 0.05},
+    ...     "simulate": {"shape": [180, 200]}, "effects": {"film": "on"},
+    ... })
+    >>> shot = render_smooth_contact(0.0, scene, rng=np.random.default_rng(1))
+    >>> int(shot.frame.image[90, 100]), float(shot.contacts["radius_m"][0]) * 1e3
+    (180, 1.4312)
+    """
+    recipe = read_recipe(scene)
+    streams = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
+    shift = _draw_shift(recipe, streams[0])
+    contact = smooth_contact(load, scene, name=name)
+    truth = place_contacts(contact, scene, shape=recipe.simulate.shape, shift_px=shift)
+    spots = dress_smooth_contact(truth, scene, recipe, rng=streams[1])
+    return Rendered(_photograph(spots, recipe, shift, streams[2:], name), truth, *shift)
+
+
+def _photograph(
+    spots: Sampled,
+    recipe: Recipe,
+    shift: Shift,
+    streams: list[np.random.Generator],
+    name: str,
+) -> Frame:
+    """The frame that the camera takes of spots of light on the sample; streams of shot and of read noise."""
+    simulate = recipe.simulate
+    psf, halo = _optics(recipe)
+    light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
+    drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
+    levels = drift * _still_levels(recipe, psf, shift)
+    levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
+    return _expose(levels, recipe, streams[0], streams[1], name)
 
 
 def _draw_shift(recipe: Recipe, rng: np.random.Generator) -> Shift:

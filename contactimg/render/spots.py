@@ -6,6 +6,7 @@ Blurring and binning are linear, so contacts that share no fine cell are rendere
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,7 +19,7 @@ from contactimg.optics.film import ExcessTable, hertz_gap
 from contactimg.optics.film_cells import film_cells
 from contactimg.optics.psf import Halo, Psf
 
-__all__ = ["FilmSpots", "Spots", "spots_image", "surround_with_film"]
+__all__ = ["FilmSpots", "Sampled", "Spots", "spots_image", "surround_with_film"]
 
 Values = NDArray[np.float64]
 Box = tuple[int, int, int, int]
@@ -160,14 +161,35 @@ def surround_with_film(
     return FilmSpots(spots, gaps, spacing / pixel_size, excess, fringe / pixel_size)
 
 
-def spots_image(
-    spots: Spots | FilmSpots, *, shape: tuple[int, int], psf: Psf, halo: Halo | None = None
-) -> Values:
+class Sampled(Protocol):
+    """Spots that know where they are, how far their light reaches, and the light on a grid of fine cells."""
+
+    @property
+    def x_px(self) -> Values:
+        """Columns of the centres."""
+        ...
+
+    @property
+    def y_px(self) -> Values:
+        """Rows of the centres."""
+        ...
+
+    @property
+    def extent_px(self) -> Values:
+        """Distance from its centre beyond which each spot is dark."""
+        ...
+
+    def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
+        """Mean light of the chosen spots in each cell of a grid whose first cell is centred at ``origin``."""
+        ...
+
+
+def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo | None = None) -> Values:
     """Light of spots on the pixels, blurred by the optics and averaged over each pixel.
 
     Parameters
     ----------
-    spots : Spots or FilmSpots
+    spots : Spots, FilmSpots or alike
     shape : (int, int)
         Rows and columns of the image.
     psf : Psf

@@ -1,0 +1,117 @@
+"""The one wide contact of a smooth sphere on a smooth flat, with the film around it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.mechanics import jkr
+from contactimg.optics.film import excess_table
+from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
+from contactimg.render.contacts import dress_contacts, lamp
+from contactimg.render.recipe import Recipe
+from contactimg.render.spots import Spots
+from contactimg.scene import Scene
+from contactimg.tables import CONTACTS
+
+__all__ = ["SmoothSpot", "dress_smooth_contact", "smooth_contact"]
+
+Values = NDArray[np.float64]
+
+NARROWEST = 1e-3  # cells: an edge along the grid is averaged over this much across it
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothSpot:
+    """A wide disk of light with a film around it.
+
+    Parameters
+    ----------
+    x_px, y_px, radius_px, brightness : ndarray, shape (1,)
+    edge : EdgeLight
+        Light across its edge, m.
+    pixel_size : float, m
+    """
+
+    x_px: Values
+    y_px: Values
+    radius_px: Values
+    brightness: Values
+    edge: EdgeLight
+    pixel_size: float
+
+    @property
+    def extent_px(self) -> Values:
+        """Distance from its centre beyond which the film has faded."""
+        return self.radius_px + self.edge.reach / self.pixel_size
+
+    def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
+        """Mean light in each cell; the edge counts as straight across a cell."""
+        x = origin[0] + cell * np.arange(shape[1]) - self.x_px[chosen[0]]
+        y = (origin[1] + cell * np.arange(shape[0]) - self.y_px[chosen[0]])[:, None]
+        r = np.hypot(x, y)
+        outside = r - self.radius_px[0]
+        if outside.max() < -cell:
+            return np.full(shape, self.brightness[0])
+        away = np.maximum(r, cell)
+        # seen along the edge a square cell is a trapezoid: the difference of differences of a double integral
+        wide, narrow = np.abs(x) / away, np.abs(y) / away
+        wide, narrow = np.maximum(wide, narrow), np.maximum(np.minimum(wide, narrow), NARROWEST)
+        ends = [outside + cell * half * (wide + side * narrow) for half in (0.5, -0.5) for side in (1, -1)]
+        total = self._twice(ends[0]) - self._twice(ends[1]) + self._twice(ends[2]) - self._twice(ends[3])
+        return self.brightness[0] * total / (cell * cell * wide * narrow)
+
+    def _twice(self, outside_px: Values) -> Values:
+        """Second integral of the light from the edge on, px^2; 0 at the edge, parabolic inside."""
+        inside = 0.5 * np.minimum(outside_px, 0.0) ** 2
+        film = self.edge.twice_integrated
+        if film is None:
+            return inside
+        x = np.maximum(outside_px, 0.0) * self.pixel_size
+        faded = np.maximum(x - self.edge.reach, 0.0) * float(film(self.edge.reach, 1))
+        return inside + (film(np.minimum(x, self.edge.reach)) + faded) / self.pixel_size**2
+
+
+def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
+    """The contact of the scene's sphere under a load, as a contacts table of one row, by JKR."""
+    indenter = scene.need("indenter", "a smooth contact")
+    elastic = scene.need("elastic", "a smooth contact")
+    radius = jkr.radius(
+        load,
+        sphere_radius=indenter.radius,
+        contact_modulus=elastic.contact_modulus,
+        work_of_adhesion=elastic.work_of_adhesion,
+    )
+    x, y = indenter.apex
+    row = {"frame": name, "label": 1, "x_m": x, "y_m": y, "radius_m": radius, "area_m2": np.pi * radius**2}
+    return CONTACTS.conform(pd.DataFrame([row | {"force_N": load}]))
+
+
+def dress_smooth_contact(
+    truth: pd.DataFrame, scene: Scene, recipe: Recipe, *, rng: np.random.Generator
+) -> Spots | SmoothSpot:
+    """The contact with its brightness and, if the film is on, the film of JKR's gap around it.
+
+    Parameters
+    ----------
+    truth : DataFrame, contacts schema
+        One row with finite columns in px.
+    scene : Scene
+    recipe : Recipe
+    rng : numpy.random.Generator
+    """
+    if "film" not in recipe.effects:
+        return dress_contacts(truth, scene, recipe, sphere_radius=scene.indenter.radius, rng=rng)
+    radius = float(truth["radius_m"].iloc[0])
+    edge = edge_light(
+        radius,
+        sphere_radius=scene.indenter.radius,
+        opening=film_opening(
+            contact_modulus=scene.elastic.contact_modulus, work_of_adhesion=scene.elastic.work_of_adhesion
+        ),
+        excess=excess_table(lamp(recipe.simulate)),
+    )
+    x_px, y_px, radius_px = (truth[column].to_numpy(float) for column in ("x_px", "y_px", "radius_px"))
+    brightness = 1 + recipe.simulate.brightness_spread * rng.standard_normal(1)
+    return SmoothSpot(x_px, y_px, radius_px, brightness, edge, scene.camera.pixel_size)
