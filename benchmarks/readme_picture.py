@@ -1,0 +1,23 @@
+"""Make the README's picture: part of an overlay of the sample data.
+
+    contactimg process sample_data/sa_plus -o run && contactimg overlay run -o compared
+    python benchmarks/readme_picture.py compared/overlays/frame_6.tif.png docs/figures/overlay.png
+"""
+
+import sys
+from pathlib import Path
+
+import cv2
+
+
+def main(source: str, target: str) -> None:
+    picture = cv2.imread(source)
+    rows, columns = picture.shape[:2]
+    part = picture[: int(0.55 * rows), : int(0.8 * columns)]
+    small = cv2.resize(part, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    Path(target).parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(target, small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])
