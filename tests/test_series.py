@@ -1,0 +1,128 @@
+"""Series: change of units, memory, backends, order; one set of contacts whatever the road."""
+
+import shutil
+import weakref
+
+import numpy as np
+import pandas as pd
+import pytest
+from joblib import parallel_config
+from small_series import SCENE, copy_of
+
+from contactimg.files import FrameSource, read_scene, write_table
+from contactimg.frame import Frame
+from contactimg.pipeline.measure import measure_frame
+from contactimg.pipeline.series import measure_series
+from contactimg.scene import scene_from_dict
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES
+
+
+@pytest.fixture(scope="module")
+def run(small_series):
+    return measure_series(read_scene(small_series), workers=1)
+
+
+def scaled_scene(scene, length, pressure):
+    """The scene with every length and every pressure in other units; pixels stay."""
+    data = {section: dict(keys) for section, keys in scene.source.items()}
+    data["indenter"] = {key: (np.array(value) * length).tolist() for key, value in data["indenter"].items()}
+    data["elastic"] = {key: value * pressure for key, value in data["elastic"].items()}
+    data["camera"]["pixel_size_m"] *= length
+    data["asperities"] = {"file": "asperities.csv"}
+    return data
+
+
+def test_change_of_units(small_series, tmp_path, run):
+    length, pressure = 3.7, 0.23
+    folder = copy_of(small_series, tmp_path / "scaled")
+    asperities = pd.read_csv(folder / "asperities.csv")
+    write_table(asperities * length, ASPERITIES, folder / "asperities.csv")
+    data = scaled_scene(read_scene(folder), length, pressure)
+    scaled = measure_series(scene_from_dict(data, folder=str(folder)), workers=1)
+    powers = {"x_px": 1, "radius_px": 1, "x_m": length, "radius_m": length, "area_m2": length**2}
+    powers |= {"force_N": pressure * length**2, "force_std_N": pressure * length**2}
+    for column, factor in powers.items():
+        # the pose is fitted to 1e-9 of a pixel; forces take its scale to the third power
+        np.testing.assert_allclose(scaled.contacts[column], factor * run.contacts[column], rtol=1e-7)
+
+
+def test_series_and_single_frame_measure_the_same_disks(small_series, run):
+    scene = read_scene(small_series)
+    frame = FrameSource("frame_3.tif", small_series / "frame_3.tif").read()
+    reference = FrameSource("reference.tif", small_series / "reference.tif").read()
+    alone = measure_frame(
+        frame, reference, pixel_size=scene.camera.pixel_size, polarity="bright", threshold=0.5
+    )
+    together = run.contacts[run.contacts["frame"] == "frame_3.tif"]
+    assert alone["radius_px"].tolist() == together["radius_px"].tolist()
+
+
+@pytest.mark.parametrize("backend", ["threading", "loky"])
+def test_any_joblib_backend_gives_the_same_run(small_series, run, backend):
+    with parallel_config(backend=backend, n_jobs=2):
+        other = measure_series(read_scene(small_series), workers=2)
+    pd.testing.assert_frame_equal(other.contacts, run.contacts)
+
+
+def test_memory_holds_few_frames_of_a_long_series(small_series, tmp_path, monkeypatch):
+    folder = copy_of(small_series, tmp_path / "long")
+    for k in range(4, 16):
+        shutil.copy(folder / "frame_2.tif", folder / f"frame_{k}.tif")
+    alive, most, read = set(), 0, FrameSource.read
+
+    def counting(source):
+        nonlocal most
+        frame = read(source)
+        alive.add(id(frame))
+        weakref.finalize(frame, alive.discard, id(frame))
+        most = max(most, len(alive))
+        return frame
+
+    monkeypatch.setattr(FrameSource, "read", counting)
+    assert len(measure_series(read_scene(folder), workers=1).frames) == 15
+    assert most <= 3  # the reference, the frame measured, the one that takes its place
+
+
+def test_frames_come_in_natural_order(small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "order")
+    (folder / "frame_1.tif").rename(folder / "frame_10.tif")
+    run = measure_series(read_scene(folder), workers=1)
+    assert run.frames["frame"].tolist() == ["frame_2.tif", "frame_3.tif", "frame_10.tif"]
+
+
+def test_tables_have_their_schema_also_without_any_contact(small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "none")
+    for k in (1, 2, 3):
+        shutil.copy(folder / "reference.tif", folder / f"frame_{k}.tif")
+    run = measure_series(read_scene(folder), workers=1)
+    assert run.contacts.columns.tolist() == list(CONTACTS.columns)
+    assert run.frames.columns.tolist() == list(FRAMES.columns)
+    assert run.frames["area_m2"].tolist() == [0.0, 0.0, 0.0]
+    assert not run.pose.fitted
+
+
+def test_radius_unknown_means_no_force(small_series, tmp_path):
+    data = {section: dict(keys) for section, keys in read_scene(small_series).source.items()}
+    del data["asperities"]
+    run = measure_series(scene_from_dict(data, folder=str(small_series)), workers=1)
+    assert run.contacts["force_N"].isna().all()
+    assert run.frames["force_sum_N"].isna().all()
+    assert run.frames["area_m2"].gt(0).all()
+
+
+def test_one_common_radius_gives_every_contact_a_force(small_series):
+    data = {section: dict(keys) for section, keys in read_scene(small_series).source.items()}
+    data["asperities"] = {"radius_m": 100e-6}
+    run = measure_series(scene_from_dict(data, folder=str(small_series)), workers=1)
+    assert run.contacts["asperity"].isna().all()
+    np.testing.assert_allclose(run.frames["force_sum_N"], run.frames["load_N"], rtol=0.03)
+
+
+def test_stated_modulus_error_enters_every_sum_alike(run):
+    relative = SCENE["elastic"]["young_modulus_std_Pa"] / SCENE["elastic"]["young_modulus_Pa"]
+    assert (run.frames["force_sum_std_N"] / run.frames["force_sum_N"]).between(relative, 2 * relative).all()
+
+
+def test_a_frame_is_two_dimensional():
+    with pytest.raises(ValueError, match="two dimensions"):
+        Frame(np.zeros((3, 4, 3), np.uint8))
