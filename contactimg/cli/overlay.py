@@ -40,7 +40,10 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, quiet: bool) 
     asperities = need_asperities(measured.scene, "predicting contacts")
     target = Path(output) if output is not None else Path(run) / "contactimg_out"
     record = provenance(
-        command=command_line("overlay"), scene=measured.scene, options={"min_radius_px": min_radius_px}
+        command=command_line("overlay"),
+        scene=measured.scene,
+        options={"min_radius_px": min_radius_px},
+        inputs=[*(Path(run) / name for name in ("contacts.csv", "frames.csv")), *experiment.inputs],
     )
     count = int(measured.frames["load_N"].notna().sum())
     with OutputFolder(target, record) as out:

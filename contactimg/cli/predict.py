@@ -49,13 +49,19 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
     """
+    from contactimg.cli.scenes import model_inputs
     from contactimg.files import OutputFolder, provenance, read_scene
     from contactimg.pipeline.predict import predict_loads, write_predictions
 
     description = read_scene(scene)
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
     options = {"loads_N": list(loads), "model": model, "coupling": coupling, "annulus_mm": annulus_mm}
-    record = provenance(command=command_line("predict"), scene=description, options=options)
+    record = provenance(
+        command=command_line("predict"),
+        scene=description,
+        options=options,
+        inputs=model_inputs(scene, description),
+    )
     with OutputFolder(target, record) as out:
         predictions = predict_loads(
             description, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3

@@ -8,7 +8,7 @@ from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, list_frames, read_scene
 from contactimg.scene import Scene, scene_from_dict
 
-__all__ = ["scene_of_folder"]
+__all__ = ["model_inputs", "scene_of_folder"]
 
 OPTION_KEYS = {
     "reference": ("images", "reference"),
@@ -48,6 +48,15 @@ def scene_of_folder(folder: str | Path, options: Mapping[str, Any]) -> Scene:
         section, name = OPTION_KEYS[key]
         data.setdefault(section, {})[name] = _plain(key, value)
     return scene_from_dict(data, name="the options and the scene", folder=str(base))
+
+
+def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
+    """Files that a prediction depends on: the scene file and the asperity table it names."""
+    path = Path(path)
+    files = [path / SCENE_FILE if path.is_dir() else path]
+    if scene.asperities is not None and scene.asperities.file is not None:
+        files.append(Path(scene.folder) / scene.asperities.file)
+    return files
 
 
 def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], Path]:

@@ -25,6 +25,7 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
       contactimg simulate scene.toml -o frames
       contactimg process frames
     """
+    from contactimg.cli.scenes import model_inputs
     from contactimg.files import OutputFolder, provenance, read_scene
     from contactimg.pipeline.inputs import need_asperities
     from contactimg.pipeline.simulate import write_simulation
@@ -33,7 +34,9 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     smooth = description.asperities is None
     asperities = None if smooth else need_asperities(description, "simulating frames")
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
-    record = provenance(command=command_line("simulate"), scene=description)
+    record = provenance(
+        command=command_line("simulate"), scene=description, inputs=model_inputs(scene, description)
+    )
     count = 1 + len(description.need("simulate", "simulating frames").loads)
     with (
         OutputFolder(target, record) as out,
