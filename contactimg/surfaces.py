@@ -85,7 +85,7 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
     bad = np.flatnonzero(~(columns["radius_m"] > 0))
     if bad.size:
         raise InputError(
-            f"asperities: row {bad[0]}, column 'radius_m' must be positive, got {columns['radius_m'][bad[0]]!r}"
+            f"asperities: row {bad[0]}, column 'radius_m' must be positive, got {float(columns['radius_m'][bad[0]])!r}"
         )
     return pd.DataFrame(columns)
 
@@ -102,7 +102,7 @@ def _finite_column(table: pd.DataFrame, name: str) -> Values:
         ) from None
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise InputError(f"asperities: row {bad[0]}, column {name!r} must be finite, got {values[bad[0]]!r}")
+        raise InputError(f"asperities: row {bad[0]}, column {name!r} must be finite, got {float(values[bad[0]])!r}")
     return values
 
 

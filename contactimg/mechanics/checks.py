@@ -11,11 +11,11 @@ __all__ = ["non_negative", "positive"]
 
 
 def positive(name: str, value: ArrayLike, unit: str) -> Any:
-    """``value`` as float or float64 array, or an `InputError` naming the first that is not positive (infinity allowed)."""
+    """``value`` as float or float64 array, or an `InputError` naming the first that is not positive."""
     number = np.asarray(value, dtype=np.float64)
     wrong = ~(number > 0)
     if wrong.any():
-        raise InputError(f"{name} must be positive, got {number[wrong].flat[0]!r} {unit}")
+        raise InputError(f"{name} must be positive, got {float(number[wrong].flat[0])!r} {unit}")
     return float(number) if number.ndim == 0 else number
 
 
@@ -24,5 +24,5 @@ def non_negative(name: str, values: ArrayLike, unit: str) -> NDArray[np.float64]
     array = np.asarray(values, dtype=np.float64)
     wrong = ~(array >= 0)
     if wrong.any():
-        raise InputError(f"{name} must not be negative or NaN, got {array[wrong].flat[0]!r} {unit}")
+        raise InputError(f"{name} must not be negative or NaN, got {float(array[wrong].flat[0])!r} {unit}")
     return array

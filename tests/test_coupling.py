@@ -1,0 +1,92 @@
+"""Dense and fast sums agree, for every kernel and field; so do the solutions on both sides of the switch."""
+
+import numpy as np
+import pytest
+
+from contactimg import generate_asperities, solve_interacting
+from contactimg.models.coupling import DenseCoupling, Kernel, NotPositiveDefinite
+from contactimg.models.fast_sum import FastCoupling
+
+ACCURACY = 1e-8  # sums are asked for to 1e-9 of the largest term
+
+
+@pytest.fixture(scope="module")
+def points():
+    rng = np.random.default_rng(4)
+    x, y = rng.random((2, 3000)) * np.array([[1.0], [0.6]])  # not square: swapped axes would show
+    return x, y, rng.random(3000) * (rng.random(3000) < 0.4)
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 0.4, 0.05])
+def test_displacements_agree(points, thickness):
+    x, y, force = points
+    kernel = Kernel.of_thickness(thickness)
+    dense = DenseCoupling(x, y, kernel).displacement(force)
+    fast = FastCoupling(x, y, kernel).displacement(force)
+    np.testing.assert_allclose(fast, dense, atol=ACCURACY * np.abs(dense).max())
+
+
+@pytest.mark.parametrize("thickness", [np.inf, 0.4])
+def test_fields_agree(points, thickness):
+    x, y, force = points
+    radius = 1e-3 * np.sqrt(force)
+    kernel = Kernel.of_thickness(thickness)
+    dense, fast = (c(x, y, kernel).fields(force, radius) for c in (DenseCoupling, FastCoupling))
+    for name, tolerance in (("slope_x", ACCURACY), ("slope_y", ACCURACY), ("curvature", ACCURACY)):
+        expected = getattr(dense, name)
+        np.testing.assert_allclose(getattr(fast, name), expected, atol=tolerance * np.abs(expected).max())
+    # beyond the cutoff r_c the fast excess keeps the first term of its series in a/r: the rest is (a/r_c)^4
+    np.testing.assert_allclose(fast.excess, dense.excess, atol=1e-4 * np.abs(dense.excess).max())
+
+
+def test_newton_systems_agree(points):
+    x, y, force = points
+    active = np.flatnonzero(force)
+    scale = np.full(active.size, 0.002)  # definite down to a distance of 0.002^2/pi
+    sides = np.column_stack([np.sin(7 * x[active]), scale])
+    kernel = Kernel.of_thickness(np.inf)
+    fast = FastCoupling(x, y, kernel)
+    dense = DenseCoupling(x, y, kernel).newton(active, scale, sides, 1e-10)
+    few = fast.newton(active, scale, sides, 1e-10)
+    np.testing.assert_allclose(few, dense, atol=1e-9)
+    everything = np.arange(x.size)
+    sides = np.column_stack([np.sin(7 * x), np.full(x.size, 0.002)])
+    dense = DenseCoupling(x, y, kernel).newton(everything, sides[:, 1], sides, 1e-10)
+    krylov = fast.newton(everything, sides[:, 1], sides, 1e-10)
+    np.testing.assert_allclose(krylov, dense, atol=ACCURACY)
+
+
+def test_indefinite_systems_are_noticed():
+    kernel = Kernel.of_thickness(np.inf)
+    close = DenseCoupling(np.array([0.0, 0.5]), np.zeros(2), kernel)
+    # 2 a/(pi r) = 1 is the limit for two contacts: a = 0.785 at r = 0.5
+    below, above = (np.sqrt(np.full(2, 2 * a)) for a in (0.78, 0.79))
+    close.newton(np.arange(2), below, np.column_stack([below, below]), 1e-10)
+    with pytest.raises(NotPositiveDefinite):
+        close.newton(np.arange(2), above, np.column_stack([above, above]), 1e-10)
+
+
+@pytest.mark.parametrize("coupling", ["asymptotic", "full"])
+@pytest.mark.parametrize("thickness", [np.inf, 5e-3])
+def test_solutions_agree_across_the_switch(coupling, thickness):
+    table = generate_asperities("SA", side=4e-3, rng=np.random.default_rng(2))
+    where = {"indenter_radius": 0.1288, "contact_modulus": 4e6, "apex": (2e-3, 2e-3), "thickness": thickness}
+    dense, fast = (
+        solve_interacting(table, load=0.3, coupling=coupling, method=method, **where)
+        for method in ("dense", "fast")
+    )
+    np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)
+    assert fast.indentation == pytest.approx(dense.indentation, rel=ACCURACY)
+
+
+@pytest.mark.slow
+def test_switch_is_automatic_and_large_sets_converge():
+    table = generate_asperities("SA", side=3e-2, rng=np.random.default_rng(2))
+    where = {"indenter_radius": 5.0, "contact_modulus": 4e6, "apex": (1.5e-2, 1.5e-2), "load": 6.0}
+    solution = solve_interacting(table, **where)
+    assert len(table) > 16000
+    assert solution.touching.size > 4000
+    assert solution.residual <= 1e-12
+    dense = solve_interacting(table, **{**where, "load": 0.3}, method="dense")
+    fast = solve_interacting(table, **{**where, "load": 0.3}, method="fast")
+    np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)
