@@ -1,0 +1,92 @@
+"""Numbers with their uncertainty: Student's intervals, and the scatter between places."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
+
+from contactimg.errors import InputError
+
+__all__ = ["Estimate", "jackknife_covariance", "student_estimate"]
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number, its standard uncertainty, and the limits of its confidence interval.
+
+    Parameters
+    ----------
+    value, std : float
+    low, high : float
+        Infinite where the data leave no degree of freedom to judge the scatter by.
+    """
+
+    value: float
+    std: float
+    low: float
+    high: float
+
+
+def student_estimate(value: float, std: float, *, freedom: int, confidence: float = 0.95) -> Estimate:
+    """A number with the symmetric interval of Student's distribution.
+
+    Parameters
+    ----------
+    value, std : float
+    freedom : int
+        Degrees of freedom behind ``std``; none make the interval infinite.
+    confidence : float
+        Probability that the interval holds the truth, between 0 and 1.
+
+    Raises
+    ------
+    InputError
+        If the confidence is not between 0 and 1.
+
+    Examples
+    --------
+    >>> e = student_estimate(1.0, 0.1, freedom=4)
+    >>> round(e.low, 3), round(e.high, 3)
+    (0.722, 1.278)
+    """
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence must lie between 0 and 1 (exclusive), got {confidence!r}")
+    if freedom < 1:
+        return Estimate(value, std, -np.inf, np.inf)
+    reach = float(stats.t.ppf((1 + confidence) / 2, freedom)) * std
+    return Estimate(value, std, value - reach, value + reach)
+
+
+def jackknife_covariance(without: ArrayLike) -> Values:
+    """Covariance of parameters from their values with one place left out at a time.
+
+    Parameters
+    ----------
+    without : array_like, shape (n, k)
+        Row ``j``: the ``k`` parameters fitted to all places but ``j``; two rows or more.
+
+    Returns
+    -------
+    ndarray, shape (k, k)
+        ``(n - 1)/n sum_j (t_j - mean)(t_j - mean)^T``, with ``n - 1`` degrees of freedom. It holds whatever
+        the errors within a place have in common.
+
+    References
+    ----------
+    Efron, Stein, Ann. Statist. 9 (1981) 586, doi:10.1214/aos/1176345462, eq. (1.4).
+
+    Examples
+    --------
+    Of means it is the squared standard error: 1, 2, 3 have the variance 1 and the mean's is 1/3.
+
+    >>> float(jackknife_covariance([[2.5], [2.0], [1.5]])[0, 0])
+    0.333333
+    """
+    table = np.asarray(without, dtype=np.float64)
+    if table.ndim != 2 or len(table) < 2:
+        raise InputError(f"leaving one out needs two places or more, got a table of shape {table.shape}")
+    away = table - table.mean(axis=0)
+    return (len(table) - 1) / len(table) * away.T @ away
