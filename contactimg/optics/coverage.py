@@ -16,16 +16,16 @@ def _quadrant_area(x, y, radius):  # type: ignore[no-untyped-def]
     """Area between the axes and (x, y) that lies in the disk around the origin; odd in x and in y.
 
     ``int_0^x clip(y, -s, s) du`` with ``s = sqrt(a^2 - u^2)``: a rectangle up to where the circle falls below
-    y, from there on the area under the circle, ``(u s + a^2 asin(u/a))/2``.
+    y, from there on the area under the circle, ``(u s + a^2 atan(u/s))/2`` (an arcsine loses digits near 1).
     """
     sign = math.copysign(1.0, x) * math.copysign(1.0, y)
     x, y = min(abs(x), radius), min(abs(y), radius)
     corner = math.sqrt((radius - y) * (radius + y))
     if x <= corner:
         return sign * x * y
-    circle_x = 0.5 * (x * math.sqrt((radius - x) * (radius + x)) + radius * radius * math.asin(x / radius))
-    circle_corner = 0.5 * (corner * y + radius * radius * math.asin(min(corner / radius, 1.0)))
-    return sign * (corner * y + circle_x - circle_corner)
+    height = math.sqrt((radius - x) * (radius + x))
+    angle = math.atan2(x, height) - math.atan2(corner, y)
+    return sign * 0.5 * (corner * y + x * height + radius * radius * angle)
 
 
 @njit(cache=True, error_model="numpy")
