@@ -17,7 +17,7 @@ from contactimg.models.local_laws import LocalLaw
 from contactimg.models.newton import Iterate, System, initial_iterate, measure, solve_uncoupled, take_step
 from contactimg.models.problem import Problem
 from contactimg.models.refinement import Refinement
-from contactimg.models.validity import close_pairs, overlapping, unstable_pair
+from contactimg.models.validity import Pairs, close_pairs, overlapping, unstable_pair
 
 __all__ = ["METHODS", "CandidateSolver"]
 
@@ -144,9 +144,10 @@ class CandidateSolver:
     def _refuse_ambiguous(self, system: System, iterate: Iterate) -> None:
         """`ModelRangeError` if contacts are so close that the equilibrium is unstable or not the only one."""
         x, y = self.problem.x[: system.gap.size], self.problem.y[: system.gap.size]
-        pair = unstable_pair(x, y, iterate.contact_radius, iterate.penetration(system), iterate.force)
+        pairs = close_pairs(x, y, 2 * iterate.contact_radius)
+        pair = unstable_pair(pairs, iterate.contact_radius, iterate.penetration(system), iterate.force)
         if pair is None:
-            pair = self._indefinite_pair(system, iterate, x, y)
+            pair = _indefinite_pair(system, iterate, pairs)
         if pair is not None:
             first, second = sorted(int(self.problem.order[row]) for row in pair)
             a = iterate.contact_radius * self.problem.length * 1e6
@@ -157,19 +158,19 @@ class CandidateSolver:
                 "lower the load or merge them"
             )
 
-    def _indefinite_pair(
-        self, system: System, iterate: Iterate, x: Values, y: Values
-    ) -> tuple[int, int] | None:
-        """The closest overlapping pair if contacts overlap and their joint Newton matrix is indefinite."""
-        active = np.flatnonzero(iterate.contact_radius > 0)
-        a = iterate.contact_radius[active]
-        if not overlapping(x[active], y[active], a).any():
-            return None
-        scale = np.sqrt(2 * a)
-        try:
-            system.coupling.newton(active, scale, np.column_stack([scale, scale]), 1e-3)
-        except NotPositiveDefinite:
-            i, j, distance = close_pairs(x[active], y[active], 2 * a)
-            closest = int(np.argmin(distance / (a[i] + a[j])))
-            return int(active[i[closest]]), int(active[j[closest]])
+
+def _indefinite_pair(system: System, iterate: Iterate, pairs: Pairs) -> tuple[int, int] | None:
+    """The closest overlapping pair if contacts overlap and their joint Newton matrix is indefinite."""
+    i, j, distance = pairs
+    a = iterate.contact_radius
+    closeness = np.where(a[j] > 0, distance / (a[i] + a[j]), np.inf)
+    if not np.any(closeness < 1):
         return None
+    active = np.flatnonzero(a)
+    scale = np.sqrt(2 * a[active])
+    try:
+        system.coupling.newton(active, scale, np.column_stack([scale, scale]), 1e-3)
+    except NotPositiveDefinite:
+        closest = int(np.argmin(closeness))
+        return int(i[closest]), int(j[closest])
+    return None

@@ -141,19 +141,16 @@ class DenseCoupling:
 
     def displacement(self, force: Values) -> Values:
         """``C q``, over the candidates that carry a force."""
-        loaded = np.flatnonzero(force)
-        if 2 * loaded.size < force.size:
-            return self.matrix[loaded].T @ force[loaded]
-        return self.matrix @ force
+        return _weighted_rows(self.matrix, np.flatnonzero(force), force)
 
     def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
         """By Cholesky, to rounding; `NotPositiveDefinite` if the matrix is not."""
         system = _newton_matrix(self.matrix, active, scale)
-        # the kernel fills the lower triangle in C order, which is the upper one for LAPACK
-        factor, failed = lapack.dpotrf(system.T, lower=0, clean=0, overwrite_a=1)
+        # the upper triangle in C order is the lower one for LAPACK, whose factorisation is the faster
+        factor, failed = lapack.dpotrf(system.T, lower=1, clean=0, overwrite_a=1)
         if failed:
             raise NotPositiveDefinite
-        solution, _ = lapack.dpotrs(factor, sides, lower=0)
+        solution, _ = lapack.dpotrs(factor, sides, lower=1)
         return solution
 
     def fields(self, force: Values, contact_radius: Values) -> Fields:
@@ -191,34 +188,46 @@ def layer_deficit(r, thinness, value, slope):  # type: ignore[no-untyped-def]  #
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _coupling_matrix(x, y, thinness, value, slope):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """``C_ij = 1/(pi r_ij)``, less the layer's deficit if there is one."""
+    """``C_ij = 1/(pi r_ij)``, less the layer's deficit if there is one.
+
+    Both halves are computed: the plain loop over a row is vectorised, a mirrored store is not.
+    """
     n = x.size
     matrix = np.empty((n, n))
     for i in range(n):
-        for j in range(i):
+        for j in range(n):
             dx, dy = x[i] - x[j], y[i] - y[j]
-            r = np.sqrt(dx * dx + dy * dy)
-            entry = 1.0 / r
-            if thinness > 0.0:
-                entry -= layer_deficit(r, thinness, value, slope)[0]
-            matrix[i, j] = entry / np.pi
-            matrix[j, i] = entry / np.pi
-        matrix[i, i] = -thinness * value[0] / np.pi if thinness > 0.0 else 0.0
+            matrix[i, j] = 1.0 / (np.pi * np.sqrt(dx * dx + dy * dy))
+        matrix[i, i] = 0.0
+        if thinness > 0.0:
+            for j in range(n):
+                r = np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2)
+                matrix[i, j] -= layer_deficit(r, thinness, value, slope)[0] / np.pi
     return matrix
 
 
 @njit(cache=True)
+def _weighted_rows(matrix, rows, weights):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Sum of some rows of a matrix with weights given for all."""
+    total = np.zeros(matrix.shape[1])
+    for row in rows:
+        for j in range(total.size):
+            total[j] += weights[row] * matrix[row, j]
+    return total
+
+
+@njit(cache=True)
 def _newton_matrix(matrix, active, scale):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """Lower triangle of ``I + S C S`` on the active rows."""
+    """Upper triangle of ``I + S C S`` on the active rows."""
     n = active.size
     system = np.empty((n, n))
     for i in range(n):
         row = active[i]
-        for j in range(i):
-            system[i, j] = scale[i] * matrix[row, active[j]] * scale[j]
         system[i, i] = 1.0 + scale[i] * scale[i] * matrix[row, row]
+        for j in range(i + 1, n):
+            system[i, j] = scale[i] * matrix[row, active[j]] * scale[j]
     return system
 
 

@@ -97,16 +97,19 @@ def measure(system: System, force: Values, indentation: float, displacement: Val
     return Iterate(force, indentation, displacement, carried, contact_radius, residual)
 
 
-def solve_uncoupled(system: System, offset: Values, load: float) -> float:
-    """Indentation at which independent contacts under gaps ``g + offset`` bear a load, by Newton from above.
+def solve_uncoupled(system: System, offset: Values, load: float, *, guess: float = np.inf) -> float:
+    """Indentation at which independent contacts under gaps ``g + offset`` bear a load, by Newton.
 
-    The load is a convex, increasing function of the indentation, so from above Newton descends to the root.
+    The load is a convex, increasing function of the indentation, so from above Newton descends to the root,
+    and from below it first steps above. ``guess`` is an indentation to start from.
     """
     gap = system.gap + offset
     lowest = float(gap.min())
     depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # Hertz's, alone
     while _bearing(system, lowest + depth - gap)[0] < load:
         depth *= 2
+    if 0.01 * depth < guess - lowest < depth:
+        depth = guess - lowest
     for _ in range(100):
         total, stiffness = _bearing(system, lowest + depth - gap)
         step = (total - load) / stiffness
@@ -135,13 +138,14 @@ def initial_iterate(system: System, force: Values, indentation: float) -> Iterat
         factor = _self_consistent_factor(system, force, displacement, indentation)
         force, displacement = factor * force, factor * displacement
     else:
-        indentation = solve_uncoupled(system, displacement, system.load)
+        guess = indentation + float(force @ displacement) / float(force.sum())
+        indentation = solve_uncoupled(system, displacement, system.load, guess=guess)
     mixed = 0.5 * (force + system.response(indentation - system.gap - displacement)[0])
     if system.load is not None:
         mixed *= system.load / mixed.sum()
     displacement = system.coupling.displacement(mixed)
     if system.load is not None:
-        indentation = solve_uncoupled(system, displacement, system.load)
+        indentation = solve_uncoupled(system, displacement, system.load, guess=indentation)
     return measure(system, mixed, indentation, displacement)
 
 

@@ -117,6 +117,8 @@ class Problem:
     def duplicates(self, count: int) -> tuple[int, int] | None:
         """Rows in the table of two of the first ``count`` asperities that stand in the same place."""
         x, y = self.x[:count], self.y[:count]
+        if not np.any(np.diff(np.sort(x)) == 0):
+            return None
         order = np.lexsort((y, x))
         same = np.flatnonzero((np.diff(x[order]) == 0) & (np.diff(y[order]) == 0))
         if not same.size:

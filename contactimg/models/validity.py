@@ -17,6 +17,7 @@ __all__ = ["HERTZ_LIMIT", "Validity", "assess", "close_pairs", "contact_flags", 
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
+Pairs = tuple[Rows, Rows, Values]
 
 HERTZ_LIMIT = 0.33
 """``a/R`` up to which Hertz's law describes elastomer spheres (Yashima et al., Experimental setups)."""
@@ -77,37 +78,44 @@ class Validity:
         return found
 
 
-def close_pairs(x: Values, y: Values, reach: Values) -> tuple[Rows, Rows, Values]:
-    """Pairs ``(i, j)`` no further apart than ``reach[i]``, with ``reach[j] <= reach[i]``, and their distances.
+def close_pairs(x: Values, y: Values, reach: Values) -> Pairs:
+    """Pairs ``(i, j)`` not further apart than ``reach[i]``, ``reach[j] <= reach[i]``, and their distances.
 
     The larger of the two reaches counts; a pair of equal reaches comes once.
     """
     empty = np.zeros(0, dtype=np.intp)
-    if x.size < 2:
+    if x.size < 2 or not reach.any():
         return empty, empty, np.zeros(0)
     points = np.column_stack([x, y])
     tree = cKDTree(points)
-    nearest = tree.query(points, k=2)[0][:, 1]
-    candidates = np.flatnonzero(nearest <= reach.max())
-    candidates = candidates[reach[candidates] > 0]
-    near = tree.query_ball_point(points[candidates], reach[candidates])
-    i = np.repeat(candidates, [len(found) for found in near])
-    j = np.fromiter((k for found in near for k in found), dtype=np.intp, count=i.size)
+    largest = float(reach.max())
+    if largest <= 10 * float(np.median(reach[reach > 0])):
+        pairs = tree.query_pairs(largest, output_type="ndarray")
+        swap = reach[pairs[:, 0]] < reach[pairs[:, 1]]
+        i, j = np.where(swap, pairs[:, 1], pairs[:, 0]), np.where(swap, pairs[:, 0], pairs[:, 1])
+        distance = np.hypot(x[i] - x[j], y[i] - y[j])
+        near = distance <= reach[i]
+        return i[near], j[near], distance[near]
+    candidates = np.flatnonzero(reach > 0)
+    found = tree.query_ball_point(points[candidates], reach[candidates])
+    i = np.repeat(candidates, [len(rows) for rows in found])
+    j = np.fromiter((row for rows in found for row in rows), dtype=np.intp, count=i.size)
     keep = (reach[j] < reach[i]) | ((reach[j] == reach[i]) & (j < i))
     i, j = i[keep], j[keep]
     return i, j, np.hypot(x[i] - x[j], y[i] - y[j])
 
 
 def unstable_pair(
-    x: Values, y: Values, contact_radius: Values, penetration: Values, force: Values
+    pairs: Pairs, contact_radius: Values, penetration: Values, force: Values
 ) -> tuple[int, int] | None:
     """Two candidates so close that the solution is not the only one, by point forces; None if there are none.
 
     Two contacts ``i, j`` are in unstable equilibrium where ``2 sqrt(a_i a_j) >= pi r``. A candidate that its
     neighbour keeps out of contact could keep the neighbour out instead if its displacement, from its
-    penetration without the neighbour, reached the neighbour's penetration. Dimensionless (``E* = 1``).
+    penetration without the neighbour, reached the neighbour's penetration. Dimensionless (``E* = 1``), from
+    the pairs no further apart than the larger contact's diameter.
     """
-    i, j, distance = close_pairs(x, y, 2 / np.pi * contact_radius)
+    i, j, distance = pairs
     if not i.size:
         return None
     both = 4 * contact_radius[i] * contact_radius[j] >= (np.pi * distance) ** 2
@@ -123,7 +131,7 @@ def overlapping(x: Values, y: Values, contact_radius: Values) -> NDArray[np.bool
     """Which contacts are closer to another than the sum of the two radii."""
     i, j, distance = close_pairs(x, y, 2 * contact_radius)
     touch = contact_radius[i] + contact_radius[j] > distance
-    result = np.zeros(x.size, dtype=bool)
+    result = np.zeros(contact_radius.size, dtype=bool)
     result[i[touch]] = True
     result[j[touch]] = True
     return result

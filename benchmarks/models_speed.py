@@ -1,0 +1,206 @@
+"""Speed of the contact models as ratios measured side by side, on one core.
+
+python benchmarks/models_speed.py [solve] [pattern] [scaling] [boundary]
+
+solve     coupled solve at a prescribed load against Cholesky factorisations of the same size
+pattern   one member of the SA+ ensemble against plain NumPy (dense, outer root search on the indentation)
+scaling   10^4 to 10^6 asperities: time, exponent, memory
+boundary  against boundary elements (ContactMechanics, if it is installed) on a patch
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+
+import resource
+import sys
+import time
+
+import numpy as np
+from scipy.linalg import cholesky
+from scipy.optimize import brentq
+
+from contactimg import generate_asperities, solve_interacting
+from contactimg.surfaces import base_radius, composite_apexes
+
+LENS, MODULUS, LOADS = 0.1288, 4e6, (0.02, 0.2, 0.5)
+MIDDLE = (5e-3, 5e-3)
+
+
+def median_time(work, repeats=15):
+    """Median seconds of repeated calls, the first not counted."""
+    work()
+    times = []
+    for _ in range(repeats):
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return float(np.median(times))
+
+
+def solve():
+    table = generate_asperities("SA", side=1e-2, rng=np.random.default_rng(0))
+    for coupling in ("asymptotic", "full"):
+
+        def run(coupling=coupling):
+            return solve_interacting(
+                table,
+                indenter_radius=LENS,
+                contact_modulus=MODULUS,
+                load=0.49,
+                apex=MIDDLE,
+                coupling=coupling,
+            )
+
+        n = run().touching.size
+        matrix = np.eye(n) * n + np.random.default_rng(0).random((n, n))
+        matrix = matrix + matrix.T
+        ratios = [
+            median_time(run, 5) / median_time(lambda: cholesky(matrix, lower=True, check_finite=False), 25)
+            for _ in range(5)
+        ]
+        print(
+            f"solve: {coupling}, {n} contacts of {len(table)}: {np.median(ratios):.1f} Cholesky factorisations"
+        )
+
+
+def pattern():
+    def ours(seed=1):
+        table = generate_asperities("SA", side=1e-2, rng=np.random.default_rng(seed))
+        for load in LOADS:
+            for coupling in ("none", "asymptotic"):
+                solve_interacting(
+                    table,
+                    indenter_radius=LENS,
+                    contact_modulus=MODULUS,
+                    load=load,
+                    apex=MIDDLE,
+                    coupling=coupling,
+                )
+
+    ratios, mine = [], []
+    for _ in range(5):
+        mine.append(median_time(ours, 7))
+        ratios.append(median_time(plain_pattern, 2) / mine[-1])
+    print(
+        f"pattern: generate 1845 asperities, 3 loads, coupled and uncoupled: {1e3 * np.median(mine):.1f} ms, "
+        f"plain NumPy {np.median(ratios):.1f} times as long"
+    )
+
+
+def plain_pattern(seed=1):
+    """The same work as one would write it first: vectorised rejection, root search around dense Newton."""
+    rng = np.random.default_rng(seed)
+    height = np.sort(rng.uniform(30e-6, 60e-6, 1845))[::-1]
+    disc = base_radius(height, np.full(1845, 1e-4))
+    x, y = np.empty(1845), np.empty(1845)
+    for i in range(1845):
+        while True:
+            x[i], y[i] = disc[i] + (1e-2 - 2 * disc[i]) * rng.random(2)
+            if np.all((x[:i] - x[i]) ** 2 + (y[:i] - y[i]) ** 2 >= (disc[:i] + disc[i]) ** 2):
+                break
+    r2 = (x - MIDDLE[0]) ** 2 + (y - MIDDLE[1]) ** 2
+    gap = height.max() - height + r2 / (2 * LENS)
+    gap -= gap.min()
+    for load in LOADS:
+        for coupled in (False, True):
+            brentq(lambda d: plain_forces(d, gap, x, y, coupled).sum() - load, 1e-7, 2e-4, rtol=1e-10)  # noqa: B023
+
+
+def plain_forces(depth, gap, x, y, coupled):
+    """Forces at an indentation: dense Newton on an active set."""
+    stiffness = 4 / 3 * MODULUS * np.sqrt(1e-4)
+    rows = np.flatnonzero(depth > gap)
+    free = depth - gap[rows]
+    delta = free.copy()
+    if not coupled:
+        return stiffness * delta**1.5
+    r = np.hypot(x[rows, None] - x[rows], y[rows, None] - y[rows])
+    np.fill_diagonal(r, np.inf)
+    C = 1 / (np.pi * MODULUS * r)
+    for _ in range(30):
+        inside = np.maximum(delta, 0)
+        error = delta + C @ (stiffness * inside**1.5) - free
+        delta -= np.linalg.solve(np.eye(rows.size) + C * (1.5 * stiffness * np.sqrt(inside)), error)
+        if np.abs(error).max() < 1e-12 * depth:
+            break
+    return stiffness * np.maximum(delta, 0) ** 1.5
+
+
+def scaling():
+    sizes, times = [], []
+    for side, load, radius in (
+        (0.0233, 0.45, 0.6),
+        (0.0736, 4.5, 6.0),
+        (0.1275, 13.5, 18.0),
+        (0.2327, 45.0, 60.0),
+    ):
+        table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
+        start = time.perf_counter()
+        solution = solve_interacting(
+            table, indenter_radius=radius, contact_modulus=MODULUS, load=load, apex=(side / 2, side / 2)
+        )
+        times.append(time.perf_counter() - start)
+        sizes.append(len(table))
+        memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+        slope = np.log(times[-1] / times[0]) / np.log(sizes[-1] / sizes[0]) if len(sizes) > 1 else np.nan
+        print(
+            f"scaling: {sizes[-1]} asperities, {solution.touching.size} contacts, {solution.iterations} steps, residual "
+            f"{solution.residual:.1e}: {times[-1]:.1f} s, exponent since the first {slope:.2f}, peak {memory:.2f} GiB"
+        )
+
+
+def boundary():
+    try:
+        from ContactMechanics import FreeFFTElasticHalfSpace
+        from ContactMechanics.Factory import make_system
+        from SurfaceTopography import Topography
+    except ImportError:
+        print("boundary: ContactMechanics is not installed (pip install ContactMechanics); skipped")
+        return
+    del FreeFFTElasticHalfSpace
+    rng = np.random.default_rng(21)
+    table = generate_asperities("SA", side=1e-3, coverage=0.35, rng=rng)
+    table["radius_m"] *= rng.uniform(0.6, 1.4, len(table))  # unlike any stored truth: radii differ
+    side, load = 1.2e-3, 0.02
+    for points in (256, 512, 1024):
+        h = side / points
+        centre = h * (np.arange(points) + 0.5) - 0.1e-3
+        X, Y = np.meshgrid(centre, centre, indexing="ij")
+        surface = np.zeros((points, points))
+        owner = np.full((points, points), -1)
+        for k, cap in enumerate(table.itertuples()):
+            bump = cap.height_m - ((X - cap.x_m) ** 2 + (Y - cap.y_m) ** 2) / (2 * cap.radius_m)
+            higher = bump > surface
+            surface[higher], owner[higher] = bump[higher], k
+        system = make_system(
+            interaction="hardwall",
+            surface=Topography(surface, physical_sizes=(side, side)),
+            young=MODULUS,
+            substrate="free",
+        )
+        start = time.perf_counter()
+        result = system.minimize_proxy(external_force=load, pentol=1e-12, maxiter=3000, disp0=None)
+        seconds = time.perf_counter() - start
+        pixel = -np.asarray(system.substrate.force)[:points, :points]
+        truth = np.bincount(owner[owner >= 0], pixel[owner >= 0], minlength=len(table))
+        line = f"boundary: {points} points a side, {seconds:.1f} s, converged {result.success}, sum {truth.sum():.6f} N;"
+        for coupling in ("none", "asymptotic", "full"):
+
+            def run(coupling=coupling):
+                return solve_interacting(
+                    table, indenter_radius=np.inf, contact_modulus=MODULUS, load=load, coupling=coupling
+                )
+
+            error = np.abs(run().force - truth).sum() / load
+            line += f" {coupling} {1e2 * error:.4f} %, {seconds / median_time(run, 3):.0f} times faster;"
+        print(line)
+
+
+PARTS = {"solve": solve, "pattern": pattern, "scaling": scaling, "boundary": boundary}
+
+if __name__ == "__main__":
+    composite_apexes(generate_asperities("SA", side=1e-3, rng=np.random.default_rng(0)), indenter_radius=LENS)
+    for name in sys.argv[1:] or PARTS:
+        PARTS[name]()
