@@ -328,3 +328,21 @@ def test_predict_negative_and_repeated_load(series, tmp_path, capsys):
 def test_unknown_option_is_a_usage_error(capsys):
     assert main(["process", ".", "--no-such-option"]) == 2
     assert "no-such-option" in capsys.readouterr().err
+
+
+def test_verbose_says_what_was_found_and_the_next_command_is_silent_again(series, tmp_path, capsys):
+    assert process(series, "-o", tmp_path / "out", "--verbose") == 0
+    said = capsys.readouterr().err
+    assert re.search(r"frame_3\.tif: ok, \d+ contacts, .*contrast", said)
+    assert "pose fitted" in said
+    assert process(series, "-o", tmp_path / "out") == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_overlay_passes_over_failed_frames_and_names_loads_without_an_answer(series, tmp_path, capsys):
+    text_file(series / "frame_2.tif")
+    edit(series / "loads.csv", "0.05", "500.0")
+    assert process(series, "-o", tmp_path / "run") == 1
+    assert main(["overlay", str(tmp_path / "run"), "-o", str(tmp_path / "out"), "--quiet"]) == 1
+    assert "frame_3.tif is left out" in capsys.readouterr().err
+    assert pd.read_csv(tmp_path / "out" / "scores.csv")["frame"].unique().tolist() == ["frame_1.tif"]

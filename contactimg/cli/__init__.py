@@ -37,7 +37,8 @@ for command in (process, predict, overlay, simulate):
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line and return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
-    logging.basicConfig(level=logging.WARNING, format="contactimg: %(message)s", force=True)
+    logging.basicConfig(format="contactimg: %(message)s", force=True)
+    logging.getLogger("contactimg").setLevel(logging.WARNING)
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
         result = commands.main(args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False)

@@ -1,5 +1,6 @@
 """What the commands share: options, progress bars, the summary table."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
@@ -17,6 +18,7 @@ __all__ = [
     "output_option",
     "progress",
     "quiet_option",
+    "verbose_option",
     "workers_option",
 ]
 
@@ -27,6 +29,17 @@ output_option = click.option(
     help="Output folder.  [default: contactimg_out inside the folder]",
 )
 quiet_option = click.option("--quiet", is_flag=True, help="Print errors only.")
+
+
+def _be_verbose(_context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
+    """Let the package's log through from the level INFO."""
+    if value:
+        logging.getLogger("contactimg").setLevel(logging.INFO)
+
+
+verbose_option = click.option(
+    "--verbose", is_flag=True, expose_value=False, callback=_be_verbose, help="Say more about each step."
+)
 workers_option = click.option(
     "--workers",
     type=click.IntRange(min=1),

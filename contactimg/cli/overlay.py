@@ -4,7 +4,15 @@ from pathlib import Path
 
 import click
 
-from contactimg.cli.common import command_line, echo_scores, output_option, progress, quiet_option
+from contactimg.cli.common import (
+    command_line,
+    echo_scores,
+    output_option,
+    progress,
+    quiet_option,
+    verbose_option,
+    workers_option,
+)
 
 __all__ = ["overlay"]
 
@@ -19,8 +27,10 @@ __all__ = ["overlay"]
     show_default=True,
     help="Smaller predicted contacts are not expected to be seen.",
 )
+@workers_option
 @quiet_option
-def overlay(*, run: str, output: str | None, min_radius_px: float, quiet: bool) -> None:
+@verbose_option
+def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int | None, quiet: bool) -> int:
     """Compare RUN, the output of `process`, with what the model predicts, coupled and uncoupled.
 
     Writes a picture of each frame with a load (measured contacts blue, predicted ones green with coupling and
@@ -45,13 +55,18 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, quiet: bool) 
         options={"min_radius_px": min_radius_px},
         inputs=[*(Path(run) / name for name in ("contacts.csv", "frames.csv")), *experiment.inputs],
     )
-    count = int(measured.frames["load_N"].notna().sum())
+    count = len(measured.frames)
     with OutputFolder(target, record) as out:
         with progress("predicting contacts", count, quiet=quiet) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
         write_comparison(comparison, out.folder)
         with progress("drawing overlays", count, quiet=quiet) as advance:
-            draw_comparison(comparison, measured, experiment, out.folder / "overlays", advance=advance)
+            draw_comparison(
+                comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance
+            )
     if not quiet:
         echo_scores(comparison.scores, title=f"{run}: predicted against measured contacts")
         click.echo(f"results in {target}")
+    for frame, reason in comparison.left_out.items():
+        click.echo(f"contactimg: {frame} is left out: {reason}", err=True)
+    return 1 if comparison.left_out else 0

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from contactimg.cli.common import command_line, echo_frames, output_option, quiet_option
+from contactimg.cli.common import command_line, echo_frames, output_option, quiet_option, verbose_option
 
 __all__ = ["predict"]
 
@@ -30,6 +30,7 @@ __all__ = ["predict"]
 )
 @click.option("--annulus-mm", type=float, default=0.25, show_default=True, help="Width of profile annuli.")
 @quiet_option
+@verbose_option
 def predict(
     *,
     scene: str,

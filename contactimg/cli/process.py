@@ -11,6 +11,7 @@ from contactimg.cli.common import (
     output_option,
     progress,
     quiet_option,
+    verbose_option,
     workers_option,
 )
 
@@ -31,6 +32,7 @@ __all__ = ["process"]
 @click.option("--pictures/--no-pictures", default=True, help="Draw an overlay of each frame.")
 @workers_option
 @quiet_option
+@verbose_option
 def process(
     *, folder: str, output: str | None, pictures: bool, workers: int | None, quiet: bool, **options: Any
 ) -> int:
@@ -48,7 +50,7 @@ def process(
     from contactimg.cli.scenes import scene_of_folder
     from contactimg.files import OutputFolder, open_experiment, provenance
     from contactimg.pipeline.process import draw_overlays, write_run
-    from contactimg.pipeline.series import FAILED, measure_series
+    from contactimg.pipeline.series import FAILED, measure_experiment
 
     scene = scene_of_folder(folder, options)
     experiment = open_experiment(scene)
@@ -57,7 +59,7 @@ def process(
     target = Path(output) if output is not None else Path(folder) / "contactimg_out"
     with OutputFolder(target, record) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:
-            run = measure_series(scene, workers=workers, advance=advance)
+            run = measure_experiment(experiment, workers=workers, advance=advance)
         out.record |= write_run(run, out.folder)
         if pictures:
             with progress("drawing overlays", count, quiet=quiet) as advance:

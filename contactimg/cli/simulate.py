@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from contactimg.cli.common import command_line, output_option, progress, quiet_option
+from contactimg.cli.common import command_line, output_option, progress, quiet_option, verbose_option
 
 __all__ = ["simulate"]
 
@@ -13,6 +13,7 @@ __all__ = ["simulate"]
 @click.argument("scene", type=click.Path(exists=True))
 @output_option
 @quiet_option
+@verbose_option
 def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 

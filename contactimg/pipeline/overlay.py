@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.files import Experiment, write_figure, write_table
+from contactimg.errors import ContactimgError
+from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
+from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted
 from contactimg.pipeline.process import picture_name
-from contactimg.pipeline.series import Run, shift_of
+from contactimg.pipeline.series import FAILED, Run, shift_of
 from contactimg.pose import Pose
 from contactimg.prediction import Coupling, hertz_circle, predict_contacts, see_contacts
 from contactimg.scene import Scene
@@ -36,11 +38,14 @@ class Comparison:
         One row a frame and model.
     predicted : dict
         Frame -> model -> contacts table, those that the camera sees.
+    left_out : dict
+        Frame -> why it is not compared.
     """
 
     matches: pd.DataFrame
     scores: pd.DataFrame
     predicted: dict[str, dict[str, pd.DataFrame]]
+    left_out: dict[str, str]
 
 
 def compare_run(
@@ -66,6 +71,8 @@ def compare_run(
     Returns
     -------
     Comparison
+        Frames that could not be measured or have no load are passed over; frames for which the models have no
+        answer are left out, with the reason.
 
     Raises
     ------
@@ -73,11 +80,20 @@ def compare_run(
         If the run has no pose, or the scene lacks what the models need.
     """
     pose = run.need_pose()
-    matches, scores, predicted = [MATCHES.empty()], [], {}
-    for row in run.frames[run.frames["load_N"].notna()].to_dict("records"):
+    for section in ("indenter", "elastic"):
+        run.scene.need(section, "comparing with a contact model")
+    matches: list[pd.DataFrame] = [MATCHES.empty()]
+    scores: list[dict[str, Any]] = []
+    predicted: dict[str, dict[str, pd.DataFrame]] = {}
+    left_out: dict[str, str] = {}
+    for row in run.frames[run.frames["load_N"].notna() & (run.frames["status"] != FAILED)].to_dict("records"):
         frame = row["frame"]
         measured = run.contacts[run.contacts["frame"] == frame]
-        predicted[frame] = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
+        try:
+            predicted[frame] = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
+        except ContactimgError as error:
+            left_out[frame] = str(error)
+            continue
         for model, seen in predicted[frame].items():
             pairs, score = compare_frame(
                 measured, seen, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
@@ -88,7 +104,7 @@ def compare_run(
         if advance is not None:
             advance()
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
-    return Comparison(MATCHES.conform(pd.concat(matches, ignore_index=True)), table, predicted)
+    return Comparison(MATCHES.conform(pd.concat(matches, ignore_index=True)), table, predicted, left_out)
 
 
 def _predicted(
@@ -156,22 +172,32 @@ def draw_comparison(
     experiment: Experiment,
     folder: Path,
     *,
+    workers: int | None,
     advance: Callable[[], None] | None = None,
 ) -> None:
     """Draw measured and predicted contacts on each compared frame, as PNG files."""
     folder.mkdir()
     sources = {source.name: source for source in experiment.frames}
-    for frame, predicted in comparison.predicted.items():
-        load = experiment.load_of(frame)
-        ax = draw_predicted(
-            sources[frame].read().image,
-            run.contacts[run.contacts["frame"] == frame],
-            predicted,
-            hertz_circle(experiment.scene, load),
-            pose=run.need_pose(),
-            shift_px=shift_of(run.frames, frame),
-            title=f"{frame}, {1e3 * load:g} mN",
-        )
-        write_figure(ax, folder / picture_name(frame))
+    jobs = (
+        (sources[frame], run, predicted, experiment.load_of(frame), folder)
+        for frame, predicted in comparison.predicted.items()
+    )
+    for _ in in_parallel(_draw, jobs, count=len(comparison.predicted), workers=workers):
         if advance is not None:
             advance()
+
+
+def _draw(
+    source: FrameSource, run: Run, predicted: dict[str, pd.DataFrame], load: float, folder: Path
+) -> None:
+    """Read one frame again and draw it."""
+    ax = draw_predicted(
+        source.read().image,
+        run.contacts[run.contacts["frame"] == source.name],
+        predicted,
+        hertz_circle(run.scene, load),
+        pose=run.need_pose(),
+        shift_px=shift_of(run.frames, source.name),
+        title=f"{source.name}, {1e3 * load:g} mN",
+    )
+    write_figure(ax, folder / picture_name(source.name))

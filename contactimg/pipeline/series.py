@@ -1,5 +1,6 @@
 """Measure a series: every frame on its own, then one pose, asperities and forces for all."""
 
+import logging
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,7 +21,9 @@ from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
-__all__ = ["FAILED", "Run", "measure_series", "shift_of"]
+logger = logging.getLogger(__name__)
+
+__all__ = ["FAILED", "Run", "measure_experiment", "measure_series", "shift_of"]
 
 FAILED = "failed"
 """Status of a frame that could not be measured at all."""
@@ -62,6 +65,13 @@ class _Measured:
     row: dict[str, Any]
     shape: tuple[int, int] | None
 
+    def summary(self) -> str:
+        """One line about the frame."""
+        numbers = (f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float))
+        return f"{self.row['frame']}: {self.row['status']}, {len(self.contacts)} contacts, " + ", ".join(
+            numbers
+        )
+
 
 def measure_series(
     scene: Scene, *, workers: int | None = None, advance: Callable[[], None] | None = None
@@ -88,9 +98,16 @@ def measure_series(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    experiment = open_experiment(scene)
-    parts = []
+    return measure_experiment(open_experiment(scene), workers=workers, advance=advance)
+
+
+def measure_experiment(
+    experiment: Experiment, *, workers: int | None = None, advance: Callable[[], None] | None = None
+) -> Run:
+    """Measure every frame of an opened experiment; see `measure_series`."""
+    scene, parts = experiment.scene, []
     for part in _measure_all(experiment, scene, workers=workers):
+        logger.info("%s", part.summary())
         parts.append(part)
         if advance is not None:
             advance()
@@ -157,6 +174,13 @@ def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Ru
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     if targets is not None and run.scene.measure.pose == "fit":
         pose = _series_pose(run, guess, targets)
+        logger.info(
+            "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
+            "fitted" if pose.fitted else "as given",
+            pose.n_matched,
+            pose.n_points,
+            pose.residual,
+        )
     contacts = [
         _located_frame(part, pose.pose, shift_of(run.frames, str(name)), targets)
         for name, part in run.contacts.groupby("frame", sort=False)
