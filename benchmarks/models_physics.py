@@ -1,8 +1,9 @@
 """What the models say about the experiment: p(r), eta(p) and mean radius over many SA+ patterns.
 
-python benchmarks/models_physics.py [--patterns 1000] [--workers 1] [--figure docs/figures/models_profiles.png]
+python benchmarks/models_physics.py [--patterns 1000] [--workers 1] [--figure FILE]
 
-Annuli of 0.25 mm as in the paper (Yashima et al., doi:10.1039/C4SM02346C). E = 3 MPa, nu = 0.5, lens 128.8 mm.
+Annuli of 0.25 mm as in the paper (Yashima et al., doi:10.1039/C4SM02346C). E = 3 MPa, nu = 0.5, a lens of
+128.8 mm.
 """
 
 import argparse

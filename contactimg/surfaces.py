@@ -85,7 +85,8 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
     bad = np.flatnonzero(~(columns["radius_m"] > 0))
     if bad.size:
         raise InputError(
-            f"asperities: row {bad[0]}, column 'radius_m' must be positive, got {float(columns['radius_m'][bad[0]])!r}"
+            f"asperities: row {bad[0]}, column 'radius_m' must be positive, "
+            f"got {float(columns['radius_m'][bad[0]])!r}"
         )
     return pd.DataFrame(columns)
 
@@ -102,7 +103,9 @@ def _finite_column(table: pd.DataFrame, name: str) -> Values:
         ) from None
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:
-        raise InputError(f"asperities: row {bad[0]}, column {name!r} must be finite, got {float(values[bad[0]])!r}")
+        raise InputError(
+            f"asperities: row {bad[0]}, column {name!r} must be finite, got {float(values[bad[0]])!r}"
+        )
     return values
 
 
@@ -279,8 +282,8 @@ def generate_asperities(
     if placed < len(disc):
         reached = np.pi * np.sum(disc[:placed] ** 2) / side**2
         raise InputError(
-            f"coverage {fraction:g} cannot be reached on a square of {side:g} m: after {placed} of {len(disc)} "
-            f"caps (coverage {reached:.3f}) {max_tries} places were tried in vain; "
+            f"coverage {fraction:g} cannot be reached on a square of {side:g} m: after {placed} of "
+            f"{len(disc)} caps (coverage {reached:.3f}) {max_tries} places were tried in vain; "
             "random placement without overlap jams near 0.5, ask for less or for a larger square"
         )
     return pd.DataFrame({"x_m": x * side, "y_m": y * side, "height_m": height, "radius_m": radius})
@@ -300,7 +303,7 @@ def _draw_to_cover(pattern: _Pattern, area: float, rng: np.random.Generator) -> 
 
 
 @njit(cache=True)
-def _place_discs(disc, max_tries, rng):  # pragma: no cover - compiled
+def _place_discs(disc, max_tries, rng):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Random sequential adsorption on the unit square with a cell list; places, and how many discs fit.
 
     Cells are as wide as the largest disc's diameter, so that discs that may touch lie in adjacent cells.

@@ -51,7 +51,7 @@ def test_depth_inverts_pressure(law, pressure):
 
 @pytest.mark.parametrize("pressure", [10.0, 1e3, 1e4])
 def test_uniform_power_laws(pressure):
-    """eta/eta0 = (5/2)^{2/5} [p/(eta0 K R^{1/2} s^{3/2})]^{2/5}; cube-mean a = (2/5)^{2/15} [p R^2 s/(K eta0)]^{1/5}."""
+    """Density eta/eta0 = (5/2)^{2/5} [p/(eta0 K R^{1/2} s^{3/2})]^{2/5} and the mean radii that follow."""
     layer, K, s = AsperityLayer(UNIFORM, **SURFACE), 16e6 / 3, 30e-6
     depth = layer.depth(pressure)
     eta = float(layer.contact_density(depth))
@@ -102,7 +102,7 @@ def test_order_of_convergence():
 
 @pytest.mark.parametrize("law", LAWS)
 def test_each_ring_is_williamson_and_elastic(law):
-    """p(x) to rounding, and x from the displacement by the pressure, integrated independently with its logarithm."""
+    """p(x) to rounding, and x from the displacement by the pressure, integrated independently."""
     solution = solve_greenwood_tripp(law, load=0.2, **LENS)
     layer = AsperityLayer(law, **SURFACE)
     np.testing.assert_allclose(layer.pressure(solution.depth), solution.pressure, rtol=1e-10)

@@ -28,7 +28,7 @@ def test_load_and_radius_are_inverse(factor, radius, modulus, work):
     where = {"sphere_radius": radius, "contact_modulus": modulus, "work_of_adhesion": work}
     pull = -jkr.pull_off_load(sphere_radius=radius, work_of_adhesion=work)
     load = factor * pull
-    # at pull-off dP/da = 0: the load's rounding returns doubled only; the radius's would grow as a square root
+    # at pull-off dP/da = 0, so the rounding of the radius leaves the load alone
     assert jkr.load(jkr.radius(load, **where), **where) == pytest.approx(
         load, abs=1e-13 * (abs(load) + pull) * 4
     )
@@ -80,9 +80,7 @@ def test_hertz_as_the_adhesion_vanishes():
 
 
 def test_load_is_work_conjugate_to_the_indentation():
-    # elastic energy minus surface energy is stationary in a, so int P d(delta) along the branch between two
-    # contacts equals the difference of U = int P d(delta): check dU/da - P d(delta)/da = 2 pi w a with
-    # U = K a^5/(15 R^2)*... by differences of the flat-punch and Hertz energies
+    # along equilibria the work of the load is the rise of elastic energy less the surface energy gained
     R, K, w = LENS["sphere_radius"], 4 / 3 * LENS["contact_modulus"], LENS["work_of_adhesion"]
 
     def elastic(a):

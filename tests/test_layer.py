@@ -52,6 +52,6 @@ def test_table_reproduces_value_slope_and_laplacian():
 
 
 def test_indentation_of_a_hertz_contact_drops_as_published():
-    # self-term: delta falls by (4 a/(3 pi t)) phi(0), i.e. 0.751 chi; Dimitriadis et al., Biophys. J. 82 (2002)
-    # 2798: F ~ 1 + 1.133 chi at a depth, so (2/3) 1.133 = 0.755 chi at a load
+    # delta falls by (4 a/(3 pi t)) phi(0) = 0.751 a/t; Dimitriadis et al., Biophys. J. 82 (2002) 2798, have
+    # F ~ 1 + 1.133 a/t at a depth, that is (2/3) 1.133 = 0.755 at a load
     assert 4 / (3 * np.pi) * float(layer.deficit(0.0)) == pytest.approx(2 / 3 * 1.133, rel=0.01)

@@ -1,6 +1,5 @@
 """Sneddon's exact sphere: inverses, its own differential identity, the limit of Hertz."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,8 +1,9 @@
 """Interacting asperities with adhesion: JKR's law for each, followed along loading and unloading.
 
 Not a convex problem: at one load several sets of contacts can be in equilibrium, and history chooses. A
-contact forms where two surfaces touch (``delta = 0``) and breaks where its equilibrium ceases to be stable. So the
-set of contacts is carried from load to load; for a given set Newton's method finds radii and indentation.
+contact forms where two surfaces touch (``delta = 0``) and breaks where its equilibrium ceases to be stable.
+So the set of contacts is carried from load to load; for a given set Newton's method finds radii and
+indentation.
 """
 
 from collections.abc import Iterable, Iterator
@@ -79,9 +80,10 @@ def solve_adhesive(
     Notes
     -----
     Contacts that have formed persist, so the answer depends on the way: reach a load in steps as the
-    experiment did (`solve_adhesive_path`). Each asperity follows JKR's stable branch under an imposed displacement; the compliance that its
-    neighbours add is in the equations, so a contact breaks earlier among compliant neighbours. Suited to
-    some thousand contacts: the Newton system is a dense, unsymmetric matrix.
+    experiment did (`solve_adhesive_path`). Each asperity follows JKR's stable branch under an imposed
+    displacement; the compliance that its neighbours add is in the equations, so a contact breaks earlier
+    among compliant neighbours. Suited to some thousand contacts: the Newton system is a dense, unsymmetric
+    matrix.
 
     References
     ----------

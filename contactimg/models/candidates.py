@@ -101,8 +101,8 @@ class CandidateSolver:
         duplicates = self.problem.duplicates(count)
         if duplicates is not None:
             raise ModelRangeError(
-                f"asperities: rows {duplicates[0]} and {duplicates[1]} stand in the same place: coupled, either "
-                "of them could bear the force; remove one"
+                f"asperities: rows {duplicates[0]} and {duplicates[1]} stand in the same place: coupled, "
+                "either of them could bear the force; remove one"
             )
         dense = self.method == "dense" or (self.method == "auto" and count <= DENSE_LIMIT)
         kind = DenseCoupling if dense or count < 3 else FastCoupling
@@ -132,8 +132,8 @@ class CandidateSolver:
         self._refuse_ambiguous(system, iterate)
         merged = int(np.sum(overlapping(x, y, self._uncoupled().contact_radius[:count])))
         raise ConvergenceError(
-            f"the contact forces did not converge: residual {iterate.residual:.3g} after {steps} Newton steps, "
-            f"tolerance {tolerance:.3g}; "
+            f"the contact forces did not converge: residual {iterate.residual:.3g} after {steps} "
+            f"Newton steps, tolerance {tolerance:.3g}; "
             + (
                 f"{merged} contacts would overlap without coupling, so that the load may lie beyond the model"
                 if merged
@@ -153,8 +153,8 @@ class CandidateSolver:
             a = iterate.contact_radius * self.problem.length * 1e6
             apart = float(np.hypot(x[pair[0]] - x[pair[1]], y[pair[0]] - y[pair[1]])) * self.problem.length
             raise ModelRangeError(
-                f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, would overlap (contact radii "
-                f"{a[pair[0]]:.4g} and {a[pair[1]]:.4g} um) so far that several solutions exist; "
+                f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, would overlap (contact "
+                f"radii {a[pair[0]]:.4g} and {a[pair[1]]:.4g} um) so far that several solutions exist; "
                 "lower the load or merge them"
             )
 

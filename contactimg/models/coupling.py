@@ -95,6 +95,9 @@ class Coupling(Protocol):
     def displacement(self, force: Values) -> Values:
         """``C q``: displacement into the body at every candidate."""
 
+    def displacement_at(self, rows: Rows, force: Values) -> Values:
+        """``C q`` at some candidates."""
+
     def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """Solve ``(I + S C S) z = b`` on the active rows for the columns of ``sides``."""
 
@@ -111,6 +114,10 @@ class NoCoupling:
     def displacement(self, force: Values) -> Values:
         """Nothing moves."""
         return np.zeros_like(force)
+
+    def displacement_at(self, rows: Rows, force: Values) -> Values:  # noqa: ARG002
+        """Nothing moves."""
+        return np.zeros(rows.size)
 
     def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
         """The identity."""
@@ -142,6 +149,10 @@ class DenseCoupling:
     def displacement(self, force: Values) -> Values:
         """``C q``, over the candidates that carry a force."""
         return _weighted_rows(self.matrix, np.flatnonzero(force), force)
+
+    def displacement_at(self, rows: Rows, force: Values) -> Values:
+        """``C q`` at some candidates."""
+        return self.displacement(force)[rows]
 
     def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
         """By Cholesky, to rounding; `NotPositiveDefinite` if the matrix is not."""
@@ -247,7 +258,7 @@ def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no co
 
 
 @njit(cache=True)
-def _pair_fields(x, y, loaded, force, contact_radius, thinness, value, slope):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _pair_fields(x, y, loaded, force, contact_radius, thinness, value, slope):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
     """Excess, slopes and half the Laplacian of the displacement at every candidate by the loaded ones."""
     n = x.size
     excess, slope_x, slope_y, curvature = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)

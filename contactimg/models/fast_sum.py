@@ -119,13 +119,20 @@ class FastCoupling:
         far -= self._sharpness * 2 / np.pi**1.5 * force  # the smooth part's own value
         return far + self._near.sum(force)
 
+    def displacement_at(self, rows: Rows, force: Values) -> Values:
+        """``C q`` at some candidates, summed over those and the loaded ones alone."""
+        involved = np.union1d(rows, np.flatnonzero(force))
+        part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy)
+        return part.displacement(force[involved])[np.searchsorted(involved, rows)]
+
     def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """On the contacts alone: by Cholesky if they are few, else by conjugate gradients."""
         x, y = self._x[active], self._y[active]
         if active.size <= DENSE_ACTIVE:
             direct = DenseCoupling(x, y, self._kernel)
             return direct.newton(np.arange(active.size), scale, sides, tolerance)
-        contacts = self if active.size == self._x.size else FastCoupling(x, y, self._kernel, self._accuracy)
+        # sums need not be much more accurate than the solution asked for
+        contacts = FastCoupling(x, y, self._kernel, max(self._accuracy, 1e-3 * tolerance))
 
         def apply(z: Values) -> Values:
             # columns of one size, so that the rounding of one does not drown the other

@@ -1,10 +1,10 @@
 """Greenwood-Tripp: a rough sphere whose asperities obey Greenwood and Williamson on an elastic half-space.
 
 On each ring the sphere reaches ``x(r) = D - r^2/(2 Rl) - w(r)`` below the highest summits, and the pressure
-is ``p = K sqrt(R) eta0 F_{3/2}(x)``; ``w`` is the half-space's displacement by ``p``. The pressure is piecewise linear over the rings, which makes
-it a stack of discs, ``w(r) = int -p'(c) W(r, c) dc``: the displacement ``W`` by a uniform disc of radius ``c``
-is a complete elliptic integral, continuous at ``c = r``, and the logarithm in its slope is integrated by
-quadrature graded towards it.
+is ``p = K sqrt(R) eta0 F_{3/2}(x)``; ``w`` is the half-space's displacement by ``p``. The pressure is
+piecewise linear over the rings, which makes it a stack of discs, ``w(r) = int -p'(c) W(r, c) dc``: the
+displacement ``W`` by a uniform disc of radius ``c`` is a complete elliptic integral, continuous at
+``c = r``, and the logarithm in its slope is integrated by quadrature graded towards it.
 
 Newton's method on the depths, with the load as one more equation. Dimensionless: lengths along the surface in
 Hertz's contact radius, heights in Hertz's indentation, ``E* = 1``.

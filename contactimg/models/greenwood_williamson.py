@@ -1,8 +1,8 @@
 """Greenwood-Williamson: independent asperities of random height, under a flat or under a sphere.
 
-Where the other surface has sunk by ``x`` below the highest summits, ``eta = eta0 F_0(x)`` contacts a unit area
-bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.heights`). Under a sphere each ring has
-its own depth ``x``.
+Where the other surface has sunk by ``x`` below the highest summits, ``eta = eta0 F_0(x)`` contacts a unit
+area bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.heights`). Under a sphere each
+ring has its own depth ``x``.
 """
 
 from dataclasses import dataclass

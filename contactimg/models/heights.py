@@ -1,9 +1,9 @@
 """Height laws of the statistical models: how many summits rise above a level, and how far.
 
 A law gives ``F_n(x) = int (z - top + x)^n psi(z) dz`` over the summits higher than ``top - x``, with the
-density of heights ``psi`` (integral one): at a depth ``x`` below the top, the number of summits (``n = 0``) and
-what they add to contact radius, area and force (1/2, 1, 3/2). ``dF_n/dx = n F_{n-1}`` ties them together.
-Depths count from the top, so that a slight touch of a rough surface loses no digits.
+density of heights ``psi`` (integral one): at a depth ``x`` below the top, the number of summits (``n = 0``)
+and what they add to contact radius, area and force (1/2, 1, 3/2). ``dF_n/dx = n F_{n-1}`` ties them
+together. Depths count from the top, so that a slight touch of a rough surface loses no digits.
 """
 
 import math
@@ -129,7 +129,7 @@ class GaussianHeights:
         return self.std
 
     def moment(self, depth: ArrayLike, power: float) -> Values:
-        """``std^n Gamma(n+1)/sqrt(2 pi) exp(-s^2/4) D_{-n-1}(s)``: Whittaker's function of the scaled level."""
+        """``std^n Gamma(n+1)/sqrt(2 pi) exp(-s^2/4) D_{-n-1}(s)``, Whittaker's function; ``s`` the level."""
         x = 8 - np.asarray(depth, dtype=np.float64) / self.std
         near = np.clip(x, -25.0, 37.0)
         whittaker = pbdv(-power - 1, near)[0]

@@ -53,7 +53,7 @@ def solve_interacting(
     apex : (float, float), m
         Where the lens's apex stands.
     coupling : {"none", "asymptotic", "hertz", "full"}
-        ``"none"``: independent contacts. ``"asymptotic"``: a contact lowers its neighbours by ``p/(pi E* r)``.
+        ``"none"``: independent contacts. ``"asymptotic"``: a contact lowers the others by ``p/(pi E* r)``.
         ``"full"``: by Hertz's displacement, whose slope shifts them and whose curvature changes their radius:
         the accurate level. ``"hertz"``: by Hertz's displacement alone, the model's original form.
     law : {"hertz", "sphere"}

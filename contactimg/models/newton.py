@@ -183,9 +183,9 @@ def _direction(system: System, at: Iterate, damping: float) -> tuple[Values, flo
     leaving = change.copy()
     leaving[active] = 0.0
     if leaving.any():
-        right -= scale * system.coupling.displacement(leaving)[active]
+        right -= scale * system.coupling.displacement_at(active, leaving)
     # an inexact solution is exact enough if its error stays below that of the linearisation
-    accuracy = min(1e-3, max(1e-10, 0.1 * at.residual))
+    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual))
     solution = system.coupling.newton(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
     if system.load is not None:

@@ -4,7 +4,8 @@
 curvature of the displacement do to a contact: the slope ``G`` shifts the contact sideways by ``s = -R G``,
 where the deformed surface and the cap come closest, and the curvature ``T`` (half the Laplacian) makes the
 effective radius ``1/(1/R + T)``. Displacements are then those between shifted contacts. All three terms or
-none: ``hertz`` alone is less accurate than point forces below ``r/a`` of about 3, because their errors cancel.
+none: ``hertz`` alone is less accurate than point forces below ``r/a`` of about 3, because their errors
+cancel.
 """
 
 from dataclasses import dataclass, field, replace
