@@ -41,13 +41,15 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     return float(np.sqrt(max(width**2 - 1.0, 0.35)))
 
 
-def find_inscribed(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+def find_inscribed(image: NDArray[np.float32], level: float, *, smoothing: float) -> NDArray[np.float64]:
     """Disks inscribed in the regions above ``level``, largest first.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
     level : float
+    smoothing : float, px
+        Standard deviation of a Gaussian that keeps noise from making holes; about the blur.
 
     Returns
     -------
@@ -55,7 +57,8 @@ def find_inscribed(image: NDArray[np.float32], level: float) -> NDArray[np.float
         x, y, radius (px); overlaps only as touching contacts overlap.
     """
     mask = np.zeros((image.shape[0] + 2, image.shape[1] + 2), np.uint8)
-    inner = cv2.threshold(image, level, 255.0, cv2.THRESH_BINARY)[1]
+    smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
+    inner = cv2.threshold(smooth, level, 255.0, cv2.THRESH_BINARY)[1]
     mask[1:-1, 1:-1] = inner.astype(np.uint8)
     # a contact cut by the border goes on beyond it: repeat the border instead of closing it
     mask[0], mask[-1] = mask[1], mask[-2]

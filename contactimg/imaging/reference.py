@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
 from contactimg.imaging.register import Shift, estimate_shift, shift_kernel, shift_whole_pixels
 
-__all__ = ["Difference", "estimate_background", "subtract_reference"]
+__all__ = ["Difference", "estimate_background", "subtract_reference", "unregistered"]
 
-SCALES = (0.9, 2.2)  # px, Gaussian widths that separate the bands
+SCALES = (0.7, 2.0)  # px, Gaussian widths that separate the bands
+CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
+FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
 FLOOR = 0.1  # of the median level: darker backgrounds are divided by this much only
 DUST_FROM, DUST_FULL = 4.0, 6.0  # robust standard deviations of the middle band between which detail is dirt
 
@@ -39,6 +41,8 @@ class Difference:
         Slow ratio (with a reference) or level (without) of the background, and which blocks are background.
     shift : Shift or None
         Of the reference; None without one.
+    ratio : bool
+        Whether ``light`` is a ratio to the reference.
     """
 
     image: NDArray[np.float32]
@@ -46,6 +50,7 @@ class Difference:
     illumination: NDArray[np.float32]
     light: LightField
     shift: Shift | None
+    ratio: bool = False
 
 
 def subtract_reference(
@@ -71,14 +76,24 @@ def subtract_reference(
     Difference
     """
     blocks_f, blocks_r = block_means(frame, valid), block_means(reference, valid)
-    level = max(float(np.nanmedian(blocks_r)), 1e-3)
+    level = float(np.nanmedian(blocks_r))
+    if level < FAINTEST * float(np.nanmax(np.abs(blocks_f)) + np.nanmax(np.abs(blocks_r))):
+        return _subtract_offset(frame, reference, blocks_f - blocks_r)
     ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
     start, spread = background_mode(ratio, prefer=prefer)
     light = fit_light(ratio, frame.shape, start=start, spread=spread)
     shift = estimate_shift(frame, reference, light)
     image = _divide(frame, reference, light, shift, level)
     illumination = np.nan_to_num(np.maximum(blocks_r, FLOOR * level) / level, nan=1.0).astype(np.float32)
-    return Difference(image, level, illumination, light, shift)
+    return Difference(image, level, illumination, light, shift, ratio=True)
+
+
+def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Difference:
+    """Plain difference for a background that is dark or was subtracted before, which nothing can be divided by."""
+    start, spread = background_mode(blocks, prefer="common")
+    light = fit_light(blocks, frame.shape, start=start, spread=spread)
+    image = frame - reference - light.evaluate(frame.shape)
+    return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, Shift(0.0, 0.0, np.inf))
 
 
 def estimate_background(
@@ -101,6 +116,13 @@ def estimate_background(
     light = fit_light(blocks, frame.shape, start=start, spread=spread)
     image = frame - light.evaluate(frame.shape)
     return Difference(image, start, np.ones_like(blocks), light, None)
+
+
+def unregistered(image: NDArray[np.float32]) -> Difference:
+    """A plain difference in which nothing can be registered or corrected: all of it counts as background."""
+    blocks = np.zeros_like(block_means(image))
+    light = LightField(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)
+    return Difference(image, 0.0, np.ones_like(blocks), light, None)
 
 
 def _divide(
@@ -137,7 +159,7 @@ def _band_gains(
     target = (frame[rows] / light.rows(rows, frame.shape))[:, 1:-1:3][mask]
     s, m, b = (image[1:-1:4, 1:-1:3][mask] for image in (sharp, middle, smooth))
     if len(target) < 1000:
-        return np.ones(2), np.inf
+        return np.ones(2), CLEAN
     bands = np.stack([s - m, m - b])
     rest = target - b
     rest = rest - np.median(rest)
@@ -146,7 +168,7 @@ def _band_gains(
     bands, rest = bands[:, usual], rest[usual]
     power = bands @ bands.T
     if not np.all(np.diag(power) > 1e-12 * len(rest)):
-        return np.ones(2), np.inf
+        return np.ones(2), CLEAN
     gains = np.linalg.solve(power.astype(float), (bands @ rest).astype(float))
     return np.clip(gains, 0.0, 1.0), scatter
 

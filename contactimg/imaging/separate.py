@@ -4,21 +4,26 @@ A disk is added where the matched-filtered residual stands out; it stays if its 
 in a neighbour by more than contacts of two bodies can: then it describes the neighbour's ragged rim, no contact.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.coupled import find_pairs
 from contactimg.imaging.detect import find_inscribed, find_peaks
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Noise, Prior, fit_disks
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks
 from contactimg.imaging.edge import EdgeTable
+from contactimg.imaging.noise import Noise
 
-__all__ = ["Assembly", "assemble_disks", "overlapping"]
+__all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping"]
 
 DEEPEST = 0.35  # of the smaller one's diameter: contacts that overlap more are one contact
 LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk
+FAINTEST = 0.4  # of the contrast
+QUIET = 15.0  # contrast/noise below which the mask of inscribed disks needs smoothing by the full blur
 ROUNDS = 3
 LOOSE = 0.1  # relative width of the contrast's prior before the frame's own spread is known
 
@@ -45,6 +50,7 @@ def assemble_disks(
     *,
     plateau: float,
     noise: Noise,
+    brightness: Callable[[NDArray], NDArray],
     blur: float,
     free_blur: bool,
     table: EdgeTable | None = None,
@@ -60,6 +66,8 @@ def assemble_disks(
     plateau : float
         Contrast, grey levels.
     noise : Noise
+    brightness : callable
+        Relative illumination at each of an array of disks.
     blur : float, px
         Pixel included.
     free_blur : bool
@@ -71,36 +79,42 @@ def assemble_disks(
 
     def fit(disks: NDArray, blur: float, active: NDArray | None, iterations: int, *, free: bool) -> DiskFit:
         n = len(disks)
-        prior = Prior(np.full(n, plateau), np.full(n, LOOSE * plateau))
         return fit_disks(
-            image, weight, disks, blur=blur, noise=noise, prior=prior, brightness=np.ones(n),
-            free_blur=free, robust=False, active=active, table=table, iterations=iterations,
+            image, weight, disks, blur=blur, noise=noise, prior=Prior(np.full(n, plateau), np.full(n, LOOSE * plateau)),
+            brightness=brightness(disks), free_blur=free, robust=False, active=active, table=table,
+            iterations=iterations,
         )  # fmt: skip
 
-    inscribed = find_inscribed(image, 0.5 * plateau)
-    disks = np.column_stack([inscribed, np.full(len(inscribed), plateau)])
-    state = fit(disks, blur, None, 4, free=free_blur and len(disks) > 0)
+    def prune(state: DiskFit, among: NDArray[np.bool_]) -> DiskFit:
+        gone = _unneeded(state, among, plateau)
+        if not gone.any():
+            return state
+        dropped.append(state.disks[gone, :3])
+        active = _near(state.disks, gone, state.blur)[~gone]
+        return _carry(
+            fit(state.disks[~gone], state.blur, active, 4, free=False), state, active, np.flatnonzero(~gone)
+        )
+
     dropped: list[NDArray] = []
+    width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.5 * blur
+    inscribed = find_inscribed(image, 0.5 * plateau, smoothing=width)
+    disks = np.column_stack([inscribed, np.full(len(inscribed), plateau)])
+    state = fit(disks, blur, None, 5, free=free_blur and len(disks) > 0)
+    state = prune(state, np.ones(len(disks), np.bool_))
     for _ in range(ROUNDS):
-        height = LEAST_HEIGHT * plateau
         peaks = find_peaks(
-            image - state.model, width=state.blur, height=min(height, plateau), background=background
+            image - state.model, width=state.blur, height=LEAST_HEIGHT * plateau, background=background
         )
         new = _disks_from_peaks(peaks, state.blur, plateau)
         if not len(new):
             break
+        before = len(state.disks)
         disks = np.vstack([state.disks, new])
-        active = _near(disks, len(state.disks), state.blur)
-        state = _carry(
-            fit(disks, state.blur, active, 5, free=False), state, active, np.arange(len(state.disks))
-        )
-        keep = ~_unneeded(state, active, noise)
-        if not keep.all():
-            dropped.append(state.disks[~keep, :3])
-            active = _near(state.disks, 0, state.blur, gone=~keep)
-            refitted = fit(state.disks[keep], state.blur, active, 4, free=False)
-            state = _carry(refitted, state, active, np.flatnonzero(keep))
-        if len(peaks) == int((~keep).sum()):
+        active = _near(disks, np.arange(len(disks)) >= before, state.blur)
+        state = _carry(fit(disks, state.blur, active, 5, free=False), state, active, np.arange(before))
+        count = len(state.disks)
+        state = prune(state, active)
+        if len(state.disks) <= before or count == before:
             break
     return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
 
@@ -121,11 +135,9 @@ def _carry(fit: DiskFit, before: DiskFit, active: NDArray[np.bool_], rows: NDArr
     return fit.replace(std=std, chi_square=chi_square, pixels=pixels)
 
 
-def _near(disks: NDArray, first_new: int, blur: float, gone: NDArray | None = None) -> NDArray[np.bool_]:
-    """New disks and those whose rim they may change; with ``gone``, the neighbours of disks taken away."""
-    changed = np.arange(len(disks)) >= first_new if gone is None else gone
-    touched = _touched(disks, changed, 3.0 * blur)
-    return touched if gone is None else touched[~gone]
+def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np.bool_]:
+    """Disks that are new or gone, and those whose rim they may change."""
+    return _touched(disks, changed, 3.0 * blur)
 
 
 @njit(cache=True)
@@ -140,10 +152,11 @@ def _touched(disks, changed, space):
     return out
 
 
-def _unneeded(state: DiskFit, among: NDArray[np.bool_], noise: Noise) -> NDArray[np.bool_]:
-    """Disks whose light is not significant, or that lie inside a larger one."""
+def _unneeded(state: DiskFit, among: NDArray[np.bool_], plateau: float) -> NDArray[np.bool_]:
+    """Disks whose light is not significant, that are much too faint, or that lie inside a larger one."""
     weak = state.disks[:, RADIUS] < 2.0 * SIGNIFICANT * state.std[:, RADIUS]  # light goes as radius^2
-    return among & (weak | overlapping(state.disks, DEEPEST))
+    faint = state.disks[:, CONTRAST] < FAINTEST * plateau
+    return among & (weak | faint | overlapping(state.disks, DEEPEST))
 
 
 @njit(cache=True)
@@ -162,4 +175,15 @@ def overlapping(disks, deepest):
             small = min(disks[i, 2], disks[j, 2])
             if disks[i, 2] + disks[j, 2] - distance > 2.0 * deepest * small:
                 out[i if disks[i, 2] <= disks[j, 2] else j] = True
+    return out
+
+
+@njit(cache=True)
+def count_touching(disks, space):
+    """Number of other disks whose rim comes closer than ``space`` to that of each disk."""
+    out = np.zeros(len(disks), np.int64)
+    pairs = find_pairs(disks, 0.5 * space)
+    for p in range(len(pairs)):
+        out[pairs[p, 0]] += 1
+        out[pairs[p, 1]] += 1
     return out

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 
-__all__ = ["Contrast", "choose_threshold", "estimate_noise", "find_polarity", "measure_contrast"]
+__all__ = ["Contrast", "choose_threshold", "find_polarity", "measure_contrast"]
 
 CORE = 7  # px: the plateau is read where a window of this width lies inside a contact
 ENOUGH = 40  # pixels that give a plateau
@@ -32,25 +32,6 @@ class Contrast:
 
     plateau: float
     resolved: bool
-
-
-def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_], block: int) -> float:
-    """Robust standard deviation of a background pixel, grey levels.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-        Difference image.
-    background : ndarray of bool
-        Background blocks of ``block`` x ``block`` pixels.
-    """
-    rows, columns = np.arange(0, image.shape[0], 3), np.arange(0, image.shape[1], 5)
-    sample = image[::3, ::5][background[rows // block][:, columns // block]]
-    if len(sample) < 100:
-        # no background to look at: neighbouring pixels differ by the noise of both
-        difference = np.abs(np.diff(image[::3], axis=1))[:, ::5]
-        return float(1.4826 * np.median(difference) / np.sqrt(2)) if difference.size else 0.0
-    return float(1.4826 * np.median(np.abs(sample - np.median(sample))))
 
 
 def find_polarity(blocks: NDArray, noise: float) -> str:

@@ -1,0 +1,462 @@
+"""The one wide contact of a smooth sphere: its circle to a hundredth of a pixel.
+
+A rough circle comes from the outline at half contrast. Around it the image is averaged over narrow sectors
+and rings, and the light across the edge, air film included (`contactimg.optics.wide_edge`), is fitted to all
+of them together: centre, radius, contrast, background, blur. Dust and scratches lose weight one by one,
+sectors beyond the field do not count, and the scatter of the sectors tells how well the radius is known.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import optimize
+from scipy.interpolate import CubicSpline
+
+from contactimg.errors import FrameError
+from contactimg.imaging.edge import PIXEL_VARIANCE
+from contactimg.optics.film import ExcessTable
+from contactimg.optics.wide_edge import EdgeLight, edge_light
+
+__all__ = ["Circle", "EdgeModel", "EdgeSamples", "choose_opening", "find_circle", "fit_circle", "sample_edge"]
+
+Values = NDArray[np.float64]
+
+SMALLEST_PX = 8.0  # radius below which a contact is no wide one
+SHORTEST_ARC = 0.25  # of the circumference that must be seen
+ROUNDNESS = 0.05  # of the radius: robust scatter of an outline that is no circle
+SECTORS = 72
+RING_PX = 0.5
+WIDEST_FILM_PX = 80.0  # beyond, fringes help no more
+BORDER_PX = 3  # outline this close to the border is the border
+OUTLIER = 3.0  # standard deviations from which a sample loses weight
+SCANNED = (-2.0, 4.0, 19)  # powers of two of the natural opening: from first to last, how many
+EARNED = 2.0  # by how much one number more must lower chi-square (Akaike)
+STRAY_SECTOR = 5.0  # robust standard deviations beyond which a sector is left out
+TABLE_STEP = 0.25  # blurs: a cubic through a blurred edge errs by (1/4)^4/384 of its fourth derivative, 3e-5
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A wide contact's circle.
+
+    Parameters
+    ----------
+    x_px, y_px, radius_px : float
+    radius_std_px, centre_std_px : float
+        Standard uncertainties from the scatter of the sectors; NaN for a rough circle.
+    contrast, background : float
+        Grey levels.
+    blur_px : float
+        Standard deviation of the optical blur, without the pixel.
+    arc : float
+        Fraction of the circumference that was used.
+    misfit : float
+        Root mean square of the residuals in units of the noise.
+    """
+
+    x_px: float
+    y_px: float
+    radius_px: float
+    radius_std_px: float = np.nan
+    centre_std_px: float = np.nan
+    contrast: float = np.nan
+    background: float = 0.0
+    blur_px: float = np.nan
+    arc: float = np.nan
+    misfit: float = np.nan
+
+
+@dataclass(frozen=True)
+class EdgeModel:
+    """What is known of the light at the edge: pixel size, sphere and lamp.
+
+    Parameters
+    ----------
+    pixel_size, sphere_radius : float, m
+    excess : ExcessTable
+        Of the air film under the lamp.
+    """
+
+    pixel_size: float
+    sphere_radius: float
+    excess: ExcessTable
+
+    def light(self, radius_px: float, opening: float) -> EdgeLight:
+        """Light across the edge of a contact."""
+        return edge_light(
+            radius_px * self.pixel_size,
+            sphere_radius=self.sphere_radius,
+            opening=opening,
+            excess=self.excess,
+        )
+
+    def film_px(self, radius_px: float) -> float:
+        """Width of the film's fringes without adhesion, at most."""
+        return min(self.light(radius_px, 0.0).reach / self.pixel_size, WIDEST_FILM_PX)
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeSamples:
+    """Means of an image over sectors and rings about a rough circle; see `sample_edge`.
+
+    Parameters
+    ----------
+    circle : Circle
+        The rough one.
+    azimuth, distance, value, weight : ndarray, shape (n,)
+        Of each sample: direction (rad), distance from the rough circle's centre (px), mean grey level and
+        inverse standard deviation.
+    sector : ndarray of int, shape (n,)
+        Number of its sector.
+    """
+
+    circle: Circle
+    azimuth: Values
+    distance: Values
+    value: Values
+    weight: Values
+    sector: NDArray[np.intp]
+
+
+def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
+    """Rough circle of the widest contact of an image.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, the contact positive.
+    plateau : float
+        Grey level of the contact.
+
+    Returns
+    -------
+    Circle
+        Good to about a pixel.
+
+    Raises
+    ------
+    FrameError
+        If nothing stands out, the widest contact is too small or too little of it is seen, or its outline
+        is no circle.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[0:90, 0:120]
+    >>> image = 50 * (np.hypot(x - 60, y - 42) < 30).astype(np.float32)
+    >>> found = find_circle(image, 50.0)
+    >>> round(found.x_px), round(found.y_px), round(found.radius_px)
+    (60, 42, 30)
+    """
+    if not plateau > 0:
+        raise FrameError("nothing stands out of the noise")
+    outline = _outline(image, 0.5 * plateau)
+    rows, columns = image.shape
+    free = (
+        (outline[:, 0] >= BORDER_PX)
+        & (outline[:, 0] < columns - BORDER_PX)
+        & (outline[:, 1] >= BORDER_PX)
+        & (outline[:, 1] < rows - BORDER_PX)
+    )
+    outline = outline[free]
+    if len(outline) < 2 * np.pi * SMALLEST_PX * SHORTEST_ARC:
+        raise FrameError(f"the contact's edge is not in the field: {len(outline)} px of it are seen")
+    x, y, radius = _circle_through(outline)
+    distance = np.hypot(outline[:, 0] - x, outline[:, 1] - y)
+    scatter = 1.4826 * float(np.median(np.abs(distance - np.median(distance))))
+    seen = len(np.unique(_sectors(np.arctan2(outline[:, 1] - y, outline[:, 0] - x)))) / SECTORS
+    if radius < SMALLEST_PX or not radius < 10 * max(rows, columns):
+        raise FrameError(f"the widest contact has a radius of {radius:.3g} px: no wide smooth contact")
+    if seen < SHORTEST_ARC:
+        raise FrameError(f"only {seen:.0%} of the contact's edge are seen; {SHORTEST_ARC:.0%} are needed")
+    if scatter > ROUNDNESS * radius:
+        raise FrameError(f"the outline is no circle: its radius scatters by {scatter / radius:.0%}")
+    return Circle(x, y, radius, arc=seen)
+
+
+def _outline(image: NDArray[np.float32], level: float) -> Values:
+    """Outer outline (x, y) of the largest region above a level, holes and specks closed."""
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.5, borderType=cv2.BORDER_REPLICATE)
+    mask = (smooth > level).astype(np.uint8)
+    contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        raise FrameError("nothing stands out of the noise")
+    return max(contours, key=cv2.contourArea)[:, 0, :].astype(float)
+
+
+def _circle_through(points: Values) -> tuple[float, float, float]:
+    """Circle (x, y, radius) through points, distances weighted down where they are far off."""
+    middle = points.mean(axis=0)
+    shifted = points - middle
+    design = np.column_stack([2 * shifted, np.ones(len(points))])
+    x, y, c = np.linalg.lstsq(design, (shifted**2).sum(axis=1), rcond=None)[0]
+    start = [x, y, np.sqrt(max(c + x**2 + y**2, 1.0))]
+
+    def residuals(p: Values) -> Values:
+        return np.hypot(shifted[:, 0] - p[0], shifted[:, 1] - p[1]) - p[2]
+
+    fit = optimize.least_squares(residuals, start, loss="cauchy", f_scale=1.0)
+    return float(fit.x[0] + middle[0]), float(fit.x[1] + middle[1]), float(abs(fit.x[2]))
+
+
+def _sectors(azimuth: Values) -> NDArray[np.intp]:
+    """Number of the sector that each direction lies in."""
+    return np.minimum(((azimuth / (2 * np.pi) + 0.5) * SECTORS).astype(np.intp), SECTORS - 1)
+
+
+def sample_edge(
+    image: NDArray[np.float32],
+    circle: Circle,
+    *,
+    outside_px: float,
+    noise: float,
+    valid: NDArray[np.bool_] | None = None,
+) -> EdgeSamples:
+    """Average an image over sectors and rings about a rough circle.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, the contact positive.
+    circle : Circle
+    outside_px : float
+        How far outside the edge the samples reach.
+    noise : float
+        Standard deviation of a pixel, grey levels.
+    valid : ndarray of bool, shape (rows, columns), optional
+        False where the image has a hole.
+
+    Returns
+    -------
+    EdgeSamples
+        Sectors whose edge is not in the image are left out.
+    """
+    inside_px = min(outside_px, 0.8 * circle.radius_px)
+    low, high = circle.radius_px - inside_px, circle.radius_px + outside_px
+    top, left = (max(int(centre - high), 0) for centre in (circle.y_px, circle.x_px))
+    part = image[top : int(circle.y_px + high) + 2, left : int(circle.x_px + high) + 2]
+    x = left + np.arange(part.shape[1]) - circle.x_px
+    y = (top + np.arange(part.shape[0]) - circle.y_px)[:, None]
+    distance = np.hypot(x, y)
+    used = (distance > low) & (distance < high)
+    if valid is not None:
+        used &= valid[top : top + part.shape[0], left : left + part.shape[1]]
+    r, azimuth = distance[used], np.arctan2(*np.broadcast_arrays(y, x))[used]
+    rings = int(np.ceil((high - low) / RING_PX))
+    sector = _sectors(azimuth)
+    cell = sector * rings + np.minimum(((r - low) / RING_PX).astype(np.intp), rings - 1)
+    count = np.bincount(cell, minlength=SECTORS * rings)
+    near_edge = np.abs(low + (np.arange(rings) + 0.5) * RING_PX - circle.radius_px) < min(4.0, inside_px)
+    whole = (count.reshape(SECTORS, rings)[:, near_edge] > 0).mean(axis=1) > 0.75
+    kept = np.flatnonzero((count > 0) & np.repeat(whole, rings))
+    mean = (np.bincount(cell, weights, SECTORS * rings)[kept] / count[kept] for weights in (r, part[used]))
+    distance_mean, value = mean
+    middle = (kept // rings + 0.5) / SECTORS * 2 * np.pi - np.pi
+    weight = np.sqrt(count[kept]) / max(noise, 1e-3 * float(np.ptp(value)) if len(value) else 1.0, 1e-9)
+    return EdgeSamples(circle, middle, distance_mean, value, weight, kept // rings)
+
+
+def fit_circle(
+    samples: EdgeSamples, model: EdgeModel, *, opening: float, blur_px: float | None = None
+) -> Circle:
+    """Fit the circle to samples of the image about it.
+
+    Parameters
+    ----------
+    samples : EdgeSamples
+    model : EdgeModel
+    opening : float, sqrt(m)
+        How fast the film opens (`contactimg.optics.wide_edge`); infinity for no film.
+    blur_px : float, optional
+        Standard deviation of the blur to start from.
+
+    Returns
+    -------
+    Circle
+
+    Raises
+    ------
+    FrameError
+        If too little of the edge is seen.
+    """
+    used = np.ones(len(samples.value), bool)
+    for _ in range(2):
+        kept = _subset(samples, used)
+        if len(np.unique(kept.sector)) < SHORTEST_ARC * SECTORS:
+            raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
+        found = _fit(kept, model, opening, blur_px)
+        offsets, azimuths, numbers = _sector_offsets(kept, model, opening, found)
+        spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
+        stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR * max(spread, 1e-6)
+        if not stray.any():
+            break
+        used &= ~np.isin(samples.sector, numbers[stray])
+    return _with_uncertainty(found, offsets[~stray], azimuths[~stray])
+
+
+def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
+    """Some of the samples."""
+    names = ("azimuth", "distance", "value", "weight", "sector")
+    return replace(samples, **{name: getattr(samples, name)[used] for name in names})
+
+
+def _fit(
+    samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None, *, centred: bool = False
+) -> Circle:
+    """Least squares for centre (unless centred), radius, contrast, background and blur, outliers tamed."""
+    rough = samples.circle
+    light = model.light(rough.radius_px, opening)
+    high, low = np.percentile(samples.value, [90, 10])
+    blur = np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5)
+    start = np.array([0.0, 0.0, rough.radius_px, high - low, low, blur])
+    cos, sin = np.cos(samples.azimuth), np.sin(samples.azimuth)
+
+    free = slice(2 if centred else 0, None)
+
+    def residuals(moved: Values) -> Values:
+        p = np.append(start[: free.start], moved)
+        outside = samples.distance - p[0] * cos - p[1] * sin - p[2]
+        return samples.weight * (_profile(outside, p, light, model.pixel_size) - samples.value)
+
+    lowest = np.array([-np.inf, -np.inf, 0.5 * rough.radius_px, -np.inf, -np.inf, PIXEL_VARIANCE**0.5])
+    fit = optimize.least_squares(
+        residuals,
+        start[free],
+        bounds=(lowest[free], np.inf),
+        loss="cauchy",
+        f_scale=OUTLIER,
+        x_scale=[1.0, 1.0, 1.0, high - low, high - low, 1.0][free],
+        xtol=1e-7,
+        ftol=1e-7,
+        max_nfev=50,
+    )
+    found = np.append(start[: free.start], fit.x)
+    dx, dy, radius, contrast, background, blur = (float(value) for value in found)
+    return replace(
+        rough,
+        x_px=rough.x_px + dx,
+        y_px=rough.y_px + dy,
+        radius_px=radius,
+        contrast=contrast,
+        background=background,
+        blur_px=float(np.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))),
+        misfit=float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(fit.x), 1))),
+    )
+
+
+def _profile(outside: Values, p: Values, light: EdgeLight, pixel_size: float) -> Values:
+    """Grey level at distances outside the edge, from a table of the blurred line across it.
+
+    A round edge lies inside a straight one by ``blur^2/(2 a)`` at half its height.
+    """
+    radius, contrast, background, blur = p[2:]
+    outside = outside + blur**2 / (2 * radius)
+    grid = np.arange(outside.min(), outside.max() + 2 * TABLE_STEP * blur, TABLE_STEP * blur)
+    table = CubicSpline(grid, light.blurred(grid * pixel_size, blur=blur * pixel_size))
+    return background + contrast * table(outside)
+
+
+def _sector_offsets(
+    samples: EdgeSamples, model: EdgeModel, opening: float, found: Circle
+) -> tuple[Values, Values, NDArray[np.intp]]:
+    """How far the edge lies outside the fitted circle in each sector, its direction and its number."""
+    light = model.light(samples.circle.radius_px, opening)
+    blur = float(np.hypot(found.blur_px, PIXEL_VARIANCE**0.5))
+    p = np.array([0.0, 0.0, found.radius_px, found.contrast, found.background, blur])
+    dx, dy = found.x_px - samples.circle.x_px, found.y_px - samples.circle.y_px
+    outside = samples.distance - dx * np.cos(samples.azimuth) - dy * np.sin(samples.azimuth) - found.radius_px
+    rest = samples.weight * (samples.value - _profile(outside, p, light, model.pixel_size))
+    step = 0.1 * blur
+    fall = (
+        _profile(outside - step, p, light, model.pixel_size)
+        - _profile(outside + step, p, light, model.pixel_size)
+    ) * (samples.weight / (2 * step))
+    tame = 1 / (1 + (rest / OUTLIER) ** 2)
+    numbers, inverse = np.unique(samples.sector, return_inverse=True)
+    offset = np.bincount(inverse, tame * fall * rest) / np.bincount(inverse, tame * fall**2)
+    azimuth = np.bincount(inverse, samples.azimuth) / np.bincount(inverse)
+    return offset, azimuth, numbers
+
+
+def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circle:
+    """The circle with the uncertainties that the scatter of its sectors implies."""
+    design = np.column_stack([np.ones(len(azimuths)), np.cos(azimuths), np.sin(azimuths)])
+    rest = offsets - design @ np.linalg.lstsq(design, offsets, rcond=None)[0]
+    variance = float(rest @ rest) / max(len(rest) - 3, 1)
+    spread = variance * np.diag(np.linalg.inv(design.T @ design))
+    return replace(
+        found,
+        radius_std_px=float(np.sqrt(spread[0])),
+        centre_std_px=float(np.sqrt(max(spread[1], spread[2]))),
+        arc=len(offsets) / SECTORS,
+    )
+
+
+def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> float:
+    """How fast the film around wide contacts opens, from their images alone.
+
+    Parameters
+    ----------
+    samples : sequence of EdgeSamples
+        Of one or several frames of the same bodies.
+    model : EdgeModel
+
+    Returns
+    -------
+    float, sqrt(m)
+        The ``q`` (`contactimg.optics.wide_edge.film_opening`) of the best fit: 0 for Hertz's wide film,
+        infinity if an edge without film fits as well as any.
+
+    Notes
+    -----
+    Scanned on a logarithmic scale about the opening at which adhesion and curvature contribute alike to the
+    first fringe, then refined; fringes make many local optima, hence the scan.
+    """
+    means = [_azimuthal_mean(one) for one in samples]
+
+    def cost(opening: float, among: Sequence[EdgeSamples] = means) -> float:
+        return sum(
+            _fit(one, model, opening, None, centred=True).misfit ** 2 * len(one.value) for one in among
+        )
+
+    scale = _natural_opening(means[0].circle.radius_px * model.pixel_size, model)
+    logs = np.linspace(*SCANNED)
+    best = int(np.argmin([cost(scale * 2.0**k, means[:1]) for k in logs]))
+    bracket = (logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)])
+    refined = optimize.minimize_scalar(
+        lambda k: cost(scale * 2.0**k), bounds=bracket, method="bounded", options={"xatol": 0.02}
+    )
+    costs = {scale * 2.0 ** float(refined.x): float(refined.fun), 0.0: cost(0.0), np.inf: cost(np.inf)}
+    simple = min((0.0, np.inf), key=lambda opening: costs[opening])
+    return simple if costs[simple] <= min(costs.values()) + EARNED else min(costs, key=lambda q: costs[q])
+
+
+def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
+    """Samples averaged over all sectors, ring by ring, those far off left aside."""
+    ring = np.floor(samples.distance / RING_PX).astype(np.intp)
+    ring -= ring.min()
+    rings = pd.DataFrame({"ring": ring, "value": samples.value, "distance": samples.distance})
+    rest = (rings["value"] - rings.groupby("ring")["value"].transform("median")).abs()
+    spread = 1.4826 * rest.groupby(ring).transform("median")
+    rings = rings[rest <= OUTLIER * spread].groupby("ring")
+    means, stds, count = rings.mean(), rings["value"].std(ddof=0), rings.size()
+    there = count > SECTORS / 8
+    error = np.sqrt((stds**2 + float(np.median(stds[there])) ** 2) / count)[there]
+    return replace(
+        samples,
+        azimuth=np.zeros(len(error)),
+        distance=means.loc[there, "distance"].to_numpy(),
+        value=means.loc[there, "value"].to_numpy(),
+        weight=1 / np.maximum(error.to_numpy(), 1e-9),
+        sector=np.zeros(len(error), np.intp),
+    )
+
+
+def _natural_opening(radius: float, model: EdgeModel) -> float:
+    """Opening at which adhesion contributes as much as curvature where the gap is a quarter wave."""
+    gap = model.excess.light.wavelength / 4
+    curved = 8 * np.sqrt(2 * radius) / (3 * np.pi * model.sphere_radius)  # g = curved x^{3/2}
+    return float(gap / 2 / (2 / np.pi * np.sqrt(2) * np.sqrt((gap / 2 / curved) ** (2 / 3))))

@@ -1,0 +1,120 @@
+"""Disks that share pixels: which pairs they form, and their coupled normal equations (compiled)."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["find_pairs", "relax", "variances"]
+
+INFLATION = (
+    25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
+)
+
+
+@njit(cache=True)
+def find_pairs(disks, space):
+    """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x; linear for scattered disks."""
+    n = len(disks)
+    left = disks[:, 0] - disks[:, 2] - space
+    order = np.argsort(left)
+    capacity = 4 * n + 16
+    pairs = np.empty((capacity, 2), np.int64)
+    count = 0
+    for u in range(n):
+        i = order[u]
+        right = disks[i, 0] + disks[i, 2] + space
+        for v in range(u + 1, n):
+            j = order[v]
+            if left[j] > right:
+                break
+            limit = disks[i, 2] + disks[j, 2] + 2 * space
+            dx, dy = disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1]
+            if abs(dy) > limit or dx * dx + dy * dy > limit * limit:
+                continue
+            if count == capacity:
+                grown = np.empty((2 * capacity, 2), np.int64)
+                grown[:capacity] = pairs
+                pairs, capacity = grown, 2 * capacity
+            pairs[count, 0], pairs[count, 1] = min(i, j), max(i, j)
+            count += 1
+    return pairs[:count]
+
+
+@njit(cache=True)
+def _links(n, pairs):
+    """For each disk the pairs it belongs to, and on which side: start of its list, (pair, side)."""
+    start = np.zeros(n + 1, np.int64)
+    for p in range(len(pairs)):
+        start[pairs[p, 0] + 1] += 1
+        start[pairs[p, 1] + 1] += 1
+    start = np.cumsum(start)
+    fill = start[:-1].copy()
+    link = np.empty((2 * len(pairs), 2), np.int64)
+    for p in range(len(pairs)):
+        for side in range(2):
+            i = pairs[p, side]
+            link[fill[i], 0], link[fill[i], 1] = p, side
+            fill[i] += 1
+    return start, link
+
+
+@njit(cache=True)
+def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
+    """Solve the coupled normal equations by block Gauss-Seidel; ``steps`` starts at the uncoupled solution.
+
+    The matrix is symmetric positive definite, so every sweep comes closer.
+    """
+    start, link = _links(len(right), pairs)
+    rest = np.empty(4)
+    for _ in range(sweeps):
+        largest = 0.0
+        for i in range(len(right)):
+            if not moving[i] or start[i] == start[i + 1]:
+                continue
+            rest[:] = right[i]
+            for q in range(start[i], start[i + 1]):
+                p, side = link[q]
+                other = pairs[p, 1 - side]
+                for u in range(4):
+                    for v in range(4):
+                        b = blocks[p, u, v] if side == 0 else blocks[p, v, u]
+                        rest[u] -= b * steps[other, v]
+            for u in range(4):
+                value = 0.0
+                for v in range(4):
+                    value += inverse[i, u, v] * rest[v]
+                if u < 3:
+                    largest = max(largest, abs(value - steps[i, u]))
+                steps[i, u] = value
+        if largest < 1e-4:
+            break
+
+
+@njit(cache=True)
+def variances(normals, inverse, pairs, blocks, moved):
+    """Variances of each disk's parameters with its direct neighbours free as well (those held fixed stay fixed).
+
+    The Schur complement over the neighbours, each taken as independent of the others.
+    """
+    n = len(normals)
+    out = np.empty((n, 4))
+    reduced = normals.copy()
+    coupled = np.zeros(n, np.bool_)
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        if moved[i] and moved[j]:
+            b = blocks[p]
+            reduced[i] -= b @ inverse[j] @ b.T
+            reduced[j] -= b.T @ inverse[i] @ b
+            coupled[i] = coupled[j] = True
+    for i in range(n):
+        for u in range(4):
+            out[i, u] = inverse[i, u, u]
+        if not coupled[i]:
+            continue
+        full = np.linalg.inv(reduced[i] + 1e-9 * np.diag(np.diag(normals[i])))
+        for u in range(4):
+            if full[u, u] <= 0:
+                out[i, u] *= INFLATION
+            else:
+                out[i, u] = min(max(full[u, u], out[i, u]), INFLATION * out[i, u])
+    return out

@@ -1,0 +1,229 @@
+"""The `disk` method: fit of blurred disks, with the frame's own noise, blur and contrast, and its quality."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.imaging.detect import estimate_blur
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, X, Y, contrast_prior, fit_disks
+from contactimg.imaging.edge import PIXEL_VARIANCE
+from contactimg.imaging.light import BLOCK, block_means, fit_light
+from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
+from contactimg.imaging.pixels import NO_MASK, Pixels
+from contactimg.imaging.reference import Difference
+from contactimg.imaging.separate import assemble_disks, count_touching
+from contactimg.imaging.threshold import Contrast
+from contactimg.tables import Flag
+
+__all__ = ["fit_contacts"]
+
+WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
+BINNED_BLUR = 1.6  # ... such that they are about this wide
+QUANTISATION = 1e-3  # levels: the least noise that is believed
+UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
+ENOUGH_BLOCKS = 60
+POOR_CHI_SQUARE = 1.5
+FAINT = 10.0  # standard deviations of the light of a contact
+CUT = 2.0  # blur widths: a rim closer to the border is cut
+
+
+def fit_contacts(
+    image: NDArray[np.float32],
+    pixels: Pixels,
+    difference: Difference,
+    *,
+    contrast: Contrast,
+    noise: float,
+    blur_px: float | None,
+) -> tuple[pd.DataFrame, pd.DataFrame, float]:
+    """Find the contacts of a frame and fit each by a blurred disk.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, contacts positive.
+    pixels, difference
+        Where they come from.
+    contrast : Contrast
+    noise : float
+        Standard deviation of a background pixel.
+    blur_px : float or None
+        Standard deviation of the point spread function; None: fitted.
+
+    Returns
+    -------
+    contacts, rejected : DataFrame
+        Columns x_px, y_px, radius_px, radius_std_px, flags; and x_px, y_px, radius_px, reason.
+    blur_px : float
+    """
+    blur = float(
+        estimate_blur(image, contrast.plateau) if blur_px is None else np.hypot(blur_px, PIXEL_VARIANCE**0.5)
+    )
+    field = _Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
+    noise = max(noise if field.bin == 1 else estimate_noise(field.image, field.blocks), QUANTISATION)
+    gain = 1.0 + contrast.plateau / max(difference.level, 0.1 * contrast.plateau)
+    assembly = assemble_disks(
+        field.image, field.weight, field.background, plateau=contrast.plateau, noise=Noise(noise**2, gain - 1.0),
+        brightness=field.brightness, blur=blur / field.bin, free_blur=blur_px is None,
+    )  # fmt: skip
+    fit = _refine(field, assembly.fit, contrast, noise, gain, free_blur=blur_px is None)
+    contacts = _tabulate(fit, field, contrast)
+    dropped = assembly.dropped
+    rejected = pd.DataFrame(
+        {
+            "x_px": field.unbin(dropped[:, X]),
+            "y_px": field.unbin(dropped[:, Y]),
+            "radius_px": dropped[:, RADIUS] * field.bin,
+            "reason": "not needed to explain the pixels",
+        }
+    )
+    return contacts, rejected, float(np.sqrt(max(fit.blur**2 - PIXEL_VARIANCE, 0.0))) * field.bin
+
+
+def _refine(
+    field: "_Field", start: DiskFit, contrast: Contrast, noise: float, gain: float, *, free_blur: bool
+) -> DiskFit:
+    """Last fit, with noise, background and spread of contrasts as the first one shows them."""
+    if not len(start.disks):
+        return start
+    residual, image = _level(field, start)
+    slope = measure_slope(
+        residual, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
+    )
+    model = Noise(noise**2, slope)
+    correlation = measure_correlation(residual, field.blocks)
+    radius = start.disks[:, RADIUS]
+    spread = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
+    fit = fit_disks(
+        image, field.weight, start.disks, blur=start.blur, noise=model,
+        prior=contrast_prior(start, plateau=contrast.plateau, inflation=spread),
+        brightness=field.brightness(start.disks), free_blur=free_blur, iterations=6,
+    )  # fmt: skip
+    inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
+    # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in that one
+    common = min(float(np.median(fit.chi_square)), 1.0) if len(radius) >= 10 else 1.0
+    return fit.replace(std=fit.std * np.sqrt(inflation * np.maximum(fit.chi_square, common))[:, None])
+
+
+def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """What the fit leaves over and the image itself, both with the slow rest of the background taken out.
+
+    The light was fitted when the faint surroundings of contacts still counted as background; now they are known.
+    """
+    residual = field.image - fit.model
+    dark = block_means(fit.model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
+    if np.count_nonzero(dark) < ENOUGH_BLOCKS:
+        return residual, field.image
+    blocks = np.where(dark, block_means(residual), np.nan)
+    spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
+    slow = fit_light(blocks, residual.shape, start=0.0, spread=max(spread, QUANTISATION)).evaluate(
+        residual.shape
+    )
+    return residual - slow, field.image - slow
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """What the fit looks at: the difference image, binned where the blur is wide, and what belongs to it."""
+
+    image: NDArray[np.float32]
+    weight: NDArray[np.uint8]
+    saturated: NDArray[np.uint8]
+    background: NDArray[np.uint8]
+    blocks: NDArray[np.bool_]
+    illumination: NDArray[np.float32]
+    bin: int
+
+    @classmethod
+    def of(cls, image: NDArray, pixels: Pixels, difference: Difference, bin_: int) -> "_Field":
+        blocks = difference.light.background
+        weight = NO_MASK if pixels.valid is None else pixels.valid
+        saturated = pixels.saturated
+        if saturated.shape == image.shape:
+            usable = 1 - saturated
+            weight = usable if weight is NO_MASK else weight * usable
+        if bin_ > 1:
+            rows, columns = max(image.shape[0] // bin_, 1), max(image.shape[1] // bin_, 1)
+            weight, saturated = _binned_mask(weight, bin_, 0), _binned_mask(saturated, bin_, 1)
+            image = cv2.resize(
+                image[: rows * bin_, : columns * bin_], (columns, rows), interpolation=cv2.INTER_AREA
+            )
+            y = np.minimum(np.arange(-(-rows // BLOCK)) * bin_, blocks.shape[0] - 1)
+            x = np.minimum(np.arange(-(-columns // BLOCK)) * bin_, blocks.shape[1] - 1)
+            blocks = blocks[y][:, x]
+        rows, columns = image.shape
+        background = np.repeat(np.repeat(blocks.astype(np.uint8), BLOCK, 0), BLOCK, 1)[:rows, :columns]
+        return cls(image, weight, saturated, background, blocks, difference.illumination, bin_)
+
+    def brightness(self, disks: NDArray) -> NDArray[np.float64]:
+        """Relative illumination where the disks stand."""
+        rows, columns = self.illumination.shape
+        x = np.clip(disks[:, X] * self.bin / BLOCK, 0, columns - 1).astype(int)
+        y = np.clip(disks[:, Y] * self.bin / BLOCK, 0, rows - 1).astype(int)
+        return self.illumination[y, x].astype(float)
+
+    def unbin(self, position: NDArray) -> NDArray[np.float64]:
+        """Position in pixels of the frame."""
+        return np.asarray(position * self.bin + (self.bin - 1) / 2)
+
+    def touches(
+        self, mask: NDArray[np.uint8], wanted: int, disks: NDArray, reach: NDArray
+    ) -> NDArray[np.bool_]:
+        """Disks within ``reach`` of which a pixel of the mask has the wanted value."""
+        out = np.zeros(len(disks), np.bool_)
+        if mask.shape != self.image.shape:
+            return out
+        source = (mask != wanted).astype(np.uint8)
+        if source.all():
+            return out
+        distance = cv2.distanceTransform(source, cv2.DIST_L2, cv2.DIST_MASK_5)
+        x = np.clip(np.rint(disks[:, X]), 0, mask.shape[1] - 1).astype(int)
+        y = np.clip(np.rint(disks[:, Y]), 0, mask.shape[0] - 1).astype(int)
+        return np.asarray(distance[y, x] < reach)
+
+
+def _binned_mask(mask: NDArray[np.uint8], bin_: int, marked: int) -> NDArray[np.uint8]:
+    """Mask of binned pixels: ``marked`` where one pixel of the bin is."""
+    if mask.size == 1:
+        return mask
+    rows, columns = mask.shape[0] // bin_, mask.shape[1] // bin_
+    bins = mask[: rows * bin_, : columns * bin_].reshape(rows, bin_, columns, bin_)
+    return np.ascontiguousarray(bins.max(axis=(1, 3)) if marked else bins.min(axis=(1, 3)))
+
+
+def _tabulate(fit: DiskFit, field: _Field, contrast: Contrast) -> pd.DataFrame:
+    """Table of the disks in pixels of the frame, with flags; from top to bottom."""
+    disks, std = fit.disks, fit.std[:, RADIUS]
+    rows, columns = field.image.shape
+    reach = disks[:, RADIUS] + CUT * fit.blur
+    gap = np.minimum.reduce(
+        [disks[:, X] + 0.5, columns - 0.5 - disks[:, X], disks[:, Y] + 0.5, rows - 0.5 - disks[:, Y]]
+    )
+    light = disks[:, RADIUS] / (2 * std)
+    small = (disks[:, RADIUS] < fit.blur) | (not contrast.resolved)
+    holes = NO_MASK if field.weight is NO_MASK else field.weight | field.saturated
+    conditions = {
+        Flag.EDGE: (gap < reach) | field.touches(holes, 0, disks, reach),
+        Flag.MERGED: count_touching(disks, fit.blur) > 0,
+        Flag.SATURATED: field.touches(field.saturated, 1, disks, disks[:, RADIUS]),
+        Flag.TOO_SMALL: small,
+        Flag.POOR_FIT: fit.chi_square > POOR_CHI_SQUARE,
+        Flag.LOW_SIGNAL: light < FAINT,
+    }
+    flags = np.zeros(len(disks), np.int64)
+    for flag, holds in conditions.items():
+        flags |= np.where(holds, int(flag), 0)
+    contacts = pd.DataFrame(
+        {
+            "x_px": field.unbin(disks[:, X]),
+            "y_px": field.unbin(disks[:, Y]),
+            "radius_px": disks[:, RADIUS] * field.bin,
+            "radius_std_px": std * field.bin,
+            "flags": flags,
+        }
+    )
+    seen = np.isfinite(contacts.to_numpy(float)).all(axis=1) & (gap > -disks[:, RADIUS]) & (light > 2.0)
+    return contacts[seen].sort_values(["y_px", "x_px"], kind="stable")

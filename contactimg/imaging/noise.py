@@ -1,0 +1,200 @@
+"""Noise of the difference image: how large, how it grows with the level, and how it is correlated.
+
+What the reference cannot take out of the surface's texture stays in the difference as noise that neighbouring pixels share. The
+Fisher information of independent pixels then promises too much; the sum over pairs of pixels of their covariance, seen
+through the rim that determines a radius, gives the factor.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import special
+
+from contactimg.imaging.light import BLOCK
+
+__all__ = [
+    "LARGEST_LAG",
+    "Noise",
+    "NoiseCorrelation",
+    "estimate_noise",
+    "measure_correlation",
+    "measure_slope",
+]
+
+LARGEST_LAG = 10
+"""Distance of pixels up to which their covariance is measured, px."""
+
+ENOUGH = 300  # pixels that give a variance to 8 %
+CLIP = 4.0  # robust standard deviations beyond which a pixel is dirt, not noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Variance of a pixel of the difference: ``variance (1 + slope m/contrast) / brightness`` at contact level m.
+
+    Parameters
+    ----------
+    variance : float
+        Of a background pixel, squared grey levels.
+    slope : float
+        Relative increase at full contrast: shot noise, and texture seen brighter through a contact.
+    """
+
+    variance: float
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseCorrelation:
+    """Covariance of background pixels against their distance.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (LARGEST_LAG + 1,)
+        Squared grey levels at distances 0, 1, 2, ... px.
+    """
+
+    covariance: NDArray[np.float64]
+
+    def rim_inflation(
+        self, radius: NDArray, blur: float, *, noise: Noise, gain: float
+    ) -> NDArray[np.float64]:
+        """Factor by which the variance of a radius exceeds that for independent pixels.
+
+        Parameters
+        ----------
+        radius : ndarray, px
+        blur : float, px
+            Standard deviation of the profile's Gaussian, pixel included.
+        noise : Noise
+        gain : float
+            Brightness of a contact relative to the background, by which it multiplies the texture.
+
+        Notes
+        -----
+        The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2 s^2/2)``; its
+        autocorrelation weighs the covariance of two pixels a lag apart.
+        """
+        return self._inflation(radius, blur, noise, 0.5, gain, special.j0)
+
+    def plateau_inflation(
+        self, radius: NDArray, blur: float, *, noise: Noise, gain: float
+    ) -> NDArray[np.float64]:
+        """The same for the contrast of a contact, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
+        return self._inflation(radius, blur, noise, 1.0, gain, lambda ka: special.j1(ka) / ka)
+
+    def _inflation(
+        self,
+        radius: NDArray,
+        blur: float,
+        noise: Noise,
+        level: float,
+        gain: float,
+        spectrum: Callable[[NDArray], NDArray],
+    ) -> NDArray[np.float64]:
+        """Factor for the template of a given spectrum at a contact level, interpolated over radii."""
+        grid = np.geomspace(0.5, 60.0, 12)
+        lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 1)
+        distance = np.hypot(lags[:, None], lags[None, :]).ravel()
+        unique, counts = np.unique(distance[(distance > 0) & (distance <= LARGEST_LAG)], return_counts=True)
+        covariance = np.interp(unique, np.arange(LARGEST_LAG + 1), self.covariance) * counts
+        k = (np.arange(400) + 0.5) * (5.0 / blur / 400)
+        power = spectrum(np.outer(grid, k)) ** 2 * np.exp(-((k * blur) ** 2)) * k
+        autocorrelation = power @ special.j0(np.outer(k, unique)) / power.sum(axis=1, keepdims=True)
+        excess = (1.0 + level * (gain - 1.0)) ** 2 * autocorrelation @ covariance
+        factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * (1.0 + level * noise.slope))
+        return np.interp(np.log(np.clip(radius, grid[0], grid[-1])), np.log(grid), factor)
+
+
+def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) -> float:
+    """Robust standard deviation of a background pixel, grey levels.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image.
+    background : ndarray of bool
+        Background blocks, see `contactimg.imaging.light`.
+    """
+    rows, columns = np.arange(0, image.shape[0], 5), np.arange(0, image.shape[1], 7)
+    sample = image[::5, ::7][background[rows // BLOCK][:, columns // BLOCK]]
+    if len(sample) < ENOUGH:
+        # no background to look at: neighbouring pixels differ by the noise of both
+        difference = np.abs(np.diff(image, axis=1))[::3, ::5]
+        return float(1.4826 * np.median(difference) / np.sqrt(2)) if difference.size else 0.0
+    return float(1.4826 * np.median(np.abs(sample - np.median(sample))))
+
+
+def measure_slope(
+    residual: NDArray[np.float32],
+    model: NDArray[np.float32],
+    *,
+    contrast: float,
+    variance: float,
+    default: float,
+) -> float:
+    """Relative growth of the variance from the background to the plateau of the contacts.
+
+    Parameters
+    ----------
+    residual, model : ndarray, shape (rows, columns)
+        What a fit left over, and the fit.
+    contrast, variance : float
+        Plateau, and variance of a background pixel.
+    default : float
+        Returned where no contact is wide enough to look inside.
+    """
+    every = max(residual.size // 400_000, 1)
+    level = model[::every]
+    inside = residual[::every][np.abs(level - contrast) < 0.03 * contrast]
+    if len(inside) < ENOUGH:
+        return default
+    inside = inside[:50_000]
+    spread = 1.4826 * float(np.median(np.abs(inside - np.median(inside))))
+    return float(np.clip(spread**2 / variance - 1.0, 0.0, 20.0))
+
+
+def measure_correlation(residual: NDArray[np.float32], background: NDArray[np.bool_]) -> NoiseCorrelation:
+    """Covariance of background pixels along rows and columns.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (rows, columns)
+        What a fit left over.
+    background : ndarray of bool
+        Background blocks.
+    """
+    spread = estimate_noise(residual, background)
+    return NoiseCorrelation(_covariance(residual, background, CLIP * spread))
+
+
+@njit(cache=True)
+def _covariance(residual, background, clip):
+    """Covariance of pixels a lag apart, over every third row and column of the background."""
+    rows, columns = residual.shape
+    middle, pixels = 0.0, 0
+    for y in range(1, rows, 5):
+        for x in range(1, columns, 3):
+            if background[y // BLOCK, x // BLOCK] and abs(residual[y, x]) <= clip:
+                middle += residual[y, x]
+                pixels += 1
+    middle /= max(pixels, 1)
+    total = np.zeros(LARGEST_LAG + 1)
+    count = np.zeros(LARGEST_LAG + 1)
+    for y in range(1, rows - LARGEST_LAG, 3):
+        for x in range(1, columns - LARGEST_LAG, 3):
+            here = residual[y, x] - middle
+            if not background[y // BLOCK, x // BLOCK] or abs(here) > clip:
+                continue
+            for lag in range(LARGEST_LAG + 1):
+                right, below = residual[y, x + lag] - middle, residual[y + lag, x] - middle
+                if background[y // BLOCK, (x + lag) // BLOCK] and abs(right) <= clip:
+                    total[lag] += here * right
+                    count[lag] += 1
+                if background[(y + lag) // BLOCK, x // BLOCK] and abs(below) <= clip:
+                    total[lag] += here * below
+                    count[lag] += 1
+    return total / np.maximum(count, 1.0)

@@ -1,0 +1,130 @@
+"""A frame and its reference as the measurement takes them: floats of order 100, no holes, defects named."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["NO_MASK", "Pixels"]
+
+NO_MASK = np.zeros((1, 1), np.uint8)
+"""Stands for a mask in which nothing is masked."""
+
+SPAN = 200.0  # internal levels between the darkest and the brightest pixels of an image of any unit
+
+MESSAGES = {
+    "black": "the frame is black: no light reached the sensor",
+    "white": "the frame is white: every pixel is at full scale",
+    "constant": "every pixel of the frame has the same value",
+    "identical to reference": "the frame is identical to its reference: no contact can show",
+    "all holes": "the frame has no finite pixel",
+    "holes": "pixels without a finite value were left out",
+    "reference without light": "the reference is black or white throughout: the background was estimated "
+    "from the frame",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """A frame and its reference.
+
+    Parameters
+    ----------
+    frame, reference : ndarray of float32, shape (rows, columns)
+        In units of ``unit`` grey levels, holes filled; the reference None if there is none or it is useless.
+    valid : ndarray of uint8 or None
+        0 where either has a hole; None without holes.
+    saturated : ndarray of uint8
+        1 where the frame is at full scale; `NO_MASK` if nowhere.
+    unit : float
+        Grey levels.
+    defect : str
+        What is wrong with the frame, empty if nothing; see ``MESSAGES``.
+    """
+
+    frame: NDArray[np.float32]
+    reference: NDArray[np.float32] | None
+    valid: NDArray[np.uint8] | None
+    saturated: NDArray[np.uint8]
+    unit: float
+    defect: str
+
+    @property
+    def trivial(self) -> bool:
+        """Whether the frame carries no information on contacts."""
+        return self.defect in ("black", "white", "constant", "identical to reference", "all holes")
+
+    @property
+    def message(self) -> str:
+        """One sentence on the defect."""
+        return MESSAGES.get(self.defect, "")
+
+    @classmethod
+    def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "Pixels":
+        """From arrays of uint8, uint16 or float with non-finite holes; see `contactimg.imaging.measure`."""
+        scale = _full_scale(image, full_scale)
+        valid = _valid([image] if reference is None else [image, reference])
+        frame = _filled(image, valid)
+        other = None if reference is None else _filled(reference, valid)
+        useless = (
+            other is not None
+            and float(other.min()) == float(other.max())
+            and float(other.min()) in (0.0, scale)
+        )
+        if useless:
+            other = None
+        saturated = NO_MASK if frame.max() < scale else (frame >= scale).astype(np.uint8)
+        defect = _defect(frame, other, valid, scale) or ("reference without light" if useless else "")
+        unit = _unit(image, frame, other)
+        if unit != 1.0:
+            frame = frame / np.float32(unit)
+            other = None if other is None else other / np.float32(unit)
+        return cls(frame, other, valid, saturated, unit, defect)
+
+
+def _full_scale(image: NDArray, full_scale: float | None) -> float:
+    """Saturation level: as given, or that of the integer type; infinite for floats."""
+    if full_scale is not None:
+        return float(full_scale)
+    return float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else float("inf")
+
+
+def _valid(arrays: list[NDArray]) -> NDArray[np.uint8] | None:
+    """1 where all arrays are finite; None if they are everywhere."""
+    if all(array.dtype.kind != "f" for array in arrays):
+        return None
+    good = np.logical_and.reduce([np.isfinite(array) for array in arrays])
+    return None if good.all() else good.astype(np.uint8)
+
+
+def _filled(array: NDArray, valid: NDArray | None) -> NDArray[np.float32]:
+    """As float32, holes filled with the median of the rest."""
+    if valid is None:
+        return array.astype(np.float32)
+    good = valid > 0
+    fill = array[good][0] * 0 + np.median(array[good]) if good.any() else 0.0
+    return np.where(good, array, fill).astype(np.float32)
+
+
+def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
+    """Grey levels in one internal level: 1 for 8 bit, else such that the frame spans about `SPAN`."""
+    if image.dtype == np.uint8:
+        return 1.0
+    low, high = np.percentile(frame[:: max(frame.shape[0] // 200, 1)], [0.1, 99.9])
+    if reference is not None:
+        high = max(float(high), float(np.median(reference)))
+        low = min(float(low), float(np.median(reference)))
+    span = float(high) - float(low)
+    return span / SPAN if span > 0 else max(float(np.abs(frame).max()), 1.0) / SPAN
+
+
+def _defect(frame: NDArray, reference: NDArray | None, valid: NDArray | None, scale: float) -> str:
+    """What is wrong with a frame as a whole; empty if nothing."""
+    if valid is not None and not valid.any():
+        return "all holes"
+    low, high = float(frame.min()), float(frame.max())
+    if low == high:
+        return "black" if high <= 0 else ("white" if high >= scale else "constant")
+    if reference is not None and np.array_equal(frame, reference):
+        return "identical to reference"
+    return "holes" if valid is not None else ""
