@@ -39,8 +39,11 @@ def test_image_spans_its_pixels_with_centres_at_integers():
 
 
 def test_image_of_holes_and_constant_image_draw():
-    plot_image(np.full((4, 5), np.nan)).figure.canvas.draw()
-    plot_image(np.zeros((4, 5))).figure.canvas.draw()
+    for image in (np.full((4, 5), np.nan), np.zeros((4, 5))):
+        ax = plot_image(image)
+        ax.figure.canvas.draw()
+        low, high = ax.images[0].get_clim()
+        assert low < high
 
 
 def test_circles_are_drawn_where_and_as_large_as_asked():
@@ -66,6 +69,7 @@ def test_legend_of_no_circles_draws():
     ax = plot_image(np.zeros((60, 80)))
     legend_of_circles([plot_circles([], [], [], ax=ax, label="measured (0)")], ax=ax)
     ax.figure.canvas.draw()
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["measured (0)"]
 
 
 def test_scale_bar_is_a_round_length():
