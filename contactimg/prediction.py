@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.profiles import annulus_edges, radial_profile
+from contactimg.analysis.annuli import annulus_edges
+from contactimg.analysis.profiles import radial_profile
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.adhesive import solve_adhesive
@@ -23,6 +24,7 @@ __all__ = [
     "Coupling",
     "Model",
     "Prediction",
+    "asperity_density",
     "hertz_circle",
     "load_name",
     "predict_average",
@@ -144,7 +146,7 @@ def predict_average(
     solve = solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
     rings = solve(
         _height_law(section, asperities),
-        density=_density(section, asperities),
+        density=asperity_density(section, asperities),
         radius=radius * indenter.radius / (radius + indenter.radius),
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
@@ -211,8 +213,14 @@ def _mean_radius(section: Asperities, asperities: pd.DataFrame | None) -> float:
     return float(_table(asperities, "radius_m")["radius_m"].mean())
 
 
-def _density(section: Asperities, asperities: pd.DataFrame | None) -> float:
-    """Asperities per unit area, 1/m^2."""
+def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> float:
+    """Asperities per unit area (1/m^2): as the section states it, or those of the table on its square.
+
+    Raises
+    ------
+    InputError
+        If neither is there.
+    """
     if section.density is not None:
         return section.density
     return len(_table(asperities, "density_per_m2")) / section.side**2

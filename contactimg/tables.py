@@ -10,14 +10,20 @@ import pandas as pd
 from contactimg.errors import InputError
 
 __all__ = [
+    "AREA",
     "ASPERITIES",
     "CONTACTS",
     "FRAMES",
+    "FRICTION",
     "LOADS",
     "MATCHES",
+    "NORMALISED",
+    "PRESSURE_LAW",
     "PROFILE",
     "REJECTED",
+    "RESULTS",
     "SCORES",
+    "TOPOGRAPHY",
     "Flag",
     "Schema",
     "flag_names",
@@ -221,5 +227,104 @@ PROFILE = Schema(
         "mean_radius_m": ("float64", "mean contact radius"),
         "area_fraction": ("float64", "contact area per unit area"),
         "pressure_std_Pa": ("float64", "standard uncertainty of the pressure"),
+    },
+)
+
+NORMALISED = Schema(
+    "profile_normalised",
+    {
+        "frame": ("str", "file name of the frame, or name of the load"),
+        "model": ("str", "coupled, uncoupled, gw, gt, hertz or measured"),
+        "load_N": ("float64", "applied normal load P, mean of the places"),
+        "hertz_radius_m": ("float64", "contact radius aH of the smooth sphere at this load"),
+        "hertz_pressure_Pa": ("float64", "its largest pressure p0"),
+        "r_over_hertz_radius": ("float64", "distance from the centre over aH"),
+        "pressure_over_hertz": ("float64", "pressure over p0"),
+        "pressure_std_over_hertz": ("float64", "its standard uncertainty"),
+    },
+)
+
+AREA = Schema(
+    "area",
+    {
+        "model": ("str", "coupled, uncoupled, gt or measured"),
+        "load_N": ("float64", "applied normal load P, mean of the frames"),
+        "load_std_N": ("float64", "its standard uncertainty"),
+        "n_frames": ("Int64", "frames at this load"),
+        "n_places": ("Int64", "places they were taken at"),
+        "area_m2": ("float64", "real contact area A, mean of the places"),
+        "area_std_m2": ("float64", "its standard uncertainty"),
+        "area_scatter_m2": ("float64", "standard deviation between places"),
+        "n_contacts": ("float64", "contacts in a frame, mean"),
+        "mean_radius_m": ("float64", "mean contact radius a"),
+        "spacing_over_radius": ("float64", "L/a, mean distance of asperities 1/sqrt(eta0) over a"),
+        "radius_ratio_mean": (
+            "float64",
+            "contact radius over radius of curvature of its asperity, a/R, mean",
+        ),
+        "radius_ratio_max": ("float64", "largest a/R"),
+    },
+)
+
+PRESSURE_LAW = Schema(
+    "pressure_law",
+    {
+        "frame": ("str", "file name of the frame, or name of the load"),
+        "model": ("str", "coupled, gt or measured"),
+        "load_N": ("float64", "applied normal load P, mean of the places"),
+        "r_m": ("float64", "distance of the annulus from the centre"),
+        "n_contacts": ("float64", "contacts in it, all places together"),
+        "pressure_Pa": ("float64", "contact pressure p"),
+        "pressure_std_Pa": ("float64", "its standard uncertainty"),
+        "density_per_m2": ("float64", "contacts per unit area eta"),
+        "density_std_per_m2": ("float64", "its standard uncertainty"),
+        "density_ratio": ("float64", "contacts per asperity, eta/eta0"),
+        "density_ratio_std": ("float64", "its standard uncertainty"),
+        "mean_radius_m": ("float64", "mean contact radius"),
+        "mean_radius_std_m": ("float64", "its standard uncertainty"),
+    },
+)
+
+FRICTION = Schema(
+    "friction",
+    {
+        "place": ("str", "folder of the run"),
+        "frame": ("str", "file name of the frame"),
+        "load_N": ("float64", "applied normal load P"),
+        "velocity_m_s": ("float64", "sliding velocity"),
+        "friction_N": ("float64", "friction force Q"),
+        "area_m2": ("float64", "real contact area A"),
+        "area_std_m2": ("float64", "its standard uncertainty"),
+        "stress_Pa": ("float64", "Q/A"),
+    },
+)
+
+TOPOGRAPHY = Schema(
+    "topography",
+    {
+        "height_m": ("float64", "height h of an asperity"),
+        "radius_m": ("float64", "its radius of curvature R"),
+        "height_std_m": ("float64", "standard uncertainty of the height"),
+        "radius_std_m": ("float64", "standard uncertainty of the radius"),
+    },
+)
+
+RESULTS = Schema(
+    "results",
+    {
+        "quantity": ("str", "what was found"),
+        "model": ("str", "measured, or the model whose contacts were analysed in the same way"),
+        "value": ("float64", "its value"),
+        "std": ("float64", "its standard uncertainty"),
+        "low": ("float64", "lower limit of the confidence interval"),
+        "high": ("float64", "upper limit of the confidence interval"),
+        "unit": ("str", "unit of the four numbers before"),
+        "confidence": ("float64", "probability that the interval holds the truth"),
+        "range_low": ("float64", "smallest abscissa that was fitted"),
+        "range_high": ("float64", "largest abscissa that was fitted"),
+        "range_unit": ("str", "unit of the two numbers before"),
+        "n_points": ("Int64", "points that were fitted"),
+        "n_places": ("Int64", "places they come from"),
+        "note": ("str", "how it is defined, and what a person should know about it"),
     },
 )

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from contactimg.analysis.profiles import annulus_edges, radial_profile
+from contactimg.analysis.annuli import annulus_edges
+from contactimg.analysis.profiles import radial_profile
 from contactimg.errors import InputError
 from contactimg.tables import CONTACTS
 

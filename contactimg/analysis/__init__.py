@@ -1,1 +1,1 @@
-"""What the contacts say together: profiles, areas."""
+"""What the contacts say together: A(P), profiles, power laws, friction; and the topography behind them."""

@@ -1,0 +1,139 @@
+"""Friction in steady sliding: the shear stress of the real contact area."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from contactimg.analysis.curve_fit import Points, fit_proportional
+from contactimg.analysis.estimates import Estimate, student_estimate
+from contactimg.errors import InputError
+
+__all__ = ["ShearStress", "compare_stress", "fit_shear_stress"]
+
+
+@dataclass(frozen=True)
+class ShearStress:
+    """Shear stress ``tau0`` of ``Q = tau0 A``.
+
+    Parameters
+    ----------
+    stress : Estimate, Pa
+    scatter : float, N
+        Of the friction force, not explained by the stated errors.
+    low, high : float, m^2
+        Range of the area.
+    n_points : int
+    freedom : int
+        Points minus one.
+    confidence : float
+        Of the interval.
+    """
+
+    stress: Estimate
+    scatter: float
+    low: float
+    high: float
+    n_points: int
+    freedom: int
+    confidence: float
+
+
+def fit_shear_stress(
+    friction: pd.DataFrame, *, friction_std: float = 0.0, confidence: float = 0.95
+) -> ShearStress:
+    """Fit ``Q = tau0 A`` with errors in both.
+
+    Parameters
+    ----------
+    friction : DataFrame
+        Columns ``friction_N, area_m2, area_std_m2``; rows without friction or area are left out, and an
+        uncertainty that is not stated is none. The sign of the friction is that of its direction.
+    friction_std : float, N
+        Standard uncertainty of the friction force.
+    confidence : float
+        Of the interval.
+
+    Returns
+    -------
+    ShearStress
+
+    Raises
+    ------
+    InputError
+        If no frame with friction has contacts.
+
+    Notes
+    -----
+    A line through the origin; without stated errors the ordinary least squares of the paper, ``sum QA/sum
+    A^2``. An error that the areas have in common (a threshold) shifts ``tau0`` by its relative size, and is
+    not in the interval.
+
+    References
+    ----------
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eq. (7), Fig. 8.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"friction_N": [0.1, 0.2], "area_m2": [2e-7, 4e-7], "area_std_m2": 0.0})
+    >>> round(fit_shear_stress(table).stress.value)
+    500000
+    """
+    good = friction[friction["friction_N"].notna() & (friction["area_m2"] > 0)]
+    if good.empty:
+        raise InputError(
+            "a shear stress needs a frame with friction_N and contacts; add the loads' friction_N"
+        )
+    area = good["area_m2"].to_numpy(float)
+    points = Points(
+        area,
+        np.abs(good["friction_N"].to_numpy(float)),
+        x_std=np.nan_to_num(good["area_std_m2"].to_numpy(float), nan=0.0),
+        y_std=friction_std,
+    )
+    fit = fit_proportional(points)
+    return ShearStress(
+        stress=fit.estimate(0, confidence=confidence),
+        scatter=fit.scatter,
+        low=float(area.min()),
+        high=float(area.max()),
+        n_points=len(area),
+        freedom=fit.freedom,
+        confidence=confidence,
+    )
+
+
+def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:
+    """Ratio of a shear stress to that of a smooth contact.
+
+    Parameters
+    ----------
+    stress : ShearStress
+        Of the rough contact.
+    reference : Estimate, Pa
+        Of the smooth contact; its standard uncertainty is 0 if it is not known.
+
+    Returns
+    -------
+    Estimate
+        The relative variances add; Student's interval with the rough contact's degrees of freedom.
+
+    Raises
+    ------
+    InputError
+        If the reference is not positive.
+
+    Examples
+    --------
+    >>> rough = ShearStress(Estimate(0.49e6, 0.01e6, 0.0, 0.0), 0.0, 1e-7, 1e-6, 8, 7, 0.95)
+    >>> ratio = compare_stress(rough, Estimate(0.34e6, 0.01e6, 0.0, 0.0))
+    >>> round(ratio.value, 2), round(ratio.std, 2)
+    (1.44, 0.05)
+    """
+    if not reference.value > 0:
+        raise InputError(f"the shear stress of the reference must be positive, got {reference.value!r} Pa")
+    ratio = stress.stress.value / reference.value
+    relative = np.hypot(stress.stress.std / stress.stress.value, reference.std / reference.value)
+    return student_estimate(
+        ratio, float(ratio * relative), freedom=stress.freedom, confidence=stress.confidence
+    )

@@ -1,0 +1,135 @@
+"""Profilometry of asperities: distributions of height and radius, and the contact angle of droplets."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import stats
+
+from contactimg.analysis.curve_fit import Points, fit_proportional
+from contactimg.analysis.estimates import Estimate
+from contactimg.errors import InputError
+
+__all__ = ["Topography", "describe_topography"]
+
+
+@dataclass(frozen=True)
+class Topography:
+    """What a table of asperities says.
+
+    Parameters
+    ----------
+    slope : Estimate
+        ``h/R = 1 - cos(theta)`` of caps of one contact angle.
+    contact_angle : Estimate, rad
+        ``theta``; NaN if the slope is not between 0 and 2.
+    scatter : float, m
+        Of the height about the line, not explained by the stated errors.
+    correlation : float
+        Spearman's rank correlation of height and radius; NaN if one of them does not vary.
+    p_value : float
+        Probability of as strong a correlation of independent heights and radii.
+    height_mean, height_std, radius_mean, radius_std : float, m
+        Of the asperities, stated errors not removed.
+    n_points : int
+    confidence : float
+        Of the intervals.
+    """
+
+    slope: Estimate
+    contact_angle: Estimate
+    scatter: float
+    correlation: float
+    p_value: float
+    height_mean: float
+    height_std: float
+    radius_mean: float
+    radius_std: float
+    n_points: int
+    confidence: float
+
+    @property
+    def one_angle(self) -> bool:
+        """Whether height grows with radius, so that the contact angle has a meaning."""
+        return bool(self.correlation > 0 and self.p_value < 1 - self.confidence)
+
+    def radius(self, height: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``R(h) = h/(1 - cos theta)``, m."""
+        return np.asarray(height, dtype=np.float64) / self.slope.value
+
+
+def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Topography:
+    """Contact angle and ``R(h)`` of asperities, with errors in height and radius.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `contactimg.tables.TOPOGRAPHY`, m; an uncertainty that is not stated is none. Three rows
+        or more.
+    confidence : float
+        Of the intervals.
+
+    Returns
+    -------
+    Topography
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three asperities, or a height or radius is not positive.
+
+    Notes
+    -----
+    ``h = R (1 - cos theta)``, a line through the origin with errors on both axes and excess scatter in h, as
+    in the paper's Fig. 2. Without a correlation (RA-) the angle has no meaning: see ``one_angle``.
+
+    References
+    ----------
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Table 1 and Fig. 2.
+
+    Examples
+    --------
+    >>> caps = pd.DataFrame({"height_m": [2e-5, 3e-5, 4e-5], "radius_m": [4.4e-5, 6.6e-5, 8.8e-5]})
+    >>> round(float(np.degrees(describe_topography(caps).contact_angle.value)), 1)
+    56.9
+    """
+    if len(table) < 3:
+        raise InputError(f"a topography needs three asperities at least, got {len(table)}")
+    for name in ("height_m", "radius_m"):
+        if not (table[name] > 0).all():
+            raise InputError(f"topography: {name} must be positive, got {table[name].min()!r}")
+    h, R = table["height_m"].to_numpy(float), table["radius_m"].to_numpy(float)
+    fit = fit_proportional(Points(R, h, x_std=_stated(table, "radius"), y_std=_stated(table, "height")))
+    slope = fit.estimate(0, confidence=confidence)
+    correlation, p_value = (np.nan, 1.0) if np.ptp(h) == 0 or np.ptp(R) == 0 else stats.spearmanr(h, R)
+    return Topography(
+        slope=slope,
+        contact_angle=_angle(slope),
+        scatter=fit.scatter,
+        correlation=float(correlation),
+        p_value=float(p_value),
+        height_mean=float(h.mean()),
+        height_std=float(h.std(ddof=1)),
+        radius_mean=float(R.mean()),
+        radius_std=float(R.std(ddof=1)),
+        n_points=len(h),
+        confidence=confidence,
+    )
+
+
+def _stated(table: pd.DataFrame, quantity: str) -> NDArray[np.float64]:
+    """Stated uncertainties, 0 where there is none."""
+    name = f"{quantity}_std_m"
+    values = table[name].to_numpy(float) if name in table else np.zeros(len(table))
+    return np.nan_to_num(values, nan=0.0)
+
+
+def _angle(slope: Estimate) -> Estimate:
+    """``acos(1 - slope)``; its derivative is ``1/sin(theta)``."""
+    if not 0 < slope.value < 2:
+        return Estimate(np.nan, np.nan, np.nan, np.nan)
+    low, value, high = (
+        float(np.arccos(1 - min(max(s, 0.0), 2.0))) for s in (slope.low, slope.value, slope.high)
+    )
+    return Estimate(value, slope.std / float(np.sin(value)), low, high)
