@@ -24,7 +24,7 @@ Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rows = NDArray[np.intp]
 
-NEIGHBOURS = 200
+NEIGHBOURS = 150
 """Mean number of neighbours in the near part: balances its time against that of the Fourier series."""
 
 CUTOFF_PER_THICKNESS = 2.5

@@ -86,7 +86,7 @@ def _smooth_table(cutoff: float, sharpness: float) -> Values:
     return np.column_stack([value, slope * (square[1] - square[0])])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _near_sum(x, y, q, bounds, cells, cutoff2, table):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
     """Both columns of ``q`` at once; each pair once."""
     n = x.size
@@ -102,11 +102,9 @@ def _near_sum(x, y, q, bounds, cells, cutoff2, table):  # type: ignore[no-untype
                 begin = bounds[near_row * cells + left]
                 end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
                 for j in range(max(begin, i + 1), end):
-                    if not loaded and q[j, 0] == 0.0 and q[j, 1] == 0.0:
-                        continue
                     dx, dy = x[i] - x[j], y[i] - y[j]
                     r2 = dx * dx + dy * dy
-                    if r2 < cutoff2:
+                    if r2 < cutoff2 and (loaded or q[j, 0] != 0.0 or q[j, 1] != 0.0):
                         place = r2 * per_square
                         k = int(place)
                         f = place - k
@@ -122,7 +120,7 @@ def _near_sum(x, y, q, bounds, cells, cutoff2, table):  # type: ignore[no-untype
     return result / np.pi
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _near_fields(x, y, force, contact_radius, bounds, cells, cutoff2, sharpness):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
     """Excess, slopes and half the Laplacian at every candidate by the loaded ones within the cutoff."""
     n = x.size
