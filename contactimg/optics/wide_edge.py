@@ -5,7 +5,7 @@ Outside the edge of a contact of radius ``a`` under a sphere of radius ``R`` the
     g = g_Hertz(r; a, R) + (2/pi) q sqrt(a) acos(a/r),    q = sqrt(8 pi w/(3 K)),
 
 with ``w = 0`` Hertz's contact (`contactimg.mechanics.jkr.gap`). The ``opening`` q, in sqrt(m), is all that
-the picture knows of adhesion and stiffness: 0 is Hertz's wide and soft edge, infinity a sharp one without film.
+the picture knows of adhesion and stiffness: 0 is Hertz's wide soft edge, infinity a sharp one without film.
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ __all__ = ["EdgeLight", "edge_light", "film_opening"]
 
 Values = NDArray[np.float64]
 
-NODES = 800
+NODES = 300
 """Points across the film. In the square root of the distance the gap is smooth at the edge, with adhesion or
-without; at the far end they resolve its last fringe, ``lambda/(2 g')``, some thirty times."""
+without; at the far end they resolve its last fringe, ``lambda/(2 g')``, some ten times."""
 
 
 def film_opening(*, contact_modulus: float, work_of_adhesion: float) -> float:

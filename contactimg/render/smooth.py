@@ -11,7 +11,7 @@ from contactimg.optics.film import excess_table
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
 from contactimg.render.contacts import dress_contacts, lamp
 from contactimg.render.recipe import Recipe
-from contactimg.render.spots import Spots
+from contactimg.render.spots import FilmSpots, Spots
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -90,7 +90,7 @@ def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
 
 def dress_smooth_contact(
     truth: pd.DataFrame, scene: Scene, recipe: Recipe, *, rng: np.random.Generator
-) -> Spots | SmoothSpot:
+) -> Spots | FilmSpots | SmoothSpot:
     """The contact with its brightness and, if the film is on, the film of JKR's gap around it.
 
     Parameters
@@ -101,17 +101,20 @@ def dress_smooth_contact(
     recipe : Recipe
     rng : numpy.random.Generator
     """
+    indenter = scene.need("indenter", "a smooth contact")
+    elastic = scene.need("elastic", "a smooth contact")
     if "film" not in recipe.effects:
-        return dress_contacts(truth, scene, recipe, sphere_radius=scene.indenter.radius, rng=rng)
+        return dress_contacts(truth, scene, recipe, sphere_radius=indenter.radius, rng=rng)
     radius = float(truth["radius_m"].iloc[0])
     edge = edge_light(
         radius,
-        sphere_radius=scene.indenter.radius,
+        sphere_radius=indenter.radius,
         opening=film_opening(
-            contact_modulus=scene.elastic.contact_modulus, work_of_adhesion=scene.elastic.work_of_adhesion
+            contact_modulus=elastic.contact_modulus, work_of_adhesion=elastic.work_of_adhesion
         ),
         excess=excess_table(lamp(recipe.simulate)),
     )
     x_px, y_px, radius_px = (truth[column].to_numpy(float) for column in ("x_px", "y_px", "radius_px"))
+    pixel_size = scene.need("camera", "rendering the air film").pixel_size
     brightness = 1 + recipe.simulate.brightness_spread * rng.standard_normal(1)
-    return SmoothSpot(x_px, y_px, radius_px, brightness, edge, scene.camera.pixel_size)
+    return SmoothSpot(x_px, y_px, radius_px, brightness, edge, pixel_size)

@@ -1,0 +1,1 @@
+"""From measured series to the constants that forces rest on: modulus, adhesion, threshold."""

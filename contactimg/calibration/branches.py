@@ -1,0 +1,38 @@
+"""Loading told from unloading by the order of the loads."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["tell_branches"]
+
+
+def tell_branches(load: ArrayLike) -> NDArray[np.str_]:
+    """Branch on which each load lies.
+
+    Parameters
+    ----------
+    load : array_like, shape (n,), N
+        In the order in which they were applied.
+
+    Returns
+    -------
+    ndarray of str, shape (n,)
+        "loading" up to the largest load and "unloading" after it, if the loads rise to it and fall from it
+        without turning back; the empty text where they are in another order, which tells nothing.
+
+    Examples
+    --------
+    >>> tell_branches([0.1, 0.2, 0.5, 0.2, -0.01])
+    array(['loading', 'loading', 'loading', 'unloading', 'unloading'], dtype='<U9')
+    >>> tell_branches([0.2, 0.1, 0.5])
+    array(['', '', ''], dtype='<U9')
+    """
+    P = np.asarray(load, float)
+    branch = np.full(P.shape, "", "<U9")
+    if P.size:
+        top = int(P.argmax())
+        if np.all(np.diff(P[: top + 1]) >= 0) and np.all(np.diff(P[top:]) <= 0):
+            branch[: top + 1], branch[top + 1 :] = "loading", "unloading"
+            if top == 0 and P.size > 1:
+                branch[:] = "unloading"
+    return branch

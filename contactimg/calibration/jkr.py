@@ -1,0 +1,341 @@
+"""Modulus and work of adhesion from the contact radii of a smooth sphere (JKR).
+
+In the stiffness ``K`` and the adhesion ``S = sqrt(w K)`` the law is linear,
+
+    P = K a^3/R - sqrt(6 pi) S a^{3/2},
+
+so that for loads and radii with known errors the fit is a weighted linear one at the latent (true) radii. The
+noise of the loads is not known: a constant part and one proportional to the load are each let vary, and the
+answers of all such noises are averaged, each with its restricted likelihood. The average has Student's wide
+tails where data are few, and holds whether the scale of the loads or their zero is noisy.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy import special, stats
+
+from contactimg.calibration.branches import tell_branches
+from contactimg.calibration.estimate import Estimate, estimate_from_draws
+from contactimg.errors import InputError
+
+__all__ = ["JkrCalibration", "calibrate_jkr"]
+
+Values = NDArray[np.float64]
+
+CONSTANT_SHARES = np.array([1.0, 0.1, 0.003])
+"""Share of the noise variance, at the rms load, that does not grow with the load."""
+PRIOR = np.array([0.5, 0.25, 0.25])
+"""Weights of these shares before the loads are seen: a noisy zero is as likely as a noisy scale."""
+SCALES = np.geomspace(0.03, 1e4, 160)
+"""Noise in units of the residuals' scatter: below the likelihood vanishes, above lies 1e-4 of Student's tail
+at one degree of freedom."""
+DRAWS = 20000
+LATENT_STEPS = 4
+STRAY = 1e-3  # chance that a series without stray frames loses one
+HYSTERESIS = 0.01  # chance that a series without hysteresis is given two works of adhesion
+
+
+@dataclass(frozen=True, eq=False)
+class JkrCalibration:
+    """What a series of contact radii says about the elastic body.
+
+    Parameters
+    ----------
+    young_modulus : Estimate, Pa
+    work_of_adhesion : Estimate, J/m^2
+        Of the loading branch, where the branches differ; else of all frames.
+    work_of_adhesion_unloading : Estimate or None, J/m^2
+        Of the unloading branch, where it differs.
+    correlation : float
+        Between modulus and work of adhesion.
+    load_noise : float, N
+        Root mean square of the loads' residuals, corrected for the fitted numbers.
+    points : DataFrame
+        One row a frame: load_N, radius_m, branch, fitted_N, residual_N, used.
+    """
+
+    young_modulus: Estimate
+    work_of_adhesion: Estimate
+    work_of_adhesion_unloading: Estimate | None
+    correlation: float
+    load_noise: float
+    points: pd.DataFrame
+
+
+def calibrate_jkr(
+    load: ArrayLike,
+    radius: ArrayLike,
+    *,
+    sphere_radius: float,
+    poisson_ratio: float,
+    radius_std: ArrayLike = 0.0,
+) -> JkrCalibration:
+    """Fit modulus and work of adhesion to contact radii of a smooth sphere under several loads.
+
+    Parameters
+    ----------
+    load : array_like, shape (n,), N
+        In the order in which they were applied, which tells loading from unloading; negative is a pull.
+    radius : array_like, shape (n,), m
+    sphere_radius : float, m
+    poisson_ratio : float
+    radius_std : array_like, m
+        Standard uncertainty of the radii, one each or one for all.
+
+    Returns
+    -------
+    JkrCalibration
+        Intervals of 95 % for a noise of the loads that is estimated from the fit itself.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three different loads, none of them presses, or the radius does not grow with
+        the load.
+
+    Notes
+    -----
+    One frame after another is left out while its residual is so large that chance would make it so once
+    in a thousand series. The radii's own noise enters through the slope of the law at the latent radii
+    (errors in both variables); an error common to all radii, as of the pixel size, does not.
+
+    References
+    ----------
+    Johnson, Kendall, Roberts, Proc. R. Soc. A 324 (1971) 301, doi:10.1098/rspa.1971.0141, eq. (21).
+    York et al., Am. J. Phys. 72 (2004) 367, doi:10.1119/1.1632486, for errors in both variables.
+
+    Examples
+    --------
+    >>> from contactimg.mechanics import jkr
+    >>> law = dict(sphere_radius=0.1288, contact_modulus=4e6, work_of_adhesion=0.05)
+    >>> loads = np.array([0.02, 0.05, 0.1, 0.2, 0.5])
+    >>> found = calibrate_jkr(loads, jkr.radius(loads, **law), sphere_radius=0.1288, poisson_ratio=0.5)
+    >>> found.young_modulus.value, found.work_of_adhesion.value
+    (3000000.0, 0.05)
+    """
+    data = _Data.of(load, radius, radius_std)
+    _check(data.load, data.radius)
+    branch = tell_branches(data.load)
+    used = _without_strays(data)
+    columns = _branch_columns(data, branch, used)
+    fit = _average_noises(data.part(used), columns[used])
+    K = fit.draws[:, 0] * data.load_scale * sphere_radius / data.radius_scale**3
+    E = 0.75 * (1 - poisson_ratio**2) * K
+    S = np.maximum(fit.draws[:, 1:] * data.load_scale / data.radius_scale**1.5, 0.0)
+    w = S**2 / (6 * np.pi * K[:, None])
+    fitted = data.design(data.radius, columns) @ fit.centre
+    freedom = max(int(used.sum()) - len(fit.centre), 1)
+    rest = data.load_scale * (data.scaled_load - fitted)
+    points = pd.DataFrame(
+        {
+            "load_N": data.load,
+            "radius_m": data.radius,
+            "branch": branch,
+            "fitted_N": data.load_scale * fitted,
+            "residual_N": rest,
+            "used": used,
+        }
+    )
+    return JkrCalibration(
+        young_modulus=estimate_from_draws(E),
+        work_of_adhesion=estimate_from_draws(w[:, 0]),
+        work_of_adhesion_unloading=estimate_from_draws(w[:, 1]) if w.shape[1] > 1 else None,
+        correlation=_correlation(E, w[:, 0]),
+        load_noise=float(np.sqrt(np.sum(rest[used] ** 2) / freedom)),
+        points=points,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Loads and radii with the scales that make the fit one of numbers of order one."""
+
+    load: Values
+    radius: Values
+    radius_std: Values
+    load_scale: float
+    radius_scale: float
+
+    @classmethod
+    def of(cls, load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike) -> "_Data":
+        P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
+        if P.ndim != 1 or P.shape != a.shape:
+            raise InputError(f"one radius a load is needed, got shapes {P.shape} and {a.shape}")
+        std = np.broadcast_to(np.asarray(radius_std, float), a.shape)
+        if not (
+            np.isfinite(P).all()
+            and np.all(np.isfinite(a) & (a > 0))
+            and np.all(np.isfinite(std) & (std >= 0))
+        ):
+            raise InputError("loads must be finite, radii positive and their uncertainties not negative")
+        scale = float(np.sqrt(np.mean(P**2))) if P.size else 0.0
+        return cls(P, a, std, scale or 1.0, float(a.max(initial=0.0)) or 1.0)
+
+    @property
+    def scaled_load(self) -> Values:
+        return self.load / self.load_scale
+
+    def part(self, used: NDArray[np.bool_]) -> "_Data":
+        return _Data(
+            self.load[used], self.radius[used], self.radius_std[used], self.load_scale, self.radius_scale
+        )
+
+    def design(self, radius: Values, columns: Values) -> Values:
+        """Scaled load per unit of the stiffness and of each branch's adhesion."""
+        x = radius / self.radius_scale
+        return np.column_stack([x**3, -(x**1.5)[:, None] * columns])
+
+    def slope(self, radius: Values, columns: Values, theta: Values) -> Values:
+        """Derivative of the scaled load by the radius, 1/m."""
+        x = radius / self.radius_scale
+        return (3 * theta[0] * x**2 - 1.5 * x**0.5 * (columns @ theta[1:])) / self.radius_scale
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Most likely numbers, draws from their distribution, and the most likely noise's variances."""
+
+    centre: Values
+    draws: Values
+    variance: Values
+
+
+def _check(load: Values, radius: Values) -> None:
+    """Refuse series that determine nothing."""
+    if len(np.unique(load)) < 3:
+        raise InputError(
+            f"a JKR fit needs three different loads or more, got {len(np.unique(load))}; "
+            "two numbers are fitted, and a third load is what tests them"
+        )
+    if not (load > 0).any():
+        raise InputError(
+            "no load presses: with the pull-off branch only, stiffness and adhesion cannot be told apart; "
+            "add frames at positive loads"
+        )
+    trend = stats.linregress(load, radius)
+    grows = trend.slope > 0 and stats.kendalltau(load, radius).statistic > 0
+    # a line through three points or more: Student's statistic of its slope against none
+    noise = trend.stderr if len(load) > 2 else 0.0
+    if not grows or trend.slope < 1.5 * noise or np.ptp(radius) < 1e-9 * radius.max():
+        raise InputError(
+            "the contact radius does not grow with the load "
+            f"({1e6 * trend.slope:.3g} +- {1e6 * noise:.2g} um/N); "
+            "check that frames and loads belong together and that the frames show the contact"
+        )
+
+
+def _branch_columns(data: _Data, branch: NDArray[np.str_], used: NDArray[np.bool_]) -> Values:
+    """One column of ones, or one a branch where loading and unloading adhere differently."""
+    together = np.ones((len(branch), 1))
+    apart = np.column_stack([branch == "loading", branch == "unloading"]).astype(float)
+    counts = apart[used].sum(axis=0)
+    if counts.min() < 2 or counts.sum() < used.sum() or used.sum() < 5:
+        return together
+    rest = [_least_squares(data.part(used), columns[used]) for columns in (together, apart)]
+    freedom = int(used.sum()) - 3
+    ratio = (rest[0] - rest[1]) / max(rest[1] / freedom, np.finfo(float).tiny)
+    differs = rest[0] > rest[1] + 1e-18 and stats.f.sf(ratio, 1, freedom) < HYSTERESIS
+    return apart if differs else together
+
+
+def _least_squares(data: _Data, columns: Values) -> float:
+    """Sum of squared scaled residuals, the noise proportional to the mean of constant and growing."""
+    weight = 1 / np.sqrt(0.05 + data.scaled_load**2)
+    design = data.design(data.radius, columns) * weight[:, None]
+    theta = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0]
+    return float(np.sum((data.scaled_load * weight - design @ theta) ** 2))
+
+
+def _without_strays(data: _Data) -> NDArray[np.bool_]:
+    """Which frames to use: those with an absurd residual from the fit of all others are left out."""
+    used = np.ones(len(data.load), bool)
+    columns = np.ones((len(data.load), 1))
+    for _ in range(len(used) // 4):
+        n = int(used.sum())
+        if n < 5 or len(np.unique(data.load[used])) < 4:
+            break
+        part = data.part(used)
+        variance = _average_noises(part, columns[used]).variance
+        design = part.design(part.radius, columns[used]) / np.sqrt(variance)[:, None]
+        hat = design @ np.linalg.pinv(design)
+        rest = part.scaled_load / np.sqrt(variance)
+        rest = rest - hat @ rest
+        leverage = np.clip(np.diag(hat), 0.0, 1 - 1e-9)
+        others = (np.sum(rest**2) - rest**2 / (1 - leverage)) / (n - 3)
+        student = np.abs(rest) / np.sqrt(np.maximum(others, 1e-12 * np.sum(rest**2) + 1e-24) * (1 - leverage))
+        worst = int(student.argmax())
+        if n * 2 * stats.t.sf(student[worst], n - 3) > STRAY:
+            break
+        used[np.flatnonzero(used)[worst]] = False
+    return used
+
+
+def _average_noises(data: _Data, columns: Values) -> _Fit:
+    """Average the weighted fits over the noises that the loads may have."""
+    y, latent = data.scaled_load, data.radius
+    theta = np.linalg.lstsq(data.design(latent, columns), y, rcond=None)[0]
+    for _ in range(LATENT_STEPS):
+        design, slope = data.design(latent, columns), data.slope(latent, columns, theta)
+        straight = y - slope * (data.radius - latent)
+        own = (slope * data.radius_std) ** 2
+        variances = _noise_variances(straight, design, theta, own)
+        centres, covariances, weights = _weighted_fits(straight, design, variances)
+        best = int(weights.argmax())
+        theta = centres[best]
+        moved = data.radius_std**2 * slope / variances[best] * (straight - design @ theta)
+        latent = np.maximum(data.radius + moved, 0.5 * data.radius)
+    centre, freedom = weights @ centres, max(len(y) - len(theta), 1)
+    # the share of noise that grows is one number more taken from the same residuals
+    draws = centre + np.sqrt((freedom + 1) / freedom) * (_draw(centres, covariances, weights) - centre)
+    return _Fit(centre, draws[draws[:, 0] > 0], variances[best])
+
+
+def _noise_variances(y: Values, design: Values, theta: Values, own: Values) -> Values:
+    """Variances of the scaled loads, one row a noise: a constant and a growing part, and the radii's own."""
+    model = design @ theta
+    freedom = max(len(y) - len(theta), 1)
+    scatter = np.sqrt(np.sum((y - model) ** 2) / freedom)
+    scatter = max(float(scatter), 1e-9 * float(np.abs(y).max()))
+    share = CONSTANT_SHARES[:, None, None]
+    shape = share + (1 - share) * model**2
+    # as large at the loads there are, whatever its shape: the scale is the residuals' own
+    shape = shape / np.exp(np.mean(np.log(shape), axis=-1, keepdims=True))
+    return ((SCALES[:, None] * scatter) ** 2 * shape).reshape(-1, len(y)) + own
+
+
+def _weighted_fits(y: Values, design: Values, variances: Values) -> tuple[Values, Values, Values]:
+    """Linear fits for every noise, their covariances, and the noises' weights (restricted likelihood)."""
+    information = np.einsum("ni,mn,nj->mij", design, 1 / variances, design)
+    covariances = np.linalg.inv(information)
+    centres = np.einsum("mij,nj,mn->mi", covariances, design, y / variances)
+    rest = y - centres @ design.T
+    logs = -0.5 * (
+        np.log(variances).sum(axis=1) + np.linalg.slogdet(information)[1] + (rest**2 / variances).sum(axis=1)
+    )
+    logs += np.repeat(np.log(PRIOR), len(SCALES))
+    return centres, covariances, np.exp(logs - special.logsumexp(logs))
+
+
+def _draw(centres: Values, covariances: Values, weights: Values) -> Values:
+    """Points that follow the average of normal distributions, evenly: a Kronecker sequence."""
+    dimensions = centres.shape[1] + 1
+    phi = 1.5
+    for _ in range(60):  # x^{d+1} = x + 1: the generalised golden ratio
+        phi = (1 + phi) ** (1 / (dimensions + 1))
+    steps = (1 / phi) ** np.arange(1, dimensions + 1)
+    uniform = (0.5 + np.arange(1, DRAWS + 1)[:, None] * steps) % 1
+    cumulated = np.cumsum(weights)
+    which = np.minimum(np.searchsorted(cumulated, uniform[:, 0] * cumulated[-1]), len(weights) - 1)
+    normal = special.ndtri(np.clip(uniform[:, 1:], 1e-12, 1 - 1e-12))
+    roots = np.linalg.cholesky(covariances)
+    return centres[which] + np.einsum("nij,nj->ni", roots[which], normal)
+
+
+def _correlation(first: Values, second: Values) -> float:
+    """Rank correlation, which wide tails do not spoil; 0 if one of the two does not vary."""
+    if np.ptp(first) == 0 or np.ptp(second) == 0:
+        return 0.0
+    return float(stats.spearmanr(first, second).statistic)
