@@ -121,27 +121,25 @@ def plain_solve(load, gap, x, y, *, coupled):
 
 
 def scaling():
-    sizes, times = [], []
-    for side, load, radius in (
-        (0.0233, 0.45, 0.6),
-        (0.0736, 4.5, 6.0),
-        (0.1275, 13.5, 18.0),
-        (0.2327, 45.0, 60.0),
-    ):
+    previous = None
+    for factor in (0.1, 1.0, 3.0, 10.0):  # the same pressure and the same rise of the lens over the pattern
+        side, load, radius = 0.0736 * np.sqrt(factor), 4.5 * factor, 6.0 * factor
         table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
         start = time.thread_time()
         solution = solve_interacting(
             table, indenter_radius=radius, contact_modulus=MODULUS, load=load, apex=(side / 2, side / 2)
         )
-        times.append(time.thread_time() - start)
-        sizes.append(len(table))
+        now = np.array([time.thread_time() - start, len(table), solution.touching.size])
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-        slope = np.log(times[-1] / times[-2]) / np.log(sizes[-1] / sizes[-2]) if len(sizes) > 1 else np.nan
-        print(
-            f"scaling: {sizes[-1]} asperities, {solution.touching.size} contacts, {solution.iterations} "
-            f"steps, residual {solution.residual:.1e}: {times[-1]:.1f} s, exponent since the row before "
-            f"{slope:.2f}, peak {memory:.2f} GiB"
+        line = (
+            f"scaling: {len(table)} asperities, {solution.touching.size} contacts, {solution.iterations} steps, "
+            f"residual {solution.residual:.1e}: {now[0]:.2f} s, peak {memory:.2f} GiB"
         )
+        if previous is not None:
+            growth = np.log(now / previous)
+            line += f", exponent {growth[0] / growth[1]:.2f} in asperities, {growth[0] / growth[2]:.2f} in contacts"
+        print(line)
+        previous = now
 
 
 def boundary():

@@ -118,8 +118,9 @@ def test_each_ring_is_williamson_and_elastic(law):
 
 def elliptic_displacement(r, radii, pressure):
     """(4/(pi E*)) int t/(t+r) p(t) K(k) dt with t = r -+ x^3 on both sides of the logarithm."""
-    x, weights = np.polynomial.legendre.leggauss(2000)
-    x, weights = 0.5 * (x + 1), 0.5 * weights
+    x, weights = np.polynomial.legendre.leggauss(20)
+    x = ((np.arange(100)[:, None] + 0.5 * (x + 1)) / 100).ravel()
+    weights = np.tile(weights / 200, 100)
     total = 0.0
     for width, sign in ((r, -1), (radii[-1] - r, 1)):
         t, jacobian = r + sign * width * x**3, 3 * width * x**2

@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import j0, j1
+from scipy.special import j0, j1, roots_legendre
 
 from contactimg.errors import InputError
 from contactimg.mechanics.checks import non_negative, positive
@@ -79,7 +79,7 @@ def deficit(distance: ArrayLike) -> Values:
 @cache
 def _quadrature() -> tuple[Values, Values]:
     """Gauss-Legendre nodes on ``0 < q < 24``, where ``1 - L`` has fallen to 1e-18; exact for ``s <= 32``."""
-    nodes, weights = np.polynomial.legendre.leggauss(500)
+    nodes, weights = roots_legendre(500)
     return 12 * (nodes + 1), 12 * weights
 
 
