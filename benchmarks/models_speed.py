@@ -132,12 +132,13 @@ def scaling():
         now = np.array([time.thread_time() - start, len(table), solution.touching.size])
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         line = (
-            f"scaling: {len(table)} asperities, {solution.touching.size} contacts, {solution.iterations} steps, "
-            f"residual {solution.residual:.1e}: {now[0]:.2f} s, peak {memory:.2f} GiB"
+            f"scaling: {len(table)} asperities, {solution.touching.size} contacts, "
+            f"{solution.iterations} steps, residual {solution.residual:.1e}: {now[0]:.2f} s, peak {memory:.2f} GiB"
         )
         if previous is not None:
             growth = np.log(now / previous)
-            line += f", exponent {growth[0] / growth[1]:.2f} in asperities, {growth[0] / growth[2]:.2f} in contacts"
+            line += f", exponent {growth[0] / growth[1]:.2f} in asperities"
+            line += f", {growth[0] / growth[2]:.2f} in contacts"
         print(line)
         previous = now
 
