@@ -133,7 +133,8 @@ def scaling():
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         line = (
             f"scaling: {len(table)} asperities, {solution.touching.size} contacts, "
-            f"{solution.iterations} steps, residual {solution.residual:.1e}: {now[0]:.2f} s, peak {memory:.2f} GiB"
+            f"{solution.iterations} steps, residual {solution.residual:.1e}: {now[0]:.2f} s, "
+            f"peak {memory:.2f} GiB"
         )
         if previous is not None:
             growth = np.log(now / previous)

@@ -261,5 +261,7 @@ def test_refusals(patch):
     ):
         with pytest.raises(InputError, match=text):
             forces(patch, **options)
+    with pytest.raises(InputError, match="start must be a solution of the same table"):
+        forces(patch, load=0.1, start=solve_interacting(caps([0.0]), load=0.1, **FLAT))
     with pytest.raises(InputError, match="table is empty"):
         solve_interacting(caps([]), load=1.0, **FLAT)

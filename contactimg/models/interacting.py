@@ -110,7 +110,12 @@ def solve_interacting(
     problem = pose_problem(asperities, setting)
     if not problem.touches:
         return problem.untouched(coupling=coupling, thickness=float(thickness))
-    seed = None if start is None else start.force[problem.order] / problem.force_unit
+    if start is not None and start.force.size != len(asperities):
+        raise InputError(
+            f"start must be a solution of the same table of {len(asperities)} asperities, "
+            f"got one of {start.force.size}"
+        )
+    seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
     kernel = Kernel.of_thickness(thickness / problem.length)
     profile = local_law(law, aspect=problem.depth / problem.length)
     solver = CandidateSolver(problem, profile, kernel, coupling=coupling, method=method)
