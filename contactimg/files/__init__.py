@@ -1,6 +1,7 @@
 """The only room that touches files: frames, scenes and tables in, tables, frames and output folders out."""
 
 from contactimg.files.atomic import replacing, write_json, write_text
+from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, shares_frames
 from contactimg.files.csv_tables import read_asperities, read_loads, read_table, write_table
 from contactimg.files.experiment import (
     SCENE_FILE,
@@ -17,6 +18,7 @@ from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read
 from contactimg.files.tiff import write_frame
 
 __all__ = [
+    "CALIBRATION_FILE",
     "SCENE_FILE",
     "Experiment",
     "FrameSeries",
@@ -27,6 +29,7 @@ __all__ = [
     "open_experiment",
     "provenance",
     "read_asperities",
+    "read_calibration",
     "read_frames",
     "read_loads",
     "read_run",
@@ -34,6 +37,7 @@ __all__ = [
     "read_scene_asperities",
     "read_table",
     "replacing",
+    "shares_frames",
     "write_figure",
     "write_frame",
     "write_json",

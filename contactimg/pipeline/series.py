@@ -23,7 +23,16 @@ from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["FAILED", "Run", "measure_experiment", "measure_series", "shift_of"]
+__all__ = [
+    "FAILED",
+    "Run",
+    "locate_frame",
+    "measure_experiment",
+    "measure_series",
+    "series_pose",
+    "shift_of",
+    "with_forces",
+]
 
 FAILED = "failed"
 """Status of a frame that could not be measured at all."""
@@ -124,7 +133,7 @@ def measure_experiment(
         return run
     asperities = scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
-    return _with_forces(_located(run, sites, shapes[0]), sites)
+    return with_forces(_located(run, sites, shapes[0]), sites)
 
 
 def _measure_all(experiment: Experiment, scene: Scene, *, workers: int | None) -> Iterator[_Measured]:
@@ -173,7 +182,7 @@ def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Ru
     pose = PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     if targets is not None and run.scene.measure.pose == "fit":
-        pose = _series_pose(run, guess, targets)
+        pose = series_pose(run, guess, targets)
         logger.info(
             "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
             "fitted" if pose.fitted else "as given",
@@ -182,14 +191,14 @@ def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Ru
             pose.residual,
         )
     contacts = [
-        _located_frame(part, pose.pose, shift_of(run.frames, str(name)), targets)
+        locate_frame(part, pose.pose, shift_of(run.frames, str(name)), targets)
         for name, part in run.contacts.groupby("frame", sort=False)
     ]
     located = CONTACTS.conform(pd.concat(contacts, ignore_index=True)) if contacts else run.contacts
     return replace(run, contacts=located, pose=pose)
 
 
-def _series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
+def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     """The pose from the frame with the most contacts."""
     counts = run.frames["n_contacts"].fillna(0)
     name = run.frames.loc[counts.idxmax(), "frame"]
@@ -201,7 +210,7 @@ def _series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit
     )
 
 
-def _located_frame(
+def locate_frame(
     part: pd.DataFrame, pose: Pose, shift: tuple[float, float], targets: NDArray[np.float64] | None
 ) -> pd.DataFrame:
     """One frame's contacts in sample coordinates, each with its asperity."""
@@ -222,7 +231,7 @@ def shift_of(frames: pd.DataFrame, name: str) -> tuple[float, float]:
     return float(shift[0]), float(shift[1])
 
 
-def _with_forces(run: Run, sites: pd.DataFrame | None) -> Run:
+def with_forces(run: Run, sites: pd.DataFrame | None) -> Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
     scene, contacts, relative = run.scene, run.contacts, 0.0
     if scene.elastic is not None:

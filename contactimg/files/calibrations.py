@@ -1,0 +1,71 @@
+"""``calibration.json``: what a calibration found, read back with its rules."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from contactimg.errors import InputError
+
+__all__ = ["CALIBRATION_FILE", "read_calibration", "shares_frames"]
+
+CALIBRATION_FILE = "calibration.json"
+
+
+def read_calibration(path: str | Path) -> dict[str, Any]:
+    """Read what `calibrate` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, or the folder that holds it.
+
+    Returns
+    -------
+    dict
+        Of each number ``{"value": , "std": , "unit": }`` and how it came about.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is no JSON object, or a number in it is no number.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "calibration.json"
+    ...     _ = file.write_text('{"threshold": {"value": 0.43, "std": 0.02, "unit": ""}}')
+    ...     read_calibration(folder)["threshold"]["value"]
+    0.43
+    """
+    path = Path(path)
+    path = path / CALIBRATION_FILE if path.is_dir() else path
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is not JSON ({error}); give the calibration.json of `calibrate`") from None
+    if not isinstance(record, dict):
+        raise InputError(f"{path}: must hold an object; give the calibration.json of `calibrate`")
+    for name, entry in record.items():
+        if isinstance(entry, dict) and {"value", "unit"} <= set(entry):
+            value = entry["value"]
+            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+                raise InputError(f"{path}: the value of {name} must be a number, got {value!r}")
+    return record
+
+
+def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:
+    """Whether a calibration was made on one of these inputs' frames (as `provenance` lists them)."""
+    digests = [
+        {
+            entry.get("sha256")
+            for entry in listed
+            if not str(entry.get("path", "")).endswith((".csv", ".toml"))
+        }
+        for listed in (record.get("frames", []), inputs)
+    ]
+    return bool((digests[0] & digests[1]) - {None})
