@@ -141,7 +141,6 @@ def area_by_load(
     groups: NDArray[np.intp],
     *,
     model: str,
-    load_relative_std: float = 0.0,
     asperity_density: float = np.nan,
 ) -> pd.DataFrame:
     """Average the frames of each load: frames of a place first, then places.
@@ -154,8 +153,6 @@ def area_by_load(
         From `group_loads`.
     model : str
         Entered in the column of that name.
-    load_relative_std : float
-        Relative standard uncertainty of one load.
     asperity_density : float, 1/m^2
         eta0, for ``spacing_over_radius``; NaN if it is not known.
 
@@ -169,7 +166,6 @@ def area_by_load(
     rows = []
     for _, part in areas.groupby(np.asarray(groups)):
         places = part.groupby("place")[["load", "area"]].mean()
-        frames_of = part.groupby("place").size()
         n = len(places)
         measured = np.sqrt(np.mean(part["area_std"] ** 2) / len(part))
         sampled = np.sqrt(np.mean(part["sampling_std"] ** 2) / n)
@@ -180,7 +176,6 @@ def area_by_load(
             {
                 "model": model,
                 "load_N": places["load"].mean(),
-                "load_std_N": load_relative_std * places["load"].mean() * np.sqrt(np.mean(1 / frames_of) / n),
                 "n_frames": len(part),
                 "n_places": n,
                 "area_m2": places["area"].mean(),

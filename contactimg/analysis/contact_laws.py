@@ -1,6 +1,6 @@
 """Density and radius of the contacts against the local pressure, and the two power laws they follow."""
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +12,7 @@ from contactimg.analysis.estimates import Estimate, jackknife_covariance, studen
 from contactimg.analysis.profiles import FEWEST_PLACES
 from contactimg.errors import InputError
 
-__all__ = ["fit_contact_law", "pressure_points"]
+__all__ = ["QUANTITIES", "fit_contact_law", "pressure_points"]
 
 QUANTITIES = ("density", "mean_radius")
 
@@ -64,7 +64,7 @@ def pressure_points(moments: pd.DataFrame, *, min_contacts: float = 10) -> pd.Da
 
 
 def fit_contact_law(
-    loads: Sequence[Mapping[Hashable, pd.DataFrame]],
+    loads: Sequence[Mapping[str, pd.DataFrame]],
     quantity: str,
     *,
     min_contacts: float = 10,
@@ -108,7 +108,7 @@ def fit_contact_law(
     law = _fit_pooled(loads, quantity, min_contacts, confidence)
     if min(len(places) for places in loads) < FEWEST_PLACES:
         return law
-    names = sorted({name for places in loads for name in places}, key=str)
+    names = sorted({name for places in loads for name in places})
     count = len(names)
     rests = [[{k: v for k, v in places.items() if k != name} for places in loads] for name in names]
     without = [_fit_pooled(rest, quantity, min_contacts, confidence) for rest in rests]
@@ -127,7 +127,7 @@ def fit_contact_law(
 
 
 def _fit_pooled(
-    loads: Sequence[Mapping[Hashable, pd.DataFrame]], quantity: str, min_contacts: float, confidence: float
+    loads: Sequence[Mapping[str, pd.DataFrame]], quantity: str, min_contacts: float, confidence: float
 ) -> BrokenLaw:
     """The law of the annuli of all loads, each pooled over the places."""
     points = pd.concat(
