@@ -26,18 +26,30 @@ from contactimg.imaging.normal import (
     SUMS,
     add_disk,
     disk_sums,
+    lone_disk_sums,
     pair_sums,
     unpack,
 )
 
-__all__ = ["CONTRAST", "RADIUS", "X", "Y", "DiskFit", "Prior", "contrast_prior", "fit_disks", "render_disks"]
+__all__ = [
+    "CONTRAST",
+    "RADIUS",
+    "X",
+    "Y",
+    "DiskFit",
+    "Drawing",
+    "Prior",
+    "contrast_prior",
+    "erase_disks",
+    "fit_disks",
+    "render_disks",
+]
 
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk."""
 
-SETTLED = (
-    0.2  # of its standard deviation: after such a step of the radius the next would be hardly a hundredth
-)
+COUPLED = 2.6  # blur widths from each rim within which two disks are solved for together
+SETTLED = 0.2  # of its std: after such a step of the radius the next is hardly a hundredth
 BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels
 WIDE = 2.5  # blur widths: a larger contact shows its own contrast
 WELL_FITTED = 3.0  # chi-square of disks that may tell about the blur
@@ -57,6 +69,24 @@ class Prior:
 
     mean: NDArray[np.float64]
     std: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A model image to go on with.
+
+    Parameters
+    ----------
+    model : ndarray of float32, shape (rows, columns)
+    drawn : ndarray of bool, shape (n,)
+        Which of the disks to fit it holds, as they are before the fit.
+    complete : bool
+        Whether all disks are to be in it after the fit.
+    """
+
+    model: NDArray[np.float32]
+    drawn: NDArray[np.bool_]
+    complete: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +154,22 @@ def render_disks(
     return model
 
 
+def erase_disks(
+    model: NDArray[np.float32], disks: NDArray[np.float64], blur: float, *, table: EdgeTable | None = None
+) -> None:
+    """Take disks out of a model image, in place."""
+    table = table or disk_table()
+    _redraw(
+        model,
+        disks,
+        blur,
+        np.ones(len(disks), np.bool_),
+        np.zeros(len(disks), np.bool_),
+        table.values,
+        table.outer,
+    )
+
+
 def fit_disks(
     image: NDArray[np.float32],
     weight: NDArray[np.uint8],
@@ -138,6 +184,7 @@ def fit_disks(
     active: NDArray[np.bool_] | None = None,
     table: EdgeTable | None = None,
     iterations: int = 12,
+    drawing: Drawing | None = None,
 ) -> DiskFit:
     """Fit all disks of an image.
 
@@ -165,6 +212,8 @@ def fit_disks(
         Profile; None for the uniform disk.
     iterations : int
         At most.
+    drawing : Drawing or None
+        Model image to go on with (it is overwritten), and whether it is needed afterwards; None: from nothing.
 
     Returns
     -------
@@ -187,6 +236,9 @@ def fit_disks(
         table.values,
         table.outer,
         iterations,
+        np.zeros(image.shape, np.float32) if drawing is None else drawing.model,
+        np.zeros(n, np.bool_) if drawing is None else drawing.drawn.copy(),
+        drawing is None or drawing.complete,
     )
     return DiskFit(*result)
 
@@ -227,36 +279,42 @@ def contrast_prior(fit: DiskFit, *, plateau: float, inflation: NDArray[np.float6
 
 @njit(cache=True)
 def _iterate(
-    image, weight, disks, s, noise, prior, brightness, free_blur, robust, moving, table, outer, iterations
-):
-    """Gauss-Newton on all disks that move, until none of them moves any more."""
+    image, weight, disks, s, noise, prior, brightness, free_blur, robust, moving, table, outer, iterations,
+    model, drawn, draw,
+):  # fmt: skip
+    """Gauss-Newton on all disks that move, until none of them moves any more.
+
+    ``model`` holds the disks marked in ``drawn``. While they move, disks that stand alone are kept out of it.
+    """
     n = len(disks)
     reach = REACH if outer <= INNER else outer
-    model = np.zeros(image.shape, np.float32)
-    for i in range(n):
-        add_disk(model, disks[i], s, table, outer, 1.0)
+    coupling = COUPLED if outer <= INNER else outer
     normals, inverse = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
     right, cross, steps = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
     blurs = np.zeros((n, 2))
     chi, pixels = np.ones(n), np.zeros(n, np.int64)
     started = moving.copy()
-    pairs = find_pairs(disks, 0.5 * (reach + RENDER_REACH) * s)
-    blocks = np.zeros((len(pairs), 4, 4))
-    alone = _alone(n, pairs)
+    pairs = np.empty((0, 2), np.int64)
+    blocks = np.zeros((0, 4, 4))
+    alone = np.zeros(n, np.bool_)
     done = 0
     for iteration in range(iterations):
         done += 1
+        alone = _alone(disks, reach * s, RENDER_REACH * s)
+        _redraw(model, disks, s, drawn, ~(alone & moving), table, outer)
+        pairs = find_pairs(disks, coupling * s)
+        blocks = np.zeros((len(pairs), 4, 4))
         clip = robust and iteration >= 1
         for i in range(n):
             if moving[i]:
-                slope = noise[1] / prior[0, i]
                 _linearise(
-                    image, model, weight, disks[i], s, noise[0] / brightness[i], slope, prior[:, i], alone[i], clip,
-                    table, outer, normals[i], inverse[i], right[i], cross[i], blurs[i], chi, pixels, i,
+                    image, model, weight, disks[i], s, noise[0] / brightness[i], noise[1] / prior[0, i], prior[:, i],
+                    alone[i], clip, table, outer, normals[i], inverse[i], right[i], cross[i], blurs[i], chi, pixels, i,
                 )  # fmt: skip
         for p in range(len(pairs)):
             i, j = pairs[p]
-            if moving[i] or moving[j]:
+            # a disk at rest was started, and its block is needed for the uncertainties
+            if started[i] and started[j]:
                 pair_sums(
                     model, weight, disks[i], disks[j], s, noise[0] / brightness[i], noise[1] / prior[0, i],
                     table, outer, blocks[p],
@@ -271,43 +329,19 @@ def _iterate(
             else:
                 steps[i] = 0.0
         relax(inverse, right, moving, pairs, blocks, steps, 40)
-        if change != 0.0:
-            model[:] = 0.0
+        _redraw(model, disks, s, drawn, ~moving & (change == 0.0), table, outer)
+        s += change
         for i in range(n):
-            if change == 0.0 and moving[i] and not alone[i]:
-                add_disk(model, disks[i], s, table, outer, -1.0)
-            still = True
             if moving[i]:
                 still = _move(disks[i], steps[i], s, prior[0, i], np.sqrt(inverse[i, 2, 2]))
-            if (change != 0.0 or moving[i]) and not alone[i]:
-                add_disk(model, disks[i], s + change, table, outer, 1.0)
-            if still and iteration >= 1 and abs(change) < BLUR_SETTLED * s:
-                moving[i] = False
-        s += change
+                if still and iteration >= 1 and abs(change) < BLUR_SETTLED * s:
+                    moving[i] = False
         if abs(change) < BLUR_SETTLED * s and iteration >= 1:
             free_blur = False
         if not moving.any():
             break
-        pairs_now = find_pairs(disks, 0.5 * (reach + RENDER_REACH) * s)
-        if len(pairs_now) != len(pairs) or not np.all(pairs_now == pairs):
-            pairs = pairs_now
-            blocks = np.zeros((len(pairs), 4, 4))
-            now = _alone(n, pairs)
-            for i in range(n):
-                # the model image holds only disks that are not alone
-                if now[i] != alone[i]:
-                    add_disk(model, disks[i], s, table, outer, 1.0 if alone[i] else -1.0)
-            alone = now
-            for p in range(len(pairs)):
-                i, j = pairs[p]
-                if not (moving[i] or moving[j]):
-                    pair_sums(
-                        model, weight, disks[i], disks[j], s, noise[0] / brightness[i], noise[1] / prior[0, i],
-                        table, outer, blocks[p],
-                    )  # fmt: skip
-    for i in range(n):
-        if alone[i]:
-            add_disk(model, disks[i], s, table, outer, 1.0)
+    if draw:
+        _redraw(model, disks, s, drawn, np.ones(n, np.bool_), table, outer)
     return (
         disks,
         np.sqrt(variances(normals, inverse, pairs, blocks, started)),
@@ -321,9 +355,19 @@ def _iterate(
 
 
 @njit(cache=True)
-def _alone(n, pairs):
-    """Disks that share no pixel with another."""
-    alone = np.ones(n, np.bool_)
+def _redraw(model, disks, s, drawn, wanted, table, outer):
+    """Add disks to the model image, or take them out, until those wanted are in it."""
+    for i in range(len(disks)):
+        if drawn[i] != wanted[i]:
+            add_disk(model, disks[i], s, table, outer, 1.0 if wanted[i] else -1.0)
+            drawn[i] = wanted[i]
+
+
+@njit(cache=True)
+def _alone(disks, reach, render_reach):
+    """Disks into whose window no other reaches."""
+    alone = np.ones(len(disks), np.bool_)
+    pairs = find_pairs(disks, 0.5 * (reach + render_reach))
     for p in range(len(pairs)):
         alone[pairs[p, 0]] = alone[pairs[p, 1]] = False
     return alone
@@ -336,7 +380,15 @@ def _linearise(
 ):  # fmt: skip
     """Normal equations of one disk with its prior, and the inverse of their matrix."""
     out = np.empty(SUMS)
-    disk_sums(image, model, weight, disk, s, variance, slope, alone, clip, table, outer, out)
+    half = disk[2] + (REACH if outer <= INNER else outer) * s
+    whole = (
+        disk[0] - half > 0 and disk[0] + half < image.shape[1] - 1
+        and disk[1] - half > 0 and disk[1] + half < image.shape[0] - 1
+    )  # fmt: skip
+    if alone and whole and weight.shape != image.shape:
+        lone_disk_sums(image, disk, s, variance, slope, clip, table, outer, out)
+    else:
+        disk_sums(image, model, weight, disk, s, variance, slope, alone, clip, table, outer, out)
     unpack(out, normal, right)
     normal[3, 3] += 1.0 / prior[1] ** 2
     right[3] += (prior[0] - disk[3]) / prior[1] ** 2

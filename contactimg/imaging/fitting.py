@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.imaging.detect import estimate_blur
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, X, Y, contrast_prior, fit_disks
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, X, Y, contrast_prior, fit_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.imaging.light import BLOCK, block_means, fit_light
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
@@ -100,7 +100,8 @@ def _refine(
     fit = fit_disks(
         image, field.weight, start.disks, blur=start.blur, noise=model,
         prior=contrast_prior(start, plateau=contrast.plateau, inflation=spread),
-        brightness=field.brightness(start.disks), free_blur=free_blur, iterations=6,
+        brightness=field.brightness(start.disks), free_blur=free_blur, iterations=5,
+        drawing=Drawing(start.model, np.ones(len(radius), np.bool_), complete=False),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
     # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in that one
@@ -113,16 +114,15 @@ def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[
 
     The light was fitted when the faint surroundings of contacts still counted as background; now they are known.
     """
-    residual = field.image - fit.model
-    dark = block_means(fit.model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
+    model = block_means(fit.model)
+    dark = model < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
     if np.count_nonzero(dark) < ENOUGH_BLOCKS:
-        return residual, field.image
-    blocks = np.where(dark, block_means(residual), np.nan)
+        return field.image - fit.model, field.image
+    blocks = np.where(dark, block_means(field.image) - model, np.nan)
     spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
-    slow = fit_light(blocks, residual.shape, start=0.0, spread=max(spread, QUANTISATION)).evaluate(
-        residual.shape
-    )
-    return residual - slow, field.image - slow
+    slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
+    image = field.image - slow.evaluate(field.image.shape)
+    return image - fit.model, image
 
 
 @dataclass(frozen=True, eq=False)

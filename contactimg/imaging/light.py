@@ -19,6 +19,7 @@ BLOCK = 8
 ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
+ENOUGH_BLOCKS = 6000  # blocks that determine the field; more are left out in turn
 MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread of its own
 
 
@@ -89,11 +90,12 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
     LightField
         A field of lower order where too few blocks are background to determine the full one.
     """
-    basis = _basis(blocks.shape, shape)
-    data = np.asarray(blocks, float).ravel()
-    finite = np.isfinite(data)
-    data = np.where(finite, data, start)
-    deviation = data - start
+    every = int(max(np.sqrt(blocks.size / ENOUGH_BLOCKS), 1))
+    part = np.ascontiguousarray(blocks[every // 2 :: every, every // 2 :: every], float)
+    basis = _basis(blocks.shape, shape, every)
+    finite = np.isfinite(part).ravel()
+    data = np.where(finite, part.ravel() - start, 0.0)
+    deviation = data
     coefficients = np.zeros(len(TERMS))
     keep = finite
     for _ in range(6):
@@ -101,8 +103,8 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
         orders = _orders_supported(int(np.count_nonzero(keep)))
         if orders == 0:
             break
-        coefficients = _solve(basis, data - start, keep, orders)
-        deviation = data - start - basis @ coefficients
+        coefficients = _solve(basis, data, keep, orders)
+        deviation = data - basis @ coefficients
         spread = max(1.4826 * float(np.median(np.abs(deviation[keep]))), MINIMUM_SPREAD * abs(start), 1e-9)
         if np.count_nonzero(keep != before) < 1e-3 * len(data):
             break
@@ -110,16 +112,29 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
     for k, (i, j) in enumerate(TERMS):
         grid[j, i] = coefficients[k]
     grid[0, 0] += start
-    return LightField(grid, keep.reshape(blocks.shape), spread)
+    offset = np.abs(blocks - _at_blocks(grid, blocks.shape, shape))
+    return LightField(grid, np.nan_to_num(offset, nan=np.inf) < CLIP * spread, spread)
+
+
+def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray, NDArray]:
+    """Normalised coordinates (u, v) of the columns and rows of blocks."""
+    u = ((2 * np.arange(blocks[1]) + 1) * BLOCK - 1) / shape[1] - 1
+    v = ((2 * np.arange(blocks[0]) + 1) * BLOCK - 1) / shape[0] - 1
+    return u, v
+
+
+def _at_blocks(coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
+    """The polynomial at the centre of each block."""
+    u, v = _block_centres(blocks, shape)
+    powers = np.arange(ORDER + 1)
+    return np.asarray((v[:, None] ** powers) @ coefficients @ (u[:, None] ** powers).T)
 
 
 @lru_cache(maxsize=4)
-def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Each term of the polynomial at the centre of each block."""
-    y, x = np.mgrid[0 : blocks[0], 0 : blocks[1]]
-    u = ((2 * x + 1) * BLOCK - 1) / shape[1] - 1
-    v = ((2 * y + 1) * BLOCK - 1) / shape[0] - 1
-    return np.stack([(u**i * v**j).ravel() for i, j in TERMS], axis=-1)
+def _basis(blocks: tuple[int, int], shape: tuple[int, int], every: int) -> NDArray[np.float64]:
+    """Each term of the polynomial at the centre of every so many blocks."""
+    u, v = (axis[every // 2 :: every] for axis in _block_centres(blocks, shape))
+    return np.stack([np.outer(v**j, u**i).ravel() for i, j in TERMS], axis=-1)
 
 
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:

@@ -168,33 +168,35 @@ def measure_correlation(residual: NDArray[np.float32], background: NDArray[np.bo
         Background blocks.
     """
     spread = estimate_noise(residual, background)
-    return NoiseCorrelation(_covariance(residual, background, CLIP * spread))
+    return NoiseCorrelation(_covariance(residual, background, np.float32(CLIP * spread)))
 
 
 @njit(cache=True)
 def _covariance(residual, background, clip):
-    """Covariance of pixels a lag apart, over every third row and column of the background."""
+    """Covariance of pixels a lag apart, from every fourth row and column of the background."""
     rows, columns = residual.shape
-    middle, pixels = 0.0, 0
-    for y in range(1, rows, 5):
-        for x in range(1, columns, 3):
-            if background[y // BLOCK, x // BLOCK] and abs(residual[y, x]) <= clip:
-                middle += residual[y, x]
-                pixels += 1
-    middle /= max(pixels, 1)
     total = np.zeros(LARGEST_LAG + 1)
     count = np.zeros(LARGEST_LAG + 1)
-    for y in range(1, rows - LARGEST_LAG, 3):
-        for x in range(1, columns - LARGEST_LAG, 3):
-            here = residual[y, x] - middle
-            if not background[y // BLOCK, x // BLOCK] or abs(here) > clip:
+    middle = 0.0
+    for y in range(1, rows - LARGEST_LAG, 4):
+        for x in range(1, columns - LARGEST_LAG, 4):
+            here = residual[y, x]
+            # both ends of the longest lags in background blocks: so are, but for corners, the pixels between
+            if (
+                abs(here) > clip
+                or not background[y // BLOCK, x // BLOCK]
+                or not background[y // BLOCK, (x + LARGEST_LAG) // BLOCK]
+                or not background[(y + LARGEST_LAG) // BLOCK, x // BLOCK]
+            ):
                 continue
+            middle += here
             for lag in range(LARGEST_LAG + 1):
-                right, below = residual[y, x + lag] - middle, residual[y + lag, x] - middle
-                if background[y // BLOCK, (x + lag) // BLOCK] and abs(right) <= clip:
+                right, below = residual[y, x + lag], residual[y + lag, x]
+                if abs(right) <= clip:
                     total[lag] += here * right
-                    count[lag] += 1
-                if background[(y + lag) // BLOCK, x // BLOCK] and abs(below) <= clip:
+                    count[lag] += 1.0
+                if abs(below) <= clip:
                     total[lag] += here * below
-                    count[lag] += 1
-    return total / np.maximum(count, 1.0)
+                    count[lag] += 1.0
+    middle /= max(0.5 * count[0], 1.0)
+    return total / np.maximum(count, 1.0) - middle * middle

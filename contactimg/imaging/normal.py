@@ -9,7 +9,18 @@ from numba import njit
 
 from contactimg.imaging.edge import INNER, STEPS_PER_WIDTH
 
-__all__ = ["CROSS", "CHI", "COUNT", "RIGHT", "SUMS", "add_disk", "disk_sums", "pair_sums", "unpack"]
+__all__ = [
+    "CROSS",
+    "CHI",
+    "COUNT",
+    "RIGHT",
+    "SUMS",
+    "add_disk",
+    "disk_sums",
+    "lone_disk_sums",
+    "pair_sums",
+    "unpack",
+]
 
 REACH = 3.6  # blur widths about the rim that enter the fit: beyond, the profile is 0 or 1 to 2e-4
 RENDER_REACH = 5.0  # blur widths about the rim that are drawn
@@ -164,6 +175,100 @@ def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, tab
     out[10], out[11], out[12], out[13], out[14] = g * h * xs, g * h * ys, g * h * as_, h * cs, h * h * ss
     out[15], out[16], out[17], out[18], out[19] = g * rx, g * ry, g * ra, rc, h * rs
     out[20], out[21] = chi, count
+
+
+@njit(cache=True, fastmath=FAST)
+def lone_disk_sums(image, disk, s, variance, slope, robust, table, outer, out):
+    """`disk_sums` of a disk that stands alone, whole, inside the image.
+
+    Its normal matrix then follows from its profile (the expected information, by radial quadrature), and only the right side
+    needs the pixels. The weights of a pixel come from the nearest node of the profile, which costs no accuracy: they
+    decide how residuals are averaged, not what is subtracted.
+    """
+    x, y, a, c = disk
+    row = table_row(table, a, s)
+    nodes = row.shape[0]
+    terms = np.zeros((nodes, 5), np.float32)
+    reach = REACH if outer <= INNER else outer
+    inner = max(a - reach * s, 0.0)
+    _expected(row, terms, a, c, s, inner, reach, variance, slope, out)
+    half = a + reach * s
+    scale = np.float32(STEPS_PER_WIDTH / s)
+    offset = np.float32(INNER * STEPS_PER_WIDTH - a * STEPS_PER_WIDTH / s)
+    last = np.float32(nodes - 1.001)
+    columns = image.shape[1]
+    cut, most = np.float32(OUTLIER * OUTLIER), np.float32(LARGEST_Z2)
+    height = np.float32(c)
+    plain = np.float32(1.0 / (variance * (1.0 + slope * c)))
+    rx = ry = ra = rc = rs = chi = 0.0
+    count = 0
+    for j in range(int(np.ceil(y - half)), int(np.floor(y + half)) + 1):
+        dy = np.float32(j - y)
+        x0, x1 = _chord(half, dy, x, columns)
+        i0, i1 = _chord(inner, dy, x, columns) if inner > 0 else (1, 0)
+        if i1 < i0:
+            i0 = i1 = x1 + 1
+        else:
+            total = np.float32(0.0)
+            for i in range(i0, i1 + 1):
+                residual = image[j, i] - height
+                z2 = residual * residual * plain
+                if robust and z2 > cut:
+                    residual *= cut / z2
+                total += residual
+            rc += plain * total
+            i1 += 1
+        for part in range(2):
+            first, end = (x0, min(i0, x1 + 1)) if part == 0 else (i1, x1 + 1)
+            count += max(end - first, 0)
+            for i in range(first, end):
+                dx = np.float32(i - x)
+                t = min(max(np.sqrt(dx * dx + dy * dy) * scale + offset, np.float32(0.0)), last)
+                k = int(t)
+                f = t - np.float32(k)
+                residual = image[j, i] - height * (row[k, 0] + f * (row[k + 1, 0] - row[k, 0]))
+                z2 = residual * residual * terms[k, 0]
+                chi += min(z2, most)
+                if robust and z2 > cut:
+                    residual *= cut / z2
+                along = terms[k, 1] * residual
+                rx += along * dx
+                ry += along * dy
+                ra += terms[k, 2] * residual
+                rc += terms[k, 3] * residual
+                rs += terms[k, 4] * residual
+    out[15], out[16], out[17], out[18], out[19] = rx, ry, ra, rc, rs
+    out[20], out[21] = chi, count
+
+
+@njit(cache=True, fastmath=FAST)
+def _expected(row, terms, a, c, s, inner, reach, variance, slope, out):
+    """Weighted derivatives at each node of the profile, and the information they carry together."""
+    out[:] = 0.0
+    g = c / s
+    step = s / STEPS_PER_WIDTH
+    for k in range(row.shape[0]):
+        u = k / STEPS_PER_WIDTH - INNER
+        r = a + u * s
+        p, pa, pr = row[k, 0], row[k, 1], row[k, 2]
+        w = 1.0 / (variance * (1.0 + slope * c * p))
+        js = -g / s * (a * pa + r * pr)
+        terms[k, 0] = w
+        terms[k, 1] = -w * g * pr / max(abs(r), 0.25 * step)
+        terms[k, 2] = w * g * pa
+        terms[k, 3] = w * p
+        terms[k, 4] = w * js
+        if r > inner and abs(u) <= reach:
+            ring = 2.0 * np.pi * r * step * w
+            out[0] += 0.5 * ring * g * g * pr * pr
+            out[7] += ring * g * g * pa * pa
+            out[8] += ring * g * pa * p
+            out[9] += ring * p * p
+            out[12] += ring * g * pa * js
+            out[13] += ring * p * js
+            out[14] += ring * js * js
+    out[4] = out[0]
+    out[9] += np.pi * inner * inner / (variance * (1.0 + slope * c))
 
 
 @njit(cache=True)

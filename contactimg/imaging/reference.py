@@ -19,6 +19,9 @@ from contactimg.imaging.register import Shift, estimate_shift, shift_kernel, shi
 __all__ = ["Difference", "estimate_background", "subtract_reference", "unregistered"]
 
 SCALES = (0.7, 2.0)  # px, Gaussian widths that separate the bands
+# strips that tell the shares of the bands, their rows, and the rows that the filters need around them
+STRIPS, STRIP, REACH = 8, 16, 8
+NEGLIGIBLE = 0.03  # share of a band not worth filtering for
 CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
 FLOOR = 0.1  # of the median level: darker backgrounds are divided by this much only
@@ -131,11 +134,22 @@ def _divide(
     """``level (F/(g R) - 1)`` with the Wiener-filtered registered reference R and the slow ratio g."""
     whole = int(np.rint(shift.x_px)), int(np.rint(shift.y_px))
     moved = shift_whole_pixels(reference, *whole)
-    fraction = shift.x_px - whole[0], shift.y_px - whole[1]
-    sharp = moved if fraction == (0.0, 0.0) else _filter(moved, *(shift_kernel(f) for f in fraction))
-    middle, smooth = (_filter(moved, *(_moved_gaussian(f, scale) for f in fraction)) for scale in SCALES)
-    gains, dirt = _band_gains(frame, sharp, middle, smooth, light)
+    kernels = _kernels(shift.x_px - whole[0], shift.y_px - whole[1])
+    gains, dirt = _band_gains(frame, moved, kernels, light)
+    if gains[0] < NEGLIGIBLE:
+        kernels, gains = [kernels[1], *kernels[1:]], np.array([0.0, gains[1]])
+        middle = _filter(moved, *kernels[1])
+        sharp = middle
+    else:
+        sharp, middle = _filter(moved, *kernels[0]), _filter(moved, *kernels[1])
+    smooth = _filter(moved, *kernels[2])
     return _combine(frame, sharp, middle, smooth, light.coefficients, gains, dirt, level, FLOOR * level)
+
+
+def _kernels(x: float, y: float) -> list[tuple[NDArray, NDArray]]:
+    """Filters along rows and columns that move by (x, y) px: sharp, and blurred by the two `SCALES`."""
+    blurred = [tuple(_moved_gaussian(f, scale) for f in (x, y)) for scale in SCALES]
+    return [(shift_kernel(x), shift_kernel(y)), *blurred]  # type: ignore[list-item]
 
 
 def _filter(image: NDArray, along_x: NDArray, along_y: NDArray) -> NDArray[np.float32]:
@@ -150,36 +164,47 @@ def _moved_gaussian(fraction: float, scale: float) -> NDArray[np.float64]:
 
 
 def _band_gains(
-    frame: NDArray, sharp: NDArray, middle: NDArray, smooth: NDArray, light: LightField
+    frame: NDArray, moved: NDArray, kernels: list[tuple[NDArray, NDArray]], light: LightField
 ) -> tuple[NDArray[np.float64], float]:
-    """Share of each band that frame and reference have in common, and the robust scatter of the middle band."""
-    rows = np.arange(1, frame.shape[0] - 1, 4)
-    part = (rows[:, None], np.arange(1, frame.shape[1] - 1, 3)[None, :])
-    mask = light.background[part[0] // BLOCK, part[1] // BLOCK]
-    target = (frame[rows] / light.rows(rows, frame.shape))[:, 1:-1:3][mask]
-    s, m, b = (image[1:-1:4, 1:-1:3][mask] for image in (sharp, middle, smooth))
+    """Share of each band that frame and reference have in common, and the robust scatter of the middle band.
+
+    Measured on a few strips of rows.
+    """
+    rows, columns = frame.shape
+    high = min(STRIP, max(rows - 2 * REACH, 1))
+    starts = np.unique(np.linspace(REACH, max(rows - REACH - high, REACH), STRIPS).astype(int))
+    chosen = np.clip((starts[:, None] + np.arange(-REACH, high + REACH)).ravel(), 0, rows - 1)
+    inner = np.tile(np.arange(-REACH, high + REACH) // high == 0, len(starts))
+    strip = moved[chosen]
+    part = chosen[inner][::2]
+    mask = light.background[part // BLOCK][:, np.arange(1, columns - 1, 2) // BLOCK]
+    bands = [_filter(strip, *kernel)[inner][::2, 1:-1:2][mask] for kernel in kernels]
+    target = (frame[part] / light.rows(part, frame.shape))[:, 1:-1:2][mask]
     if len(target) < 1000:
         return np.ones(2), CLEAN
-    bands = np.stack([s - m, m - b])
-    rest = target - b
-    rest = rest - np.median(rest)
-    scatter = 1.4826 * float(np.median(np.abs(bands[1])))
-    usual = (np.abs(rest) < 6 * 1.4826 * np.median(np.abs(rest))) & (np.abs(bands[1]) < DUST_FROM * scatter)
-    bands, rest = bands[:, usual], rest[usual]
-    power = bands @ bands.T
+    detail = np.stack([bands[0] - bands[1], bands[1] - bands[2]])
+    rest = target - bands[2]
+    rest -= np.median(rest[::4])
+    scatter = 1.4826 * float(np.median(np.abs(detail[1][::4])))
+    usual = (np.abs(rest) < 6 * 1.4826 * np.median(np.abs(rest[::4]))) & (
+        np.abs(detail[1]) < DUST_FROM * scatter
+    )
+    detail, rest = detail[:, usual], rest[usual]
+    power = detail @ detail.T
     if not np.all(np.diag(power) > 1e-12 * len(rest)):
         return np.ones(2), CLEAN
-    gains = np.linalg.solve(power.astype(float), (bands @ rest).astype(float))
+    gains = np.linalg.solve(power.astype(float), (detail @ rest).astype(float))
     return np.clip(gains, 0.0, 1.0), scatter
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _combine(frame, sharp, middle, smooth, coefficients, gains, dirt, level, floor):
     """Put the bands together, multiply by the slow ratio, divide."""
     rows, columns = frame.shape
     out = np.empty((rows, columns), np.float32)
     gain_sharp, gain_middle = np.float32(gains[0]), np.float32(gains[1])
-    start, width = np.float32(DUST_FROM * dirt), np.float32((DUST_FULL - DUST_FROM) * dirt)
+    start = np.float32(DUST_FROM / (DUST_FULL - DUST_FROM))
+    per_width = np.float32(1.0 / ((DUST_FULL - DUST_FROM) * dirt))
     lowest, level = np.float32(floor), np.float32(level)
     step = np.float32(2.0 / columns)
     one = np.float32(1.0)
@@ -196,8 +221,7 @@ def _combine(frame, sharp, middle, smooth, coefficients, gains, dirt, level, flo
             ratio = c0 + u * (c1 + u * (c2 + u * c3))
             band_sharp = sharp[y, x] - middle[y, x]
             band_middle = middle[y, x] - smooth[y, x]
-            excess = (abs(band_middle) - start) / width
-            dirty = min(max(excess, np.float32(0.0)), one)
+            dirty = min(max(abs(band_middle) * per_width - start, np.float32(0.0)), one)
             estimate = smooth[y, x]
             estimate += (gain_middle + dirty * (one - gain_middle)) * band_middle
             estimate += (gain_sharp + dirty * (one - gain_sharp)) * band_sharp

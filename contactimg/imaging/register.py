@@ -18,7 +18,7 @@ from contactimg.imaging.light import BLOCK, LightField
 __all__ = ["Shift", "estimate_shift", "shift_kernel", "shift_whole_pixels"]
 
 SMOOTHING = 1.0  # px
-STRIP, STRIP_EVERY, MARGIN = 40, 100, 6  # rows of a strip, distance of strips, rows lost at its rims
+STRIP, STRIP_EVERY, MARGIN = 40, 150, 6  # rows of a strip, distance of strips, rows lost at its rims
 SIGNIFICANCE = 3.0  # a shift below this many standard deviations is no shift
 LARGEST_STD = 0.25  # px: a background without texture determines no shift
 LARGEST_REFINED = 4.0  # px
@@ -166,7 +166,7 @@ def _refine(frame: NDArray, reference: NDArray, mask: NDArray) -> Shift | None:
         moved = cv2.sepFilter2D(
             reference, cv2.CV_32F, shift_kernel(x), shift_kernel(y), borderType=cv2.BORDER_REPLICATE
         )
-        residuals = (frame - moved)[3::7, 3::5][mask[3::7, 3::5] > 0]
+        residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = float(np.median(residuals)) if len(residuals) else 0.0
         clip = 4.0 * float(np.median(np.abs(residuals - middle))) if len(residuals) else 1.0
         cross, own, right, squares, count = _normal_equations(frame, moved, mask, middle, max(clip, 1e-6))
@@ -176,7 +176,7 @@ def _refine(frame: NDArray, reference: NDArray, mask: NDArray) -> Shift | None:
         x, y = x + float(step[0]), y + float(step[1])
         if max(abs(x), abs(y)) > LARGEST_REFINED:
             return None
-        if np.hypot(step[0], step[1]) < 2e-3:
+        if np.hypot(step[0], step[1]) < 5e-3:
             break
     inverse = np.linalg.inv(cross)
     # smoothing leaves one independent value in 4 pi SMOOTHING^2 pixels
@@ -193,7 +193,7 @@ def _in_common(cross: NDArray, own: NDArray, count: int) -> bool:
     return smallest > 5.0 / np.sqrt(independent) * float(np.linalg.eigvalsh(own)[0]) > 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=True)
 def _normal_equations(frame, reference, mask, middle, clip):
     """Cross and own products of the gradients, right side, sum of squares and count; residuals beyond clip left out."""
     rows, columns = frame.shape

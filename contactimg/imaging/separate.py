@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.coupled import find_pairs
 from contactimg.imaging.detect import find_inscribed, find_peaks
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, erase_disks, fit_disks
 from contactimg.imaging.edge import EdgeTable
 from contactimg.imaging.noise import Noise
 
@@ -23,8 +23,8 @@ DEEPEST = 0.35  # of the smaller one's diameter: contacts that overlap more are 
 LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk
 FAINTEST = 0.4  # of the contrast
-QUIET = 15.0  # contrast/noise below which the mask of inscribed disks needs smoothing by the full blur
-ROUNDS = 3
+QUIET = 12.0  # contrast/noise below which noise would make holes at half height
+ROUNDS = 2
 LOOSE = 0.1  # relative width of the contrast's prior before the frame's own spread is known
 
 
@@ -77,29 +77,33 @@ def assemble_disks(
     Assembly
     """
 
-    def fit(disks: NDArray, blur: float, active: NDArray | None, iterations: int, *, free: bool) -> DiskFit:
+    def fit(
+        disks: NDArray, state: DiskFit | None, active: NDArray | None, rows: NDArray, iterations: int
+    ) -> DiskFit:
         n = len(disks)
-        return fit_disks(
-            image, weight, disks, blur=blur, noise=noise, prior=Prior(np.full(n, plateau), np.full(n, LOOSE * plateau)),
-            brightness=brightness(disks), free_blur=free, robust=False, active=active, table=table,
-            iterations=iterations,
+        drawing = None if state is None else Drawing(state.model, rows >= 0)
+        found = fit_disks(
+            image, weight, disks, blur=blur if state is None else state.blur, noise=noise,
+            prior=Prior(np.full(n, plateau), np.full(n, LOOSE * plateau)), brightness=brightness(disks),
+            free_blur=free_blur and state is None and n > 0, robust=False, active=active, table=table,
+            iterations=iterations, drawing=drawing,
         )  # fmt: skip
+        return found if state is None or active is None else _carry(found, state, active, rows)
 
     def prune(state: DiskFit, among: NDArray[np.bool_]) -> DiskFit:
         gone = _unneeded(state, among, plateau)
         if not gone.any():
             return state
         dropped.append(state.disks[gone, :3])
+        erase_disks(state.model, state.disks[gone], state.blur, table=table)
         active = _near(state.disks, gone, state.blur)[~gone]
-        return _carry(
-            fit(state.disks[~gone], state.blur, active, 4, free=False), state, active, np.flatnonzero(~gone)
-        )
+        return fit(state.disks[~gone], state, active, np.flatnonzero(~gone), 4)
 
     dropped: list[NDArray] = []
-    width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.5 * blur
+    width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.0
     inscribed = find_inscribed(image, 0.5 * plateau, smoothing=width)
     disks = np.column_stack([inscribed, np.full(len(inscribed), plateau)])
-    state = fit(disks, blur, None, 5, free=free_blur and len(disks) > 0)
+    state = fit(disks, None, None, np.empty(0, int), 4)
     state = prune(state, np.ones(len(disks), np.bool_))
     for _ in range(ROUNDS):
         peaks = find_peaks(
@@ -110,11 +114,10 @@ def assemble_disks(
             break
         before = len(state.disks)
         disks = np.vstack([state.disks, new])
-        active = _near(disks, np.arange(len(disks)) >= before, state.blur)
-        state = _carry(fit(disks, state.blur, active, 5, free=False), state, active, np.arange(before))
-        count = len(state.disks)
-        state = prune(state, active)
-        if len(state.disks) <= before or count == before:
+        rows = np.where(np.arange(len(disks)) < before, np.arange(len(disks)), -1)
+        active = _near(disks, rows < 0, state.blur)
+        state = prune(fit(disks, state, active, rows, 5), active)
+        if len(state.disks) <= before:
             break
     return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
 
@@ -127,8 +130,8 @@ def _disks_from_peaks(peaks: NDArray, blur: float, plateau: float) -> NDArray[np
 
 
 def _carry(fit: DiskFit, before: DiskFit, active: NDArray[np.bool_], rows: NDArray[np.int64]) -> DiskFit:
-    """The new fit with the quality of the disks that were held fixed; ``rows`` are its first rows in the old fit."""
-    still = np.flatnonzero(~active[: len(rows)])
+    """The new fit with the quality of the disks held fixed, which were in the given rows of the old one."""
+    still = np.flatnonzero(~active)
     old = rows[still]
     std, chi_square, pixels = fit.std.copy(), fit.chi_square.copy(), fit.pixels.copy()
     std[still], chi_square[still], pixels[still] = before.std[old], before.chi_square[old], before.pixels[old]

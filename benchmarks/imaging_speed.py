@@ -1,0 +1,71 @@
+"""Time of a whole measurement of one decoded frame, in multiples of what OpenCV alone needs to subtract, threshold and label it.
+
+F = ``cv2.absdiff`` + ``threshold`` + ``connectedComponentsWithStats`` on the same 1600 x 1200 frame and reference, same core, taken
+in turn with the measurement. Run with ``OMP_NUM_THREADS=1 python benchmarks/imaging_speed.py``.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from contact_frames import Optics, render, scatter
+
+from contactimg.imaging.measure import measure_image
+
+
+def label_with_opencv(frame, reference):
+    difference = cv2.absdiff(frame, reference)
+    _, mask = cv2.threshold(difference, 45, 255, cv2.THRESH_BINARY)
+    return cv2.connectedComponentsWithStats(mask)
+
+
+def seconds(function, *arguments, **options):
+    start = time.perf_counter()
+    function(*arguments, **options)
+    return time.perf_counter() - start
+
+
+def compare(count, *, largest, repeats, seed):
+    """Median times of F, ``threshold`` and ``disk`` for ``count`` contacts, s."""
+    optics = Optics()
+    rng = np.random.default_rng(seed)
+    truth = scatter(count, optics, rng, radii=(1.5, largest))
+    frame, reference = render(truth, optics, rng)
+    times = {"F": [], "threshold": [], "disk": []}
+    for method in ("threshold", "disk"):
+        measure_image(frame, reference, method=method, polarity="bright")  # compiles or loads
+    for _ in range(repeats):
+        times["F"].append(seconds(label_with_opencv, frame, reference))
+        for method in ("threshold", "disk"):
+            times[method].append(
+                seconds(measure_image, frame, reference, method=method, polarity="bright", full_scale=255)
+            )
+    return {name: float(np.median(values)) for name, values in times.items()}, len(truth)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--counts", type=int, nargs="+", default=[50, 200, 500, 1000, 2000, 5000])
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    print("contacts  radii (px)    F (ms)  threshold/F   disk/F")
+    for count in arguments.counts:
+        # the larger crowds fit only as smaller disks: at equal radii 2000 contacts would cover the frame
+        largest = {1000: 20.0, 2000: 12.0, 5000: 5.0}.get(count, 30.0)
+        times, placed = compare(count, largest=largest, repeats=arguments.repeats, seed=count)
+        base = times["F"]
+        print(
+            f"{placed:8d}  1.5-{largest:<8.0f} {1e3 * base:7.1f}  {times['threshold'] / base:11.2f}  "
+            f"{times['disk'] / base:7.2f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
