@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import click
 
 from contactimg import __version__
+from contactimg.cli.analyse import analyse
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
@@ -31,7 +32,7 @@ def commands() -> None:
     """
 
 
-for command in (process, predict, overlay, simulate):
+for command in (process, predict, overlay, simulate, analyse):
     commands.add_command(command)
 
 

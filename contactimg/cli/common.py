@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 __all__ = [
     "command_line",
     "echo_frames",
+    "echo_results",
     "echo_scores",
     "output_option",
     "progress",
@@ -87,6 +88,23 @@ def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
             *(_number(row[name], "{:.3f}") for name in ("precision", "recall", "f1")),
         ]
         for row in scores.to_dict("records")
+    ]
+    _echo_table(title, heads, rows, left=2)
+
+
+def echo_results(results: "pd.DataFrame", *, title: str) -> None:
+    """Print the numbers of an analysis with their intervals."""
+    heads = ("quantity", "model", "value", "interval", "unit", "points")
+    rows = [
+        [
+            row["quantity"],
+            row["model"],
+            _with_std(row["value"], row["std"]),
+            "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
+            row["unit"],
+            str(row["n_points"]),
+        ]
+        for row in results.to_dict("records")
     ]
     _echo_table(title, heads, rows, left=2)
 

@@ -2,7 +2,13 @@
 
 from contactimg.files.atomic import replacing, write_json, write_text
 from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, shares_frames
-from contactimg.files.csv_tables import read_asperities, read_loads, read_table, write_table
+from contactimg.files.csv_tables import (
+    read_asperities,
+    read_loads,
+    read_table,
+    read_topography,
+    write_table,
+)
 from contactimg.files.experiment import (
     SCENE_FILE,
     Experiment,
@@ -36,6 +42,7 @@ __all__ = [
     "read_scene",
     "read_scene_asperities",
     "read_table",
+    "read_topography",
     "replacing",
     "shares_frames",
     "write_figure",

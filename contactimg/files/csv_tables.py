@@ -13,9 +13,9 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_text
 from contactimg.surfaces import check_asperities
-from contactimg.tables import ASPERITIES, LOADS, Flag, Schema, flag_names
+from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
 
-__all__ = ["read_asperities", "read_loads", "read_table", "write_table"]
+__all__ = ["read_asperities", "read_loads", "read_table", "read_topography", "write_table"]
 
 _BLOCK = 50_000  # rows converted at once: text takes some twenty times the memory of numbers
 _SEPARATORS = (",", ";", "\t")
@@ -252,6 +252,27 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
         raise InputError(f"{path}: {error}") from None
     _check_unique(path, table, ["x_m", "y_m"])
     return table
+
+
+def read_topography(path: str | Path) -> pd.DataFrame:
+    """Read a profilometry table of asperities.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with columns ``height_m, radius_m`` and, if known, ``height_std_m, radius_std_m``; others are ignored.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `contactimg.tables.TOPOGRAPHY`, m; an uncertainty that is not stated is NaN.
+
+    Raises
+    ------
+    InputError
+        For a missing column or a cell that is no finite number.
+    """
+    return read_table(path, TOPOGRAPHY, required=("height_m", "radius_m"))
 
 
 def _check_unique(path: str | Path, table: pd.DataFrame, columns: list[str]) -> None:

@@ -20,7 +20,7 @@ from contactimg.pipeline.model_places import COUPLINGS, has_models, predict_plac
 from contactimg.pipeline.places import Place
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
-__all__ = ["Analysis", "AnalysisOptions", "analyse_places"]
+__all__ = ["Analysis", "AnalysisOptions", "analyse_places", "smooth_shear_stress"]
 
 Fit = TypeVar("Fit")
 
@@ -157,6 +157,17 @@ def analyse_places(
         stress_ratio=ratio,
         notes=tuple(dict.fromkeys(notes)),
     )
+
+
+def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
+    """Shear stress (Pa) of the run with a smooth lens, for ``AnalysisOptions.smooth_stress``.
+
+    Raises
+    ------
+    InputError
+        If its loads hold no ``friction_N`` of a frame with a contact.
+    """
+    return _shear_stress(_friction_table([place]), options).stress
 
 
 def _left_out(place: Place) -> list[str]:

@@ -1,7 +1,14 @@
 """Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
 
 from contactimg.plots.axes import image_axes, new_axes
-from contactimg.plots.curves import plot_area
+from contactimg.plots.curves import (
+    plot_area,
+    plot_areas,
+    plot_friction,
+    plot_pressure_law,
+    plot_profile,
+    plot_topography,
+)
 from contactimg.plots.images import (
     COUPLED,
     HERTZ,
@@ -24,7 +31,12 @@ __all__ = [
     "legend_of_circles",
     "new_axes",
     "plot_area",
+    "plot_areas",
     "plot_circles",
+    "plot_friction",
     "plot_image",
+    "plot_pressure_law",
+    "plot_profile",
     "plot_scale_bar",
+    "plot_topography",
 ]

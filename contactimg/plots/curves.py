@@ -1,11 +1,28 @@
 """Curves of what the contacts say together."""
 
+from collections.abc import Mapping
+
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from contactimg.analysis.broken_laws import BrokenLaw
+from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.friction import ShearStress
+from contactimg.analysis.power_laws import PowerLaw
+from contactimg.analysis.topography import Topography
 from contactimg.plots.axes import new_axes
 
-__all__ = ["plot_area"]
+__all__ = ["plot_area", "plot_areas", "plot_friction", "plot_pressure_law", "plot_profile", "plot_topography"]
+
+STYLES = {
+    "measured": {"color": "black", "marker": "o", "linestyle": "none", "label": "measured"},
+    "coupled": {"color": "tab:green", "linestyle": "--", "label": "coupled asperities"},
+    "uncoupled": {"color": "tab:red", "linestyle": "-.", "label": "uncoupled asperities"},
+    "gt": {"color": "tab:blue", "linestyle": "-", "label": "Greenwood-Tripp"},
+    "hertz": {"color": "black", "linestyle": ":", "label": "Hertz"},
+}
+"""Of each model, as in the paper's Fig. 6."""
 
 
 def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
@@ -32,4 +49,186 @@ def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
         capsize=3,
     )
     ax.set(xscale="log", yscale="log", xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    return ax
+
+
+def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | None = None) -> Axes:
+    """Plot A(P) measured and of the models, with the power law through the measurement.
+
+    Parameters
+    ----------
+    areas : DataFrame
+        Columns of `contactimg.tables.AREA`.
+    laws : mapping
+        Model -> law; exponents are entered in the legend.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    for model, part in areas[areas["area_m2"] > 0].groupby("model", sort=False):
+        style = dict(STYLES[str(model)])
+        if model in laws:
+            exponent = laws[str(model)].exponent
+            style["label"] += f", $m$ = {exponent.value:.3f} ± {exponent.std:.3f}"
+        errors = {}
+        if model == "measured":
+            errors = {"xerr": _bars(part["load_std_N"], 1e3), "yerr": _bars(part["area_std_m2"], 1e6)}
+        ax.errorbar(part["load_N"] * 1e3, part["area_m2"] * 1e6, capsize=3, **errors, **style)
+    if "measured" in laws:
+        load = np.geomspace(laws["measured"].low, laws["measured"].high, 2)
+        ax.plot(load * 1e3, laws["measured"].value(load) * 1e6, color="grey", linewidth=0.8)
+    ax.set(xscale="log", yscale="log", xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    ax.legend(fontsize="small")
+    return ax
+
+
+def _bars(std: pd.Series, unit: float) -> np.ndarray:
+    """Lengths of error bars; none where no uncertainty is stated."""
+    return np.nan_to_num(std.to_numpy(float), nan=0.0) * unit
+
+
+def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
+    """Plot the pressure over Hertz's against the distance over Hertz's contact radius.
+
+    Parameters
+    ----------
+    normalised : DataFrame
+        Columns of `contactimg.tables.NORMALISED`, of one load.
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    for model, part in normalised.groupby("model", sort=False):
+        known = part[part["pressure_over_hertz"].notna()]
+        r, p = known["r_over_hertz_radius"], known["pressure_over_hertz"]
+        if model == "hertz":
+            r = np.linspace(0.0, 1.0, 200)
+            p = np.sqrt(1 - r**2)
+        if len(r) == 0:
+            continue
+        bars = {"yerr": _bars(known["pressure_std_over_hertz"], 1.0)} if model == "measured" else {}
+        ax.errorbar(r, p, capsize=3, **bars, **STYLES[str(model)])
+    load = normalised["load_N"].iloc[0] if len(normalised) else np.nan
+    ax.set(
+        xlabel="$r/a_H$", ylabel="$p/p_0$", title=f"P = {load * 1e3:.4g} mN", xlim=(0, None), ylim=(0, None)
+    )
+    ax.legend(fontsize="small")
+    return ax
+
+
+def plot_pressure_law(
+    points: pd.DataFrame, laws: Mapping[tuple[str, str], BrokenLaw], quantity: str, *, ax: Axes | None = None
+) -> Axes:
+    """Plot the density or the mean radius of the contacts against the local pressure.
+
+    Parameters
+    ----------
+    points : DataFrame
+        Columns of `contactimg.tables.PRESSURE_LAW`.
+    laws : mapping
+        (Quantity, model) -> law, drawn broken where the points support a break and straight elsewhere.
+    quantity : {"density", "mean_radius"}
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    density = quantity == "density"
+    column, unit = ("density_per_m2", 1e-6) if density else ("mean_radius_m", 1e6)
+    for model, part in points.groupby("model", sort=False):
+        style = dict(STYLES[str(model)]) | {
+            "marker": "o" if model == "measured" else "x",
+            "linestyle": "none",
+        }
+        std = part["density_std_per_m2" if density else "mean_radius_std_m"]
+        ax.errorbar(part["pressure_Pa"], part[column] * unit, yerr=_bars(std, unit), markersize=4, **style)
+        law = laws.get((quantity, str(model)))
+        if law is not None:
+            p = np.geomspace(law.low, law.high, 100)
+            values = law.value(p) if law.supported else law.single.value(p)
+            ax.plot(p, values * unit, color=style["color"], linewidth=1, label=_law_text(law))
+    label = "contacts per mm²" if density else "mean contact radius (µm)"
+    ax.set(xscale="log", yscale="log", xlabel="local pressure p (Pa)", ylabel=label)
+    ax.legend(fontsize="small")
+    return ax
+
+
+def _law_text(law: BrokenLaw) -> str:
+    """Exponents for the legend."""
+    if not law.supported:
+        return f"$p^{{{law.single.exponent.value:.3f} ± {law.single.exponent.std:.3f}}}$"
+    low, high = law.low_exponent.value, law.high_exponent.value
+    return f"$p^{{{low:.2f}}}$, $p^{{{high:.2f}}}$, $p^*$ = {law.break_x.value:.3g} Pa"
+
+
+def plot_friction(
+    friction: pd.DataFrame, stress: ShearStress, smooth: Estimate | None, *, ax: Axes | None = None
+) -> Axes:
+    """Plot the friction force against the load, with ``tau0 A`` of the fit and of the smooth contact.
+
+    Parameters
+    ----------
+    friction : DataFrame
+        Columns of `contactimg.tables.FRICTION`.
+    stress : ShearStress
+    smooth : Estimate or None, Pa
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    table = friction.sort_values("load_N")
+    load, area = table["load_N"] * 1e3, table["area_m2"]
+    ax.plot(load, table["friction_N"].abs() * 1e3, "o", color="black", label="measured")
+    label = f"$\\tau_0 A$, $\\tau_0$ = {stress.stress.value / 1e6:.3f} ± {stress.stress.std / 1e6:.3f} MPa"
+    ax.plot(load, stress.stress.value * area * 1e3, "-", color="black", label=label)
+    if smooth is not None:
+        label = f"smooth contact, {smooth.value / 1e6:.3f} MPa"
+        ax.plot(load, smooth.value * area * 1e3, "--", color="black", label=label)
+    ax.set(xlabel="load P (mN)", ylabel="friction force Q (mN)", xlim=(0, None), ylim=(0, None))
+    ax.legend(fontsize="small")
+    return ax
+
+
+def plot_topography(table: pd.DataFrame, topography: Topography, *, ax: Axes | None = None) -> Axes:
+    """Plot the height of asperities against their radius, with the line of one contact angle if there is one.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `contactimg.tables.TOPOGRAPHY`.
+    topography : Topography
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    ax = new_axes() if ax is None else ax
+    ax.errorbar(
+        table["radius_m"] * 1e6,
+        table["height_m"] * 1e6,
+        xerr=_bars(table["radius_std_m"], 1e6),
+        yerr=_bars(table["height_std_m"], 1e6),
+        fmt="o",
+        markersize=4,
+        color="black",
+    )
+    if topography.one_angle:
+        radius = np.array([0.0, table["radius_m"].max()])
+        angle = np.degrees([topography.contact_angle.value, topography.contact_angle.std])
+        label = f"$\\theta$ = {angle[0]:.1f} ± {angle[1]:.1f}°"
+        ax.plot(radius * 1e6, topography.slope.value * radius * 1e6, color="tab:red", label=label)
+        ax.legend()
+    ax.set(xlabel="radius of curvature R (µm)", ylabel="height h (µm)", xlim=(0, None), ylim=(0, None))
     return ax
