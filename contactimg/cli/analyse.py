@@ -110,7 +110,8 @@ def analyse(
     caps = None if topography is None else read_topography(topography)
     target = Path(output) if output is not None else _home(runs, topography) / "contactimg_out"
     with OutputFolder(target, provenance(**_origin(runs, calibration, topography, options))) as out:
-        tables, notes = [], ()
+        tables: list[pd.DataFrame] = []
+        notes: tuple[str, ...] = ()
         if places:
             count = len(COUPLINGS) * count_solutions(places) if settings.models else 0
             with progress("solving models", count, quiet=quiet or not count) as advance:

@@ -99,7 +99,7 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
         [
             row["quantity"],
             row["model"],
-            _with_std(row["value"], row["std"]),
+            _brief(row["value"], row["std"]),
             "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
             row["unit"],
             str(row["n_points"]),
@@ -142,6 +142,13 @@ def _cells(row: dict[str, Any]) -> list[str]:
 def _number(value: float, form: str = "{:g}") -> str:
     """A number, or nothing for NaN."""
     return "" if isnan(value) else form.format(value)
+
+
+def _brief(value: float, std: float) -> str:
+    """A value with its uncertainty, as short as its size allows."""
+    if isnan(value) or 1e-3 <= abs(value) < 1e5 or not std > 0:
+        return _with_std(value, std)
+    return f"{value:.4g} ± {std:.2g}"
 
 
 def _with_std(value: float, std: float) -> str:

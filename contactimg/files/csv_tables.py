@@ -260,7 +260,8 @@ def read_topography(path: str | Path) -> pd.DataFrame:
     Parameters
     ----------
     path : str or Path
-        CSV with columns ``height_m, radius_m`` and, if known, ``height_std_m, radius_std_m``; others are ignored.
+        CSV with columns ``height_m, radius_m`` and, if known, ``height_std_m, radius_std_m``; others are
+        ignored.
 
     Returns
     -------

@@ -30,7 +30,7 @@ def write_results(results: pd.DataFrame, folder: Path) -> None:
 
 
 def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate | None) -> pd.DataFrame:
-    """Write area.csv, profile.csv, profile_normalised.csv, pressure_law.csv, if measured friction.csv, and figures.
+    """Write the tables of an analysis and its figures.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
 
 
 def _draw(analysis: Analysis, folder: Path, smooth_stress: Estimate | None) -> None:
-    """Draw A(P), the profiles, the laws against the local pressure and the friction, as far as they are there."""
+    """Draw A(P), profiles, laws against the local pressure and friction, as far as they are there."""
     _save(plot_areas(analysis.area, analysis.area_laws), folder, "area")
     measured = analysis.normalised[
         (analysis.normalised["model"] == "measured") & analysis.normalised["pressure_over_hertz"].notna()

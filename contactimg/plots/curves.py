@@ -1,10 +1,12 @@
 """Curves of what the contacts say together."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from contactimg.analysis.broken_laws import BrokenLaw
 from contactimg.analysis.estimates import Estimate
@@ -15,7 +17,7 @@ from contactimg.plots.axes import new_axes
 
 __all__ = ["plot_area", "plot_areas", "plot_friction", "plot_pressure_law", "plot_profile", "plot_topography"]
 
-STYLES = {
+STYLES: dict[str, dict[str, Any]] = {
     "measured": {"color": "black", "marker": "o", "linestyle": "none", "label": "measured"},
     "coupled": {"color": "tab:green", "linestyle": "--", "label": "coupled asperities"},
     "uncoupled": {"color": "tab:red", "linestyle": "-.", "label": "uncoupled asperities"},
@@ -48,7 +50,8 @@ def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
         color="C0",
         capsize=3,
     )
-    ax.set(xscale="log", yscale="log", xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    ax.set(xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    _scale_by_decades(ax)
     return ax
 
 
@@ -73,16 +76,26 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
         if model in laws:
             exponent = laws[str(model)].exponent
             style["label"] += f", $m$ = {exponent.value:.3f} ± {exponent.std:.3f}"
-        errors = {}
+        errors: dict[str, Any] = {}
         if model == "measured":
             errors = {"xerr": _bars(part["load_std_N"], 1e3), "yerr": _bars(part["area_std_m2"], 1e6)}
         ax.errorbar(part["load_N"] * 1e3, part["area_m2"] * 1e6, capsize=3, **errors, **style)
     if "measured" in laws:
         load = np.geomspace(laws["measured"].low, laws["measured"].high, 2)
         ax.plot(load * 1e3, laws["measured"].value(load) * 1e6, color="grey", linewidth=0.8)
-    ax.set(xscale="log", yscale="log", xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    ax.set(xlabel="load P (mN)", ylabel="real contact area A (mm²)")
+    _scale_by_decades(ax)
     ax.legend(fontsize="small")
     return ax
+
+
+def _scale_by_decades(ax: Axes) -> None:
+    """Logarithmic axes with plain numbers at 1, 2 and 5."""
+    ax.set(xscale="log", yscale="log")
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _bars(std: pd.Series, unit: float) -> np.ndarray:
@@ -112,7 +125,9 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
             p = np.sqrt(1 - r**2)
         if len(r) == 0:
             continue
-        bars = {"yerr": _bars(known["pressure_std_over_hertz"], 1.0)} if model == "measured" else {}
+        bars: dict[str, Any] = (
+            {"yerr": _bars(known["pressure_std_over_hertz"], 1.0)} if model == "measured" else {}
+        )
         ax.errorbar(r, p, capsize=3, **bars, **STYLES[str(model)])
     load = normalised["load_N"].iloc[0] if len(normalised) else np.nan
     ax.set(
@@ -141,24 +156,31 @@ def plot_pressure_law(
     Axes
     """
     ax = new_axes() if ax is None else ax
-    density = quantity == "density"
-    column, unit = ("density_per_m2", 1e-6) if density else ("mean_radius_m", 1e6)
+    column, std, unit, label = _pressure_axis(points, quantity)
     for model, part in points.groupby("model", sort=False):
-        style = dict(STYLES[str(model)]) | {
-            "marker": "o" if model == "measured" else "x",
-            "linestyle": "none",
-        }
-        std = part["density_std_per_m2" if density else "mean_radius_std_m"]
-        ax.errorbar(part["pressure_Pa"], part[column] * unit, yerr=_bars(std, unit), markersize=4, **style)
+        marker = "o" if model == "measured" else "x"
+        style = STYLES[str(model)] | {"marker": marker, "linestyle": "none"}
+        errors = _bars(part[std], unit)
+        ax.errorbar(part["pressure_Pa"], part[column] * unit, yerr=errors, markersize=4, **style)
         law = laws.get((quantity, str(model)))
         if law is not None:
             p = np.geomspace(law.low, law.high, 100)
             values = law.value(p) if law.supported else law.single.value(p)
             ax.plot(p, values * unit, color=style["color"], linewidth=1, label=_law_text(law))
-    label = "contacts per mm²" if density else "mean contact radius (µm)"
-    ax.set(xscale="log", yscale="log", xlabel="local pressure p (Pa)", ylabel=label)
+    ax.set(xlabel="local pressure p (Pa)", ylabel=label)
+    _scale_by_decades(ax)
     ax.legend(fontsize="small")
     return ax
+
+
+def _pressure_axis(points: pd.DataFrame, quantity: str) -> tuple[str, str, float, str]:
+    """Columns of a quantity and of its uncertainty, its unit, and what to write at the axis."""
+    if quantity == "mean_radius":
+        return "mean_radius_m", "mean_radius_std_m", 1e6, "mean contact radius (µm)"
+    density = 1 / (points["density_ratio"] / points["density_per_m2"]).median()
+    if np.isfinite(density):
+        return "density_per_m2", "density_std_per_m2", 1 / density, "contacts per asperity $\\eta/\\eta_0$"
+    return "density_per_m2", "density_std_per_m2", 1e-6, "contacts per mm²"
 
 
 def _law_text(law: BrokenLaw) -> str:
