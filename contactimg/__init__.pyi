@@ -42,3 +42,8 @@ from .surfaces import check_asperities as check_asperities
 from .surfaces import composite_apexes as composite_apexes
 from .surfaces import generate_asperities as generate_asperities
 from .tables import Flag as Flag
+from .calibration.jkr import calibrate_jkr as calibrate_jkr
+from .calibration.modulus import calibrate_modulus as calibrate_modulus
+from .calibration.plateau import find_plateau as find_plateau
+from .calibration.threshold import calibrate_threshold as calibrate_threshold
+from .render import render_smooth_contact as render_smooth_contact

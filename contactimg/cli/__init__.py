@@ -8,6 +8,7 @@ import click
 
 from contactimg import __version__
 from contactimg.cli.analyse import analyse
+from contactimg.cli.calibrate import calibrate
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
@@ -32,7 +33,7 @@ def commands() -> None:
     """
 
 
-for command in (process, predict, overlay, simulate, analyse):
+for command in (process, calibrate, predict, overlay, simulate, analyse):
     commands.add_command(command)
 
 

@@ -29,6 +29,7 @@ __all__ = ["process"]
 @click.option("--method", type=click.Choice(["disk", "threshold"]), help="Model fit, or the pixel count.")
 @click.option("--threshold", help='Fraction of the contact contrast, or "auto".')
 @click.option("--polarity", type=click.Choice(["bright", "dark", "auto"]), help="Contacts against reference.")
+@click.option("--calibration", type=click.Path(exists=True), help="calibration.json: modulus, threshold.")
 @click.option("--pictures/--no-pictures", default=True, help="Draw an overlay of each frame.")
 @workers_option
 @quiet_option
@@ -47,7 +48,7 @@ def process(
       contactimg process sample_data/sa_plus -o results
       contactimg process my_frames --reference my_frames/dark.tif --pixel-size-um 6
     """
-    from contactimg.cli.scenes import scene_of_folder
+    from contactimg.cli.scenes import calibration_options, scene_of_folder
     from contactimg.files import OutputFolder, open_experiment, provenance
     from contactimg.pipeline.process import draw_overlays, write_run
     from contactimg.pipeline.series import FAILED, measure_experiment
@@ -55,7 +56,12 @@ def process(
     scene = scene_of_folder(folder, options)
     experiment = open_experiment(scene)
     count = len(experiment.frames)
-    record = provenance(command=command_line("process"), scene=scene, inputs=experiment.inputs)
+    record = provenance(
+        command=command_line("process"),
+        scene=scene,
+        options=calibration_options(options["calibration"]),
+        inputs=experiment.inputs,
+    )
     target = Path(output) if output is not None else Path(folder) / "contactimg_out"
     with OutputFolder(target, record) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:

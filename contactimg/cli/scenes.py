@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 from contactimg.errors import InputError
-from contactimg.files import SCENE_FILE, list_frames, read_scene
+from contactimg.files import SCENE_FILE, list_frames, read_calibration, read_scene
 from contactimg.scene import Scene, scene_from_dict
 
-__all__ = ["model_inputs", "scene_of_folder"]
+__all__ = ["calibration_options", "model_inputs", "scene_of_folder"]
 
 OPTION_KEYS = {
     "reference": ("images", "reference"),
@@ -42,12 +42,33 @@ def scene_of_folder(folder: str | Path, options: Mapping[str, Any]) -> Scene:
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
     data, base = _base_scene(folder, given.pop("scene", None))
+    calibration = given.pop("calibration", None)
+    if calibration is not None:
+        _calibrate(data, read_calibration(calibration), threshold_counts="method" not in given)
     if "pixel_size_um" in given:
         given["pixel_size_m"] = given.pop("pixel_size_um") * 1e-6
     for key, value in given.items():
         section, name = OPTION_KEYS[key]
         data.setdefault(section, {})[name] = _plain(key, value)
     return scene_from_dict(data, name="the options and the scene", folder=str(base))
+
+
+def _calibrate(data: dict[str, Any], record: Mapping[str, Any], *, threshold_counts: bool) -> None:
+    """Let a scene's sections hold what a calibration found: modulus, threshold, and the method it is for."""
+    if "young_modulus" in record:
+        entry = record["young_modulus"]
+        data.setdefault("elastic", {})["young_modulus_Pa"] = entry["value"]
+        data["elastic"]["young_modulus_std_Pa"] = entry.get("std") or 0.0
+    if "threshold" in record:
+        measure = data.setdefault("measure", {})
+        measure["threshold"] = record["threshold"]["value"]
+        if threshold_counts and record.get("method") != "disk":
+            measure.setdefault("method", "threshold")
+
+
+def calibration_options(path: str | Path | None) -> dict[str, Any]:
+    """What the provenance says of a calibration that was used: its file and all that it holds."""
+    return {} if path is None else {"calibration": {"file": str(path), "record": read_calibration(path)}}
 
 
 def model_inputs(path: str | Path, scene: Scene) -> list[Path]:

@@ -136,13 +136,13 @@ def _count_source(
         if not measurement.contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
     except FrameError as error:
-        row = {"frame": source.name, "status": FAILED, "message": f"{source.name}: {error}"}
-        return _Counted(row, [], (1, 1))
+        failure: dict[str, object] = {"frame": source.name, "status": FAILED}
+        return _Counted(failure | {"message": f"{source.name}: {error}"}, [], (1, 1))
     holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
     contacts = [
         CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=source.name)) for t in thresholds
     ]
-    row = {
+    row: dict[str, object] = {
         "frame": source.name,
         "status": measurement.status,
         "n_contacts": len(measurement.disks),
