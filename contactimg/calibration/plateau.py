@@ -1,0 +1,133 @@
+"""The plateau of the area-threshold curve, for surfaces whose radii are not known one by one.
+
+The total area ``A`` falls as the threshold ``t`` rises, fast near the background and near the contacts' full
+brightness, slowly between. The plateau is the range about the slowest fall in which
+
+    |d ln A / d t|  <=  steepness x its smallest value,
+
+1.5 times by default: for edges blurred by a Gaussian, where ``d ln A/d t`` goes as one over the density of
+the normal distribution, that is about the range of thresholds from 0.18 to 0.82 of the contrast.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import InputError
+
+__all__ = ["Plateau", "find_plateau"]
+
+Values = NDArray[np.float64]
+
+FALL_MARGINAL = 0.2
+"""Relative fall of the area across the plateau above which it is called none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plateau:
+    """Two extreme thresholds and the area between them.
+
+    Parameters
+    ----------
+    threshold_low, threshold_high : float
+    threshold : float
+        Where the area falls slowest.
+    area, area_std : ndarray, shape (n,), m^2
+        Of each frame: middle and half of the areas at the two extremes.
+    relative_fall : float
+        Of the summed area from the one extreme to the other.
+    marginal : bool
+        Whether that is less than 20 %.
+    thresholds, fall_rates : ndarray, shape (m,)
+        The curve: ``-d ln A/d t`` of the summed area.
+    """
+
+    threshold_low: float
+    threshold_high: float
+    threshold: float
+    area: Values
+    area_std: Values
+    relative_fall: float
+    marginal: bool
+    thresholds: Values
+    fall_rates: Values
+
+
+def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 1.5) -> Plateau:
+    """Find the thresholds between which the total contact area changes only marginally.
+
+    Parameters
+    ----------
+    thresholds : array_like, shape (m,)
+        Fractions of the contact contrast, five or more.
+    areas : array_like, shape (m,) or (m, n), m^2
+        Total area of each of n frames at each threshold.
+    steepness : float
+        How many times faster than at its slowest the area may fall within the plateau; above 1.
+
+    Returns
+    -------
+    Plateau
+
+    Raises
+    ------
+    InputError
+        If there are fewer than five thresholds or no area.
+
+    Notes
+    -----
+    The derivative is that of a parabola through five neighbouring thresholds: it is free of the steps that
+    counting pixels leaves.
+
+    Examples
+    --------
+    >>> from scipy.stats import norm
+    >>> t = np.linspace(0.02, 0.98, 97)
+    >>> found = find_plateau(t, np.pi * (20e-6 - 1.4e-6 * norm.ppf(t)) ** 2)
+    >>> round(found.threshold_low, 2), round(found.threshold_high, 2)
+    (0.17, 0.79)
+    """
+    t, A = np.asarray(thresholds, float), np.asarray(areas, float)
+    if A.ndim == 1:
+        A = A[:, None]
+    if t.ndim != 1 or t.size < 5 or A.shape[0] != t.size:
+        raise InputError(
+            f"a plateau needs five thresholds or more and one area each, got {t.size}, {A.shape}"
+        )
+    if not steepness > 1:
+        raise InputError(f"steepness must be above 1, got {steepness!r}")
+    order = np.argsort(t)
+    t, A = t[order], A[order]
+    total = A.sum(axis=1)
+    there = total > 0
+    if np.count_nonzero(there) < 5:
+        raise InputError("there is no contact area at five thresholds or more: no plateau can be found")
+    t, A, total = t[there], A[there], total[there]
+    rate = -_derivative(t, np.log(total))
+    slowest = int(rate.argmin())
+    flat = rate <= steepness * max(rate[slowest], np.finfo(float).tiny)
+    low, high = _run_about(flat, slowest)
+    middle, half = (A[low] + A[high]) / 2, np.abs(A[low] - A[high]) / 2
+    fall = float(1 - total[high] / total[low])
+    return Plateau(
+        float(t[low]), float(t[high]), float(t[slowest]), middle, half, fall, fall < FALL_MARGINAL, t, rate
+    )
+
+
+def _derivative(t: Values, y: Values) -> Values:
+    """Derivative from parabolas through five points, one-sided at the ends."""
+    out = np.empty_like(y)
+    for k in range(len(t)):
+        start = min(max(k - 2, 0), len(t) - 5)
+        near = slice(start, start + 5)
+        out[k] = np.polynomial.Polynomial.fit(t[near] - t[k], y[near], 2).deriv()(0.0)
+    return out
+
+
+def _run_about(flat: NDArray[np.bool_], place: int) -> tuple[int, int]:
+    """First and last index of the run of true values that holds a place."""
+    before, after = np.flatnonzero(~flat[:place]), np.flatnonzero(~flat[place:])
+    low = int(before[-1]) + 1 if before.size else 0
+    high = place + int(after[0]) - 1 if after.size else len(flat) - 1
+    return low, high

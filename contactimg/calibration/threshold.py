@@ -1,0 +1,175 @@
+"""The optical threshold at which the local forces add up to the load (the paper's calibration).
+
+Pixels above a threshold make the contact radii, Hertz's law makes forces of them, and the slope of their sum
+against the load falls as the threshold rises; where it is 1 the threshold is calibrated.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.calibration.estimate import Estimate, student_estimate
+from contactimg.errors import InputError
+
+__all__ = ["ThresholdCalibration", "calibrate_threshold", "load_slope"]
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ThresholdCalibration:
+    """The calibrated threshold and the curve it was read from.
+
+    Parameters
+    ----------
+    threshold : Estimate
+        Fraction of the contact contrast.
+    slope : Estimate
+        Of the force sums against the loads at that threshold, 1 by construction.
+    thresholds, slopes, slope_stds : ndarray, shape (m,)
+        The curve.
+    forces : ndarray, shape (n,), N
+        Force sums at the calibrated threshold.
+    """
+
+    threshold: Estimate
+    slope: Estimate
+    thresholds: Values
+    slopes: Values
+    slope_stds: Values
+    forces: Values
+
+
+def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0) -> Estimate:
+    """Slope of force sums against loads, least squares through the origin: ``sum(F P)/sum(P^2)``.
+
+    Parameters
+    ----------
+    forces, load : array_like, shape (n,), N
+        The order does not matter; a load of 0 does not count.
+    relative_std : float
+        Relative standard uncertainty of what all forces share, as the modulus.
+
+    Returns
+    -------
+    Estimate
+        The scatter about the line, noise of the loads included, gives the other part of the uncertainty; of
+        a single load there is none, and only ``relative_std`` counts.
+
+    Raises
+    ------
+    InputError
+        If no load presses, a load is negative, or a number is missing.
+
+    Notes
+    -----
+    The scatter's part is the larger of two: with equal errors at all loads, and with each load's own residual
+    (HC3), which also holds if the errors grow with the load.
+
+    References
+    ----------
+    MacKinnon and White, J. Econometrics 29 (1985) 305, doi:10.1016/0304-4076(85)90158-7, for HC3.
+
+    Examples
+    --------
+    >>> load_slope([0.011, 0.019, 0.051], [0.01, 0.02, 0.05]).value
+    1.01333333
+    """
+    F, P = np.atleast_1d(np.asarray(forces, float)), np.atleast_1d(np.asarray(load, float))
+    if F.shape != P.shape or F.ndim != 1 or not (np.isfinite(F).all() and np.isfinite(P).all()):
+        raise InputError("the slope needs one finite force sum a load; leave out frames without a load")
+    if (P < 0).any():
+        raise InputError(
+            f"loads must not be negative here, got {P.min():g} N: Hertz contacts bear no pull; leave it out"
+        )
+    F, P = F[P > 0], P[P > 0]
+    if not P.size:
+        raise InputError("no load presses: the slope of force sums against loads needs a load above 0")
+    square = float(P @ P)
+    slope = float(F @ P) / square
+    freedom = P.size - 1
+    if freedom == 0:
+        return student_estimate(slope, 0.0, freedom=1, known_std=slope * relative_std)
+    rest = F - slope * P
+    even = float(rest @ rest) / freedom / square
+    own = float(np.sum((P * rest / (1 - P**2 / square)) ** 2)) / square**2
+    return student_estimate(slope, max(even, own) ** 0.5, freedom=freedom, known_std=slope * relative_std)
+
+
+def calibrate_threshold(
+    thresholds: ArrayLike, forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0
+) -> ThresholdCalibration:
+    """Find the threshold at which the sum of local forces against the load has slope 1.
+
+    Parameters
+    ----------
+    thresholds : array_like, shape (m,)
+        Fractions of the contact contrast at which the frames were measured, in any order.
+    forces : array_like, shape (m, n), N
+        Sum of the local forces of each of n frames at each threshold.
+    load : array_like, shape (n,), N
+    relative_std : float
+        Relative standard uncertainty of the modulus (and of the scale of the loads, in quadrature).
+
+    Returns
+    -------
+    ThresholdCalibration
+        The uncertainty of the slope over the steepness of the curve is that of the threshold.
+
+    Raises
+    ------
+    InputError
+        If no threshold brackets slope 1, with the range of slopes there is.
+
+    References
+    ----------
+    Yashima et al., doi:10.1039/C4SM02346C, section on the experimental setups.
+
+    Examples
+    --------
+    >>> t, P = np.linspace(0.1, 0.9, 9), np.array([0.1, 0.2, 0.5])
+    >>> found = calibrate_threshold(t, (1.3 - 0.6 * t)[:, None] * P, P, relative_std=0.03)
+    >>> found.threshold.value, found.threshold.std
+    (0.5, 0.05)
+    """
+    t, F, P = np.asarray(thresholds, float), np.asarray(forces, float), np.asarray(load, float)
+    if t.ndim != 1 or F.shape != (t.size, P.size) or t.size < 2:
+        raise InputError(
+            "forces must have one row a threshold (two or more) and one column a load, got shape "
+            f"{F.shape} for {t.size} thresholds and {P.size} loads"
+        )
+    order = np.argsort(t)
+    t, F = t[order], F[order]
+    slopes = [load_slope(row, P, relative_std=relative_std) for row in F]
+    values, stds = np.array([s.value for s in slopes]), np.array([s.std for s in slopes])
+    k = _crossing(t, values)
+    fraction = (values[k] - 1) / (values[k] - values[k + 1])
+    at_unit = (1 - fraction) * F[k] + fraction * F[k + 1]
+    slope = load_slope(at_unit, P, relative_std=relative_std)
+    value, steepness = float(t[k] + fraction * (t[k + 1] - t[k])), _steepness(t, values, k)
+    ends = np.clip(value + np.array([-1, 1]) * (slope.high - slope.low) / 2 / steepness, 0.0, 1.0)
+    threshold = Estimate(value, slope.std / steepness, float(ends[0]), float(ends[1]))
+    return ThresholdCalibration(threshold, slope, t, values, stds, at_unit)
+
+
+def _crossing(t: Values, slopes: Values) -> int:
+    """The interval of thresholds in which the slope falls through 1; the one nearest to 0.5 of several."""
+    falls = np.flatnonzero((slopes[:-1] >= 1) & (slopes[1:] < 1))
+    if not falls.size:
+        side = (
+            "too small: the modulus may be too small"
+            if slopes.max() < 1
+            else "too large: it may be too large"
+        )
+        raise InputError(
+            f"no threshold between {t[0]:g} and {t[-1]:g} gives slope 1: it runs from {slopes[0]:.4g} to "
+            f"{slopes[-1]:.4g}, so the forces are {side}; check modulus, loads, pixel size and asperity radii"
+        )
+    return int(falls[np.abs(t[falls] - 0.5).argmin()])
+
+
+def _steepness(t: Values, slopes: Values, k: int) -> float:
+    """Fall of the slope per unit of threshold about an interval, over five intervals."""
+    low, high = max(k - 2, 0), min(k + 3, len(t) - 1)
+    return float((slopes[low] - slopes[high]) / (t[high] - t[low]))
