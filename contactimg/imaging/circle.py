@@ -35,6 +35,10 @@ BORDER_PX = 3  # outline this close to the border is the border
 OUTLIER = 3.0  # standard deviations from which a sample loses weight
 SCANNED = (-2.0, 4.0, 19)  # powers of two of the natural opening: from first to last, how many
 EARNED = 2.0  # by how much one number more must lower chi-square (Akaike)
+PASSES = 2
+WIDEST_BLUR_PX = 20.0
+HALO_START = (0.02, 5.0)  # share of the light that goes into a wide halo, and what it is wider than the blur
+HALO_MOST, HALO_WIDTH_PX = 0.5, (2.0, 20.0)
 STRAY_SECTOR = 5.0  # robust standard deviations beyond which a sector is left out
 TABLE_STEP = 0.25  # blurs: a cubic through a blurred edge errs by (1/4)^4/384 of its fourth derivative, 3e-5
 
@@ -107,6 +111,8 @@ class EdgeSamples:
     ----------
     circle : Circle
         The rough one.
+    film_radius_px : float
+        Radius of the contact whose film is meant.
     azimuth, distance, value, weight : ndarray, shape (n,)
         Of each sample: direction (rad), distance from the rough circle's centre (px), mean grey level and
         inverse standard deviation.
@@ -115,11 +121,20 @@ class EdgeSamples:
     """
 
     circle: Circle
+    film_radius_px: float
     azimuth: Values
     distance: Values
     value: Values
     weight: Values
     sector: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A circle and the numbers it was found with: shift, radius, contrast, background, blur, halo, its width."""
+
+    circle: Circle
+    numbers: Values
 
 
 def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
@@ -256,7 +271,7 @@ def sample_edge(
     distance_mean, value = mean
     middle = (kept // rings + 0.5) / SECTORS * 2 * np.pi - np.pi
     weight = np.sqrt(count[kept]) / max(noise, 1e-3 * float(np.ptp(value)) if len(value) else 1.0, 1e-9)
-    return EdgeSamples(circle, middle, distance_mean, value, weight, kept // rings)
+    return EdgeSamples(circle, circle.radius_px, middle, distance_mean, value, weight, kept // rings)
 
 
 def fit_circle(
@@ -283,18 +298,17 @@ def fit_circle(
         If too little of the edge is seen.
     """
     used = np.ones(len(samples.value), bool)
-    for _ in range(2):
+    for _ in range(PASSES):  # the film of the fitted radius, then without stray sectors
         kept = _subset(samples, used)
         if len(np.unique(kept.sector)) < SHORTEST_ARC * SECTORS:
             raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
-        found = _fit(kept, model, opening, blur_px)
-        offsets, azimuths, numbers = _sector_offsets(kept, model, opening, found)
+        fitted = _fit(kept, model, opening, blur_px)
+        offsets, azimuths, numbers = _sector_offsets(kept, model, opening, fitted)
         spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
         stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR * max(spread, 1e-6)
-        if not stray.any():
-            break
         used &= ~np.isin(samples.sector, numbers[stray])
-    return _with_uncertainty(found, offsets[~stray], azimuths[~stray])
+        samples = replace(samples, film_radius_px=fitted.circle.radius_px)
+    return _with_uncertainty(fitted.circle, offsets[~stray], azimuths[~stray])
 
 
 def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
@@ -305,15 +319,15 @@ def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
 
 def _fit(
     samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None, *, centred: bool = False
-) -> Circle:
+) -> _Fitted:
     """Least squares for centre (unless centred), radius, contrast, background and blur, outliers tamed."""
     rough = samples.circle
-    light = model.light(rough.radius_px, opening)
+    light = model.light(samples.film_radius_px, opening)
     high, low = np.percentile(samples.value, [90, 10])
     blur = np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5)
-    start = np.array([0.0, 0.0, rough.radius_px, high - low, low, blur])
+    radius = rough.radius_px - _half_level(light, blur, model.pixel_size)
+    start = np.array([0.0, 0.0, radius, high - low, low, blur, *HALO_START])
     cos, sin = np.cos(samples.azimuth), np.sin(samples.azimuth)
-
     free = slice(2 if centred else 0, None)
 
     def residuals(moved: Values) -> Values:
@@ -321,55 +335,68 @@ def _fit(
         outside = samples.distance - p[0] * cos - p[1] * sin - p[2]
         return samples.weight * (_profile(outside, p, light, model.pixel_size) - samples.value)
 
-    lowest = np.array([-np.inf, -np.inf, 0.5 * rough.radius_px, -np.inf, -np.inf, PIXEL_VARIANCE**0.5])
+    unbound = np.full(5, np.inf)
+    lowest = np.array(
+        [*-unbound[:2], 0.5 * radius, *-unbound[:2], PIXEL_VARIANCE**0.5, 0.0, HALO_WIDTH_PX[0]]
+    )
+    highest = np.array([*unbound, WIDEST_BLUR_PX, HALO_MOST, HALO_WIDTH_PX[1]])
+    start = np.clip(start, lowest, highest)
     fit = optimize.least_squares(
         residuals,
         start[free],
-        bounds=(lowest[free], np.inf),
+        bounds=(lowest[free], highest[free]),
         loss="cauchy",
         f_scale=OUTLIER,
-        x_scale=[1.0, 1.0, 1.0, high - low, high - low, 1.0][free],
+        x_scale=[1.0, 1.0, 1.0, high - low, high - low, 1.0, 0.1, 2.0][free],
         xtol=1e-7,
         ftol=1e-7,
         max_nfev=50,
     )
-    found = np.append(start[: free.start], fit.x)
-    dx, dy, radius, contrast, background, blur = (float(value) for value in found)
-    return replace(
+    p = np.append(start[: free.start], fit.x)
+    circle = replace(
         rough,
-        x_px=rough.x_px + dx,
-        y_px=rough.y_px + dy,
-        radius_px=radius,
-        contrast=contrast,
-        background=background,
-        blur_px=float(np.sqrt(max(blur**2 - PIXEL_VARIANCE, 0.0))),
+        x_px=rough.x_px + float(p[0]),
+        y_px=rough.y_px + float(p[1]),
+        radius_px=float(p[2]),
+        contrast=float(p[3]),
+        background=float(p[4]),
+        blur_px=float(np.sqrt(max(p[5] ** 2 - PIXEL_VARIANCE, 0.0))),
         misfit=float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(fit.x), 1))),
     )
+    return _Fitted(circle, p)
+
+
+def _half_level(light: EdgeLight, blur: float, pixel_size: float) -> float:
+    """How far outside the edge the light first falls to one half, px: where a rough outline lies."""
+    grid = np.linspace(-3 * blur, light.reach / pixel_size + 3 * blur, 400)
+    below = light.blurred(grid * pixel_size, blur=blur * pixel_size) < 0.5
+    return float(grid[below.argmax()])
 
 
 def _profile(outside: Values, p: Values, light: EdgeLight, pixel_size: float) -> Values:
     """Grey level at distances outside the edge, from a table of the blurred line across it.
 
-    A round edge lies inside a straight one by ``blur^2/(2 a)`` at half its height.
+    Blurred by a core and a wide halo. A round edge lies inside a straight one by ``blur^2/(2 a)`` at half its
+    height.
     """
-    radius, contrast, background, blur = p[2:]
-    outside = outside + blur**2 / (2 * radius)
-    grid = np.arange(outside.min(), outside.max() + 2 * TABLE_STEP * blur, TABLE_STEP * blur)
-    table = CubicSpline(grid, light.blurred(grid * pixel_size, blur=blur * pixel_size))
-    return background + contrast * table(outside)
+    _, _, radius, contrast, background, blur, halo, width = p
+    level = np.full(outside.shape, background)
+    for share, sigma in ((1 - halo, blur), (halo, float(np.hypot(blur, width)))):
+        x = outside + sigma**2 / (2 * radius)
+        grid = np.arange(x.min(), x.max() + 2 * TABLE_STEP * sigma, TABLE_STEP * sigma)
+        table = CubicSpline(grid, light.blurred(grid * pixel_size, blur=sigma * pixel_size))
+        level += contrast * share * table(x)
+    return level
 
 
 def _sector_offsets(
-    samples: EdgeSamples, model: EdgeModel, opening: float, found: Circle
+    samples: EdgeSamples, model: EdgeModel, opening: float, fitted: _Fitted
 ) -> tuple[Values, Values, NDArray[np.intp]]:
     """How far the edge lies outside the fitted circle in each sector, its direction and its number."""
-    light = model.light(samples.circle.radius_px, opening)
-    blur = float(np.hypot(found.blur_px, PIXEL_VARIANCE**0.5))
-    p = np.array([0.0, 0.0, found.radius_px, found.contrast, found.background, blur])
-    dx, dy = found.x_px - samples.circle.x_px, found.y_px - samples.circle.y_px
-    outside = samples.distance - dx * np.cos(samples.azimuth) - dy * np.sin(samples.azimuth) - found.radius_px
+    light, p = model.light(samples.film_radius_px, opening), fitted.numbers
+    outside = samples.distance - p[0] * np.cos(samples.azimuth) - p[1] * np.sin(samples.azimuth) - p[2]
     rest = samples.weight * (samples.value - _profile(outside, p, light, model.pixel_size))
-    step = 0.1 * blur
+    step = 0.1 * p[5]
     fall = (
         _profile(outside - step, p, light, model.pixel_size)
         - _profile(outside + step, p, light, model.pixel_size)
@@ -419,7 +446,7 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> float:
 
     def cost(opening: float, among: Sequence[EdgeSamples] = means) -> float:
         return sum(
-            _fit(one, model, opening, None, centred=True).misfit ** 2 * len(one.value) for one in among
+            _fit(one, model, opening, None, centred=True).circle.misfit ** 2 * len(one.value) for one in among
         )
 
     scale = _natural_opening(means[0].circle.radius_px * model.pixel_size, model)

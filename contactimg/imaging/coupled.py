@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["find_pairs", "relax", "variances"]
+__all__ = ["find_pairs", "invert", "relax", "variances"]
 
 INFLATION = (
     25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
@@ -37,6 +37,32 @@ def find_pairs(disks, space):
             pairs[count, 0], pairs[count, 1] = min(i, j), max(i, j)
             count += 1
     return pairs[:count]
+
+
+@njit(cache=True)
+def invert(matrix, out):
+    """Inverse of a symmetric positive definite 4 x 4 matrix by Cholesky factors; general libraries cost ten times that."""
+    low = np.zeros((4, 4))
+    for u in range(4):
+        for v in range(u + 1):
+            rest = matrix[u, v]
+            for k in range(v):
+                rest -= low[u, k] * low[v, k]
+            low[u, v] = np.sqrt(max(rest, 1e-12 * matrix[u, u])) if u == v else rest / low[v, v]
+    inverse = np.zeros((4, 4))
+    for v in range(4):
+        inverse[v, v] = 1.0 / low[v, v]
+        for u in range(v + 1, 4):
+            rest = 0.0
+            for k in range(v, u):
+                rest -= low[u, k] * inverse[k, v]
+            inverse[u, v] = rest / low[u, u]
+    for u in range(4):
+        for v in range(4):
+            total = 0.0
+            for k in range(max(u, v), 4):
+                total += inverse[k, u] * inverse[k, v]
+            out[u, v] = total
 
 
 @njit(cache=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["FALSE_ALARM_SIGMA", "estimate_blur", "find_inscribed", "find_peaks"]
+__all__ = ["FALSE_ALARM_SIGMA", "estimate_blur", "find_inscribed", "find_peaks", "find_peaks_near"]
 
 FALSE_ALARM_SIGMA = 6.0
 """Height of a matched-filter peak above the noise that counts as detection: for normal noise 1e-9 a resolution
@@ -160,7 +160,7 @@ def _select(summits):
 
 def find_peaks(
     residual: NDArray[np.float32], *, width: float, height: float, background: NDArray[np.uint8]
-) -> NDArray[np.float64]:
+) -> tuple[NDArray[np.float64], float]:
     """Peaks of the residual image after a matched filter.
 
     Parameters
@@ -172,22 +172,49 @@ def find_peaks(
     height : float
         Smallest peak, grey levels, however quiet the background.
     background : ndarray of uint8, shape (rows, columns)
-        1 on every fourth pixel or so of the background, where the noise of the filtered image is measured.
+        1 on the background, where the noise of the filtered image is measured.
 
     Returns
     -------
-    ndarray, shape (n, 4)
-        x, y, height of the filtered peak (grey levels), height in standard deviations; largest first.
+    peaks : ndarray, shape (n, 3)
+        x, y, height of the filtered peak (grey levels); largest first.
+    lowest : float
+        Height that counted as a peak.
     """
-    smooth = cv2.GaussianBlur(residual, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
-    sample = smooth[::5, ::7][background[::5, ::7] > 0]
+    smooth = _smooth(residual, width)
+    sample = smooth[::7, ::11][background[::7, ::11] > 0]
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
     middle = float(np.median(sample))
-    noise = max(1.4826 * float(np.median(np.abs(sample - middle))), 1e-9)
-    found = _peaks(smooth, max(middle + FALSE_ALARM_SIGMA * noise, height), int(np.ceil(1.5 * width)))
-    found = found[np.argsort(-found[:, 2], kind="stable")]
-    return np.column_stack([found, (found[:, 2] - middle) / noise])
+    noise = 1.4826 * float(np.median(np.abs(sample - middle)))
+    lowest = max(middle + FALSE_ALARM_SIGMA * noise, height)
+    return _sorted_peaks(smooth, lowest, width), lowest
+
+
+def find_peaks_near(
+    image: NDArray[np.float32], model: NDArray[np.float32], disks: NDArray, *, width: float, lowest: float
+) -> NDArray[np.float64]:
+    """Peaks of what the model leaves over in the windows of some disks; as `find_peaks`."""
+    found = [np.empty((0, 3))]
+    for x, y, a in disks[:, :3]:
+        reach = int(np.ceil(a + 6.0 * width))
+        x0, y0 = max(round(x) - reach, 0), max(round(y) - reach, 0)
+        part = (slice(y0, max(round(y) + reach + 1, 0)), slice(x0, max(round(x) + reach + 1, 0)))
+        if image[part].size:
+            found.append(
+                _sorted_peaks(_smooth(image[part] - model[part], width), lowest, width) + [x0, y0, 0.0]
+            )
+    return np.unique(np.vstack(found), axis=0)
+
+
+def _smooth(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    taps = 2 * int(np.ceil(2.5 * width)) + 1
+    return cv2.GaussianBlur(image, (taps, taps), width, borderType=cv2.BORDER_REPLICATE)
+
+
+def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:
+    found = _peaks(smooth, lowest, int(np.ceil(1.5 * width)))
+    return found[np.argsort(-found[:, 2], kind="stable")]
 
 
 @njit(cache=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.coupled import find_pairs, relax, variances
+from contactimg.imaging.coupled import find_pairs, invert, relax, variances
 from contactimg.imaging.edge import INNER, EdgeTable, disk_table
 from contactimg.imaging.noise import Noise
 from contactimg.imaging.normal import (
@@ -21,12 +21,11 @@ from contactimg.imaging.normal import (
     COUNT,
     CROSS,
     REACH,
-    RENDER_REACH,
     RIGHT,
     SUMS,
     add_disk,
     disk_sums,
-    lone_disk_sums,
+    whole_disk_sums,
     pair_sums,
     unpack,
 )
@@ -48,8 +47,9 @@ __all__ = [
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk."""
 
+SEPARATE = 5.5  # blur widths between rims: nearer, one rim adds 1e-4 to what the other's fit sees
 COUPLED = 2.6  # blur widths from each rim within which two disks are solved for together
-SETTLED = 0.2  # of its std: after such a step of the radius the next is hardly a hundredth
+SETTLED = 0.1  # of its standard deviation: error of a radius at which the iteration ends
 BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels
 WIDE = 2.5  # blur widths: a larger contact shows its own contrast
 WELL_FITTED = 3.0  # chi-square of disks that may tell about the blur
@@ -205,7 +205,8 @@ def fit_disks(
     free_blur : bool
         Fit the blur as well.
     robust : bool
-        Pixels far off the model lose weight, once the fit is close.
+        For a start that is close: pixels far off the model lose weight, and every row is used. Otherwise every second
+        row of disks that have rows to spare.
     active : ndarray of bool or None
         Disks to move; the others stay as they are.
     table : EdgeTable or None
@@ -287,7 +288,6 @@ def _iterate(
     ``model`` holds the disks marked in ``drawn``. While they move, disks that stand alone are kept out of it.
     """
     n = len(disks)
-    reach = REACH if outer <= INNER else outer
     coupling = COUPLED if outer <= INNER else outer
     normals, inverse = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
     right, cross, steps = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
@@ -300,16 +300,17 @@ def _iterate(
     done = 0
     for iteration in range(iterations):
         done += 1
-        alone = _alone(disks, reach * s, RENDER_REACH * s)
+        alone = _alone(disks, SEPARATE * s if outer <= INNER else 2.0 * outer * s)
         _redraw(model, disks, s, drawn, ~(alone & moving), table, outer)
         pairs = find_pairs(disks, coupling * s)
         blocks = np.zeros((len(pairs), 4, 4))
-        clip = robust and iteration >= 1
+        every = 1 if robust else 2
         for i in range(n):
             if moving[i]:
                 _linearise(
                     image, model, weight, disks[i], s, noise[0] / brightness[i], noise[1] / prior[0, i], prior[:, i],
-                    alone[i], clip, table, outer, normals[i], inverse[i], right[i], cross[i], blurs[i], chi, pixels, i,
+                    alone[i], robust, every, table, outer, normals[i], inverse[i], right[i], cross[i], blurs[i],
+                    chi, pixels, i,
                 )  # fmt: skip
         for p in range(len(pairs)):
             i, j = pairs[p]
@@ -334,9 +335,9 @@ def _iterate(
         for i in range(n):
             if moving[i]:
                 still = _move(disks[i], steps[i], s, prior[0, i], np.sqrt(inverse[i, 2, 2]))
-                if still and iteration >= 1 and abs(change) < BLUR_SETTLED * s:
+                if still and (robust or iteration >= 1) and abs(change) < BLUR_SETTLED * s:
                     moving[i] = False
-        if abs(change) < BLUR_SETTLED * s and iteration >= 1:
+        if abs(change) < BLUR_SETTLED * s and (robust or iteration >= 1):
             free_blur = False
         if not moving.any():
             break
@@ -364,10 +365,10 @@ def _redraw(model, disks, s, drawn, wanted, table, outer):
 
 
 @njit(cache=True)
-def _alone(disks, reach, render_reach):
-    """Disks into whose window no other reaches."""
+def _alone(disks, space):
+    """Disks whose rim no other comes closer to than ``space``."""
     alone = np.ones(len(disks), np.bool_)
-    pairs = find_pairs(disks, 0.5 * (reach + render_reach))
+    pairs = find_pairs(disks, 0.5 * space)
     for p in range(len(pairs)):
         alone[pairs[p, 0]] = alone[pairs[p, 1]] = False
     return alone
@@ -375,7 +376,7 @@ def _alone(disks, reach, render_reach):
 
 @njit(cache=True)
 def _linearise(
-    image, model, weight, disk, s, variance, slope, prior, alone, clip, table, outer,
+    image, model, weight, disk, s, variance, slope, prior, alone, clip, every, table, outer,
     normal, inverse, right, cross, blur, chi, pixels, i,
 ):  # fmt: skip
     """Normal equations of one disk with its prior, and the inverse of their matrix."""
@@ -385,8 +386,8 @@ def _linearise(
         disk[0] - half > 0 and disk[0] + half < image.shape[1] - 1
         and disk[1] - half > 0 and disk[1] + half < image.shape[0] - 1
     )  # fmt: skip
-    if alone and whole and weight.shape != image.shape:
-        lone_disk_sums(image, disk, s, variance, slope, clip, table, outer, out)
+    if whole and weight.shape != image.shape:
+        whole_disk_sums(image, model, disk, s, variance, slope, alone, clip, every, table, outer, out)
     else:
         disk_sums(image, model, weight, disk, s, variance, slope, alone, clip, table, outer, out)
     unpack(out, normal, right)
@@ -401,7 +402,7 @@ def _linearise(
     floor = 1e-3 * prior[0] ** 2 / variance
     for u in range(3):
         damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
-    inverse[:] = np.linalg.inv(damped)
+    invert(damped, inverse)
 
 
 @njit(cache=True)
@@ -433,4 +434,6 @@ def _move(disk, step, s, contrast, std):
     disk[1] += min(max(step[1], -limit), limit)
     disk[2] = max(a + min(max(step[2], -0.4 * a), max(0.4 * a, 0.5 * s)), SMALLEST * s)
     disk[3] = min(max(disk[3] + step[3], FAINTEST * contrast), BRIGHTEST * contrast)
-    return abs(step[2]) < SETTLED * std
+    # the next step is of the order of this one squared over the blur
+    largest = max(abs(step[0]), abs(step[1]), abs(step[2]))
+    return largest * largest < SETTLED * std * s

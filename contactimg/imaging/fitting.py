@@ -101,7 +101,7 @@ def _refine(
         image, field.weight, start.disks, blur=start.blur, noise=model,
         prior=contrast_prior(start, plateau=contrast.plateau, inflation=spread),
         brightness=field.brightness(start.disks), free_blur=free_blur, iterations=5,
-        drawing=Drawing(start.model, np.ones(len(radius), np.bool_), complete=False),
+        drawing=Drawing(np.zeros_like(image), np.zeros(len(radius), np.bool_), complete=False),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
     # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in that one
@@ -121,7 +121,7 @@ def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[
     blocks = np.where(dark, block_means(field.image) - model, np.nan)
     spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
     slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
-    image = field.image - slow.evaluate(field.image.shape)
+    image = slow.subtract_from(field.image)
     return image - fit.model, image
 
 

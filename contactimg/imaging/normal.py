@@ -17,13 +17,14 @@ __all__ = [
     "SUMS",
     "add_disk",
     "disk_sums",
-    "lone_disk_sums",
+    "whole_disk_sums",
     "pair_sums",
     "unpack",
 ]
 
 REACH = 3.6  # blur widths about the rim that enter the fit: beyond, the profile is 0 or 1 to 2e-4
 RENDER_REACH = 5.0  # blur widths about the rim that are drawn
+THINNED = 4.0  # px: radius from which a disk has rows to spare
 OUTLIER = 5.0  # standard deviations from which a pixel loses weight
 LARGEST_Z2 = 4.0 * OUTLIER**2  # share of one pixel in chi-square
 
@@ -178,12 +179,13 @@ def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, tab
 
 
 @njit(cache=True, fastmath=FAST)
-def lone_disk_sums(image, disk, s, variance, slope, robust, table, outer, out):
-    """`disk_sums` of a disk that stands alone, whole, inside the image.
+def whole_disk_sums(image, model, disk, s, variance, slope, alone, robust, every, table, outer, out):
+    """`disk_sums` of a disk whose window lies inside the image and has no masked pixel.
 
     Its normal matrix then follows from its profile (the expected information, by radial quadrature), and only the right side
     needs the pixels. The weights of a pixel come from the nearest node of the profile, which costs no accuracy: they
-    decide how residuals are averaged, not what is subtracted.
+    decide how residuals are averaged, not what is subtracted. Of a disk wider than a few pixels, one row in ``every``
+    tells enough while the fit is still far off.
     """
     x, y, a, c = disk
     row = table_row(table, a, s)
@@ -202,7 +204,8 @@ def lone_disk_sums(image, disk, s, variance, slope, robust, table, outer, out):
     plain = np.float32(1.0 / (variance * (1.0 + slope * c)))
     rx = ry = ra = rc = rs = chi = 0.0
     count = 0
-    for j in range(int(np.ceil(y - half)), int(np.floor(y + half)) + 1):
+    step = every if a > THINNED else 1
+    for j in range(int(np.ceil(y - half)), int(np.floor(y + half)) + 1, step):
         dy = np.float32(j - y)
         x0, x1 = _chord(half, dy, x, columns)
         i0, i1 = _chord(inner, dy, x, columns) if inner > 0 else (1, 0)
@@ -211,7 +214,7 @@ def lone_disk_sums(image, disk, s, variance, slope, robust, table, outer, out):
         else:
             total = np.float32(0.0)
             for i in range(i0, i1 + 1):
-                residual = image[j, i] - height
+                residual = image[j, i] - (height if alone else model[j, i])
                 z2 = residual * residual * plain
                 if robust and z2 > cut:
                     residual *= cut / z2
@@ -225,8 +228,12 @@ def lone_disk_sums(image, disk, s, variance, slope, robust, table, outer, out):
                 dx = np.float32(i - x)
                 t = min(max(np.sqrt(dx * dx + dy * dy) * scale + offset, np.float32(0.0)), last)
                 k = int(t)
-                f = t - np.float32(k)
-                residual = image[j, i] - height * (row[k, 0] + f * (row[k + 1, 0] - row[k, 0]))
+                if alone:
+                    f = t - np.float32(k)
+                    level = height * (row[k, 0] + f * (row[k + 1, 0] - row[k, 0]))
+                else:
+                    level = model[j, i]
+                residual = image[j, i] - level
                 z2 = residual * residual * terms[k, 0]
                 chi += min(z2, most)
                 if robust and z2 > cut:
@@ -237,7 +244,7 @@ def lone_disk_sums(image, disk, s, variance, slope, robust, table, outer, out):
                 ra += terms[k, 2] * residual
                 rc += terms[k, 3] * residual
                 rs += terms[k, 4] * residual
-    out[15], out[16], out[17], out[18], out[19] = rx, ry, ra, rc, rs
+    out[15], out[16], out[17], out[18], out[19] = step * rx, step * ry, step * ra, step * rc, step * rs
     out[20], out[21] = chi, count
 
 
@@ -247,7 +254,8 @@ def _expected(row, terms, a, c, s, inner, reach, variance, slope, out):
     out[:] = 0.0
     g = c / s
     step = s / STEPS_PER_WIDTH
-    for k in range(row.shape[0]):
+    margin = max(int((INNER - reach) * STEPS_PER_WIDTH) - 2, 0)  # nodes that no pixel of the window falls on
+    for k in range(margin, row.shape[0] - margin):
         u = k / STEPS_PER_WIDTH - INNER
         r = a + u * s
         p, pa, pr = row[k, 0], row[k, 1], row[k, 2]

@@ -18,7 +18,7 @@ from contactimg.imaging.light import BLOCK, LightField
 __all__ = ["Shift", "estimate_shift", "shift_kernel", "shift_whole_pixels"]
 
 SMOOTHING = 1.0  # px
-STRIP, STRIP_EVERY, MARGIN = 40, 150, 6  # rows of a strip, distance of strips, rows lost at its rims
+STRIP, STRIP_EVERY, MARGIN = 64, 280, 6  # rows of a strip, distance of strips, rows lost at its rims
 SIGNIFICANCE = 3.0  # a shift below this many standard deviations is no shift
 LARGEST_STD = 0.25  # px: a background without texture determines no shift
 LARGEST_REFINED = 4.0  # px
@@ -110,7 +110,7 @@ def estimate_shift(
 
 def _strip_rows(rows: int) -> NDArray[np.int64]:
     """Row numbers of the strips that take part; all rows of a small image."""
-    if rows <= 4 * STRIP_EVERY:
+    if rows <= 2 * STRIP_EVERY:
         return np.arange(rows)
     starts = np.arange((STRIP_EVERY - STRIP) // 2, rows - STRIP, STRIP_EVERY)
     return (starts[:, None] + np.arange(STRIP)).ravel()

@@ -51,8 +51,7 @@ def label_components(
     >>> [(int(c["area"]), float(c["flux"])) for c in found]
     [(2, 5.0), (1, 4.0)]
     """
-    runs, count = _find_runs(image, np.float32(level))
-    runs = runs[:count]
+    runs = _find_runs(image, level)
     parents = _join_runs(runs)
     numbers, components = _number(parents)
     out = np.zeros(components, COMPONENT)
@@ -61,29 +60,18 @@ def label_components(
     return out
 
 
-@njit(cache=True)
-def _find_runs(image, level):
-    """Runs (row, first column, last column) of pixels above the level."""
+def _find_runs(image: NDArray[np.float32], level: float) -> NDArray[np.int64]:
+    """Runs (row, first column, last column) of pixels above the level, row by row."""
     rows, columns = image.shape
-    capacity = 4096
-    runs = np.empty((capacity, 3), np.int32)
-    count = 0
-    for y in range(rows):
-        x = 0
-        while x < columns:
-            if not image[y, x] > level:
-                x += 1
-                continue
-            first = x
-            while x < columns and image[y, x] > level:
-                x += 1
-            if count == capacity:
-                grown = np.empty((2 * capacity, 3), np.int32)
-                grown[:capacity] = runs
-                runs, capacity = grown, 2 * capacity
-            runs[count, 0], runs[count, 1], runs[count, 2] = y, first, x - 1
-            count += 1
-    return runs, count
+    # one pixel below the level between rows, and the ends of the runs are where the mask changes
+    mask = np.zeros((rows, columns + 1), np.bool_)
+    np.greater(image, np.float32(level), out=mask[:, :columns])
+    flat = mask.ravel()
+    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
+    if flat[0]:
+        changes = np.concatenate([[0], changes])
+    row, first = np.divmod(changes[::2], columns + 1)
+    return np.stack([row, first, changes[1::2] - row * (columns + 1) - 1], axis=1)
 
 
 @njit(cache=True)

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.coupled import find_pairs
-from contactimg.imaging.detect import find_inscribed, find_peaks
+from contactimg.imaging.detect import find_inscribed, find_peaks, find_peaks_near
 from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, erase_disks, fit_disks
 from contactimg.imaging.edge import EdgeTable
 from contactimg.imaging.noise import Noise
@@ -24,7 +24,8 @@ LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an impe
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk
 FAINTEST = 0.4  # of the contrast
 QUIET = 12.0  # contrast/noise below which noise would make holes at half height
-ROUNDS = 2
+ROUNDS = 4
+SUSPICIOUS = 1.3  # chi-square of a disk beside which another is looked for again
 LOOSE = 0.1  # relative width of the contrast's prior before the frame's own spread is known
 
 
@@ -103,12 +104,12 @@ def assemble_disks(
     width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.0
     inscribed = find_inscribed(image, 0.5 * plateau, smoothing=width)
     disks = np.column_stack([inscribed, np.full(len(inscribed), plateau)])
-    state = fit(disks, None, None, np.empty(0, int), 4)
+    state = fit(disks, None, None, np.empty(0, int), 3)
     state = prune(state, np.ones(len(disks), np.bool_))
+    peaks, lowest = find_peaks(
+        image - state.model, width=state.blur, height=LEAST_HEIGHT * plateau, background=background
+    )
     for _ in range(ROUNDS):
-        peaks = find_peaks(
-            image - state.model, width=state.blur, height=LEAST_HEIGHT * plateau, background=background
-        )
         new = _disks_from_peaks(peaks, state.blur, plateau)
         if not len(new):
             break
@@ -119,6 +120,8 @@ def assemble_disks(
         state = prune(fit(disks, state, active, rows, 5), active)
         if len(state.disks) <= before:
             break
+        bad = state.disks[state.chi_square > SUSPICIOUS]
+        peaks = find_peaks_near(image, state.model, bad, width=state.blur, lowest=lowest)
     return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
 
 
