@@ -12,6 +12,7 @@ from contactimg.cli.calibrate import calibrate
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
+from contactimg.cli.report import report
 from contactimg.cli.simulate import simulate
 from contactimg.errors import ContactimgError
 
@@ -33,7 +34,7 @@ def commands() -> None:
     """
 
 
-for command in (process, calibrate, predict, overlay, simulate, analyse):
+for command in (process, calibrate, predict, overlay, simulate, analyse, report):
     commands.add_command(command)
 
 

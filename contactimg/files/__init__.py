@@ -19,12 +19,13 @@ from contactimg.files.experiment import (
 )
 from contactimg.files.figures import write_figure
 from contactimg.files.output import OutputFolder
-from contactimg.files.runs import RunFolder, provenance, read_run
+from contactimg.files.runs import PROVENANCE_FILE, RunFolder, provenance, read_run
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
 from contactimg.files.tiff import write_frame
 
 __all__ = [
     "CALIBRATION_FILE",
+    "PROVENANCE_FILE",
     "SCENE_FILE",
     "Experiment",
     "FrameSeries",

@@ -1,18 +1,17 @@
 """The places of an experiment: runs read back with what their analysis needs."""
 
-import json
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 
 from contactimg.analysis.annuli import Field
 from contactimg.errors import InputError
-from contactimg.files import RunFolder, open_experiment, read_run
+from contactimg.files import RunFolder, open_experiment, read_calibration, read_run
 from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.process import run_of_folder
 from contactimg.pipeline.series import shift_of
@@ -72,7 +71,8 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         Output of `process` or `predict`.
     centre_px : (float, float), optional
         Column and row of the centre of the apparent contact in the reference frame, from `read_centre`;
-        default: the indenter's apex, and without an indenter the image centre.
+        default: that of the calibration the run was measured with, else the indenter's apex, else the image
+        centre.
 
     Returns
     -------
@@ -88,7 +88,8 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     if scene is None:
         raise InputError(f"{folder}: holds no scene; analyse the output of `process` or `predict`")
     pose = _pose(run)
-    centre = _centre(run, pose, centre_px)
+    used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
+    centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
     loads = _optional(lambda: open_experiment(scene).loads, run.folder, "no friction forces")
     return Place(
@@ -109,23 +110,24 @@ def read_centre(path: str | Path) -> Point:
     Parameters
     ----------
     path : path-like
-        Written by `calibrate jkr`; ``centre_x`` and ``centre_y`` are ``{"value": , "std": , "unit": "px"}``.
+        Written by `calibrate jkr`, or its folder.
 
     Raises
     ------
     InputError
         If the file cannot be read or holds no centre.
     """
-    try:
-        record = json.loads(Path(path).read_text(encoding="utf-8"))
-        x, y = (float(record[name]["value"]) for name in ("centre_x", "centre_y"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(
-            f"{path}: holds no centre_x and centre_y; give the result of 'calibrate jkr'"
-        ) from None
-    return x, y
+    centre = _centre_in(read_calibration(path))
+    if centre is None:
+        raise InputError(f"{path}: holds no centre_x, centre_y; give the result of 'calibrate jkr'")
+    return centre
+
+
+def _centre_in(record: Mapping[str, Any]) -> Point | None:
+    """The centre that a calibration found, if it looked for one."""
+    if not {"centre_x", "centre_y"} <= set(record):
+        return None
+    return float(record["centre_x"]["value"]), float(record["centre_y"]["value"])
 
 
 def _pose(run: RunFolder) -> Pose | None:
