@@ -1,6 +1,6 @@
 """The `disk` method: fit of blurred disks, with the frame's own noise, blur and contrast, and its quality."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -8,13 +8,24 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.imaging.detect import estimate_blur
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, X, Y, contrast_prior, fit_disks
+from contactimg.imaging.disks import (
+    CONTRAST,
+    RADIUS,
+    DiskFit,
+    Drawing,
+    Prior,
+    X,
+    Y,
+    contrast_prior,
+    fit_disks,
+)
 from contactimg.imaging.edge import PIXEL_VARIANCE
+from contactimg.imaging.halo import estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
-from contactimg.imaging.separate import assemble_disks, count_touching
+from contactimg.imaging.separate import LOOSE, assemble_disks, count_touching
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
 
@@ -25,6 +36,8 @@ BINNED_BLUR = 1.6  # ... such that they are about this wide
 QUANTISATION = 1e-3  # levels: the least noise that is believed
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
 ENOUGH_BLOCKS = 60
+HALO_SETTLED = 2e-3  # of the light
+HALO_ROUNDS = 5  # the fit takes halo for edge at first; each round leaves a fifth of that
 POOR_CHI_SQUARE = 1.5
 FAINT = 10.0  # standard deviations of the light of a contact
 CUT = 2.0  # blur widths: a rim closer to the border is cut
@@ -69,7 +82,10 @@ def fit_contacts(
         field.image, field.weight, field.background, plateau=contrast.plateau, noise=Noise(noise**2, gain - 1.0),
         brightness=field.brightness, blur=blur / field.bin, free_blur=blur_px is None,
     )  # fmt: skip
-    fit = _refine(field, assembly.fit, contrast, noise, gain, free_blur=blur_px is None)
+    field, start = _without_halo(
+        field, assembly.fit, contrast, Noise(noise**2, gain - 1.0), free_blur=blur_px is None
+    )
+    fit = _refine(field, start, contrast, noise, gain, free_blur=blur_px is None)
     contacts = _tabulate(fit, field, contrast)
     dropped = assembly.dropped
     rejected = pd.DataFrame(
@@ -81,6 +97,26 @@ def fit_contacts(
         }
     )
     return contacts, rejected, float(np.sqrt(max(fit.blur**2 - PIXEL_VARIANCE, 0.0))) * field.bin
+
+
+def _without_halo(
+    field: "_Field", fit: DiskFit, contrast: Contrast, noise: Noise, *, free_blur: bool
+) -> tuple["_Field", DiskFit]:
+    """Take the wide part of the point spread function out of the image, if it has one, in turn with the fit."""
+    image, before = field.image, 0.0
+    for _ in range(HALO_ROUNDS):
+        halo = estimate_halo(field.image, fit.model, contrast=contrast.plateau) if len(fit.disks) else None
+        if halo is None or abs(halo.fraction - before) < HALO_SETTLED:
+            break
+        before = halo.fraction
+        image = remove_halo(field.image, fit.model, halo)
+        n = len(fit.disks)
+        prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
+        fit = fit_disks(
+            image, field.weight, fit.disks, blur=fit.blur, noise=noise, prior=prior,
+            brightness=field.brightness(fit.disks), free_blur=free_blur, robust=False, iterations=4,
+        )  # fmt: skip
+    return replace(field, image=image), fit
 
 
 def _refine(

@@ -20,7 +20,7 @@ __all__ = ["Difference", "estimate_background", "subtract_reference", "unregiste
 
 SCALES = (0.7, 2.0)  # px, Gaussian widths that separate the bands
 # strips that tell the shares of the bands, their rows, and the rows that the filters need around them
-STRIPS, STRIP, REACH = 8, 16, 8
+STRIPS, STRIP, REACH = 5, 24, 8
 NEGLIGIBLE = 0.03  # share of a band not worth filtering for
 CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by

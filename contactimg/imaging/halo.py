@@ -1,0 +1,90 @@
+"""Light that the optics scatter far: a second, wide part of the point spread function, measured on the frame itself.
+
+A frame seen through ``(1-f) core + f halo`` is ``D = (1-f) M + f G*M`` with M the frame through the core alone and G the halo's
+Gaussian. Beyond the reach of the core only the halo is left, and there f and its width follow from least squares; then M
+follows from D by taking the halo of the present M away, in turn with the fit that gives M.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Halo", "estimate_halo", "remove_halo"]
+
+WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
+COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way
+DARK = 5e-4  # of the contrast: the core has ended where it is below
+SIGNIFICANT = 8.0  # standard deviations of the fraction, from means of blocks of the image
+LEAST = 0.01  # of the light: a smaller halo changes no radius by more than its error
+BANDS = 12  # strips of the image whose scatter gives the fraction's uncertainty
+
+
+@dataclass(frozen=True)
+class Halo:
+    """Wide part of the point spread function.
+
+    Parameters
+    ----------
+    fraction : float
+        Of the light.
+    sigma_px : float
+        Standard deviation of its Gaussian.
+    """
+
+    fraction: float
+    sigma_px: float
+
+
+def estimate_halo(image: NDArray[np.float32], model: NDArray[np.float32], *, contrast: float) -> Halo | None:
+    """Halo of a frame, or None if it has no significant one.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image.
+    model : ndarray, shape (rows, columns)
+        Fitted disks through the core of the point spread function.
+    contrast : float
+        Of the contacts.
+    """
+    small, core = _coarse(image), _coarse(model)
+    dark = core < DARK * contrast
+    if np.count_nonzero(dark) < 100 * BANDS:
+        return None
+    fits = [(_regress(small, _spread(core, width), dark), width) for width in WIDTHS]
+    (fraction, std, _), width = min(fits, key=lambda item: item[0][2])
+    if fraction < max(LEAST, SIGNIFICANT * std):
+        return None
+    return Halo(min(fraction, 0.6), width)
+
+
+def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
+    """The image as the core of the point spread function alone would show it."""
+    wide = _spread(_coarse(model), halo.sigma_px)
+    wide = cv2.resize(wide, image.shape[::-1], interpolation=cv2.INTER_CUBIC)
+    return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
+
+
+def _coarse(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    size = (max(image.shape[1] // COARSE, 1), max(image.shape[0] // COARSE, 1))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    return cv2.GaussianBlur(core, (0, 0), width / COARSE, borderType=cv2.BORDER_REPLICATE)
+
+
+def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Slope of the data on the halo where the mask holds, its uncertainty, and the rest of the squares."""
+    x, y = wide[mask].astype(float), data[mask].astype(float)
+    x, y = x - x.mean(), y - y.mean()
+    power = float(x @ x)
+    if power <= 1e-9 * len(x):
+        return 0.0, np.inf, float(y @ y)
+    slope = float(x @ y) / power
+    rest = y - slope * x
+    # pixels share noise, so the uncertainty comes from the scatter between strips of the image
+    bands = np.array([float(part.sum()) for part in np.array_split(x * rest, BANDS)])
+    return slope, float(np.sqrt(np.sum(bands**2))) / power, float(rest @ rest)
