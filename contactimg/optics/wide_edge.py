@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy import special
+from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from contactimg.errors import InputError
@@ -68,37 +67,39 @@ class EdgeLight:
         """Distance (m) outside the edge at which the film has faded."""
         return float(self.edges[-1])
 
-    def blurred(self, distance: ArrayLike, *, blur: float) -> Values:
-        """The line seen through a Gaussian of standard deviation ``blur``.
+    @cached_property
+    def _integral(self) -> Values:
+        """Integral of the film's light from the edge to each of ``edges``, m."""
+        return np.append(0.0, np.cumsum(self.excess * np.diff(self.edges)))
+
+    def film_means(self, start: float, step: float, count: int) -> Values:
+        """Mean light of the film in equal cells along the line, contact apart.
 
         Parameters
         ----------
-        distance : array_like, m
-            From the edge, positive outside.
-        blur : float, m
-            Above 0; a few node spacings at least where the film is wide.
+        start, step : float, m
+            Where the first cell begins, from the edge, and the width of the cells.
+        count : int
 
         Returns
         -------
-        ndarray, shape of ``distance``
+        ndarray, shape (count,)
 
         Examples
         --------
-        >>> sharp = EdgeLight(np.zeros(1), np.zeros(0))
-        >>> sharp.blurred([-2e-6, 0.0, 2e-6], blur=2e-6)
-        array([0.8413, 0.5   , 0.1587])
+        >>> film = EdgeLight(np.array([0.0, 2e-6, 4e-6]), np.array([1.0, -0.5]))
+        >>> film.film_means(-1e-6, 2e-6, 4)
+        array([ 0.5 ,  0.25, -0.25,  0.  ])
         """
-        x = np.asarray(distance, float)
-        # an interval of the film is a difference of two blurred steps, however narrow or wide it is
-        steps = special.ndtr((self.edges - x[..., None]) / blur)
-        return special.ndtr(-x / blur) + np.diff(steps, axis=-1) @ self.excess
+        bounds = np.interp(start + step * np.arange(count + 1), self.edges, self._integral)
+        return np.diff(bounds) / step
 
     @cached_property
     def twice_integrated(self) -> CubicHermiteSpline | None:
         """Second integral of the film's light from the edge, for averages over cells; None without film."""
         if not self.excess.size:
             return None
-        once = np.append(0.0, np.cumsum(self.excess * np.diff(self.edges)))
+        once = self._integral
         twice = np.append(0.0, np.cumsum((once[1:] + once[:-1]) / 2 * np.diff(self.edges)))
         return CubicHermiteSpline(self.edges, twice, once)
 
