@@ -185,6 +185,7 @@ def fit_disks(
     table: EdgeTable | None = None,
     iterations: int = 12,
     drawing: Drawing | None = None,
+    largest: NDArray[np.float64] | None = None,
 ) -> DiskFit:
     """Fit all disks of an image.
 
@@ -215,6 +216,8 @@ def fit_disks(
         At most.
     drawing : Drawing or None
         Model image to go on with (it is overwritten), and whether it is needed afterwards; None: from nothing.
+    largest : ndarray or None, shape (n,), px
+        Bounds of the radii.
 
     Returns
     -------
@@ -240,6 +243,7 @@ def fit_disks(
         np.zeros(image.shape, np.float32) if drawing is None else drawing.model,
         np.zeros(n, np.bool_) if drawing is None else drawing.drawn.copy(),
         drawing is None or drawing.complete,
+        np.full(n, np.inf) if largest is None else largest,
     )
     return DiskFit(*result)
 
@@ -281,7 +285,7 @@ def contrast_prior(fit: DiskFit, *, plateau: float, inflation: NDArray[np.float6
 @njit(cache=True)
 def _iterate(
     image, weight, disks, s, noise, prior, brightness, free_blur, robust, moving, table, outer, iterations,
-    model, drawn, draw,
+    model, drawn, draw, largest,
 ):  # fmt: skip
     """Gauss-Newton on all disks that move, until none of them moves any more.
 
@@ -335,6 +339,7 @@ def _iterate(
         for i in range(n):
             if moving[i]:
                 still = _move(disks[i], steps[i], s, prior[0, i], np.sqrt(inverse[i, 2, 2]))
+                disks[i, 2] = min(disks[i, 2], largest[i])
                 if still and (robust or iteration >= 1) and abs(change) < BLUR_SETTLED * s:
                     moving[i] = False
         if abs(change) < BLUR_SETTLED * s and (robust or iteration >= 1):

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.envelope import flatten_crowd
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
 from contactimg.imaging.register import Shift, estimate_shift, shift_kernel, shift_whole_pixels
 
@@ -22,6 +23,8 @@ SCALES = (0.7, 2.0)  # px, Gaussian widths that separate the bands
 # strips that tell the shares of the bands, their rows, and the rows that the filters need around them
 STRIPS, STRIP, REACH = 5, 24, 8
 NEGLIGIBLE = 0.03  # share of a band not worth filtering for
+CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
+GAP = 0.15  # of the height of the contacts: blocks darker than that lie between them
 CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
 FLOOR = 0.1  # of the median level: darker backgrounds are divided by this much only
@@ -118,7 +121,13 @@ def estimate_background(
     start, spread = background_mode(blocks, prefer=prefer)
     light = fit_light(blocks, frame.shape, start=start, spread=spread)
     image = light.subtract_from(frame)
-    return Difference(image, start, np.ones_like(blocks), light, None)
+    ones = np.ones_like(blocks)
+    if np.mean(light.background) > CROWDED or not np.isfinite(blocks).all():
+        return Difference(image, start, ones, light, None)
+    sign = np.float32(-1.0 if prefer == "high" else 1.0)
+    image = sign * flatten_crowd(sign * frame, sign * blocks)
+    gaps = np.abs(block_means(image)) < GAP * np.percentile(np.abs(image[::8, ::8]), 90)
+    return Difference(image, start, ones, LightField(light.coefficients, gaps, light.spread), None)
 
 
 def unregistered(image: NDArray[np.float32]) -> Difference:

@@ -22,6 +22,7 @@ __all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping"]
 DEEPEST = 0.35  # of the smaller one's diameter: contacts that overlap more are one contact
 LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk
+GROWTH = 1.3  # of an inscribed disk: one that grows more takes in its neighbours
 FAINTEST = 0.4  # of the contrast
 QUIET = 12.0  # contrast/noise below which noise would make holes at half height
 ROUNDS = 4
@@ -42,6 +43,31 @@ class Assembly:
 
     fit: DiskFit
     dropped: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Disks to fit, the largest radius that each may take, and its row in the fit before (-1: new)."""
+
+    disks: NDArray[np.float64]
+    largest: NDArray[np.float64]
+    rows: NDArray[np.int64]
+
+    @classmethod
+    def inscribed(cls, found: NDArray, shape: tuple[int, int], plateau: float, blur: float) -> "_Start":
+        """From inscribed disks, which grow little unless the border of the image cuts them."""
+        x, y, a = found.T
+        cut = np.minimum.reduce([x, y, shape[1] - 1 - x, shape[0] - 1 - y]) < a + blur
+        largest = np.where(cut, np.inf, GROWTH * a + blur)
+        return cls(np.column_stack([found, np.full(len(found), plateau)]), largest, np.full(len(found), -1))
+
+    def extended(self, fitted: NDArray, new: NDArray) -> "_Start":
+        """The fitted disks and new ones, which are free to grow."""
+        return _Start(
+            np.vstack([fitted, new]),
+            np.concatenate([self.largest, np.full(len(new), np.inf)]),
+            np.concatenate([np.arange(len(fitted)), np.full(len(new), -1)]),
+        )
 
 
 def assemble_disks(
@@ -78,34 +104,34 @@ def assemble_disks(
     Assembly
     """
 
-    def fit(
-        disks: NDArray, state: DiskFit | None, active: NDArray | None, rows: NDArray, iterations: int
-    ) -> DiskFit:
-        n = len(disks)
-        drawing = None if state is None else Drawing(state.model, rows >= 0)
+    def fit(start: _Start, state: DiskFit | None, active: NDArray | None, iterations: int) -> DiskFit:
+        n = len(start.disks)
+        drawing = None if state is None else Drawing(state.model, start.rows >= 0)
         found = fit_disks(
-            image, weight, disks, blur=blur if state is None else state.blur, noise=noise,
-            prior=Prior(np.full(n, plateau), np.full(n, LOOSE * plateau)), brightness=brightness(disks),
+            image, weight, start.disks, blur=blur if state is None else state.blur, noise=noise,
+            prior=Prior(np.full(n, plateau), np.full(n, LOOSE * plateau)), brightness=brightness(start.disks),
             free_blur=free_blur and state is None and n > 0, robust=False, active=active, table=table,
-            iterations=iterations, drawing=drawing,
+            iterations=iterations, drawing=drawing, largest=start.largest,
         )  # fmt: skip
-        return found if state is None or active is None else _carry(found, state, active, rows)
+        return found if state is None or active is None else _carry(found, state, active, start.rows)
 
-    def prune(state: DiskFit, among: NDArray[np.bool_]) -> DiskFit:
+    def prune(start: _Start, state: DiskFit, among: NDArray[np.bool_]) -> tuple[_Start, DiskFit]:
         gone = _unneeded(state, among, plateau)
         if not gone.any():
-            return state
+            return start, state
         dropped.append(state.disks[gone, :3])
         erase_disks(state.model, state.disks[gone], state.blur, table=table)
         active = _near(state.disks, gone, state.blur)[~gone]
-        return fit(state.disks[~gone], state, active, np.flatnonzero(~gone), 4)
+        kept = _Start(state.disks[~gone], start.largest[~gone], np.flatnonzero(~gone))
+        return kept, fit(kept, state, active, 4)
 
     dropped: list[NDArray] = []
     width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.0
-    inscribed = find_inscribed(image, 0.5 * plateau, smoothing=width)
-    disks = np.column_stack([inscribed, np.full(len(inscribed), plateau)])
-    state = fit(disks, None, None, np.empty(0, int), 3)
-    state = prune(state, np.ones(len(disks), np.bool_))
+    start = _Start.inscribed(
+        find_inscribed(image, 0.5 * plateau, smoothing=width), image.shape, plateau, blur
+    )
+    state = fit(start, None, None, 3)
+    start, state = prune(start, state, np.ones(len(start.disks), np.bool_))
     peaks, lowest = find_peaks(
         image - state.model, width=state.blur, height=LEAST_HEIGHT * plateau, background=background
     )
@@ -114,10 +140,9 @@ def assemble_disks(
         if not len(new):
             break
         before = len(state.disks)
-        disks = np.vstack([state.disks, new])
-        rows = np.where(np.arange(len(disks)) < before, np.arange(len(disks)), -1)
-        active = _near(disks, rows < 0, state.blur)
-        state = prune(fit(disks, state, active, rows, 5), active)
+        start = start.extended(state.disks, new)
+        active = _near(start.disks, start.rows < 0, state.blur)
+        start, state = prune(start, fit(start, state, active, 5), active)
         if len(state.disks) <= before:
             break
         bad = state.disks[state.chi_square > SUSPICIOUS]
