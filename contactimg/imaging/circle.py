@@ -111,8 +111,8 @@ class EdgeSamples:
     ----------
     circle : Circle
         The rough one.
-    film_radius_px : float
-        Radius of the contact whose film is meant.
+    outline_px : float
+        Radius of the outline at half contrast, film included.
     azimuth, distance, value, weight : ndarray, shape (n,)
         Of each sample: direction (rad), distance from the rough circle's centre (px), mean grey level and
         inverse standard deviation.
@@ -121,7 +121,7 @@ class EdgeSamples:
     """
 
     circle: Circle
-    film_radius_px: float
+    outline_px: float
     azimuth: Values
     distance: Values
     value: Values
@@ -130,11 +130,36 @@ class EdgeSamples:
 
 
 @dataclass(frozen=True, eq=False)
+class _Line:
+    """The film's light along a line across the edge, in its spectrum: blurring it is a product."""
+
+    grid: Values
+    spectrum: NDArray[np.complex128]
+
+    @classmethod
+    def of(cls, light: EdgeLight, pixel_size: float) -> "_Line":
+        reach = light.reach / pixel_size
+        count = fft.next_fast_len(int((reach + 2 * FAR_PX) / LINE_STEP_PX), real=True)
+        means = light.film_means(-FAR_PX * pixel_size, LINE_STEP_PX * pixel_size, count)
+        return cls((np.arange(count) + 0.5) * LINE_STEP_PX - FAR_PX, fft.rfft(means))
+
+    def blurred(self, outside: Values, blur: float) -> Values:
+        """Light at distances outside the edge, px: a blurred step and the blurred film."""
+        step = special.ndtr(-outside / blur)
+        if not self.spectrum.any():
+            return step
+        frequency = fft.rfftfreq(len(self.grid), LINE_STEP_PX)
+        film = fft.irfft(self.spectrum * np.exp(-2 * (np.pi * blur * frequency) ** 2), len(self.grid))
+        return step + np.interp(outside, self.grid, film, left=0.0, right=0.0)
+
+
+@dataclass(frozen=True, eq=False)
 class _Fitted:
-    """A circle and its numbers: shift, radius, contrast, background, blur, halo and its width."""
+    """A circle, its numbers (shift, radius, contrast, background, blur, halo, its width) and its film."""
 
     circle: Circle
     numbers: Values
+    line: _Line
 
 
 def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
@@ -298,16 +323,17 @@ def fit_circle(
         If too little of the edge is seen.
     """
     used = np.ones(len(samples.value), bool)
-    for _ in range(PASSES):  # the film of the fitted radius, then without stray sectors
+    for _ in range(PASSES):
         kept = _subset(samples, used)
         if len(np.unique(kept.sector)) < SHORTEST_ARC * SECTORS:
             raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
         fitted = _fit(kept, model, opening, blur_px)
-        offsets, azimuths, numbers = _sector_offsets(kept, model, opening, fitted)
+        offsets, azimuths, numbers = _sector_offsets(kept, fitted)
         spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
         stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR * max(spread, 1e-6)
+        if not stray.any():
+            break
         used &= ~np.isin(samples.sector, numbers[stray])
-        samples = replace(samples, film_radius_px=fitted.circle.radius_px)
     return _with_uncertainty(fitted.circle, offsets[~stray], azimuths[~stray])
 
 
@@ -322,10 +348,9 @@ def _fit(
 ) -> _Fitted:
     """Least squares for centre (unless centred), radius, contrast, background and blur, outliers tamed."""
     rough = samples.circle
-    line = _Line.of(model.light(samples.film_radius_px, opening), model.pixel_size)
     high, low = np.percentile(samples.value, [90, 10])
-    blur = np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5)
-    radius = rough.radius_px - _half_level(line, float(blur))
+    blur = float(np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
+    line, radius = _film_about(samples.outline_px, model, opening, blur)
     start = np.array([0.0, 0.0, radius, high - low, low, blur, *HALO_START])
     cos, sin = np.cos(samples.azimuth), np.sin(samples.azimuth)
     free = slice(2 if centred else 0, None)
@@ -363,37 +388,17 @@ def _fit(
         blur_px=float(np.sqrt(max(p[5] ** 2 - PIXEL_VARIANCE, 0.0))),
         misfit=float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(fit.x), 1))),
     )
-    return _Fitted(circle, p)
+    return _Fitted(circle, p, line)
 
 
-@dataclass(frozen=True, eq=False)
-class _Line:
-    """The film's light along a line across the edge, in its spectrum: blurring it is a product."""
-
-    grid: Values
-    spectrum: NDArray[np.complex128]
-
-    @classmethod
-    def of(cls, light: EdgeLight, pixel_size: float) -> "_Line":
-        reach = light.reach / pixel_size
-        count = fft.next_fast_len(int((reach + 2 * FAR_PX) / LINE_STEP_PX), real=True)
-        means = light.film_means(-FAR_PX * pixel_size, LINE_STEP_PX * pixel_size, count)
-        return cls((np.arange(count) + 0.5) * LINE_STEP_PX - FAR_PX, fft.rfft(means))
-
-    def blurred(self, outside: Values, blur: float) -> Values:
-        """Light at distances outside the edge, px: a blurred step and the blurred film."""
-        step = special.ndtr(-outside / blur)
-        if not self.spectrum.any():
-            return step
-        frequency = fft.rfftfreq(len(self.grid), LINE_STEP_PX)
-        film = fft.irfft(self.spectrum * np.exp(-2 * (np.pi * blur * frequency) ** 2), len(self.grid))
-        return step + np.interp(outside, self.grid, film, left=0.0, right=0.0)
-
-
-def _half_level(line: _Line, blur: float) -> float:
-    """How far outside the edge the light first falls to one half, px: where a rough outline lies."""
-    grid = line.grid[line.grid > -3 * blur]
-    return float(grid[(line.blurred(grid, blur) < 0.5).argmax()])
+def _film_about(outline_px: float, model: EdgeModel, opening: float, blur: float) -> tuple[_Line, float]:
+    """The film's light and the radius of the contact whose outline at half contrast is given, px."""
+    radius = outline_px
+    for _ in range(2):  # a radius 5 % too large makes a gap 2 % too wide, and that a radius good to 0.1 %
+        line = _Line.of(model.light(radius, opening), model.pixel_size)
+        grid = line.grid[line.grid > -3 * blur]
+        radius = outline_px - float(grid[(line.blurred(grid, blur) < 0.5).argmax()])
+    return line, radius
 
 
 def _profile(outside: Values, p: Values, line: _Line) -> Values:
@@ -408,12 +413,9 @@ def _profile(outside: Values, p: Values, line: _Line) -> Values:
     return background + contrast * ((1 - halo) * core_light + halo * halo_light)
 
 
-def _sector_offsets(
-    samples: EdgeSamples, model: EdgeModel, opening: float, fitted: _Fitted
-) -> tuple[Values, Values, NDArray[np.intp]]:
+def _sector_offsets(samples: EdgeSamples, fitted: _Fitted) -> tuple[Values, Values, NDArray[np.intp]]:
     """How far the edge lies outside the fitted circle in each sector, its direction and its number."""
-    p = fitted.numbers
-    line = _Line.of(model.light(samples.film_radius_px, opening), model.pixel_size)
+    p, line = fitted.numbers, fitted.line
     outside = samples.distance - p[0] * np.cos(samples.azimuth) - p[1] * np.sin(samples.azimuth) - p[2]
     rest = samples.weight * (samples.value - _profile(outside, p, line))
     step = 0.1 * p[5]
