@@ -9,15 +9,8 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource
-from contactimg.imaging.circle import (
-    Circle,
-    EdgeModel,
-    EdgeSamples,
-    choose_opening,
-    find_circle,
-    fit_circle,
-    sample_edge,
-)
+from contactimg.imaging.circle import Circle, EdgeSamples, find_circle, sample_edge
+from contactimg.imaging.circle_fit import EdgeModel, choose_opening, fit_circle
 from contactimg.imaging.measure import measure_image
 from contactimg.optics.film import excess_table
 from contactimg.pipeline.parallel import in_parallel
