@@ -34,6 +34,7 @@ SCALES = np.geomspace(0.03, 1e4, 160)
 at one degree of freedom."""
 DRAWS = 20000
 LATENT_STEPS = 4
+ROUNDING = 1e-6  # of the rms load: a residual below it is none
 STRAY = 1e-3  # chance that a series without stray frames loses one
 HYSTERESIS = 0.01  # chance that a series without hysteresis is given two works of adhesion
 
@@ -122,12 +123,13 @@ def calibrate_jkr(
     used = _without_strays(data)
     columns = _branch_columns(data, branch, used)
     fit = _average_noises(data.part(used), columns[used])
-    K = fit.draws[:, 0] * data.load_scale * sphere_radius / data.radius_scale**3
+    draws, centre = fit.draws(), fit.centre
+    K = draws[:, 0] * data.load_scale * sphere_radius / data.radius_scale**3
     E = 0.75 * (1 - poisson_ratio**2) * K
-    S = np.maximum(fit.draws[:, 1:] * data.load_scale / data.radius_scale**1.5, 0.0)
+    S = np.maximum(draws[:, 1:] * data.load_scale / data.radius_scale**1.5, 0.0)
     w = S**2 / (6 * np.pi * K[:, None])
-    fitted = data.design(data.radius, columns) @ fit.centre
-    freedom = max(int(used.sum()) - len(fit.centre), 1)
+    fitted = data.design(data.radius, columns) @ centre
+    freedom = max(int(used.sum()) - len(centre), 1)
     rest = data.load_scale * (data.scaled_load - fitted)
     points = pd.DataFrame(
         {
@@ -196,11 +198,25 @@ class _Data:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Most likely numbers, draws from their distribution, and the most likely noise's variances."""
+    """The fits for every noise, with the noises' weights, and the most likely noise's variances."""
 
-    centre: Values
-    draws: Values
+    centres: Values
+    covariances: Values
+    weights: Values
     variance: Values
+
+    @property
+    def centre(self) -> Values:
+        """Mean of the fitted numbers."""
+        return self.weights @ self.centres
+
+    def draws(self) -> Values:
+        """Points that follow the distribution of the numbers, stiffness above 0."""
+        freedom = max(len(self.variance) - self.centres.shape[1], 1)
+        spread = _draw(self.centres, self.covariances, self.weights) - self.centre
+        # the share of noise that grows is one number more taken from the same residuals
+        draws = self.centre + np.sqrt((freedom + 1) / freedom) * spread
+        return draws[draws[:, 0] > 0]
 
 
 def _check(load: Values, radius: Values) -> None:
@@ -245,7 +261,7 @@ def _least_squares(data: _Data, columns: Values) -> float:
     """Sum of squared scaled residuals, the noise proportional to the mean of constant and growing."""
     weight = 1 / np.sqrt(0.05 + data.scaled_load**2)
     design = data.design(data.radius, columns) * weight[:, None]
-    theta = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0]
+    theta: Values = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0]
     return float(np.sum((data.scaled_load * weight - design @ theta) ** 2))
 
 
@@ -267,7 +283,8 @@ def _without_strays(data: _Data) -> NDArray[np.bool_]:
         others = (np.sum(rest**2) - rest**2 / (1 - leverage)) / (n - 3)
         student = np.abs(rest) / np.sqrt(np.maximum(others, 1e-12 * np.sum(rest**2) + 1e-24) * (1 - leverage))
         worst = int(student.argmax())
-        if n * 2 * stats.t.sf(student[worst], n - 3) > STRAY:
+        off = abs(rest[worst]) * np.sqrt(variance[worst])
+        if n * 2 * stats.t.sf(student[worst], n - 3) > STRAY or off < ROUNDING:
             break
         used[np.flatnonzero(used)[worst]] = False
     return used
@@ -276,7 +293,7 @@ def _without_strays(data: _Data) -> NDArray[np.bool_]:
 def _average_noises(data: _Data, columns: Values) -> _Fit:
     """Average the weighted fits over the noises that the loads may have."""
     y, latent = data.scaled_load, data.radius
-    theta = np.linalg.lstsq(data.design(latent, columns), y, rcond=None)[0]
+    theta: Values = np.linalg.lstsq(data.design(latent, columns), y, rcond=None)[0].astype(np.float64)
     for _ in range(LATENT_STEPS):
         design, slope = data.design(latent, columns), data.slope(latent, columns, theta)
         straight = y - slope * (data.radius - latent)
@@ -287,10 +304,7 @@ def _average_noises(data: _Data, columns: Values) -> _Fit:
         theta = centres[best]
         moved = data.radius_std**2 * slope / variances[best] * (straight - design @ theta)
         latent = np.maximum(data.radius + moved, 0.5 * data.radius)
-    centre, freedom = weights @ centres, max(len(y) - len(theta), 1)
-    # the share of noise that grows is one number more taken from the same residuals
-    draws = centre + np.sqrt((freedom + 1) / freedom) * (_draw(centres, covariances, weights) - centre)
-    return _Fit(centre, draws[draws[:, 0] > 0], variances[best])
+    return _Fit(centres, covariances, weights, variances[best])
 
 
 def _noise_variances(y: Values, design: Values, theta: Values, own: Values) -> Values:

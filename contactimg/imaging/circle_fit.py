@@ -31,6 +31,7 @@ PASSES = 2
 WIDEST_BLUR_PX = 20.0
 HALO_START = (0.02, 5.0)  # share of the light that goes into a wide halo, and what it is wider than the blur
 HALO_MOST, HALO_WIDTH_PX = 0.5, (2.0, 20.0)
+MODEL_ERROR = 1e-3  # of the contrast: what tables and straight lines leave out
 STRAY_SECTOR = 5.0  # robust standard deviations beyond which a sector is left out
 LINE_STEP_PX = 0.1  # a tenth of a pixel: linear interpolation of a line blurred by 1 px errs by 3e-4
 FAR_PX = 60.0  # room for the blur on both sides of the film: three times the widest
@@ -297,7 +298,7 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
         azimuth=np.zeros(len(error)),
         distance=means.loc[there, "distance"].to_numpy(),
         value=means.loc[there, "value"].to_numpy(),
-        weight=1 / np.maximum(error.to_numpy(), 1e-9),
+        weight=1 / np.maximum(error.to_numpy(), MODEL_ERROR * float(np.ptp(means["value"]))),
         sector=np.zeros(len(error), np.intp),
     )
 

@@ -138,8 +138,8 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
     ...     light = edge_light(1.5e-3, sphere_radius=0.1288, opening=opening, excess=table)
     ...     half = light.edges[:-1][light.excess < 0.5][0]
     ...     print(f"{half * 1e6:.2f} um")
-    24.68 um
-    0.03 um
+    25.18 um
+    0.02 um
     """
     if not (radius > 0 and sphere_radius > 0 and opening >= 0):
         raise InputError(

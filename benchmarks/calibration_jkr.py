@@ -1,0 +1,179 @@
+"""How well modulus, work of adhesion and centre come out of a smooth contact, and how honest the intervals are.
+
+python benchmarks/calibration_jkr.py intervals [--seeds 100]   # loads and radii with noise, no images
+python benchmarks/calibration_jkr.py frames [--seed 1]         # rendered frames, modulus and adhesion hidden
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from contactimg.calibration.jkr import calibrate_jkr
+from contactimg.files import open_experiment, read_scene, write_table
+from contactimg.mechanics import jkr
+from contactimg.pipeline.calibrate import run_jkr
+from contactimg.pipeline.simulate import write_simulation
+from contactimg.scene import scene_from_dict
+from contactimg.tables import LOADS
+
+MODULUS, ADHESION, LENS = 3.0e6, 0.05, 0.1288
+LAW = {"sphere_radius": LENS, "contact_modulus": MODULUS / 0.75, "work_of_adhesion": ADHESION}
+LOADS_N = {
+    "3 loads": [0.02, 0.1, 0.5],
+    "5 loads": [0.02, 0.05, 0.1, 0.2, 0.5],
+    "6 loads": [0.02, 0.05, 0.1, 0.2, 0.35, 0.5],
+    "8 loads, two of them pulls or none": [-0.01, 0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.5],
+    "12 loads, even": np.linspace(0.04, 0.5, 12).tolist(),
+}
+FRAMES = {
+    "film of JKR": {},
+    "no film": {"film": "off"},
+    "w = 5 mJ/m2, wide film": {"w": 0.005},
+    "halo": {"psf": "halo"},
+    "Airy PSF": {"psf": "airy"},
+    "contrast 14 levels": {"contrast_levels": 14.0},
+    "200 grains of dust": {"dust_count": 200},
+    "vignetting 40 %": {"vignetting": 0.4},
+    "blur 3 px": {"blur_px": 3.0},
+    "other lamp: 530 nm, 100 nm wide": {"w": 0.005, "lamp": (530.0, 100.0)},
+    "no film, soft edge of 1 px": {"film": "off", "edge_softness_px": 1.0},
+    "no film, edge rough by 0.5 px": {"film": "off", "edge_roughness_px": 0.5},
+    "contact leaves the field": {"centre_m": [0.0041, -0.0023]},
+}
+
+
+def draw(loads: np.ndarray, noise: float, kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Loads as a sensor reads them: noise relative to each load, or to the largest."""
+    scale = np.abs(loads) if kind == "each" else loads.max()
+    return loads + noise * scale * rng.standard_normal(loads.size)
+
+
+def judge_intervals(seeds: int) -> pd.DataFrame:
+    """Share of seeds whose 95 % intervals hold the truth, and errors."""
+    rows = []
+    for name, values in LOADS_N.items():
+        loads = np.array(values)
+        for noise, kind in [(n, k) for n in (0.002, 0.01, 0.1) for k in ("each", "largest")]:
+            found, refused = [], 0
+            for seed in range(seeds):
+                rng = np.random.default_rng(seed)
+                radius = jkr.radius(loads, **LAW)
+                std = 3e-5 * radius
+                try:
+                    found.append(
+                        calibrate_jkr(
+                            draw(loads, noise, kind, rng),
+                            radius + std * rng.standard_normal(loads.size),
+                            radius_std=std,
+                            sphere_radius=LENS,
+                            poisson_ratio=0.5,
+                        )
+                    )
+                except ValueError:
+                    refused += 1
+            E, w = [f.young_modulus for f in found], [f.work_of_adhesion for f in found]
+            rows.append(
+                {
+                    "loads": name,
+                    "noise %": 100 * noise,
+                    "of": kind,
+                    "E covered": np.mean([e.low <= MODULUS <= e.high for e in E]),
+                    "w covered": np.mean([v.low <= ADHESION <= v.high for v in w]),
+                    "E +-1.96 std": np.mean([abs(e.value - MODULUS) <= 1.96 * e.std for e in E]),
+                    "w +-1.96 std": np.mean([abs(v.value - ADHESION) <= 1.96 * v.std for v in w]),
+                    "E worst %": 100 * max(abs(e.value / MODULUS - 1) for e in E),
+                    "w worst %": 100 * max(abs(v.value / ADHESION - 1) for v in w),
+                    "E std %": 100 * np.median([e.std for e in E]) / MODULUS,
+                    "w std %": 100 * np.median([v.std for v in w]) / ADHESION,
+                    "refused": refused,
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def render(folder: Path, changes: dict, seed: int) -> tuple[float, float]:
+    """Write frames with a hidden modulus and adhesion; return them."""
+    changes = dict(changes)
+    rng = np.random.default_rng(seed)
+    modulus, w = rng.uniform(2e6, 4e6), changes.pop("w", rng.uniform(0.03, 0.07))
+    lamp = changes.pop("lamp", None)
+    film, centre = changes.pop("film", "on"), changes.pop("centre_m", [0.0, 0.0])
+    data = {
+        "indenter": {"radius_m": LENS, "apex_m": [3e-5, -4.1e-5]},
+        "elastic": {"young_modulus_Pa": modulus, "work_of_adhesion_J_m2": w},
+        "camera": {"pixel_size_m": 12e-6, "centre_m": centre},
+        "effects": {"film": film},
+        "simulate": {
+            "loads_N": LOADS_N["6 loads"],
+            "shape": [560, 640],
+            "contrast_levels": 60.0,
+            "vignetting": 0.15,
+            "texture": 0.01,
+            "dust_count": 30,
+            "light_drift": 0.02,
+            "position_drift_px": 0.3,
+            "electrons_per_level": 20,
+            "read_noise_electrons": 10,
+            "seed": seed,
+        }
+        | changes,
+    }
+    if lamp is not None:
+        data["simulate"] |= {"film_wavelength_nm": lamp[0], "film_bandwidth_nm": lamp[1]}
+    write_simulation(scene_from_dict(data), None, folder)
+    return modulus, w
+
+
+def measure(folder: Path, seed: int) -> dict:
+    """Calibrate from the frames with 0.2 % of load noise; the scene knows lens and pixel size only."""
+    loads = pd.read_csv(folder / "loads.csv")
+    loads["load_N"] = draw(loads["load_N"].to_numpy(), 0.002, "each", np.random.default_rng(seed + 1))
+    write_table(loads, LOADS, folder / "loads.csv")
+    source = read_scene(folder).source
+    data = {name: source[name] for name in ("indenter", "camera", "images")}
+    result = run_jkr(open_experiment(scene_from_dict(data, folder=str(folder)), pulled=True))
+    return result.record | {"circles": result.tables["circles.csv"][1]}
+
+
+def judge_frames(seed: int) -> pd.DataFrame:
+    """Errors of the whole way from frames to modulus, adhesion and centre."""
+    rows = {}
+    for name, changes in FRAMES.items():
+        with tempfile.TemporaryDirectory() as top:
+            folder = Path(top)
+            modulus, w = render(folder, changes, seed)
+            truth, found = pd.read_csv(folder / "truth.csv"), measure(folder, seed)
+            pose = read_scene(folder).pose((560, 640))
+        circles = found["circles"].set_index("frame").loc[truth["frame"]].reset_index(drop=True)
+        x, y = pose.to_pixels(3e-5, -4.1e-5)
+        E, v = found["young_modulus"], found["work_of_adhesion"]
+        rows[name] = {
+            "E %": 100 * (E["value"] / modulus - 1),
+            "E std %": 100 * E["std"] / modulus,
+            "w %": 100 * (v["value"] / w - 1),
+            "w std %": 100 * v["std"] / w,
+            "inside": E["low_95"] <= modulus <= E["high_95"] and v["low_95"] <= w <= v["high_95"],
+            "radius px": (circles["radius_px"] - truth["radius_px"]).abs().max(),
+            "stated px": (circles["radius_std_m"] / 12e-6).max(),
+            "centre px": np.hypot(found["centre_x"]["value"] - x, found["centre_y"]["value"] - y),
+            "frames": int(np.isfinite(circles["radius_px"]).sum()),
+        }
+        print(name, rows[name], flush=True)
+    return pd.DataFrame(rows).T
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("what", choices=["intervals", "frames"])
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    table = judge_intervals(options.seeds) if options.what == "intervals" else judge_frames(options.seed)
+    print(table.to_string(float_format="{:.3f}".format))
+
+
+if __name__ == "__main__":
+    main()
