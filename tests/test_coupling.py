@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from contactimg import generate_asperities, solve_interacting
+from contactimg.models import candidates
 from contactimg.models.coupling import DenseCoupling, Kernel, NotPositiveDefinite
 from contactimg.models.fast_sum import FastCoupling
 
@@ -77,6 +78,26 @@ def test_solutions_agree_across_the_switch(coupling, thickness):
     )
     np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)
     assert fast.indentation == pytest.approx(dense.indentation, rel=ACCURACY)
+
+
+def test_contacts_that_the_screening_missed_come_back(monkeypatch):
+    table = generate_asperities("SA", side=4e-3, rng=np.random.default_rng(2))
+    where = {"indenter_radius": 0.1288, "contact_modulus": 4e6, "apex": (2e-3, 2e-3), "load": 0.3}
+    dense = solve_interacting(table, method="dense", **where)
+    # the uncoupled forces, which lower the surface too much, are taken for the rough solution
+    monkeypatch.setattr(candidates, "mean_field", lambda *posed: posed[3:])
+    monkeypatch.setattr(candidates, "ROUGH", np.inf)
+    sizes = []
+    converge = candidates.CandidateSolver._converge
+
+    def watched(self, problem, *args, **options):
+        sizes.append(problem.gap.size)
+        return converge(self, problem, *args, **options)
+
+    monkeypatch.setattr(candidates.CandidateSolver, "_converge", watched)
+    fast = solve_interacting(table, method="fast", **where)
+    assert sizes[1] < sizes[2], sizes  # some were missed, and taken in
+    np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)
 
 
 @pytest.mark.slow

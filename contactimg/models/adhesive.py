@@ -249,7 +249,7 @@ class _Path:
             forming[rows] = False
             if not forming.any():
                 return state, steps
-            guess, depth, first = self.problem.padded(np.zeros(0)), state.indentation, False
+            guess, depth, first = np.zeros(self.problem.order.size), state.indentation, False
             guess[rows] = state.contact_radius
             guess[forming] = self._touch_radius(p.radius[forming])
             rows = np.flatnonzero(guess)

@@ -2,7 +2,9 @@
 
 Candidates are the asperities that the indenter would reach if the others did not lower the surface,
 ``g < D``. At prescribed load ``D`` is not known beforehand: an upper estimate selects them, and if the
-solution exceeds it, the next larger selection is solved.
+solution exceeds it, the next larger selection is solved. Most candidates of a large set stay out of contact:
+a rough solution, with sums of low accuracy, screens them, and the accurate one is sought among those near
+contact and then checked on the others.
 """
 
 from dataclasses import dataclass
@@ -14,6 +16,7 @@ from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling, NotPositiveDefinite
 from contactimg.models.fast_sum import FastCoupling
 from contactimg.models.local_laws import LocalLaw
+from contactimg.models.mean_field import mean_field
 from contactimg.models.newton import Iterate, System, initial_iterate, measure, solve_uncoupled, take_step
 from contactimg.models.problem import Problem
 from contactimg.models.refinement import Refinement
@@ -31,6 +34,19 @@ DENSE_LIMIT = 4000
 REFINE_BELOW = 1e-2
 """Residual with point forces from which on the refined fields are worth computing."""
 
+ROUGH = 0.1
+"""Residual of the rough solution that screens the candidates."""
+
+SCREENING_ACCURACY = 1e-4
+"""Of the sums in the rough solution."""
+
+MARGIN = 0.2
+"""Gap over the deepest penetration up to which an asperity of the rough solution may yet come into contact.
+
+The check counts an asperity as missed at half of it, so that the refined fields, 1e-2 of a penetration or
+less, do not matter to it; nor, by what is added for them, the errors of the sums.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class CandidateSolver:
@@ -43,6 +59,9 @@ class CandidateSolver:
     kernel : Kernel
     coupling : {"none", "asymptotic", "hertz", "full"}
     method : {"auto", "dense", "fast"}
+    tolerance : float
+    max_iterations : int
+        Newton steps before giving up.
     """
 
     problem: Problem
@@ -50,39 +69,86 @@ class CandidateSolver:
     kernel: Kernel
     coupling: str
     method: str
+    tolerance: float
+    max_iterations: int
 
-    def solve(
-        self, seed: Values | None, *, tolerance: float, max_iterations: int
-    ) -> tuple[System, Iterate, int]:
-        """The converged system and state, and the Newton steps it took; ``seed`` are forces to start from."""
+    def solve(self, seed: Values | None) -> tuple[Problem, System, Iterate, int]:
+        """The candidates, their converged system and state, and the Newton steps it took.
+
+        ``seed`` are forces to start from.
+        """
         alone = self._uncoupled()
         if self.coupling == "none":
-            return self._system(self.problem.gap.size, NoCoupling()), alone, 0
+            return self.problem, self._system(self.problem, NoCoupling()), alone, 0
         force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
         while True:
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
-            system = self._system(count, self._operator(count))
-            iterate = initial_iterate(system, force[:count], alone.indentation)
-            system, iterate, steps = self._converge(system, iterate, tolerance, max_iterations)
+            candidates = self.problem.part(slice(count))
+            _refuse_duplicates(candidates)
+            start = candidates, force[:count], alone.indentation
+            if self._dense(candidates):
+                found, system, iterate, steps = self._solve_all(*start)
+            else:
+                found, system, iterate, steps = self._solve_screened(
+                    *start, seeded=seed is not None or taken > 0
+                )
             taken += steps
             if iterate.indentation <= reach or count == self.problem.gap.size:
-                self._refuse_ambiguous(system, iterate)
-                return system, iterate, taken
-            force, reach = self.problem.padded(iterate.force), 1.1 * iterate.indentation
+                _refuse_ambiguous(found, system, iterate)
+                return found, system, iterate, taken
+            force = found.scattered(iterate.force)[self.problem.order]
+            reach = 1.1 * iterate.indentation
+
+    def _solve_all(
+        self, candidates: Problem, force: Values, indentation: float
+    ) -> tuple[Problem, System, Iterate, int]:
+        """All candidates at once."""
+        system = self._system(candidates, self._operator(candidates))
+        iterate = initial_iterate(system, force, indentation)
+        return candidates, *self._converge(candidates, system, iterate)
+
+    def _solve_screened(
+        self, candidates: Problem, force: Values, indentation: float, *, seeded: bool
+    ) -> tuple[Problem, System, Iterate, int]:
+        """Those near contact in a rough solution, and others that turn out to be."""
+        sums = FastCoupling(candidates.x, candidates.y, self.kernel, SCREENING_ACCURACY)
+        rough = self._system(candidates, sums)
+        if seeded:
+            iterate = initial_iterate(rough, force, indentation)
+        else:
+            force, indentation = mean_field(candidates, self.law, self.kernel, force, indentation)
+            iterate = measure(rough, force, indentation, sums.displacement(force))
+        rough, iterate, steps = self._converge(candidates, rough, iterate, rough=True)
+        force, penetration = iterate.force, iterate.penetration(rough)
+        margin = MARGIN * float(penetration.max()) + 4 * SCREENING_ACCURACY * float(
+            iterate.displacement.max()
+        )
+        near = penetration > -margin
+        while True:
+            part = candidates.part(near)
+            system = self._system(part, self._operator(part))
+            displacement = system.coupling.displacement(force[near])
+            iterate = measure(system, force[near], iterate.indentation, displacement)
+            system, iterate, steps = self._converge(part, system, iterate, steps)
+            force = np.zeros_like(force)
+            force[near] = iterate.force
+            penetration = iterate.indentation - candidates.gap - sums.displacement(force)
+            if not np.any(penetration[~near] > -0.5 * margin):
+                return part, system, iterate, steps
+            near |= penetration > -margin
 
     def _uncoupled(self) -> Iterate:
         """Independent contacts."""
         still = np.zeros_like(self.problem.gap)
-        system = self._system(still.size, NoCoupling())
+        system = self._system(self.problem, NoCoupling())
         indentation = self.problem.indentation
         if system.load is not None:
             indentation = solve_uncoupled(system, still, system.load)
         return measure(system, system.response(indentation - system.gap)[0], indentation, still)
 
-    def _system(self, count: int, operator: Coupling) -> System:
-        """The first candidates and their coupling."""
-        p = self.problem
-        return System(p.gap[:count], p.radius[:count], self.law, operator, p.load)
+    def _system(self, candidates: Problem, operator: Coupling) -> System:
+        """The candidates and their coupling."""
+        return System(candidates.gap, candidates.radius, self.law, operator, candidates.load)
 
     def _reach(self, alone: Iterate) -> float:
         """Upper estimate of the indentation: the uncoupled forces lower the surface under the largest one."""
@@ -96,41 +162,41 @@ class CandidateSolver:
         apart = distance > 0
         return alone.indentation + float(np.sum(alone.force[others[apart]] / distance[apart]) / np.pi)
 
-    def _operator(self, count: int) -> Coupling:
-        """Dense or fast coupling of the first candidates, once no two stand in the same place."""
-        duplicates = self.problem.duplicates(count)
-        if duplicates is not None:
-            raise ModelRangeError(
-                f"asperities: rows {duplicates[0]} and {duplicates[1]} stand in the same place: coupled, "
-                "either of them could bear the force; remove one"
-            )
-        dense = self.method == "dense" or (self.method == "auto" and count <= DENSE_LIMIT)
-        kind = DenseCoupling if dense or count < 3 else FastCoupling
-        return kind(self.problem.x[:count], self.problem.y[:count], self.kernel)
+    def _dense(self, candidates: Problem) -> bool:
+        """Whether a stored matrix serves these candidates."""
+        count = candidates.gap.size
+        return count < 3 or self.method == "dense" or (self.method == "auto" and count <= DENSE_LIMIT)
+
+    def _operator(self, candidates: Problem) -> Coupling:
+        """Dense or fast coupling of candidates."""
+        kind = DenseCoupling if self._dense(candidates) else FastCoupling
+        return kind(candidates.x, candidates.y, self.kernel)
 
     def _converge(
-        self, system: System, iterate: Iterate, tolerance: float, max_iterations: int
+        self, problem: Problem, system: System, iterate: Iterate, taken: int = 0, *, rough: bool = False
     ) -> tuple[System, Iterate, int]:
-        """Newton steps, refining the fields between them where the level of coupling asks for it."""
-        refinement, count = None, system.gap.size
-        x, y = self.problem.x[:count], self.problem.y[:count]
-        if self.coupling in ("hertz", "full"):
-            refinement = Refinement(system, x, y, full=self.coupling == "full")
+        """Newton steps, refining the fields between them where the level of coupling asks for it.
+
+        A rough solution has point forces and a residual of `ROUGH`.
+        """
+        refinement, tolerance = None, max(self.tolerance, ROUGH) if rough else self.tolerance
+        if self.coupling in ("hertz", "full") and not rough:
+            refinement = Refinement(system, problem.x, problem.y, full=self.coupling == "full")
         refined = False
-        for steps in range(max_iterations + 1):
+        for steps in range(taken, self.max_iterations + 1):
             if refinement is not None and (refined or iterate.residual < REFINE_BELOW):
                 if not refined:
-                    self._refuse_ambiguous(system, iterate)
+                    _refuse_ambiguous(problem, system, iterate)
                 system, iterate = refinement.apply(system, iterate)
                 refined = True
             if iterate.residual <= tolerance and refined == (refinement is not None):
                 return system, iterate, steps
-            following = take_step(system, iterate) if steps < max_iterations else None
+            following = take_step(system, iterate, tolerance) if steps < self.max_iterations else None
             if following is None:
                 break
             iterate = following
-        self._refuse_ambiguous(system, iterate)
-        merged = int(np.sum(overlapping(x, y, self._uncoupled().contact_radius[:count])))
+        _refuse_ambiguous(problem, system, iterate)
+        merged = int(np.sum(overlapping(self.problem.x, self.problem.y, self._uncoupled().contact_radius)))
         raise ConvergenceError(
             f"the contact forces did not converge: residual {iterate.residual:.3g} after {steps} "
             f"Newton steps, tolerance {tolerance:.3g}; "
@@ -141,22 +207,33 @@ class CandidateSolver:
             )
         )
 
-    def _refuse_ambiguous(self, system: System, iterate: Iterate) -> None:
-        """`ModelRangeError` if contacts are so close that the equilibrium is unstable or not the only one."""
-        x, y = self.problem.x[: system.gap.size], self.problem.y[: system.gap.size]
-        pairs = close_pairs(x, y, 2 * iterate.contact_radius)
-        pair = unstable_pair(pairs, iterate.contact_radius, iterate.penetration(system), iterate.force)
-        if pair is None:
-            pair = _indefinite_pair(system, iterate, pairs)
-        if pair is not None:
-            first, second = sorted(int(self.problem.order[row]) for row in pair)
-            a = iterate.contact_radius * self.problem.length * 1e6
-            apart = float(np.hypot(x[pair[0]] - x[pair[1]], y[pair[0]] - y[pair[1]])) * self.problem.length
-            raise ModelRangeError(
-                f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, would overlap (contact "
-                f"radii {a[pair[0]]:.4g} and {a[pair[1]]:.4g} um) so far that several solutions exist; "
-                "lower the load or merge them"
-            )
+
+def _refuse_duplicates(problem: Problem) -> None:
+    """`ModelRangeError` if two asperities stand in the same place."""
+    duplicates = problem.duplicates()
+    if duplicates is not None:
+        raise ModelRangeError(
+            f"asperities: rows {duplicates[0]} and {duplicates[1]} stand in the same place: coupled, "
+            "either of them could bear the force; remove one"
+        )
+
+
+def _refuse_ambiguous(problem: Problem, system: System, iterate: Iterate) -> None:
+    """`ModelRangeError` if contacts are so close that the equilibrium is unstable or not the only one."""
+    x, y = problem.x, problem.y
+    pairs = close_pairs(x, y, 2 * iterate.contact_radius)
+    pair = unstable_pair(pairs, iterate.contact_radius, iterate.penetration(system), iterate.force)
+    if pair is None:
+        pair = _indefinite_pair(system, iterate, pairs)
+    if pair is not None:
+        first, second = sorted(int(problem.order[row]) for row in pair)
+        a = iterate.contact_radius * problem.length * 1e6
+        apart = float(np.hypot(x[pair[0]] - x[pair[1]], y[pair[0]] - y[pair[1]])) * problem.length
+        raise ModelRangeError(
+            f"asperities: rows {first} and {second}, {apart * 1e6:.4g} um apart, would overlap (contact "
+            f"radii {a[pair[0]]:.4g} and {a[pair[1]]:.4g} um) so far that several solutions exist; "
+            "lower the load or merge them"
+        )
 
 
 def _indefinite_pair(system: System, iterate: Iterate, pairs: Pairs) -> tuple[int, int] | None:

@@ -24,8 +24,8 @@ Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rows = NDArray[np.intp]
 
-NEIGHBOURS = 150
-"""Mean number of neighbours in the near part: balances its time against that of the Fourier series."""
+NEIGHBOURS = 8
+"""Mean number of neighbours within ``1/b``: balances the near part's time against the Fourier series'."""
 
 CUTOFF_PER_THICKNESS = 2.5
 """Longest cutoff over the layer's thickness: the modes then resolve the layer's deficit to 1e-12."""
@@ -60,10 +60,10 @@ class FastCoupling:
         self._x, self._y, self._kernel, self._accuracy = x, y, kernel, accuracy
         self._extent = max(float(np.ptp(x)), float(np.ptp(y)))
         area = max(float(np.ptp(x) * np.ptp(y)), 1e-3 * self._extent**2)
-        cutoff = min(np.sqrt(NEIGHBOURS * area / (np.pi * x.size)), 0.3 * self._extent)
+        reach = float(erfcinv(accuracy))
+        cutoff = min(reach * np.sqrt(NEIGHBOURS * area / (np.pi * x.size)), 0.3 * self._extent)
         if kernel.thinness:
             cutoff = min(cutoff, CUTOFF_PER_THICKNESS / kernel.thinness)
-        reach = float(erfcinv(accuracy))
         self._sharpness = reach / cutoff
         # highest wavenumber 2 b erfcinv(eps) on a box of twice the extent and the fading rim
         half = int(np.ceil(2 * self._sharpness * reach / np.pi * self._extent)) + FADE_CELLS

@@ -118,8 +118,16 @@ def solve_interacting(
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
     kernel = Kernel.of_thickness(thickness / problem.length)
     profile = local_law(law, aspect=problem.depth / problem.length)
-    solver = CandidateSolver(problem, profile, kernel, coupling=coupling, method=method)
-    system, iterate, steps = solver.solve(seed, tolerance=tolerance, max_iterations=max_iterations)
+    solver = CandidateSolver(
+        problem,
+        profile,
+        kernel,
+        coupling=coupling,
+        method=method,
+        tolerance=tolerance,
+        max_iterations=max_iterations,
+    )
+    problem, system, iterate, steps = solver.solve(seed)
     return problem.record(
         iterate.carried,
         iterate.contact_radius,

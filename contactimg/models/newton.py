@@ -159,13 +159,16 @@ def _self_consistent_factor(system: System, force: Values, displacement: Values,
     return 0.5 * (low + high)
 
 
-def take_step(system: System, at: Iterate) -> Iterate | None:
-    """One Newton step, shortened where the full one does not lower the mismatch; None if no step does."""
+def take_step(system: System, at: Iterate, tolerance: float) -> Iterate | None:
+    """One Newton step, shortened where the full one does not lower the mismatch; None if no step does.
+
+    The linear system is solved no better than the residual ``tolerance`` that is wanted in the end calls for.
+    """
     if not at.contact_radius.any():
         return None
     for damping in DAMPINGS:
         try:
-            change, rise = _direction(system, at, damping)
+            change, rise = _direction(system, at, damping, tolerance)
         except NotPositiveDefinite:
             continue
         following = _search_line(system, at, change, rise)
@@ -174,7 +177,7 @@ def take_step(system: System, at: Iterate) -> Iterate | None:
     return None
 
 
-def _direction(system: System, at: Iterate, damping: float) -> tuple[Values, float]:
+def _direction(system: System, at: Iterate, damping: float, tolerance: float) -> tuple[Values, float]:
     """Newton's change of forces and of indentation, with contacts softened by ``1/(1 + damping)``."""
     active = np.flatnonzero(at.contact_radius > 0)
     change = -at.force
@@ -184,8 +187,9 @@ def _direction(system: System, at: Iterate, damping: float) -> tuple[Values, flo
     leaving[active] = 0.0
     if leaving.any():
         right -= scale * system.coupling.displacement_at(active, leaving)
-    # an inexact solution is exact enough if its error stays below that of the linearisation
-    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual))
+    # an inexact solution is exact enough if its error stays below that of the linearisation, or below what
+    # the next residual may be
+    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.1 * tolerance / at.residual))
     solution = system.coupling.newton(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
     if system.load is not None:

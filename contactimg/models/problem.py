@@ -1,6 +1,6 @@
 """From an asperity table to a contact problem without dimensions, and back to a solution with them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -114,9 +114,14 @@ class Problem:
             residual=0.0,
         )
 
-    def duplicates(self, count: int) -> tuple[int, int] | None:
-        """Rows in the table of two of the first ``count`` asperities that stand in the same place."""
-        x, y = self.x[:count], self.y[:count]
+    def part(self, rows: NDArray[np.bool_] | slice) -> "Problem":
+        """The same problem with some of its asperities."""
+        names = ("x", "y", "gap", "radius", "order")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def duplicates(self) -> tuple[int, int] | None:
+        """Rows in the table of two asperities that stand in the same place."""
+        x, y = self.x, self.y
         if not np.any(np.diff(np.sort(x)) == 0):
             return None
         order = np.lexsort((y, x))
@@ -127,14 +132,10 @@ class Problem:
         return first, second
 
     def scattered(self, values: Values, *, fill: float = 0.0) -> Values:
-        """Values of the first asperities, in the order of the table; the rest filled."""
-        result = np.full(len(self.order), fill)
-        result[self.order[: values.size]] = values
+        """Values in the order of the table; filled for the asperities that the problem has not."""
+        result = np.full(self.height.size, fill)
+        result[self.order] = values
         return result
-
-    def padded(self, values: Values) -> Values:
-        """Values of the first asperities, zero for those further down."""
-        return np.concatenate([values, np.zeros(self.order.size - values.size)])
 
     def record(
         self, force: Values, contact_radius: Values, penetration: Values, **facts: object

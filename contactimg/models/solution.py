@@ -32,8 +32,8 @@ class InteractingSolution:
     height : ndarray, shape (n,), m
         Height of the summit above the plane it stands on.
     penetration : ndarray, shape (n,), m
-        ``delta``: indentation of each asperity, negative: the gap that remains; -inf for an asperity so low
-        that it was never a candidate.
+        ``delta``: indentation of each asperity, negative: the gap that remains; -inf for an asperity so far
+        from contact that it was no candidate.
     indentation : float, m
         ``D`` from first touch.
     load : float, N
