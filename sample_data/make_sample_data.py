@@ -100,7 +100,30 @@ def _profilometry(count: int, rng: np.random.Generator) -> pd.DataFrame:
     )
 
 
-MAKERS = {"sa_plus": make_sa_plus, "sa_plus_places": make_sa_plus_places, "ra_plus": make_ra_plus}
+LOAD_NOISE = 0.005
+"""Of each load of smooth_jkr/, as its sensor reads it."""
+
+
+def make_smooth_jkr() -> None:
+    """Render the smooth contact, read its loads with noise, and hide what a calibration is to find."""
+    recipe = read_scene(HERE / "smooth_jkr.toml")
+    folder = HERE / "smooth_jkr"
+    folder.mkdir(exist_ok=True)
+    write_simulation(recipe, None, folder)
+    made = read_scene(folder).source
+    write_scene({name: made[name] for name in ("indenter", "camera", "images")}, folder / "scene.toml")
+    loads = read_table(folder / "loads.csv", LOADS)
+    rng = np.random.default_rng(recipe.simulate.seed + 1)
+    loads["load_N"] *= 1 + LOAD_NOISE * rng.standard_normal(len(loads))
+    write_table(loads, LOADS, folder / "loads.csv")
+
+
+MAKERS = {
+    "sa_plus": make_sa_plus,
+    "sa_plus_places": make_sa_plus_places,
+    "ra_plus": make_ra_plus,
+    "smooth_jkr": make_smooth_jkr,
+}
 
 
 def data_files() -> list[Path]:
