@@ -188,7 +188,7 @@ class _Weighted:
     def __init__(self, curve: Curve, points: Points) -> None:
         self.curve, self.points = curve, points
         self.x, self.y = np.asarray(points.x), np.asarray(points.y)
-        self.floor = (_ROUNDING * float(np.abs(self.y).max())) ** 2 + np.finfo(float).tiny
+        self.floor = (_ROUNDING * (float(np.abs(self.y).max()) or 1.0)) ** 2
 
     def variance(self, parameters: Values, extra: float) -> Values:
         """Variance of each distance."""

@@ -253,6 +253,11 @@ def _contact_laws(
         )
 
     models = [model for model in averages[0].moments if model != "uncoupled"]
+    if not any(
+        place["n_forces"].any() for average in averages for place in average.moments["measured"].values()
+    ):
+        notes.append("no profiles of pressure and no laws against it: no contact has a force")
+        return {}
     keys = [(quantity, model) for quantity in QUANTITIES for model in models]
     laws = {key: _tried(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
     return {key: found for key, found in laws.items() if found is not None}

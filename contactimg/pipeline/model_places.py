@@ -26,8 +26,9 @@ def has_models(place: Place) -> bool:
 
 
 def count_solutions(places: Sequence[Place]) -> int:
-    """Solutions that `predict_places` finds for one model."""
-    return sum(len(usable_frames(place)) for place in places)
+    """Solutions that `predict_places` finds for one model; none if a place is not known well enough."""
+    known = all(has_models(place) for place in places)
+    return sum(len(usable_frames(place)) for place in places) if known else 0
 
 
 def predict_places(

@@ -1,0 +1,268 @@
+"""How honest the analysis is: rendered frames against the model's own contacts, and coverage of intervals.
+
+Closed loop: places of a surface are rendered, measured and analysed; the same analysis runs on the contacts
+that were rendered. Differences of exponents, of p(r) and of laws against the local pressure are given over
+the uncertainties that the analysis states. Coverage: how often 95 % intervals hold the truth, on simulated
+contacts (no images) and simulated tables.
+
+    python benchmarks/analysis_closed_loop.py [--places N] [--repeats N] [--seed N]
+"""
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from contactimg.analysis.annuli import annulus_moments, sum_moments
+from contactimg.analysis.area import fit_area_law, frame_areas
+from contactimg.analysis.broken_laws import BrokenLaw, fit_broken_law
+from contactimg.analysis.contact_laws import fit_contact_law
+from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.friction import fit_shear_stress
+from contactimg.analysis.topography import describe_topography
+from contactimg.cli import main as contactimg
+from contactimg.models.interacting import solve_loads
+from contactimg.pipeline.analyse import Analysis, AnalysisOptions, analyse_places
+from contactimg.pipeline.places import open_place
+from contactimg.pipeline.simulate import write_simulation
+from contactimg.scene import scene_from_dict
+from contactimg.surfaces import generate_asperities
+
+LOADS_N = [0.02, 0.05, 0.1, 0.2, 0.35, 0.5]
+SIDE = 0.01
+SCENE = {
+    "indenter": {"radius_m": 0.1288, "apex_m": [SIDE / 2, SIDE / 2]},
+    "elastic": {"young_modulus_Pa": 3.0e6},
+    "asperities": {"side_m": SIDE},
+    "camera": {"pixel_size_m": 6.0e-6},
+    "simulate": {
+        "loads_N": LOADS_N,
+        "blur_px": 1.4,
+        "vignetting": 0.15,
+        "texture": 0.02,
+        "dust_count": 30,
+        "light_drift": 0.02,
+        "position_drift_px": 0.3,
+        "electrons_per_level": 20,
+        "read_noise_electrons": 10,
+    },
+}
+SURFACES = {"SA+": 0.4, "SA-": 0.1}
+
+
+def measured_places(folder: Path, coverage: float, count: int, seed: int) -> list[str]:
+    """Render and measure places of a surface; their runs."""
+    runs = []
+    for number in range(count):
+        data = {section: dict(keys) for section, keys in SCENE.items()}
+        data["simulate"]["seed"] = seed + number
+        asperities = generate_asperities(
+            "SA", side=SIDE, coverage=coverage, rng=np.random.default_rng(seed + number)
+        )
+        frames, run = folder / f"frames_{number}", folder / f"run_{number}"
+        frames.mkdir(parents=True)
+        write_simulation(scene_from_dict(data), asperities, frames)
+        command = ["process", str(frames), "-o", str(run), "--no-pictures", "--quiet", "--workers", "1"]
+        if contactimg(command) != 0:
+            raise RuntimeError(f"{frames} could not be measured")
+        runs.append(str(run))
+    return runs
+
+
+def with_load_noise(run: str, relative: float, rng: np.random.Generator) -> None:
+    """Falsify the loads that a run knows of."""
+    path = Path(run) / "frames.csv"
+    text = pd.read_csv(path, dtype={"message": str})
+    text["load_N"] *= 1 + relative * rng.standard_normal(len(text))
+    text.to_csv(path, index=False)
+
+
+def compare(analysis: Analysis) -> dict[str, float]:
+    """Measured against the model's own contacts, in stated standard uncertainties and in percent."""
+    laws, contact = analysis.area_laws, analysis.contact_laws
+    measured, own = laws["measured"].exponent, laws["coupled"].exponent
+    out = {
+        "A(P) exponent": measured.value,
+        "own": own.value,
+        "std": measured.std,
+        "difference/std": (measured.value - own.value) / measured.std,
+    }
+    for quantity in ("density", "mean_radius"):
+        found, truth = (contact[quantity, model].single.exponent for model in ("measured", "coupled"))
+        out |= {f"{quantity} exponent": found.value, f"{quantity} own": truth.value}
+        out[f"{quantity} difference/std"] = (found.value - truth.value) / found.std
+    columns = ["frame", "r_over_hertz_radius"]
+    table = analysis.normalised.set_index(columns)
+    pair = table[table["model"] == "measured"].join(
+        table.loc[table["model"] == "coupled", ["pressure_over_hertz"]], rsuffix="_own"
+    )
+    away = pair["pressure_over_hertz"] - pair["pressure_over_hertz_own"]
+    std = pair["pressure_std_over_hertz"]
+    out["p(r) worst difference/p0"] = away.abs().max()
+    out["p(r) worst difference/std"] = (away.abs() / std)[std > 0].max()
+    areas = analysis.area.set_index(["model", "load_N"])["area_m2"]
+    out["A worst difference %"] = 100 * (areas["measured"] / areas["coupled"] - 1).abs().max()
+    return out
+
+
+def closed_loop(places: int, seed: int) -> pd.DataFrame:
+    """Rendered frames against their own contacts, all places together, one place, and with noisy loads."""
+    results = {}
+    for name, coverage in SURFACES.items():
+        with tempfile.TemporaryDirectory() as top:
+            runs = measured_places(Path(top), coverage, places, seed)
+            opened = [open_place(run) for run in runs]
+            results[f"{name}, {places} places"] = compare(
+                analyse_places(opened, AnalysisOptions(), workers=1)
+            )
+            results[f"{name}, 1 place"] = compare(analyse_places(opened[:1], AnalysisOptions(), workers=1))
+            rng = np.random.default_rng(seed)
+            for run in runs:
+                with_load_noise(run, 0.1, rng)
+            noisy = AnalysisOptions(load_relative_std=0.1, models=False)
+            law = analyse_places([open_place(run) for run in runs], noisy).area_laws["measured"].exponent
+            results[f"{name}, {places} places"] |= {
+                "exponent, 10 % on P": law.value,
+                "std, 10 % on P": law.std,
+            }
+    return pd.DataFrame(results)
+
+
+def simulated_place(rng: np.random.Generator) -> Iterator[tuple[float, pd.DataFrame]]:
+    """Load and contacts of one random SA+ pattern."""
+    asperities = generate_asperities("SA", side=SIDE, coverage=0.4, rng=rng)
+    where = {"indenter_radius": 0.1288, "contact_modulus": 4e6, "apex": (SIDE / 2, SIDE / 2)}
+    for load, solution in zip(LOADS_N, solve_loads(asperities, loads=LOADS_N, **where), strict=True):
+        yield load, solution.contacts(f"{load}")
+
+
+def describe(estimates: list[Estimate], truth: float) -> dict[str, float]:
+    """How intervals lie about the truth."""
+    values = np.array([estimate.value for estimate in estimates])
+    return {
+        "truth": truth,
+        "mean": values.mean(),
+        "scatter": values.std(ddof=1),
+        "mean stated std": np.mean([estimate.std for estimate in estimates]),
+        "coverage of 95 %": np.mean([estimate.low <= truth <= estimate.high for estimate in estimates]),
+        "intervals": len(values),
+    }
+
+
+def coverage_on_contacts(repeats: int, counts: tuple[int, ...], seed: int) -> dict[str, dict[str, float]]:
+    """How often intervals from some places hold what all places together say."""
+    rng, edges = np.random.default_rng(seed), 2.5e-4 * np.arange(20)
+    areas: list[pd.DataFrame] = []
+    loads: list[dict[str, pd.DataFrame]] = [{} for _ in LOADS_N]
+    for number in range(repeats * max(counts)):
+        shots = list(simulated_place(rng))
+        for load, (_, contacts) in zip(loads, shots, strict=True):
+            load[str(number)] = annulus_moments(contacts, centre=(SIDE / 2, SIDE / 2), edges=edges)
+        frames = pd.DataFrame({"frame": [str(p) for p, _ in shots], "load_N": LOADS_N, "area_std_m2": 0.0})
+        frames["area_m2"] = [contacts["area_m2"].sum() for _, contacts in shots]
+        areas.append(frame_areas(frames, pd.concat([table for _, table in shots]), place=str(number)))
+    together = [{"all": sum_moments(load.values())} for load in loads]
+    laws = {"density": "density", "mean radius": "mean_radius"}
+    truth = {name: fit_contact_law(together, key).single.exponent.value for name, key in laws.items()}
+    truth["A(P)"] = fit_area_law(pd.concat(areas).assign(place="all", sampling_std=0.0)).exponent.value
+    rows = {}
+    for count in counts:
+        groups = [list(range(k * count, (k + 1) * count)) for k in range(repeats)]
+        found = {"A(P)": [fit_area_law(pd.concat([areas[k] for k in group])).exponent for group in groups]}
+        for name, key in laws.items():
+            chosen = [[{str(k): load[str(k)] for k in group} for load in loads] for group in groups]
+            found[name] = [fit_contact_law(part, key).single.exponent for part in chosen]
+        for name, estimates in found.items():
+            rows[f"{name} exponent, {count} places"] = describe(estimates, truth[name])
+        noisy = [
+            fit_area_law(with_noise(pd.concat([areas[k] for k in group]), 0.1, rng), load_relative_std=0.1)
+            for group in groups
+        ]
+        name = f"A(P) exponent, {count} places, 10 % on P"
+        rows[name] = describe([law.exponent for law in noisy], truth["A(P)"])
+    return rows
+
+
+def with_noise(areas: pd.DataFrame, relative: float, rng: np.random.Generator) -> pd.DataFrame:
+    """Areas at falsified loads."""
+    return areas.assign(load=areas["load"] * (1 + relative * rng.standard_normal(len(areas))))
+
+
+def coverage_on_tables(repeats: int, seed: int) -> dict[str, dict[str, float]]:
+    """How often intervals from simulated tables hold the truth that they were made from."""
+    rng = np.random.default_rng(seed)
+    laws = [broken_law(rng) for _ in range(repeats)]
+    straight = [broken_law(rng, low_exponent=0.4) for _ in range(repeats)]
+    return {
+        "exponent below p*": describe([law.low_exponent for law in laws], 0.78),
+        "exponent above p*": describe([law.high_exponent for law in laws], 0.4),
+        "p* (Pa)": describe([law.break_x for law in laws], 50.0),
+        "breaks found where there is one": {"mean": np.mean([law.supported for law in laws])},
+        "breaks found where there is none": {"mean": np.mean([law.supported for law in straight])},
+        "shear stress (MPa)": describe([shear_stress(rng) for _ in range(repeats)], 0.49),
+        "contact angle (deg)": describe([contact_angle(rng) for _ in range(repeats)], 57.0),
+    }
+
+
+def broken_law(rng: np.random.Generator, low_exponent: float = 0.78) -> BrokenLaw:
+    """Thirty points with 10 % on both axes about a law that breaks at 50 Pa."""
+    p = np.geomspace(2.0, 2e5, 30)
+    y = np.where(p < 50, (p / 50) ** low_exponent, (p / 50) ** 0.4)
+    noise = 0.1 * rng.standard_normal((2, len(p)))
+    return fit_broken_law(p * (1 + noise[0]), y * (1 + noise[1]), x_std=0.1 * p, y_std=0.1 * y)
+
+
+def shear_stress(rng: np.random.Generator) -> Estimate:
+    """Eight loads with 2 % on the area and 10 mN on the friction; MPa."""
+    area = np.linspace(1e-7, 8e-7, 8)
+    table = pd.DataFrame(
+        {
+            "area_m2": area * (1 + 0.02 * rng.standard_normal(8)),
+            "area_std_m2": 0.02 * area,
+            "friction_N": 0.49e6 * area + 0.01 * rng.standard_normal(8),
+        }
+    )
+    return scaled(fit_shear_stress(table, friction_std=0.01).stress, 1e-6)
+
+
+def contact_angle(rng: np.random.Generator) -> Estimate:
+    """119 caps of 57 degrees with 5 % on the radius and 0.5 um on the height; degrees."""
+    height = np.clip(rng.normal(29.6e-6, 10.1e-6, 119), 5e-6, None)
+    radius = height / (1 - np.cos(np.radians(57.0)))
+    table = pd.DataFrame(
+        {
+            "height_m": height + 0.5e-6 * rng.standard_normal(119),
+            "radius_m": radius * (1 + 0.05 * rng.standard_normal(119)),
+            "height_std_m": 0.5e-6,
+            "radius_std_m": 0.05 * radius,
+        }
+    )
+    return scaled(describe_topography(table).contact_angle, np.degrees(1.0))
+
+
+def scaled(estimate: Estimate, factor: float) -> Estimate:
+    """The estimate in another unit."""
+    return Estimate(
+        *(factor * value for value in (estimate.value, estimate.std, estimate.low, estimate.high))
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--places", type=int, default=4)
+    parser.add_argument("--repeats", type=int, default=60)
+    parser.add_argument("--seed", type=int, default=20000)
+    given = parser.parse_args()
+    pd.set_option("display.width", 160)
+    print(pd.DataFrame(coverage_on_tables(10 * given.repeats, given.seed)).T.round(4).to_string(), "\n")
+    print(pd.DataFrame(coverage_on_contacts(given.repeats, (1, 4), given.seed)).T.round(4).to_string(), "\n")
+    print(closed_loop(given.places, given.seed).round(4).to_string())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,213 @@
+"""The page of a run: its parts, nothing from outside, hostile names, and a browser if there is one."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from small_series import copy_of
+
+from contactimg.cli import main
+from contactimg.errors import InputError
+from contactimg.report import build_report
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+HOSTILE = '<script>alert(1)<b>&".tif'
+SECTIONS = ["summary", "area", "overlays", "flags", "failed", "provenance"]
+
+
+class Page(HTMLParser):
+    """Tags with their attributes, and the text outside scripts and styles."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tags, self.text, self.inside = [], [], None
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self.inside = tag
+
+    def handle_endtag(self, tag):
+        self.inside = None
+
+    def handle_data(self, data):
+        if self.inside not in ("script", "style"):
+            self.text.append(data)
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.tags if name == tag]
+
+    @property
+    def sections(self):
+        return [attributes["id"] for attributes in self.all("section")]
+
+
+def process(series, target):
+    assert main(["process", str(series), "-o", str(target), "--quiet", "--workers", "1"]) in (0, 1)
+    return target
+
+
+@pytest.fixture(scope="module")
+def run(small_series, tmp_path_factory):
+    """A run with a hostile name, a failed frame, predictions and an analysis beside it."""
+    top = tmp_path_factory.mktemp("report")
+    series = copy_of(small_series, top / "series")
+    (series / "frame_1.tif").rename(series / HOSTILE)
+    (series / "frame_2.tif").write_bytes(b"no image")
+    loads = (series / "loads.csv").read_text(encoding="utf-8")
+    quoted = '"' + HOSTILE.replace('"', '""') + '"'
+    (series / "loads.csv").write_text(loads.replace("frame_1.tif", quoted), encoding="utf-8")
+    scene = (series / "scene.toml").read_text(encoding="utf-8")
+    (series / "scene.toml").write_text(scene.replace('"frame_*.tif"', '"*.tif"'), encoding="utf-8")
+    folder = process(series, top / "run")
+    assert main(["overlay", str(folder), "--quiet"]) == 0
+    assert main(["analyse", str(folder), "-o", str(folder / "analysis"), "--quiet", "--workers", "1"]) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(run):
+    return Page(build_report(run))
+
+
+def test_every_part_is_there(page):
+    assert page.sections == [*SECTIONS[:3], "predicted", "analysis", *SECTIONS[3:]]
+    text = " ".join(page.text)
+    for part in ("A ~ P", "frame_2.tif", "BEYOND_HERTZ", "area_exponent", "coupled", "schema_version"):
+        assert part in text
+    # two pictures of frames, two with predictions, figures of the analysis, A(P), and the viewer's empty one
+    sources = [attributes.get("src") for attributes in page.all("img")]
+    assert sum(str(source).startswith("data:image/webp;base64,") for source in sources) == 4
+    assert sum(str(source).startswith("data:image/svg+xml;base64,") for source in sources) >= 3
+    assert sources.count(None) == 1
+
+
+def test_the_page_refers_to_nothing_outside(run, page):
+    for tag, attributes in page.tags:
+        for name in ("src", "href", "action", "data", "poster", "srcset"):
+            if name in attributes:
+                assert attributes[name].startswith(("data:", "#")), (tag, name)
+    assert not page.all("link")
+    policy = next(a for a in page.all("meta") if a.get("http-equiv") == "Content-Security-Policy")
+    assert "default-src 'none'" in policy["content"]
+    assert not re.search(r"url\(|@import|fetch\(|XMLHttpRequest", build_report(run))
+
+
+def test_links_lead_to_parts_of_the_page(page):
+    names = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(names) == len(set(names))
+    targets = {attributes["href"].removeprefix("#") for attributes in page.all("a")}
+    assert targets <= set(names)
+
+
+def test_hostile_names_stay_text(run, page):
+    assert HOSTILE in " ".join(page.text)
+    assert len(page.all("script")) == 1  # the viewer's own
+    assert not page.all("b") or all(tag != "alert" for tag, _ in page.tags)
+    assert "<script>alert" not in build_report(run)
+    captions = [attributes.get("alt") for attributes in page.all("img")]
+    assert HOSTILE in captions
+
+
+def test_failed_frames_are_named_with_their_reason(page):
+    text = " ".join(page.text)
+    failed = text[text.index("Failed frames", text.index("Flags and rejected")) :]
+    assert "frame_2.tif" in failed
+    assert "None." not in failed[:200]
+
+
+def test_a_run_without_failures_pictures_or_loads(small_series, tmp_path):
+    series = copy_of(small_series, tmp_path / "series")
+    (series / "loads.csv").unlink()
+    scene = (series / "scene.toml").read_text(encoding="utf-8").replace('loads = "loads.csv"\n', "")
+    (series / "scene.toml").write_text(scene, encoding="utf-8")
+    folder = tmp_path / "run"
+    assert main(["process", str(series), "-o", str(folder), "--quiet", "--no-pictures"]) == 0
+    page = Page(build_report(folder))
+    text = " ".join(page.text)
+    assert page.sections == SECTIONS
+    assert "0 of 0 pictures" in text
+    assert "No frame has both a load and an area." in text
+    assert "None." in text
+
+
+def test_at_most_so_many_pictures_the_first_and_the_last_among_them(run):
+    page = Page(build_report(run, max_pictures=1))
+    assert "1 of 2 pictures" in " ".join(page.text)
+
+
+def test_a_calibration_is_shown(run, tmp_path):
+    folder = tmp_path / "jkr"
+    folder.mkdir()
+    numbers = {"young_modulus": {"value": 3.01e6, "std": 2e4, "unit": "Pa"}, "fitted": ["young_modulus"]}
+    (folder / "calibration.json").write_text(json.dumps(numbers), encoding="utf-8")
+    record = {"command": "contactimg calibrate jkr smooth", "schema_version": 1, "configuration": {}}
+    (folder / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
+    picture = base64.b64decode(
+        "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
+    )
+    (folder / "fit.png").write_bytes(picture)
+    page = Page(build_report(run, others=[folder]))
+    text = " ".join(page.text)
+    assert "calibration" in page.sections
+    assert "3.01e+06 ± 2e+04" in text
+    assert "data:image/png;base64," in str([a.get("src") for a in page.all("img")])
+
+
+def test_what_is_no_run_is_refused(tmp_path, run):
+    with pytest.raises(InputError, match="holds no run"):
+        build_report(tmp_path)
+    with pytest.raises(InputError, match="holds no output"):
+        build_report(run, others=[tmp_path])
+    with pytest.raises(InputError, match="not of overlay, analyse or calibrate"):
+        build_report(run, others=[run])
+
+
+def test_the_command_writes_the_page_beside_the_run(small_series, tmp_path, capsys):
+    folder = process(small_series, tmp_path / "run")
+    assert main(["report", str(folder)]) == 0
+    assert "report.html" in capsys.readouterr().out
+    assert (folder / "report.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    assert main(["report", str(folder), "--quiet", "-o", str(tmp_path / "page.html")]) == 0
+    # a second run replaces the first and leaves the page
+    process(small_series, folder)
+    assert (folder / "report.html").exists()
+    assert len(pd.read_csv(folder / "frames.csv")) == 3
+
+
+def in_browser(address):
+    """The page's elements after its script has run, as a browser has them."""
+    command = [
+        str(BROWSER),
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--virtual-time-budget=3000",
+        "--dump-dom",
+        address,
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)  # noqa: S603
+    return Page(done.stdout)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_a_browser_opens_the_page_and_its_viewer(run, tmp_path):
+    file = Path(tmp_path / "page.html")
+    file.write_text(build_report(run), encoding="utf-8")
+    page = in_browser(file.as_uri())
+    assert [name for name in SECTIONS if name not in page.sections] == []
+    assert "open" not in page.all("dialog")[0]
+    opened = in_browser(f"{file.as_uri()}#overlay-1")
+    assert "open" in opened.all("dialog")[0]
+    viewer = opened.all("img")[-1]  # the dialog is the last part of the page
+    assert viewer["src"].startswith("data:image/webp;base64,")
+    assert "scale(" in viewer["style"]
+    assert HOSTILE in " ".join(opened.text)
