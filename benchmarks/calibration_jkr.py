@@ -1,4 +1,4 @@
-"""How well modulus, work of adhesion and centre come out of a smooth contact, and how honest the intervals are.
+"""How well modulus, adhesion and centre come out of a smooth contact, and how honest the intervals are.
 
 python benchmarks/calibration_jkr.py intervals [--seeds 100]   # loads and radii with noise, no images
 python benchmarks/calibration_jkr.py frames [--seed 1]         # rendered frames, modulus and adhesion hidden

@@ -177,7 +177,7 @@ def test_half_a_contact_is_enough(rng):
             lambda x, y: 60.0 * ((np.abs(x - 60) < 55) & (np.abs(y - 50) < 15)),
             "no circle|no wide smooth contact",
         ),
-        (lambda x, y: 60.0 * (np.hypot(x + 40, y - 50) < 60), "of the contact's edge"),
+        (lambda x, y: 60.0 * (np.hypot(x + 52, y - 50) < 60), "of the contact's edge"),
     ],
     ids=["empty", "dot", "bar", "arc"],
 )

@@ -21,7 +21,7 @@ from contactimg.calibration.branches import tell_branches
 from contactimg.calibration.estimate import Estimate, estimate_from_draws
 from contactimg.errors import InputError
 
-__all__ = ["JkrCalibration", "calibrate_jkr"]
+__all__ = ["JkrCalibration", "calibrate_jkr", "check_loads"]
 
 Values = NDArray[np.float64]
 
@@ -33,6 +33,7 @@ SCALES = np.geomspace(0.03, 1e4, 160)
 """Noise in units of the residuals' scatter: below the likelihood vanishes, above lies 1e-4 of Student's tail
 at one degree of freedom."""
 DRAWS = 20000
+LEAST_GROWTH = 1.5  # standard errors of the slope of radius against load
 LATENT_STEPS = 4
 ROUNDING = 1e-6  # of the rms load: a residual below it is none
 STRAY = 1e-3  # chance that a series without stray frames loses one
@@ -118,7 +119,8 @@ def calibrate_jkr(
     (3000000.0, 0.05)
     """
     data = _Data.of(load, radius, radius_std)
-    _check(data.load, data.radius)
+    check_loads(data.load)
+    _check_growth(data.load, data.radius)
     branch = tell_branches(data.load)
     used = _without_strays(data)
     columns = _branch_columns(data, branch, used)
@@ -219,23 +221,39 @@ class _Fit:
         return draws[draws[:, 0] > 0]
 
 
-def _check(load: Values, radius: Values) -> None:
-    """Refuse series that determine nothing."""
-    if len(np.unique(load)) < 3:
+def check_loads(load: ArrayLike) -> None:
+    """Refuse loads from which no JKR fit can be made, whatever the radii.
+
+    Parameters
+    ----------
+    load : array_like, shape (n,), N
+        NaN where a frame has none.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three different loads, or none of them presses.
+    """
+    P = np.asarray(load, float)
+    known = np.unique(P[np.isfinite(P)])
+    if known.size < 3:
         raise InputError(
-            f"a JKR fit needs three different loads or more, got {len(np.unique(load))}; "
+            f"a JKR fit needs three different loads or more, got {known.size}; "
             "two numbers are fitted, and a third load is what tests them"
         )
-    if not (load > 0).any():
+    if not (known > 0).any():
         raise InputError(
             "no load presses: with the pull-off branch only, stiffness and adhesion cannot be told apart; "
             "add frames at positive loads"
         )
+
+
+def _check_growth(load: Values, radius: Values) -> None:
+    """Refuse radii that do not grow with the load."""
     trend = stats.linregress(load, radius)
     grows = trend.slope > 0 and stats.kendalltau(load, radius).statistic > 0
-    # a line through three points or more: Student's statistic of its slope against none
-    noise = trend.stderr if len(load) > 2 else 0.0
-    if not grows or trend.slope < 1.5 * noise or np.ptp(radius) < 1e-9 * radius.max():
+    noise = trend.stderr
+    if not grows or trend.slope < LEAST_GROWTH * noise or np.ptp(radius) < 1e-9 * radius.max():
         raise InputError(
             "the contact radius does not grow with the load "
             f"({1e6 * trend.slope:.3g} +- {1e6 * noise:.2g} um/N); "
@@ -261,7 +279,7 @@ def _least_squares(data: _Data, columns: Values) -> float:
     """Sum of squared scaled residuals, the noise proportional to the mean of constant and growing."""
     weight = 1 / np.sqrt(0.05 + data.scaled_load**2)
     design = data.design(data.radius, columns) * weight[:, None]
-    theta: Values = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0]
+    theta: Values = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0].astype(np.float64)
     return float(np.sum((data.scaled_load * weight - design @ theta) ** 2))
 
 

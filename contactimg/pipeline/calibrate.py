@@ -10,7 +10,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from contactimg.calibration.estimate import Estimate
-from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr
+from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
 from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import find_plateau
 from contactimg.calibration.threshold import calibrate_threshold, load_slope
@@ -101,6 +101,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     InputError
         If the loads and circles determine nothing; the message says why.
     """
+    check_loads(experiment.loads["load_N"])
     series = measure_circles(experiment, workers=workers, advance=advance)
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])

@@ -1,0 +1,228 @@
+"""``contactimg calibrate`` from folders of frames to calibration.json, and `process` with it."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_series import copy_of
+
+from contactimg.cli import main
+from contactimg.files import list_frames, read_calibration, read_scene, write_frame, write_scene
+from contactimg.frame import Frame
+from contactimg.pipeline.circles import mean_centre
+from contactimg.pipeline.simulate import write_simulation
+from contactimg.scene import scene_from_dict
+
+E, W = 2.83e6, 0.043
+SMOOTH = {
+    "indenter": {"radius_m": 0.1288, "apex_m": [0.005, 0.005]},
+    "elastic": {"young_modulus_Pa": E, "work_of_adhesion_J_m2": W},
+    "camera": {"pixel_size_m": 24e-6, "centre_m": [0.00507, 0.00494]},
+    "effects": {"film": "on"},
+    "simulate": {
+        "loads_N": [0.2, -0.01, 0.0, 0.05, 0.5, 0.02],
+        "shape": [270, 300],
+        "contrast_levels": 60.0,
+        "texture": 0.01,
+        "dust_count": 10,
+        "position_drift_px": 0.3,
+        "electrons_per_level": 20,
+        "read_noise_electrons": 10,
+        "seed": 4,
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def smooth_frames(tmp_path_factory):
+    """Frames of a smooth contact; the scene beside them says nothing of modulus and adhesion."""
+    folder = tmp_path_factory.mktemp("smooth") / "frames"
+    folder.mkdir()
+    write_simulation(scene_from_dict(SMOOTH), None, folder)
+    made = read_scene(folder).source
+    write_scene({name: made[name] for name in ("indenter", "camera", "images")}, folder / "scene.toml")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def threshold_result(small_series, tmp_path_factory):
+    """Result of `calibrate threshold` on the small series, by the pixel count."""
+    top = tmp_path_factory.mktemp("threshold")
+    folder = copy_of(small_series, top / "frames")
+    with_scene(folder, measure={"method": "threshold"})
+    assert main(["calibrate", "threshold", str(folder), "-o", str(top / "out"), "--quiet"]) == 0
+    return folder, top / "out"
+
+
+def with_scene(folder, **sections):
+    source = {name: dict(keys) for name, keys in read_scene(folder).source.items()}
+    for name, keys in sections.items():
+        source[name] = source.get(name, {}) | keys
+    write_scene(source, folder / "scene.toml")
+
+
+def run(*words):
+    return main([str(word) for word in words])
+
+
+def refusal(capsys, *words):
+    assert run(*words) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    return error
+
+
+def within(entry, truth):
+    return entry["low_95"] <= truth <= entry["high_95"]
+
+
+def test_jkr_finds_what_the_scene_hides(smooth_frames, tmp_path):
+    assert run("calibrate", "jkr", smooth_frames, "-o", tmp_path / "out", "--quiet", "--workers", 1) == 0
+    record = read_calibration(tmp_path / "out")
+    # exact loads, radii to some hundredths of a pixel of 24 um on 55-120 px: 5e-4 of a, three times that in E
+    assert record["young_modulus"]["value"] == pytest.approx(E, rel=2e-3)
+    assert record["work_of_adhesion"]["value"] == pytest.approx(W, rel=5e-3)
+    pose = scene_from_dict(SMOOTH).pose((270, 300))
+    x, y = pose.to_pixels(0.005, 0.005)
+    assert (record["centre_x"]["value"], record["centre_y"]["value"]) == pytest.approx((x, y), abs=0.2)
+    assert (record["young_modulus"]["unit"], record["work_of_adhesion"]["unit"]) == ("Pa", "J/m^2")
+    assert set(record["fitted"]) == {"young_modulus", "work_of_adhesion", "centre_x", "centre_y"}
+    assert record["fixed"] == {"sphere_radius_m": 0.1288, "poisson_ratio": 0.5}
+    assert {"jkr.png", "residuals.svg", "circles.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    circles = pd.read_csv(tmp_path / "out" / "circles.csv")
+    truth = pd.read_csv(smooth_frames / "truth.csv")
+    assert (circles["radius_px"] - truth["radius_px"]).abs().max() < 0.05
+
+
+def test_one_bad_frame_is_named_and_the_others_count(smooth_frames, tmp_path, capsys):
+    folder = copy_of(smooth_frames, tmp_path / "frames")
+    bad = next(source for source in list_frames(folder) if source.name == "frame_4.tif")
+    frame = bad.read()
+    write_frame(Frame(np.zeros_like(frame.image), frame.name, frame.full_scale), bad.path)
+    assert run("calibrate", "jkr", folder, "-o", tmp_path / "out") == 1
+    assert "frame_4.tif" in capsys.readouterr().out
+    record = read_calibration(tmp_path / "out")
+    assert record["young_modulus"]["value"] == pytest.approx(E, rel=2e-3)
+    assert record["quality"]["frames_used"] == 5
+
+
+def test_jkr_refusals_say_why(smooth_frames, tmp_path, capsys):
+    folder = copy_of(smooth_frames, tmp_path / "frames")
+    loads = pd.read_csv(folder / "loads.csv")
+    for values, sentence in (
+        (-np.arange(1.0, 7.0) / 1000, "pull-off branch only"),
+        (np.full(6, 0.1), "three different loads or more, got 1"),
+        (-loads["load_N"] + 0.6, "does not grow with the load"),
+    ):
+        loads.assign(load_N=values).to_csv(folder / "loads.csv", index=False)
+        assert sentence in refusal(capsys, "calibrate", "jkr", folder, "-o", tmp_path / "out", "--quiet")
+        assert not (tmp_path / "out").exists()
+
+
+def test_pulls_mean_nothing_to_process(smooth_frames, tmp_path, capsys):
+    error = refusal(capsys, "process", smooth_frames, "-o", tmp_path / "out", "--quiet")
+    assert "load_N of frame_2.tif must not be negative, got -0.01" in error
+
+
+def test_threshold_gives_slope_one(threshold_result):
+    _, out = threshold_result
+    record = read_calibration(out)
+    assert record["slope"]["value"] == pytest.approx(1.0, abs=1e-9)
+    assert record["fitted"] == ["threshold"]
+    assert record["fixed"]["young_modulus"]["value"] == 3e6
+    # frames with a linear edge cross half the contrast at the true radius; small contacts lie a little above
+    assert 0.4 < record["threshold"]["value"] < 0.5
+    curve = pd.read_csv(out / "curve.csv")
+    assert (np.diff(curve["slope"]) < 0).all()
+    off = np.interp(record["threshold"]["value"] + 0.1, curve["threshold"], curve["slope"])
+    assert off < 0.9  # a threshold that is wrong by 0.1 breaks the slope
+    assert {"slope_threshold.png", "forces.png"} <= {path.name for path in out.iterdir()}
+
+
+def test_process_with_the_calibration(threshold_result, tmp_path):
+    folder, out = threshold_result
+    words = ["process", folder, "--calibration", out / "calibration.json", "-o", tmp_path / "run"]
+    assert run(*words, "--quiet", "--no-pictures") == 0
+    frames = pd.read_csv(tmp_path / "run" / "frames.csv")
+    record = read_calibration(out)
+    assert frames["threshold"].unique() == pytest.approx([record["threshold"]["value"]], rel=1e-12)
+    slope = (frames["force_sum_N"] @ frames["load_N"]) / (frames["load_N"] @ frames["load_N"])
+    # between two thresholds 0.025 apart the slope is taken as linear: 0.025^2/8 of its curvature, about 3
+    assert slope == pytest.approx(1.0, abs=1e-3)
+    provenance = json.loads((tmp_path / "run" / "provenance.json").read_text())
+    used = provenance["configuration"]["options"]["calibration"]["record"]
+    assert used["threshold"] == record["threshold"]
+
+
+def test_modulus_with_the_threshold_of_another_sample(threshold_result, small_series, tmp_path, capsys):
+    folder, out = threshold_result
+    record = read_calibration(out)["threshold"]["value"]
+    words = ["calibrate", "modulus", folder, "--threshold", record, "--young-modulus-MPa", 2.7]
+    words += ["--young-modulus-std-MPa", 0.05, "-o", tmp_path / "modulus"]
+    assert run(*words) == 0
+    assert "outside the measured 2.7 +- 0.05 MPa" in capsys.readouterr().out
+    found = read_calibration(tmp_path / "modulus")
+    assert found["young_modulus"]["value"] == pytest.approx(3e6, rel=1e-3)
+    assert found["slope"]["value"] == pytest.approx(0.9, rel=1e-3)
+    assert found["compatible"] is False
+
+
+def test_both_on_one_curve_are_refused(threshold_result, tmp_path, capsys):
+    folder, out = threshold_result
+    both = "cannot both be fitted on one load curve"
+    assert both in refusal(
+        capsys, "calibrate", "modulus", folder, "--calibration", out, "-o", tmp_path / "a", "--quiet"
+    )
+    assert both in refusal(capsys, "calibrate", "modulus", folder, "-o", tmp_path / "a", "--quiet")
+
+
+def test_no_threshold_brackets_one(threshold_result, tmp_path, capsys):
+    folder, _ = threshold_result
+    words = ["calibrate", "threshold", folder, "-o", tmp_path / "out", "--quiet", "--young-modulus-MPa", 300]
+    assert "no threshold between 0.05 and 0.95 gives slope 1" in refusal(capsys, *words)
+
+
+def test_disk_slope_is_a_check(small_series, tmp_path, capsys):
+    folder = copy_of(small_series, tmp_path / "frames")
+    assert run("calibrate", "threshold", folder, "-o", tmp_path / "out") == 0
+    assert "is a check, no threshold changes it" in capsys.readouterr().out
+    record = read_calibration(tmp_path / "out")
+    assert record["method"] == "disk"
+    # disks of 1 px radius and more, 20 electrons a level: the sum of forces is good to a few per cent
+    assert record["slope"]["value"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_plateau(small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "frames")
+    (folder / "loads.csv").unlink()
+    with_scene(folder, images={})
+    source = read_scene(folder).source
+    source["images"].pop("loads", None)
+    del source["elastic"]
+    write_scene(source, folder / "scene.toml")
+    assert run("calibrate", "plateau", folder, "-o", tmp_path / "out", "--quiet") == 0
+    record = read_calibration(tmp_path / "out")
+    low, high = (record[name]["value"] for name in ("threshold_low", "threshold_high"))
+    assert 0.05 <= low < record["threshold"]["value"] < high <= 0.95
+    areas = pd.read_csv(tmp_path / "out" / "areas.csv")
+    truth = pd.read_csv(folder / "truth.csv").groupby("frame")["area_m2"].sum()
+    inside = (areas["area_m2"] - truth.loc[areas["frame"]].to_numpy()).abs() <= areas["area_std_m2"]
+    assert inside.all()
+    assert (tmp_path / "out" / "plateau.png").exists()
+
+
+def test_calibration_that_is_none(small_series, tmp_path, capsys):
+    (tmp_path / "a.json").write_text('{"threshold": {"value": "0.4", "unit": ""}}')
+    words = ["process", small_series, "--calibration", tmp_path / "a.json", "-o", tmp_path / "out"]
+    assert "the value of threshold must be a number, got '0.4'" in refusal(capsys, *words)
+
+
+def test_centre_in_whose_pixels():
+    still = pd.DataFrame({"x_px": [10.0, 10.01, 9.99], "y_px": 20.0, "centre_std_px": 0.01})
+    shift = np.array([0.5, -0.4, 0.2])
+    moving = still.assign(x_px=still["x_px"] + shift)
+    for table, moves in ((still, False), (moving, True)):
+        found = mean_centre(table.assign(shift_x_px=shift, shift_y_px=0.0))
+        assert (found.x_px, found.y_px) == pytest.approx((10, 20), abs=0.01)
+        assert found.moves_with_sample == moves
