@@ -19,12 +19,13 @@ from contactimg.imaging.disks import (
     contrast_prior,
     fit_disks,
 )
-from contactimg.imaging.edge import PIXEL_VARIANCE
+from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
+from contactimg.imaging.rim import Rim, rim_table
 from contactimg.imaging.separate import LOOSE, assemble_disks, count_touching
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
@@ -36,6 +37,7 @@ BINNED_BLUR = 1.6  # ... such that they are about this wide
 QUANTISATION = 1e-3  # levels: the least noise that is believed
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
 ENOUGH_BLOCKS = 60
+BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
 HALO_SETTLED = 2e-3  # of the light
 HALO_ROUNDS = 5  # the fit takes halo for edge at first; each round leaves a fifth of that
 POOR_CHI_SQUARE = 1.5
@@ -51,6 +53,7 @@ def fit_contacts(
     contrast: Contrast,
     noise: float,
     blur_px: float | None,
+    film: Rim | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame, float]:
     """Find the contacts of a frame and fit each by a blurred disk.
 
@@ -65,6 +68,8 @@ def fit_contacts(
         Standard deviation of a background pixel.
     blur_px : float or None
         Standard deviation of the point spread function; None: fitted.
+    film : Rim or None
+        Bright rim around the contacts; None: the edge is sharp.
 
     Returns
     -------
@@ -78,14 +83,21 @@ def fit_contacts(
     field = _Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
     noise = max(noise if field.bin == 1 else estimate_noise(field.image, field.blocks), QUANTISATION)
     gain = 1.0 + contrast.plateau / max(difference.level, 0.1 * contrast.plateau)
+    first = Noise(noise**2, gain - 1.0)
+    free_blur = blur_px is None
+    blur /= field.bin
+    table = None
+    if film is not None:
+        blur = _blur_behind(film, field, contrast, first, blur) if free_blur else blur
+        table, free_blur = rim_table(film, blur), False
     assembly = assemble_disks(
-        field.image, field.weight, field.background, plateau=contrast.plateau, noise=Noise(noise**2, gain - 1.0),
-        brightness=field.brightness, blur=blur / field.bin, free_blur=blur_px is None,
+        field.image, field.weight, field.background, plateau=contrast.plateau, noise=first,
+        brightness=field.brightness, blur=blur, free_blur=free_blur, table=table,
     )  # fmt: skip
-    field, start = _without_halo(
-        field, assembly.fit, contrast, Noise(noise**2, gain - 1.0), free_blur=blur_px is None
-    )
-    fit = _refine(field, start, contrast, noise, gain, free_blur=blur_px is None)
+    start = assembly.fit
+    if film is None:
+        field, start = _without_halo(field, start, contrast, first, free_blur=free_blur)
+    fit = _refine(field, start, contrast, noise, gain, free_blur=free_blur, table=table)
     contacts = _tabulate(fit, field, contrast)
     dropped = assembly.dropped
     rejected = pd.DataFrame(
@@ -119,8 +131,41 @@ def _without_halo(
     return replace(field, image=image), fit
 
 
+def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, guess: float) -> float:
+    """Blur for which contacts with a rim fit best.
+
+    A rim has lengths of its own, so its table holds for one blur; and too sharp an edge can pass for a sharper blur, so
+    the whole range is looked at, then a parabola laid through the best three.
+    """
+    middle = round(float(np.log(guess) / np.log(BLUR_STEP)))
+    blurs = BLUR_STEP ** np.arange(middle - BLURS_BELOW, middle + BLURS_ABOVE + 1.0)
+    misfit = np.array([_misfit(rim, field, contrast, noise, float(blur)) for blur in blurs])
+    best = int(np.clip(np.argmin(misfit), 1, len(blurs) - 2))
+    left, centre, right = misfit[best - 1 : best + 2]
+    bend = left - 2.0 * centre + right
+    shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0)) if bend > 0 else 0.0
+    return float(blurs[best] * BLUR_STEP**shift)
+
+
+def _misfit(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, blur: float) -> float:
+    """Median chi-square of the contacts for one blur."""
+    table = rim_table(rim, blur)
+    assembly = assemble_disks(
+        field.image, field.weight, field.background, plateau=contrast.plateau, noise=noise,
+        brightness=field.brightness, blur=blur, free_blur=False, table=table,
+    )  # fmt: skip
+    return float(np.median(assembly.fit.chi_square)) if len(assembly.fit.disks) else 0.0
+
+
 def _refine(
-    field: "_Field", start: DiskFit, contrast: Contrast, noise: float, gain: float, *, free_blur: bool
+    field: "_Field",
+    start: DiskFit,
+    contrast: Contrast,
+    noise: float,
+    gain: float,
+    *,
+    free_blur: bool,
+    table: EdgeTable | None,
 ) -> DiskFit:
     """Last fit, with noise, background and spread of contrasts as the first one shows them."""
     if not len(start.disks):
@@ -136,7 +181,7 @@ def _refine(
     fit = fit_disks(
         image, field.weight, start.disks, blur=start.blur, noise=model,
         prior=contrast_prior(start, plateau=contrast.plateau, inflation=spread),
-        brightness=field.brightness(start.disks), free_blur=free_blur, iterations=5,
+        brightness=field.brightness(start.disks), free_blur=free_blur, iterations=5, table=table,
         drawing=Drawing(np.zeros_like(image), np.zeros(len(radius), np.bool_), complete=False),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
@@ -151,7 +196,7 @@ def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[
     The light was fitted when the faint surroundings of contacts still counted as background; now they are known.
     """
     model = block_means(fit.model)
-    dark = model < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
+    dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
     if np.count_nonzero(dark) < ENOUGH_BLOCKS:
         return field.image - fit.model, field.image
     blocks = np.where(dark, block_means(field.image) - model, np.nan)

@@ -18,6 +18,7 @@ from contactimg.imaging.reference import (
     subtract_reference,
     unregistered,
 )
+from contactimg.imaging.rim import Rim
 from contactimg.imaging.threshold import Contrast, choose_threshold, find_polarity, measure_contrast
 
 __all__ = ["ImageMeasurement", "measure_image"]
@@ -82,7 +83,7 @@ def measure_image(
     threshold: float | str | None = None,
     full_scale: float | None = None,
     blur_px: float | None = None,
-    film: object | None = None,
+    film: Rim | None = None,
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
 
@@ -101,8 +102,9 @@ def measure_image(
         Grey level at which the sensor saturates; None: that of the pixel type.
     blur_px : float or None
         Standard deviation of the point spread function, px; None: found from the frame.
-    film : object or None
-        Description of the air film about the contacts.
+    film : Rim or None
+        Bright rim that the air film draws around the contacts, for ``"disk"``: `contactimg.imaging.rim.FilmRim` or
+        `contactimg.imaging.rim.PlainRim`; None: the edge is sharp.
 
     Returns
     -------
@@ -141,7 +143,7 @@ def measure_image(
             )
         else:
             disks, rejected, blur = fit_contacts(
-                signed, pixels, difference, contrast=contrast, noise=noise, blur_px=blur_px
+                signed, pixels, difference, contrast=contrast, noise=noise, blur_px=blur_px, film=film
             )
     disks = disks.assign(label=np.arange(1, len(disks) + 1))
     status, message = _judge(pixels, difference, len(disks))

@@ -259,7 +259,7 @@ def _expected(row, terms, a, c, s, inner, reach, variance, slope, out):
         u = k / STEPS_PER_WIDTH - INNER
         r = a + u * s
         p, pa, pr = row[k, 0], row[k, 1], row[k, 2]
-        w = 1.0 / (variance * (1.0 + slope * c * p))
+        w = 1.0 / (variance * (1.0 + slope * c * max(p, 0.0)))
         js = -g / s * (a * pa + r * pr)
         terms[k, 0] = w
         terms[k, 1] = -w * g * pr / max(abs(r), 0.25 * step)
