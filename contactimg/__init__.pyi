@@ -47,3 +47,16 @@ from .calibration.modulus import calibrate_modulus as calibrate_modulus
 from .calibration.plateau import find_plateau as find_plateau
 from .calibration.threshold import calibrate_threshold as calibrate_threshold
 from .render import render_smooth_contact as render_smooth_contact
+from .analysis.area import fit_area_law as fit_area_law
+from .analysis.broken_laws import fit_broken_law as fit_broken_law
+from .analysis.contact_laws import fit_contact_law as fit_contact_law
+from .analysis.friction import fit_shear_stress as fit_shear_stress
+from .analysis.power_laws import fit_power_law as fit_power_law
+from .analysis.profiles import average_profile as average_profile
+from .analysis.profiles import normalise_profile as normalise_profile
+from .analysis.profiles import radial_profile as radial_profile
+from .analysis.topography import describe_topography as describe_topography
+from .pipeline.analyse import AnalysisOptions as AnalysisOptions
+from .pipeline.analyse import analyse_places as analyse_places
+from .pipeline.places import open_place as open_place
+from .report import build_report as build_report

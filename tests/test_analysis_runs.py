@@ -266,3 +266,16 @@ def test_a_prediction_can_be_analysed_like_a_measurement(small_series, tmp_path)
     for name in ("exponent", "amplitude"):
         measured, own = (getattr(found.area_laws[model], name).value for model in ("measured", "coupled"))
         assert measured == pytest.approx(own, rel=1e-9)
+
+
+def test_what_the_camera_cannot_show_must_not_count_on_one_side(run):
+    def contacts(smallest):
+        options = AnalysisOptions(annulus=1e-2, min_radius_px=smallest)
+        table = analyse_places([open_place(run)], options, workers=1).profile
+        return table.set_index(["model", "frame"])["density_per_m2"]
+
+    fair, naive = contacts(1.0), contacts(0.0)
+    # two of some fifty contacts may lie at the limit itself
+    np.testing.assert_allclose(fair["measured"], fair["coupled"], rtol=0.1)
+    assert (naive["coupled"] >= naive["measured"]).all()
+    assert naive["coupled"].sum() > fair["coupled"].sum()

@@ -50,9 +50,16 @@ file = click.Path(exists=True, dir_okay=False)
     "--friction-std-N", "friction_std", type=click.FloatRange(min=0), default=0.0, help="Of a friction force."
 )
 @click.option(
+    "--min-radius-px",
+    type=click.FloatRange(min=0),
+    default=1.0,
+    show_default=True,
+    help="Smallest contacts, measured or predicted, that count in annuli.",
+)
+@click.option(
     "--min-contacts",
     type=click.IntRange(min=1),
-    default=10,
+    default=5,
     show_default=True,
     help="Fewest contacts of an annulus in the laws against the local pressure.",
 )
@@ -156,7 +163,15 @@ def _options(given: dict[str, Any]) -> "AnalysisOptions":
 
     if given["smooth"] is not None and given["smooth_stress"] is not None:
         raise click.UsageError("--smooth and --smooth-stress-MPa are both given; keep one of the two.")
-    names = ("load_tolerance", "load_std", "load_relative_std", "friction_std", "min_contacts", "confidence")
+    names = (
+        "load_tolerance",
+        "load_std",
+        "load_relative_std",
+        "friction_std",
+        "min_contacts",
+        "confidence",
+        "min_radius_px",
+    )
     options = AnalysisOptions(
         annulus=given["annulus_mm"] * 1e-3,
         load_range=(given["load_low"], given["load_high"]),

@@ -43,6 +43,9 @@ class AnalysisOptions:
         Standard uncertainty of a load, relative and in N; the two add in squares.
     friction_std : float, N
         Standard uncertainty of a friction force.
+    min_radius_px : float
+        Smallest contacts, measured or predicted, that count in annuli: what the camera does not show must not
+        count on one side only. Areas A(P) are those of all contacts.
     min_contacts : float
         Fewest contacts of an annulus that enters the laws against the local pressure.
     models : bool
@@ -58,7 +61,8 @@ class AnalysisOptions:
     load_relative_std: float = 0.0
     load_std: float = 0.0
     friction_std: float = 0.0
-    min_contacts: float = 10
+    min_radius_px: float = 1.0
+    min_contacts: float = 5
     models: bool = True
     smooth_stress: Estimate | None = None
 
@@ -137,7 +141,8 @@ def analyse_places(
             seen[model], left_out = predict_places(places, model, workers=workers, advance=advance)
             notes += left_out
     surface = Surface.of(places[0])
-    averages = [average_load(group, seen, surface, width=options.annulus, notes=notes) for group in groups]
+    limits = {"width": options.annulus, "min_radius_px": options.min_radius_px}
+    averages = [average_load(group, seen, surface, notes=notes, **limits) for group in groups]
     friction = _friction_table(places)
     stress = None if friction.empty else _tried(notes, "friction", _shear_stress, friction, options)
     ratio = None

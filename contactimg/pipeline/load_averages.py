@@ -103,6 +103,7 @@ def average_load(
     surface: Surface,
     *,
     width: float,
+    min_radius_px: float,
     notes: list[str],
 ) -> LoadAverage:
     """Average the contacts of one load over annuli.
@@ -116,11 +117,15 @@ def average_load(
     surface : Surface
     width : float, m
         Of an annulus.
+    min_radius_px : float
+        Smallest contact that counts.
     notes : list of str
         Takes what could not be done, and why.
     """
     edges = group.edges([place for places in seen.values() for place in places], width=width)
-    moments = {model: group.moments(places, edges) for model, places in seen.items()}
+    moments = {
+        model: group.moments(places, edges, min_radius_px=min_radius_px) for model, places in seen.items()
+    }
     profiles = [
         average_profile(list(tables.values()), frame=group.name, model=model)
         for model, tables in moments.items()

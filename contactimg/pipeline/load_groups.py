@@ -50,13 +50,21 @@ class LoadGroup:
         ]
         return max(edges, key=len)
 
-    def moments(self, places: Sequence[Place], edges: Values) -> dict[str, pd.DataFrame]:
-        """Place -> its sums over the annuli; several frames of a place count as one, averaged."""
+    def moments(
+        self, places: Sequence[Place], edges: Values, *, min_radius_px: float
+    ) -> dict[str, pd.DataFrame]:
+        """Place -> its sums over the annuli; several frames of a place count as one, averaged.
+
+        Contacts smaller than ``min_radius_px`` do not count, measured or predicted.
+        """
         return {
             place.name: _mean(
                 [
                     annulus_moments(
-                        _contacts(place, frame), centre=place.centre, edges=edges, field=place.field(frame)
+                        _visible(place, frame, min_radius_px),
+                        centre=place.centre,
+                        edges=edges,
+                        field=place.field(frame),
                     )
                     for frame in self.frames_of(place)
                 ]
@@ -107,6 +115,14 @@ def _group(shots: list[tuple[str, str, float]]) -> LoadGroup:
 def _contacts(place: Place, frame: str) -> pd.DataFrame:
     """Contacts of one frame."""
     return place.contacts[place.contacts["frame"] == frame]
+
+
+def _visible(place: Place, frame: str, min_radius_px: float) -> pd.DataFrame:
+    """Contacts of one frame that a camera would see; without one, all."""
+    contacts = _contacts(place, frame)
+    if place.pose is None:
+        return contacts
+    return contacts[contacts["radius_m"] >= min_radius_px * place.pose.pixel_size]
 
 
 def _mean(tables: list[pd.DataFrame]) -> pd.DataFrame:
