@@ -46,8 +46,8 @@ def count_contacts(
 
     Notes
     -----
-    The uncertainty is that of counting (each pixel of the rim is in or out, variance 1/12 px^2 of its position)
-    and of the noise on the slope of a rim blurred by 1.4 px; not the bias of the threshold.
+    The uncertainty is that of counting (each pixel of the rim is in or out, variance 1/12 px^2 of its
+    position) and of the noise on the slope of a rim blurred by 1.4 px; not the bias of the threshold.
     """
     found = label_components(image, fraction * contrast.plateau, marks=saturated)
     hot = (found["area"] <= 2) & (_surroundings(image, found) < HOT * found["peak"])

@@ -12,7 +12,7 @@ INFLATION = (
 
 @njit(cache=True)
 def find_pairs(disks, space):
-    """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x; linear for scattered disks."""
+    """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x."""
     n = len(disks)
     left = disks[:, 0] - disks[:, 2] - space
     order = np.argsort(left)
@@ -41,7 +41,7 @@ def find_pairs(disks, space):
 
 @njit(cache=True)
 def invert(matrix, out):
-    """Inverse of a symmetric positive definite 4 x 4 matrix by Cholesky factors; general libraries cost ten times that."""
+    """Inverse of a symmetric positive definite 4 x 4 matrix (a general library takes ten times as long)."""
     low = np.zeros((4, 4))
     for u in range(4):
         for v in range(u + 1):
@@ -117,9 +117,10 @@ def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
 
 @njit(cache=True)
 def variances(normals, inverse, pairs, blocks, moved):
-    """Variances of each disk's parameters with its direct neighbours free as well (those held fixed stay fixed).
+    """Variances of each disk's parameters with its direct neighbours free as well.
 
-    The Schur complement over the neighbours, each taken as independent of the others.
+    Neighbours held fixed stay fixed. The Schur complement over the neighbours, each taken as independent of
+    the others.
     """
     n = len(normals)
     out = np.empty((n, 4))

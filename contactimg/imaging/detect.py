@@ -1,7 +1,8 @@
 """Where contacts may be: disks inscribed in what lies above half height, and peaks of a matched filter.
 
-The first finds every contact that reaches half height, and both of two that touch; the second, applied to what a fit of the
-first has left over, finds small contacts (a disk with a < 1.18 blur widths never reaches half height) down to the noise.
+The first finds every contact that reaches half height, and both of two that touch; the second, applied to
+what a fit of the first has left over, finds small contacts (a disk with a < 1.18 blur widths never reaches
+half height) down to the noise.
 """
 
 import cv2
@@ -12,8 +13,8 @@ from numpy.typing import NDArray
 __all__ = ["FALSE_ALARM_SIGMA", "estimate_blur", "find_inscribed", "find_peaks", "find_peaks_near"]
 
 FALSE_ALARM_SIGMA = 6.0
-"""Height of a matched-filter peak above the noise that counts as detection: for normal noise 1e-9 a resolution
-element, some 1e-4 false alarms in a frame of 1600 x 1200."""
+"""Height of a matched-filter peak above the noise that counts as detection: for normal noise 1e-9 a
+resolution element, some 1e-4 false alarms in a frame of 1600 x 1200."""
 
 MOST_SLOPES = 8000  # pixels at half height that give the blur
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
@@ -25,8 +26,8 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
 
     Notes
     -----
-    At half height a straight edge has the gradient ``plateau/(s sqrt(2 pi))``; the smoothing that tames the noise
-    here adds 2/3 px^2 (a 3 x 3 mean), central differences 1/3 px^2. Good to 10 %: a start for the fit.
+    At half height a straight edge has the gradient ``plateau/(s sqrt(2 pi))``; the smoothing that tames the
+    noise here adds 2/3 px^2 (a 3 x 3 mean), central differences 1/3 px^2. Good to 10 %: a start for the fit.
     """
     smooth = cv2.blur(image, (3, 3), borderType=cv2.BORDER_REPLICATE)
     slopes = _slopes(smooth, np.float32(0.4 * plateau), np.float32(0.6 * plateau), MOST_SLOPES)
@@ -202,7 +203,8 @@ def find_peaks_near(
         part = (slice(y0, max(round(y) + reach + 1, 0)), slice(x0, max(round(x) + reach + 1, 0)))
         if image[part].size:
             found.append(
-                _sorted_peaks(_smooth(image[part] - model[part], width), lowest, width) + [x0, y0, 0.0]
+                _sorted_peaks(_smooth(image[part] - model[part], width), lowest, width)
+                + np.array([x0, y0, 0.0])
             )
     return np.unique(np.vstack(found), axis=0)
 

@@ -1,13 +1,15 @@
 """Least-squares fit of blurred disks to an image, all contacts of a frame together.
 
-Each contact has a centre, a radius and a contrast; the model image is the sum of contrast x profile. Gauss-Newton: every
-contact accumulates its own 4 x 4 normal matrix over its rim and its interior, contacts whose windows overlap the 4 x 4
-matrix between them, and the linear system is solved block by block. The blur is one more unknown shared by all.
-Contrasts carry a normal prior, whose mean and width come from the frame's own large contacts: a small disk, whose
-radius and contrast cannot be told apart, borrows it, a large one ignores it. Everything compiled; cost is linear in contacts.
+Each contact has a centre, a radius and a contrast; the model image is the sum of contrast x profile.
+Gauss-Newton: every contact accumulates its own 4 x 4 normal matrix over its rim and its interior, contacts
+whose windows overlap the 4 x 4 matrix between them, and the linear system is solved block by block. The blur
+is one more unknown shared by all. Contrasts carry a normal prior, whose mean and width come from the frame's
+own large contacts: a small disk, whose radius and contrast cannot be told apart, borrows it, a large one
+ignores it. Everything compiled; cost is linear in contacts.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -25,19 +27,19 @@ from contactimg.imaging.normal import (
     SUMS,
     add_disk,
     disk_sums,
-    whole_disk_sums,
     pair_sums,
     unpack,
+    whole_disk_sums,
 )
 
 __all__ = [
     "CONTRAST",
     "RADIUS",
-    "X",
-    "Y",
     "DiskFit",
     "Drawing",
     "Prior",
+    "X",
+    "Y",
     "contrast_prior",
     "erase_disks",
     "fit_disks",
@@ -54,6 +56,7 @@ BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels
 WIDE = 2.5  # blur widths: a larger contact shows its own contrast
 WELL_FITTED = 3.0  # chi-square of disks that may tell about the blur
 FAINTEST, BRIGHTEST = 0.05, 5.0  # of the expected contrast: bounds of the iteration
+SWEEPS = 40  # of the block relaxation, which stops at 1e-4 px
 SMALLEST = 0.1  # blur widths: radius at which the iteration is stopped from collapsing
 
 
@@ -121,7 +124,7 @@ class DiskFit:
     iterations: int
     settled: NDArray[np.bool_]
 
-    def replace(self, **changes: object) -> "DiskFit":
+    def replace(self, **changes: Any) -> "DiskFit":
         """A copy with other fields."""
         return replace(self, **changes)
 
@@ -206,8 +209,8 @@ def fit_disks(
     free_blur : bool
         Fit the blur as well.
     robust : bool
-        For a start that is close: pixels far off the model lose weight, and every row is used. Otherwise every second
-        row of disks that have rows to spare.
+        For a start that is close: pixels far off the model lose weight, and every row is used. Otherwise
+        every second row of disks that have rows to spare.
     active : ndarray of bool or None
         Disks to move; the others stay as they are.
     table : EdgeTable or None
@@ -215,7 +218,8 @@ def fit_disks(
     iterations : int
         At most.
     drawing : Drawing or None
-        Model image to go on with (it is overwritten), and whether it is needed afterwards; None: from nothing.
+        Model image to go on with (it is overwritten), and whether it is needed afterwards; None: from
+        nothing.
     largest : ndarray or None, shape (n,), px
         Bounds of the radii.
 
@@ -308,42 +312,23 @@ def _iterate(
         _redraw(model, disks, s, drawn, ~(alone & moving), table, outer)
         pairs = find_pairs(disks, coupling * s)
         blocks = np.zeros((len(pairs), 4, 4))
-        every = 1 if robust else 2
         for i in range(n):
             if moving[i]:
+                level = np.array([noise[0] / brightness[i], noise[1] / prior[0, i], prior[0, i], prior[1, i]])
                 _linearise(
-                    image, model, weight, disks[i], s, noise[0] / brightness[i], noise[1] / prior[0, i], prior[:, i],
-                    alone[i], robust, every, table, outer, normals[i], inverse[i], right[i], cross[i], blurs[i],
-                    chi, pixels, i,
+                    image, model, weight, disks[i], s, level, alone[i], robust, table, outer,
+                    normals[i], inverse[i], right[i], cross[i], blurs[i], chi, pixels, i,
                 )  # fmt: skip
-        for p in range(len(pairs)):
-            i, j = pairs[p]
-            # a disk at rest was started, and its block is needed for the uncertainties
-            if started[i] and started[j]:
-                pair_sums(
-                    model, weight, disks[i], disks[j], s, noise[0] / brightness[i], noise[1] / prior[0, i],
-                    table, outer, blocks[p],
-                )  # fmt: skip
-        change = (
-            _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration) if free_blur else 0.0
-        )
-        for i in range(n):
-            if moving[i]:
-                right[i] -= cross[i] * change
-                steps[i] = inverse[i] @ right[i]
-            else:
-                steps[i] = 0.0
-        relax(inverse, right, moving, pairs, blocks, steps, 40)
+        _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, outer, blocks)
+        change = 0.0
+        if free_blur:
+            change = _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration)
+        _solve(inverse, right, cross, change, moving, pairs, blocks, steps)
         _redraw(model, disks, s, drawn, ~moving & (change == 0.0), table, outer)
         s += change
-        for i in range(n):
-            if moving[i]:
-                still = _move(disks[i], steps[i], s, prior[0, i], np.sqrt(inverse[i, 2, 2]))
-                disks[i, 2] = min(disks[i, 2], largest[i])
-                if still and (robust or iteration >= 1) and abs(change) < BLUR_SETTLED * s:
-                    moving[i] = False
-        if abs(change) < BLUR_SETTLED * s and (robust or iteration >= 1):
-            free_blur = False
+        steady = abs(change) < BLUR_SETTLED * s and (robust or iteration >= 1)
+        free_blur = free_blur and not steady
+        _move(disks, steps, s, prior, inverse, largest, moving, steady)
         if not moving.any():
             break
     if draw:
@@ -381,10 +366,14 @@ def _alone(disks, space):
 
 @njit(cache=True)
 def _linearise(
-    image, model, weight, disk, s, variance, slope, prior, alone, clip, every, table, outer,
+    image, model, weight, disk, s, level, alone, robust, table, outer,
     normal, inverse, right, cross, blur, chi, pixels, i,
 ):  # fmt: skip
-    """Normal equations of one disk with its prior, and the inverse of their matrix."""
+    """Normal equations of one disk with its prior, and the inverse of their matrix.
+
+    ``level`` is the variance of a background pixel, its slope, and mean and width of the contrast's prior.
+    """
+    variance, slope, expected, spread = level
     out = np.empty(SUMS)
     half = disk[2] + (REACH if outer <= INNER else outer) * s
     whole = (
@@ -392,22 +381,44 @@ def _linearise(
         and disk[1] - half > 0 and disk[1] + half < image.shape[0] - 1
     )  # fmt: skip
     if whole and weight.shape != image.shape:
-        whole_disk_sums(image, model, disk, s, variance, slope, alone, clip, every, table, outer, out)
+        every = 1 if robust else 2
+        whole_disk_sums(image, model, disk, s, variance, slope, alone, robust, every, table, outer, out)
     else:
-        disk_sums(image, model, weight, disk, s, variance, slope, alone, clip, table, outer, out)
+        disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, table, outer, out)
     unpack(out, normal, right)
-    normal[3, 3] += 1.0 / prior[1] ** 2
-    right[3] += (prior[0] - disk[3]) / prior[1] ** 2
+    normal[3, 3] += 1.0 / spread**2
+    right[3] += (expected - disk[3]) / spread**2
     cross[:] = out[CROSS : CROSS + 4]
     blur[0], blur[1] = out[CROSS + 4], out[RIGHT + 4]
     pixels[i] = int(out[COUNT])
     chi[i] = out[CHI] / max(out[COUNT] - 3.0, 1.0)
     damped = normal.copy()
-    # a disk much smaller than the blur, or outside the image, has hardly any information: keep its steps finite
-    floor = 1e-3 * prior[0] ** 2 / variance
+    # a disk much smaller than the blur, or outside the image, hardly tells anything: keep its steps finite
+    floor = 1e-3 * expected**2 / variance
     for u in range(3):
         damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
     invert(damped, inverse)
+
+
+@njit(cache=True)
+def _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, outer, blocks):
+    """Blocks of the normal matrix between disks (a disk come to rest still matters to the uncertainties)."""
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        if started[i] and started[j]:
+            variance, slope = noise[0] / brightness[i], noise[1] / prior[0, i]
+            pair_sums(model, weight, disks[i], disks[j], s, variance, slope, table, outer, blocks[p])
+
+
+@njit(cache=True)
+def _solve(inverse, right, cross, change, moving, pairs, blocks, steps):
+    """Steps of the disks that move, given that of the blur."""
+    for i in range(len(right)):
+        steps[i] = 0.0
+        if moving[i]:
+            right[i] -= cross[i] * change
+            steps[i] = inverse[i] @ right[i]
+    relax(inverse, right, moving, pairs, blocks, steps, SWEEPS)
 
 
 @njit(cache=True)
@@ -431,14 +442,20 @@ def _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration):
 
 
 @njit(cache=True)
-def _move(disk, step, s, contrast, std):
-    """Take a step, within limits; whether the radius has settled."""
-    a = disk[2]
-    limit = 0.5 * max(a, s)
-    disk[0] += min(max(step[0], -limit), limit)
-    disk[1] += min(max(step[1], -limit), limit)
-    disk[2] = max(a + min(max(step[2], -0.4 * a), max(0.4 * a, 0.5 * s)), SMALLEST * s)
-    disk[3] = min(max(disk[3] + step[3], FAINTEST * contrast), BRIGHTEST * contrast)
-    # the next step is of the order of this one squared over the blur
-    largest = max(abs(step[0]), abs(step[1]), abs(step[2]))
-    return largest * largest < SETTLED * std * s
+def _move(disks, steps, s, prior, inverse, largest, moving, steady):
+    """Take the steps, within limits; a disk that has settled moves no more."""
+    for i in range(len(disks)):
+        if not moving[i]:
+            continue
+        disk, step = disks[i], steps[i]
+        a = disk[2]
+        limit = 0.5 * max(a, s)
+        disk[0] += min(max(step[0], -limit), limit)
+        disk[1] += min(max(step[1], -limit), limit)
+        wider = a + min(max(step[2], -0.4 * a), max(0.4 * a, 0.5 * s))
+        disk[2] = min(max(wider, SMALLEST * s), largest[i])
+        disk[3] = min(max(disk[3] + step[3], FAINTEST * prior[0, i]), BRIGHTEST * prior[0, i])
+        # the next step is of the order of this one squared over the blur
+        longest = max(abs(step[0]), abs(step[1]), abs(step[2]))
+        settled = longest * longest < SETTLED * np.sqrt(inverse[i, 2, 2]) * s
+        moving[i] = not (settled and steady)

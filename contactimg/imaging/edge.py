@@ -1,12 +1,13 @@
 """The edge of a contact as the camera sees it: a disk convolved with the optics and with the pixel.
 
-A uniform disk of radius a seen through a Gaussian point spread function of standard deviation s has the radial profile
-(a non-central chi-square distribution with two degrees of freedom)::
+A uniform disk of radius a seen through a Gaussian point spread function of standard deviation s has the
+radial profile (a non-central chi-square distribution with two degrees of freedom)::
 
     P(r; a, s) = int_0^a (t/s^2) exp(-(r^2 + t^2)/(2 s^2)) I0(r t/s^2) dt
 
-with dP/da = (a/s^2) exp(-(r-a)^2/(2 s^2)) I0e(r a/s^2), dP/dr = -(a/s^2) exp(-(r-a)^2/(2 s^2)) I1e(r a/s^2), and,
-because P depends on lengths only through their ratios, s dP/ds = -(a dP/da + r dP/dr). A square pixel adds 1/12 px^2 to s^2.
+with dP/da = (a/s^2) exp(-(r-a)^2/(2 s^2)) I0e(r a/s^2), dP/dr = -(a/s^2) exp(-(r-a)^2/(2 s^2)) I1e(r a/s^2),
+and, because P depends on lengths only through their ratios, s dP/ds = -(a dP/da + r dP/dr). A square pixel
+adds 1/12 px^2 to s^2.
 """
 
 from dataclasses import dataclass
@@ -30,8 +31,8 @@ ROWS = 128
 class EdgeTable:
     """Profile and derivatives of a blurred contact on a grid, for linear interpolation.
 
-    Row ``k`` holds the radius ``a = s (1-q)/q`` with ``q = k/(rows-1)`` (row 0 is the straight edge), column ``j``
-    the distance ``u = (r - a)/s = -INNER + j/steps`` from the rim.
+    Row ``k`` holds the radius ``a = s (1-q)/q`` with ``q = k/(rows-1)`` (row 0 is the straight edge), column
+    ``j`` the distance ``u = (r - a)/s = -INNER + j/steps`` from the rim.
 
     Parameters
     ----------
@@ -62,7 +63,8 @@ def blurred_disk(r: ArrayLike, a: ArrayLike, s: float) -> NDArray[np.float64]:
 
     Notes
     -----
-    Integration over the pixel as a contribution to ``s^2`` is accurate to 1e-3 for sigma >= 0.8 px, to 1e-4 for 1.4 px.
+    Integration over the pixel as a contribution to ``s^2`` is accurate to 1e-3 for sigma >= 0.8 px, to 1e-4
+    for 1.4 px.
 
     Examples
     --------

@@ -1,8 +1,8 @@
-"""Background and brightness of a crowded frame without reference: the lower and the upper envelope of its grey levels.
+"""Background and brightness of a crowded frame without reference, from the envelopes of its grey levels.
 
-Where contacts cover most of a frame and the light is uneven, no single slow field runs through what little background there is.
-The opening of the block means by a window wider than the contacts follows it from gap to gap; the closing by the same
-window follows the tops of the contacts.
+Where contacts cover most of a frame and the light is uneven, no single slow field runs through what little
+background there is. The opening of the block means by a window wider than the contacts follows it from gap to
+gap; the closing by the same window follows the tops of the contacts.
 """
 
 import cv2

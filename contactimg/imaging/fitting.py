@@ -114,7 +114,7 @@ def fit_contacts(
 def _without_halo(
     field: "_Field", fit: DiskFit, contrast: Contrast, noise: Noise, *, free_blur: bool
 ) -> tuple["_Field", DiskFit]:
-    """Take the wide part of the point spread function out of the image, if it has one, in turn with the fit."""
+    """Take the wide part of the point spread function out of the image, in turn with the fit."""
     image, before = field.image, 0.0
     for _ in range(HALO_ROUNDS):
         halo = estimate_halo(field.image, fit.model, contrast=contrast.plateau) if len(fit.disks) else None
@@ -134,8 +134,8 @@ def _without_halo(
 def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, guess: float) -> float:
     """Blur for which contacts with a rim fit best.
 
-    A rim has lengths of its own, so its table holds for one blur; and too sharp an edge can pass for a sharper blur, so
-    the whole range is looked at, then a parabola laid through the best three.
+    A rim has lengths of its own, so its table holds for one blur; and too sharp an edge can pass for a
+    sharper blur, so the whole range is looked at, then a parabola laid through the best three.
     """
     middle = round(float(np.log(guess) / np.log(BLUR_STEP)))
     blurs = BLUR_STEP ** np.arange(middle - BLURS_BELOW, middle + BLURS_ABOVE + 1.0)
@@ -185,7 +185,8 @@ def _refine(
         drawing=Drawing(np.zeros_like(image), np.zeros(len(radius), np.bool_), complete=False),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
-    # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in that one
+    # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in
+    # that one
     common = min(float(np.median(fit.chi_square)), 1.0) if len(radius) >= 10 else 1.0
     return fit.replace(std=fit.std * np.sqrt(inflation * np.maximum(fit.chi_square, common))[:, None])
 
@@ -193,7 +194,8 @@ def _refine(
 def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """What the fit leaves over and the image itself, both with the slow rest of the background taken out.
 
-    The light was fitted when the faint surroundings of contacts still counted as background; now they are known.
+    The light was fitted when the faint surroundings of contacts still counted as background; now they are
+    known.
     """
     model = block_means(fit.model)
     dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)

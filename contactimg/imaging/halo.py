@@ -1,8 +1,9 @@
-"""Light that the optics scatter far: a second, wide part of the point spread function, measured on the frame itself.
+"""Light that the optics scatter far: a second, wide part of the point spread function, from the frame.
 
-A frame seen through ``(1-f) core + f halo`` is ``D = (1-f) M + f G*M`` with M the frame through the core alone and G the halo's
-Gaussian. Beyond the reach of the core only the halo is left, and there f and its width follow from least squares; then M
-follows from D by taking the halo of the present M away, in turn with the fit that gives M.
+A frame seen through ``(1-f) core + f halo`` is ``D = (1-f) M + f G*M`` with M the frame through the core
+alone and G the halo's Gaussian. Beyond the reach of the core only the halo is left, and there f and its width
+follow from least squares; then M follows from D by taking the halo of the present M away, in turn with the
+fit that gives M.
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
 COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way
 DARK = 5e-4  # of the contrast: the core has ended where it is below
 SIGNIFICANT = 8.0  # standard deviations of the fraction, from means of blocks of the image
+LARGEST = 0.6  # of the light: more would be no halo but the point spread function
 LEAST = 0.01  # of the light: a smaller halo changes no radius by more than its error
 BANDS = 12  # strips of the image whose scatter gives the fraction's uncertainty
 
@@ -49,31 +51,38 @@ def estimate_halo(image: NDArray[np.float32], model: NDArray[np.float32], *, con
     contrast : float
         Of the contacts.
     """
-    small, core = _coarse(image), _coarse(model)
-    dark = core < DARK * contrast
-    if np.count_nonzero(dark) < 100 * BANDS:
+    if _best(image, model, contrast, 2 * COARSE, WIDTHS[::3]) is None:
         return None
-    fits = [(_regress(small, _spread(core, width), dark), width) for width in WIDTHS]
+    return _best(image, model, contrast, COARSE, WIDTHS)
+
+
+def _best(
+    image: NDArray, model: NDArray, contrast: float, coarse: int, widths: tuple[float, ...]
+) -> Halo | None:
+    """The halo of one of some widths that explains most, on means of so many pixels each way."""
+    small, core = _means(image, coarse), _means(model, coarse)
+    dark = np.abs(core) < DARK * contrast
+    if np.count_nonzero(dark) < 20 * BANDS:
+        return None
+    fits = [(_regress(small, _spread(core, width / coarse), dark), width) for width in widths]
     (fraction, std, _), width = min(fits, key=lambda item: item[0][2])
-    if fraction < max(LEAST, SIGNIFICANT * std):
-        return None
-    return Halo(min(fraction, 0.6), width)
+    return None if fraction < max(LEAST, SIGNIFICANT * std) else Halo(min(fraction, LARGEST), width)
 
 
 def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
     """The image as the core of the point spread function alone would show it."""
-    wide = _spread(_coarse(model), halo.sigma_px)
+    wide = _spread(_means(model, COARSE), halo.sigma_px / COARSE)
     wide = cv2.resize(wide, image.shape[::-1], interpolation=cv2.INTER_CUBIC)
     return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
 
 
-def _coarse(image: NDArray[np.float32]) -> NDArray[np.float32]:
-    size = (max(image.shape[1] // COARSE, 1), max(image.shape[0] // COARSE, 1))
+def _means(image: NDArray[np.float32], coarse: int) -> NDArray[np.float32]:
+    size = (max(image.shape[1] // coarse, 1), max(image.shape[0] // coarse, 1))
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    return cv2.GaussianBlur(core, (0, 0), width / COARSE, borderType=cv2.BORDER_REPLICATE)
+    return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
 
 
 def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_]) -> tuple[float, float, float]:

@@ -65,7 +65,7 @@ class LightField:
 
 
 def block_means(image: NDArray[np.float32], valid: NDArray[np.uint8] | None = None) -> NDArray[np.float32]:
-    """Mean of each `BLOCK` x `BLOCK` block; the last row and column of blocks reach beyond the image by reflection.
+    """Mean of each `BLOCK` x `BLOCK` block; the border repeats to fill the last ones.
 
     Invalid pixels do not count; a block without a valid pixel is NaN.
     """
@@ -92,7 +92,8 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
     shape : (int, int)
         Shape of the image in pixels.
     start, spread : float
-        Level of the background and its scatter to start from; the field and its scatter are then refined in turn.
+        Level of the background and its scatter to start from; the field and its scatter are then refined in
+        turn.
 
     Returns
     -------
@@ -158,7 +159,7 @@ def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) 
 
 
 def _orders_supported(count: int) -> int:
-    """Number of polynomial orders (constant = 1) that ``count`` blocks determine: ten blocks for each coefficient."""
+    """Number of polynomial orders (constant = 1) that so many blocks determine: ten for each coefficient."""
     return int(
         sum(count >= 10 * (order + 1) * (order + 2) // 2 for order in range(1, ORDER + 1)) + (count > 0)
     )
@@ -188,8 +189,8 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
     blocks : ndarray
         Block means; NaN = no data.
     prefer : {"low", "high", "one", "common"}
-        Which of several well-populated levels is the background: the lowest (bright contacts), the highest (dark
-        contacts), the one closest to 1 (ratio to a reference) or the most common.
+        Which of several well-populated levels is the background: the lowest (bright contacts), the highest
+        (dark contacts), the one closest to 1 (ratio to a reference) or the most common.
 
     Returns
     -------

@@ -37,7 +37,8 @@ class ImageMeasurement:
     Parameters
     ----------
     disks : DataFrame
-        One row an asserted contact: label, x_px, y_px, radius_px, radius_std_px, flags (`contactimg.tables.Flag`).
+        One row an asserted contact: label, x_px, y_px, radius_px, radius_std_px, flags
+        (`contactimg.tables.Flag`).
     rejected : DataFrame
         x_px, y_px, radius_px, reason of candidates that are no contact.
     contrast : float
@@ -90,8 +91,8 @@ def measure_image(
     Parameters
     ----------
     image, reference : ndarray, shape (rows, columns)
-        Grey levels, uint8, uint16 or float; non-finite pixels are holes. Without a reference the background is
-        estimated from the image itself.
+        Grey levels, uint8, uint16 or float; non-finite pixels are holes. Without a reference the background
+        is estimated from the image itself.
     method : {"disk", "threshold"}
         Fit of blurred disks, or the area of the pixels above the threshold.
     polarity : {"bright", "dark", "auto"}
@@ -103,8 +104,8 @@ def measure_image(
     blur_px : float or None
         Standard deviation of the point spread function, px; None: found from the frame.
     film : Rim or None
-        Bright rim that the air film draws around the contacts, for ``"disk"``: `contactimg.imaging.rim.FilmRim` or
-        `contactimg.imaging.rim.PlainRim`; None: the edge is sharp.
+        Bright rim that the air film draws around the contacts, for ``"disk"``:
+        `contactimg.imaging.rim.FilmRim` or `contactimg.imaging.rim.PlainRim`; None: the edge is sharp.
 
     Returns
     -------
@@ -202,11 +203,9 @@ def _judge(pixels: Pixels, difference: Difference, count: int) -> tuple[str, str
         return pixels.defect, pixels.message
     ratio = float(difference.light.coefficients[0, 0])
     if difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE:
-        return (
-            "light changed",
-            f"the background is {ratio:.2g} times as bright as in the reference: the light changed, "
-            "or one contact fills the frame",
-        )
+        who = "contacts fill" if count else "one contact fills"
+        message = f"the background is {ratio:.2g} times the reference: the light changed or {who} the frame"
+        return "light changed", message
     if not count:
         return "no contrast", "nothing stands out of the noise"
     return (

@@ -1,8 +1,8 @@
 """Noise of the difference image: how large, how it grows with the level, and how it is correlated.
 
-What the reference cannot take out of the surface's texture stays in the difference as noise that neighbouring pixels share. The
-Fisher information of independent pixels then promises too much; the sum over pairs of pixels of their covariance, seen
-through the rim that determines a radius, gives the factor.
+What the reference cannot take out of the surface's texture stays in the difference as noise that neighbouring
+pixels share. The Fisher information of independent pixels then promises too much; the sum over pairs of
+pixels of their covariance, seen through the rim that determines a radius, gives the factor.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ CLIP = 4.0  # robust standard deviations beyond which a pixel is dirt, not noise
 
 @dataclass(frozen=True)
 class Noise:
-    """Variance of a pixel of the difference: ``variance (1 + slope m/contrast) / brightness`` at contact level m.
+    """Variance of a pixel: ``variance (1 + slope m/contrast) / brightness`` at contact level m.
 
     Parameters
     ----------
@@ -77,15 +77,15 @@ class NoiseCorrelation:
 
         Notes
         -----
-        The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2 s^2/2)``; its
-        autocorrelation weighs the covariance of two pixels a lag apart.
+        The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
+        s^2/2)``; its autocorrelation weighs the covariance of two pixels a lag apart.
         """
         return self._inflation(radius, blur, noise, 0.5, gain, special.j0)
 
     def plateau_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
     ) -> NDArray[np.float64]:
-        """The same for the contrast of a contact, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
+        """The same for the contrast, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
         return self._inflation(radius, blur, noise, 1.0, gain, lambda ka: special.j1(ka) / ka)
 
     def _inflation(

@@ -1,9 +1,10 @@
-"""Take the background out of a frame: registered reference, slow light changes, texture and dirt of both frames.
+"""Take the background out of a frame: registered reference, slow light, texture and dirt of both frames.
 
-The reference carries its own noise. What it shows of the surface (texture, dirt) is wanted, its noise is not, so it is split
-into bands of scale and each band is weighted by what least squares finds common to frame and reference: a Wiener
-filter measured on the images themselves. Contacts transmit a fraction of the light that falls on them, so the
-frame is divided by the background, and the difference is given at the background's median level.
+The reference carries its own noise. What it shows of the surface (texture, dirt) is wanted, its noise is not,
+so it is split into bands of scale and each band is weighted by what least squares finds common to frame and
+reference: a Wiener filter measured on the images themselves. Contacts transmit a fraction of the light that
+falls on them, so the frame is divided by the background, and the difference is given at the background's
+median level.
 """
 
 from dataclasses import dataclass
@@ -95,7 +96,7 @@ def subtract_reference(
 
 
 def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Difference:
-    """Plain difference for a background that is dark or was subtracted before, which nothing can be divided by."""
+    """Plain difference for a background that is dark or was subtracted before: nothing to divide by."""
     start, spread = background_mode(blocks, prefer="common")
     light = fit_light(blocks, frame.shape, start=start, spread=spread)
     image = light.subtract_from(frame - reference)
@@ -216,10 +217,16 @@ def _combine(
     dirt: float,
     level: float,
 ) -> NDArray[np.float32]:
-    """Put the bands together, multiply by the slow ratio, divide; where the middle band is dirt, it counts in full."""
+    """Put the bands together, multiply by the slow ratio, divide; dirt in the middle band counts in full."""
     numbers = np.array(
-        [gains[0], gains[1], DUST_FROM / (DUST_FULL - DUST_FROM), 1.0 / ((DUST_FULL - DUST_FROM) * dirt), level,
-         FLOOR * level], np.float32
+        [
+            *gains,
+            DUST_FROM / (DUST_FULL - DUST_FROM),
+            1.0 / ((DUST_FULL - DUST_FROM) * dirt),
+            level,
+            FLOOR * level,
+        ],
+        np.float32,
     )  # fmt: skip
     out = np.empty(frame.shape, np.float32)
     _combine_rows(out, frame, sharp, middle, smooth, *light.row_polynomials(frame.shape), numbers)

@@ -1,8 +1,9 @@
 """Sub-pixel shift between a frame and its reference, from the background alone.
 
-Gauss-Newton on the difference of the two images, both smoothed by the same Gaussian (which makes them band-limited,
-so that interpolation is exact enough and its noise does not depend on the shift), over strips of the image where no
-contact stands, with clipped residuals. The start comes from a cross-correlation of block means.
+Gauss-Newton on the difference of the two images, both smoothed by the same Gaussian (which makes them
+band-limited, so that interpolation is exact enough and its noise does not depend on the shift), over strips
+of the image where no contact stands, with clipped residuals. The start comes from a cross-correlation of
+block means.
 """
 
 from dataclasses import dataclass
@@ -85,7 +86,8 @@ def estimate_shift(
     Returns
     -------
     Shift
-        Uncertainty 0.004-0.03 px for a 1600 x 1200 frame with 2 % texture. Shifts up to an eighth of the image.
+        Uncertainty 0.004-0.03 px for a 1600 x 1200 frame with 2 % texture. Shifts up to an eighth of the
+        image.
     """
     rows = _strip_rows(frame.shape[0])
     mask = _strip_mask(rows, light.background, frame.shape)
@@ -132,7 +134,7 @@ def _smooth(image: NDArray) -> NDArray[np.float32]:
 
 
 def _coarse_shift(frame: NDArray, reference: NDArray, light: LightField) -> tuple[int, int]:
-    """Whole-pixel shift from a cross-correlation at a quarter of the resolution; (0, 0) without a clear peak."""
+    """Whole-pixel shift from a cross-correlation at a quarter of the resolution; 0 without a clear peak."""
     size = (frame.shape[1] // 4, frame.shape[0] // 4)
     if min(size) < 32:
         return 0, 0
@@ -195,7 +197,7 @@ def _in_common(cross: NDArray, own: NDArray, count: int) -> bool:
 
 @njit(cache=True, fastmath=True)
 def _normal_equations(frame, reference, mask, middle, clip):
-    """Cross and own products of the gradients, right side, sum of squares and count; residuals beyond clip left out."""
+    """Products of the gradients, right side, squares and count; residuals beyond clip are left out."""
     rows, columns = frame.shape
     cross = np.zeros((2, 2))
     own = np.zeros((2, 2))
@@ -211,7 +213,8 @@ def _normal_equations(frame, reference, mask, middle, clip):
             gy = 0.5 * (reference[r - 1, c] - reference[r + 1, c])
             hx = 0.5 * (frame[r, c - 1] - frame[r, c + 1])
             hy = 0.5 * (frame[r - 1, c] - frame[r + 1, c])
-            # the mean of both gradients weighs the residual: no more noise than either, symmetric in the images
+            # the mean of both gradients weighs the residual: no more noise than either, symmetric in the
+            # images
             xx += hx * gx
             xy += 0.5 * (hx * gy + gx * hy)
             yy += hy * gy

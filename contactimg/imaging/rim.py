@@ -1,13 +1,15 @@
 """The bright rim that a thin air film draws around a contact, in the edge model.
 
-Outside the contact the excess brightness falls from 1 with the gap; blurred by the optics like the contact itself it adds to the
-profile of the uniform disk::
+Outside the contact the excess brightness falls from 1 with the gap; blurred by the optics like the contact
+itself it adds to the profile of the uniform disk::
 
     P(r; a, s) + int_a^inf e(t; a) (t/s^2) exp(-(r-t)^2/(2 s^2)) I0e(r t/s^2) dt
 
-For a Hertz contact e follows from a, the sphere's radius and the light, without a free parameter; for others a rim of given width.
+For a Hertz contact e follows from a, the sphere's radius and the light, without a free parameter; for others
+a rim of given width.
 """
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Protocol
@@ -30,7 +32,7 @@ NEGLIGIBLE = (
 WIDEST = 14.0  # blur widths that are followed at most
 
 
-class Rim(Protocol):
+class Rim(Hashable, Protocol):
     """Brightness around a contact of unit brightness."""
 
     def excess(self, distance_px: NDArray, radius_px: float) -> NDArray[np.float64]:
@@ -125,8 +127,8 @@ def rim_table(rim: Rim, blur: float) -> EdgeTable:
     rim : Rim
         Hashable.
     blur : float, px
-        Standard deviation of the Gaussian, pixel included; the table holds for it alone (unlike that of the plain
-        disk, whose only length it is).
+        Standard deviation of the Gaussian, pixel included; the table holds for it alone (unlike that of the
+        plain disk, whose only length it is).
 
     Returns
     -------
@@ -134,8 +136,8 @@ def rim_table(rim: Rim, blur: float) -> EdgeTable:
 
     Notes
     -----
-    The integral over the rim is a sum over 64 or 320 nodes, at least 20 a blur width, the radius a linear interpolation between 80
-    rows; together they err by about 1e-3.
+    The integral over the rim is a sum over 64 or 320 nodes, at least 20 a blur width, the radius a linear
+    interpolation between 80 rows; together they err by about 1e-3.
     """
     return _build(rim, round(float(blur), 4))
 

@@ -1,7 +1,8 @@
 """How many disks: add one where the fit leaves light over, drop one that the pixels do not need.
 
-A disk is added where the matched-filtered residual stands out; it stays if its radius is significant and if it does not lie
-in a neighbour by more than contacts of two bodies can: then it describes the neighbour's ragged rim, no contact.
+A disk is added where the matched-filtered residual stands out; it stays if its radius is significant and if
+it does not lie in a neighbour by more than contacts of two bodies can: then it describes the neighbour's
+ragged rim, no contact.
 """
 
 from collections.abc import Callable

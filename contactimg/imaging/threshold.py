@@ -1,6 +1,7 @@
 """Contrast of a frame and the level that a threshold stands for.
 
-Level = background + threshold x (plateau - background), one plateau a frame; the difference image has its background at 0.
+Level = background + threshold x (plateau - background), one plateau a frame; the difference image has its
+background at 0.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,8 @@ class Contrast:
     plateau : float
         Grey levels; 0 when nothing stands out of the noise.
     resolved : bool
-        True if contacts wide enough to show their plateau gave it, False if it was guessed from the brightest spots.
+        True if contacts wide enough to show their plateau gave it, False if it was guessed from the brightest
+        spots.
     """
 
     plateau: float
@@ -35,7 +37,7 @@ class Contrast:
 
 
 def find_polarity(blocks: NDArray, noise: float) -> str:
-    """``"bright"`` or ``"dark"``: on which side of zero the block means of the difference have the longer tail."""
+    """``"bright"`` or ``"dark"``: the side of zero on which block means of the difference have more tail."""
     excess = np.abs(blocks) - 4.0 * noise
     tail = np.where(excess > 0, blocks, 0.0)
     return "dark" if np.nansum(tail) < 0 else "bright"
@@ -100,7 +102,7 @@ def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: 
 
 
 def _otsu(image: NDArray[np.float32], plateau: float) -> float:
-    """Fraction of the plateau that separates background and contacts with least variance inside both classes."""
+    """Fraction of the plateau that separates background and contacts with least variance inside both."""
     if plateau <= 0:
         return 0.5
     scaled = np.clip(image * (200.0 / plateau), 0, 255).astype(np.uint8)
