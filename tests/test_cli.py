@@ -344,5 +344,49 @@ def test_overlay_passes_over_failed_frames_and_names_loads_without_an_answer(ser
     edit(series / "loads.csv", "0.05", "500.0")
     assert process(series, "-o", tmp_path / "run") == 1
     assert main(["overlay", str(tmp_path / "run"), "-o", str(tmp_path / "out"), "--quiet"]) == 1
-    assert "frame_3.tif is left out" in capsys.readouterr().err
+    assert "frame_3.tif: no prediction, coupled:" in capsys.readouterr().err
     assert pd.read_csv(tmp_path / "out" / "scores.csv")["frame"].unique().tolist() == ["frame_1.tif"]
+
+
+def test_a_scene_from_elsewhere_is_for_the_frames_of_the_folder(series, small_series, tmp_path):
+    for name in ("scene.toml", "asperities.csv", "frame_3.tif"):
+        (series / name).unlink()
+    out = tmp_path / "out"
+    assert process(series, "--scene", small_series / "scene.toml", "-o", out) == 0
+    assert frames_of(out).index.tolist() == ["frame_1.tif", "frame_2.tif"]
+    assert pd.read_csv(out / "contacts.csv")["force_N"].notna().all()
+
+
+def test_another_pattern_is_said_in_the_message(series, tmp_path):
+    edit(series / "scene.toml", "6e-06", "9e-06")
+    assert process(series, "-o", tmp_path / "out") == 0
+    assert frames_of(tmp_path / "out")["message"].str.contains("fall on an asperity").all()
+
+
+def test_a_frame_that_breaks_the_measurement_is_one_failed_row(series, tmp_path, monkeypatch):
+    import contactimg.pipeline.series as module
+
+    measure = module.measure_image
+
+    def breaking(image, *arguments, **options):
+        if image.max() == 7:
+            raise np.linalg.LinAlgError("singular")
+        return measure(image, *arguments, **options)
+
+    monkeypatch.setattr(module, "measure_image", breaking)
+    tifffile.imwrite(series / "frame_2.tif", np.full((340, 360), 7, np.uint8))
+    assert process(series, "-o", tmp_path / "out") == 1
+    row = frames_of(tmp_path / "out").loc["frame_2.tif"]
+    assert (row["status"], row["message"]) == (
+        "failed",
+        "frame_2.tif: cannot be measured (LinAlgError: singular)",
+    )
+
+
+def test_frames_of_mixed_size_without_reference_name_the_odd_one(series, tmp_path):
+    edit(series / "scene.toml", 'reference = "reference.tif"\n', "")
+    (series / "reference.tif").unlink()
+    other_size(series / "frame_2.tif")
+    assert process(series, "-o", tmp_path / "out") == 1
+    message = frames_of(tmp_path / "out").loc["frame_2.tif", "message"]
+    assert message == "frame_2.tif: has 30 x 20 pixels, the other frames 360 x 340"

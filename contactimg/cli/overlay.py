@@ -68,5 +68,5 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         echo_scores(comparison.scores, title=f"{run}: predicted against measured contacts")
         click.echo(f"results in {target}")
     for frame, reason in comparison.left_out.items():
-        click.echo(f"contactimg: {frame} is left out: {reason}", err=True)
+        click.echo(f"contactimg: {frame}: no prediction, {reason}", err=True)
     return 1 if comparison.left_out else 0

@@ -83,14 +83,21 @@ def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
 def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], Path]:
     """Sections of the scene file and the folder its paths are relative to; a bare folder makes its own."""
     if scene_file is not None:
-        scene = read_scene(scene_file)
-        images = dict(scene.source.get("images", {}))
-        images.setdefault("frames", str(folder.resolve()))
-        return _copied(scene) | {"images": images}, Path(scene.folder)
+        return _moved_to(folder, read_scene(scene_file)), folder
     if (folder / SCENE_FILE).exists():
         return _copied(read_scene(folder)), folder
     reference = [source.path for source in list_frames(folder) if source.path.stem.lower() == "reference"]
     return {"images": {"reference": reference[0].name}} if len(reference) == 1 else {}, folder
+
+
+def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
+    """A scene from elsewhere for the frames of a folder; other files are looked for there, then beside it."""
+    data = _copied(scene)
+    for section, key in (("images", "reference"), ("images", "loads"), ("asperities", "file")):
+        named = data.get(section, {}).get(key)
+        if named is not None and not (folder / named).exists():
+            data[section][key] = str((Path(scene.folder) / named).resolve())
+    return data
 
 
 def _copied(scene: Scene) -> dict[str, Any]:

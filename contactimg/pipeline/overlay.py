@@ -39,7 +39,7 @@ class Comparison:
     predicted : dict
         Frame -> model -> contacts table, those that the camera sees.
     left_out : dict
-        Frame -> why it is not compared.
+        Frame -> which model has no answer for it, and why.
     """
 
     matches: pd.DataFrame
@@ -71,8 +71,8 @@ def compare_run(
     Returns
     -------
     Comparison
-        Frames that could not be measured or have no load are passed over; frames for which the models have no
-        answer are left out, with the reason.
+        Frames that could not be measured or have no load are passed over; where a model has no answer for a
+        frame it is left out, with the reason.
 
     Raises
     ------
@@ -88,12 +88,10 @@ def compare_run(
     left_out: dict[str, str] = {}
     for row in run.frames[run.frames["load_N"].notna() & (run.frames["status"] != FAILED)].to_dict("records"):
         frame = row["frame"]
-        measured = run.contacts[run.contacts["frame"] == frame]
-        try:
-            predicted[frame] = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
-        except ContactimgError as error:
-            left_out[frame] = str(error)
-            continue
+        measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
+        predicted[frame], reasons = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
+        if reasons:
+            left_out[frame] = "; ".join(f"{model}: {reason}" for model, reason in reasons.items())
         for model, seen in predicted[frame].items():
             pairs, score = compare_frame(
                 measured, seen, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
@@ -109,15 +107,20 @@ def compare_run(
 
 def _predicted(
     scene: Scene, asperities: pd.DataFrame, row: dict[str, Any], pose: Pose, shift_px: tuple[float, float]
-) -> dict[str, pd.DataFrame]:
-    """The contacts each model predicts in the camera's view."""
-    seen = {}
+) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
+    """The contacts each model predicts in the camera's view, and why a model has no answer."""
+    seen: dict[str, pd.DataFrame] = {}
+    reasons: dict[str, str] = {}
     for model, coupling in MODELS.items():
-        prediction = predict_contacts(
-            scene, asperities, load=row["load_N"], coupling=coupling, frame=row["frame"]
-        )
+        try:
+            prediction = predict_contacts(
+                scene, asperities, load=row["load_N"], coupling=coupling, frame=row["frame"]
+            )
+        except ContactimgError as error:
+            reasons[model] = str(error)
+            continue
         seen[model] = _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
-    return seen
+    return seen, reasons
 
 
 def compare_frame(

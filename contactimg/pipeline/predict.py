@@ -16,7 +16,7 @@ from contactimg.prediction import (
     predict_contacts,
     see_contacts,
 )
-from contactimg.scene import Scene, Simulate
+from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
 __all__ = ["predict_loads", "write_predictions"]
@@ -60,12 +60,11 @@ def predict_loads(
 def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: Path) -> pd.DataFrame:
     """Write contacts.csv, frames.csv and profile.csv; return the frames table.
 
-    Where the scene says how the camera sees the sample, the pixel columns of the contacts are filled too.
+    The pixel columns of the contacts are filled where the scene has a camera and the size of its frames.
     """
     contacts = pd.concat([prediction.contacts for prediction in predictions], ignore_index=True)
-    if scene.camera is not None:
-        shape = scene.simulate.shape if scene.simulate is not None else Simulate().shape
-        contacts = see_contacts(contacts, scene.pose(shape))
+    if scene.camera is not None and scene.simulate is not None:
+        contacts = see_contacts(contacts, scene.pose(scene.simulate.shape))
     frames = pd.concat([prediction.frames for prediction in predictions], ignore_index=True)
     profiles = pd.concat([prediction.profile for prediction in predictions], ignore_index=True)
     write_table(contacts, CONTACTS, folder / "contacts.csv")

@@ -1,6 +1,7 @@
 """Measure a series: every frame on its own, then one pose, asperities and forces for all."""
 
 import logging
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -120,9 +121,7 @@ def measure_experiment(
         parts.append(part)
         if advance is not None:
             advance()
-    shapes = [part.shape for part in parts if part.shape is not None]
-    if not shapes:
-        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
+    parts, shape = _same_size(parts)
     frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
         load_N=[experiment.load_of(part.row["frame"]) for part in parts]
     )
@@ -133,7 +132,7 @@ def measure_experiment(
         return run
     asperities = scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
-    return with_forces(_located(run, sites, shapes[0]), sites)
+    return with_forces(_located(run, sites, shape), sites)
 
 
 def _measure_all(experiment: Experiment, scene: Scene, *, workers: int | None) -> Iterator[_Measured]:
@@ -157,9 +156,10 @@ def _measure_source(source: FrameSource, reference: NDArray | None, scene: Scene
             blur_px=scene.measure.blur_px,
         )
     except FrameError as error:
-        message = str(error) if source.name in str(error) else f"{source.name}: {error}"
-        failure = {"frame": source.name, "status": FAILED, "message": message}
-        return _Measured(CONTACTS.empty(), REJECTED.empty(), failure, shape=None)
+        return _failure(source.name, str(error))
+    except Exception as error:
+        logger.debug("%s", source.name, exc_info=True)
+        return _failure(source.name, f"cannot be measured ({type(error).__name__}: {error})")
     row: dict[str, Any] = {
         "frame": source.name,
         "status": measurement.status,
@@ -174,6 +174,38 @@ def _measure_source(source: FrameSource, reference: NDArray | None, scene: Scene
     return _Measured(
         contacts_table(measurement, source.name), rejected_table(measurement, source.name), row, frame.shape
     )
+
+
+def _failure(name: str, reason: str) -> _Measured:
+    """The part of a frame that could not be measured."""
+    message = reason if name in reason else f"{name}: {reason}"
+    row = {"frame": name, "status": FAILED, "message": message}
+    return _Measured(CONTACTS.empty(), REJECTED.empty(), row, shape=None)
+
+
+def _same_size(parts: list[_Measured]) -> tuple[list[_Measured], tuple[int, int]]:
+    """The parts of the frames of the usual size, the others as failures, and that size."""
+    sizes = Counter(part.shape for part in parts if part.shape is not None)
+    if not sizes:
+        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
+    (rows, columns), _ = sizes.most_common(1)[0]
+    checked = []
+    for part in parts:
+        if part.shape not in (None, (rows, columns)):
+            odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
+            checked.append(_failure(part.row["frame"], odd))
+        else:
+            checked.append(part)
+    return checked, (rows, columns)
+
+
+def _noted(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
+    """The frames table with a note added to the messages of the named frames."""
+    messages = [
+        "; ".join(text for text in (row["message"], notes.get(row["frame"], "")) if text)
+        for row in frames.to_dict("records")
+    ]
+    return frames.assign(message=messages)
 
 
 def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Run:
@@ -195,7 +227,23 @@ def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Ru
         for name, part in run.contacts.groupby("frame", sort=False)
     ]
     located = CONTACTS.conform(pd.concat(contacts, ignore_index=True)) if contacts else run.contacts
-    return replace(run, contacts=located, pose=pose)
+    frames = run.frames
+    if targets is not None:
+        frames = _noted(frames, _strangers(located))
+    return replace(run, contacts=located, frames=frames, pose=pose)
+
+
+def _strangers(contacts: pd.DataFrame) -> dict[str, str]:
+    """What to say of frames where more than a tenth of the contacts fall on no asperity."""
+    notes = {}
+    for name, part in contacts.groupby("frame"):
+        matched = int(part["asperity"].notna().sum())
+        if matched < 0.9 * len(part):
+            notes[str(name)] = (
+                f"only {matched} of {len(part)} contacts fall on an asperity: "
+                "check the asperity table, the pixel size and where the camera looks"
+            )
+    return notes
 
 
 def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
@@ -252,7 +300,18 @@ def with_forces(run: Run, sites: pd.DataFrame | None) -> Run:
             if scene.elastic is not None:
                 row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
         rows.append(row)
-    return replace(run, contacts=contacts, frames=FRAMES.conform(pd.DataFrame(rows)))
+    frames = _noted(FRAMES.conform(pd.DataFrame(rows)), _without_force(contacts))
+    return replace(run, contacts=contacts, frames=frames)
+
+
+def _without_force(contacts: pd.DataFrame) -> dict[str, str]:
+    """What to say of frames where some contacts have a force and others, without an asperity, have none."""
+    notes = {}
+    for name, part in contacts.groupby("frame"):
+        missing = int(part["force_N"].isna().sum())
+        if 0 < missing < len(part):
+            notes[str(name)] = f"{missing} contacts have no asperity and so no force; the sum leaves them out"
+    return notes
 
 
 def _sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
