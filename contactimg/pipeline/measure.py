@@ -60,10 +60,11 @@ def measure_frame(
     --------
     >>> import numpy as np
     >>> y, x = np.mgrid[:60, :80]
-    >>> spot = 100 * (np.hypot(x - 41.3, y - 28.6) < 9.5)
-    >>> table = measure_frame((50.0 + spot).astype("float32"), np.full((60, 80), 50.0), pixel_size=1e-6)
-    >>> len(table)
-    1
+    >>> noise = np.random.default_rng(1).normal(0, 1, (2, 60, 80))
+    >>> spot = 100 / (1 + np.exp(1.5 * (np.hypot(x - 41.3, y - 28.6) - 9.5)))
+    >>> table = measure_frame(50 + spot + noise[0], 50 + noise[1], pixel_size=1e-6)
+    >>> len(table), round(float(table["radius_px"].iloc[0]), 1)
+    (1, 9.5)
     """
     frame = frame if isinstance(frame, Frame) else Frame(np.asarray(frame))
     image = reference.image if isinstance(reference, Frame) else reference
