@@ -259,6 +259,7 @@ def test_a_topography_alone(tmp_path):
     assert (tmp_path / "out" / "topography.svg").exists()
 
 
+@pytest.mark.slow
 def test_a_prediction_can_be_analysed_like_a_measurement(small_series, tmp_path):
     loads = [part for load in (0.005, 0.02, 0.05) for part in ("--load-N", str(load))]
     assert main(["predict", str(small_series), *loads, "-o", str(tmp_path / "model"), "--quiet"]) == 0
@@ -268,6 +269,7 @@ def test_a_prediction_can_be_analysed_like_a_measurement(small_series, tmp_path)
         assert measured == pytest.approx(own, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_what_the_camera_cannot_show_must_not_count_on_one_side(run):
     def contacts(smallest):
         options = AnalysisOptions(annulus=1e-2, min_radius_px=smallest)

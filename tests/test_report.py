@@ -170,6 +170,7 @@ def test_what_is_no_run_is_refused(tmp_path, run):
         build_report(run, others=[run])
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_page_beside_the_run(small_series, tmp_path, capsys):
     folder = process(small_series, tmp_path / "run")
     assert main(["report", str(folder)]) == 0
