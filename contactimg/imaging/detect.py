@@ -215,7 +215,7 @@ def _smooth(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:
-    found = _peaks(smooth, lowest, int(np.ceil(1.5 * width)))
+    found = _peaks(smooth, lowest, int(np.ceil(width)))
     return found[np.argsort(-found[:, 2], kind="stable")]
 
 

@@ -116,8 +116,10 @@ def assemble_disks(
         )  # fmt: skip
         return found if state is None or active is None else _carry(found, state, active, start.rows)
 
-    def prune(start: _Start, state: DiskFit, among: NDArray[np.bool_]) -> tuple[_Start, DiskFit]:
-        gone = _unneeded(state, among, plateau)
+    def prune(
+        start: _Start, state: DiskFit, among: NDArray[np.bool_], *, last: bool
+    ) -> tuple[_Start, DiskFit]:
+        gone = _unneeded(state, among, plateau, last=last)
         if not gone.any():
             return start, state
         dropped.append(state.disks[gone, :3])
@@ -132,7 +134,7 @@ def assemble_disks(
         find_inscribed(image, 0.5 * plateau, smoothing=width), image.shape, plateau, blur
     )
     state = fit(start, None, None, 3)
-    start, state = prune(start, state, np.ones(len(start.disks), np.bool_))
+    start, state = prune(start, state, np.ones(len(start.disks), np.bool_), last=False)
     peaks, lowest = find_peaks(
         image - state.model, width=state.blur, height=LEAST_HEIGHT * plateau, background=background
     )
@@ -143,11 +145,12 @@ def assemble_disks(
         before = len(state.disks)
         start = start.extended(state.disks, new)
         active = _near(start.disks, start.rows < 0, state.blur)
-        start, state = prune(start, fit(start, state, active, 5), active)
+        start, state = prune(start, fit(start, state, active, 5), active, last=False)
         if len(state.disks) <= before:
             break
         bad = state.disks[state.chi_square > SUSPICIOUS]
         peaks = find_peaks_near(image, state.model, bad, width=state.blur, lowest=lowest)
+    start, state = prune(start, state, np.ones(len(state.disks), np.bool_), last=True)
     return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
 
 
@@ -184,10 +187,15 @@ def _touched(disks, changed, space):
     return out
 
 
-def _unneeded(state: DiskFit, among: NDArray[np.bool_], plateau: float) -> NDArray[np.bool_]:
-    """Disks whose light is not significant, that are much too faint, or that lie inside a larger one."""
+def _unneeded(state: DiskFit, among: NDArray[np.bool_], plateau: float, *, last: bool) -> NDArray[np.bool_]:
+    """Disks whose light is not significant, that are much too faint, or that lie inside a larger one.
+
+    A faint disk that fits badly may be two that stand close; until the last time it stays to be looked at.
+    """
     weak = state.disks[:, RADIUS] < 2.0 * SIGNIFICANT * state.std[:, RADIUS]  # light goes as radius^2
     faint = state.disks[:, CONTRAST] < FAINTEST * plateau
+    if not last:
+        faint &= state.chi_square < SUSPICIOUS
     return among & (weak | faint | overlapping(state.disks, DEEPEST))
 
 
