@@ -82,9 +82,10 @@ def test_forces_add_up_to_the_load(series, tmp_path):
 def test_workers_do_not_change_the_result(series, tmp_path):
     process(series, "-o", tmp_path / "one")
     assert main(["process", str(series), "-o", str(tmp_path / "two"), "--workers", "2", "--quiet"]) == 0
-    assert (tmp_path / "one" / "contacts.csv").read_bytes() == (
-        tmp_path / "two" / "contacts.csv"
-    ).read_bytes()
+    one, two = (pd.read_csv(tmp_path / name / "contacts.csv") for name in ("one", "two"))
+    # another process aligns its arrays differently, and sums in another order: rounding, 1e-16, times the
+    # condition of a fit, at most some 1e4
+    pd.testing.assert_frame_equal(one, two, check_exact=False, rtol=1e-11, atol=0)
 
 
 def test_overlay_writes_matches_and_scores_for_both_models(series, tmp_path):
