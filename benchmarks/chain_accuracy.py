@@ -1,7 +1,7 @@
 """How accurate the whole chain is: surface, model, rendered frames, measured contacts, matches.
 
-Each line is a series of frames rendered with something the estimator's model does not contain, or processed with
-a scene that is wrong about the camera; the worst load counts.
+Each line is a series of frames rendered with something the estimator's model does not contain, or processed
+with a scene that is wrong about the camera; the worst load counts.
 
     python benchmarks/chain_accuracy.py [--seed N]
 """
@@ -79,7 +79,7 @@ def mirror(folder: Path) -> None:
         )
 
 
-def judge(folder: Path, *, by_place: bool = True) -> dict[str, float]:
+def judge(folder: Path) -> dict[str, float]:
     """Process a folder and compare with its truth; worst over the loads."""
     scene = read_scene(folder)
     run = measure_series(scene, workers=1)
@@ -103,7 +103,7 @@ def judge(folder: Path, *, by_place: bool = True) -> dict[str, float]:
                 ),
             }
         )
-    table, f1 = pd.DataFrame(rows), scores.pivot(index="frame", columns="model", values="f1")
+    table, f1 = pd.DataFrame(rows), scores.pivot_table(index="frame", columns="model", values="f1")
     return {
         "precision": table["precision"].min(),
         "recall": table["recall"].min(),

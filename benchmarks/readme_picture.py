@@ -1,7 +1,7 @@
 """Make the README's picture: part of an overlay of the sample data.
 
-    contactimg process sample_data/sa_plus -o run && contactimg overlay run -o compared
-    python benchmarks/readme_picture.py compared/overlays/frame_6.tif.png docs/figures/overlay.png
+contactimg process sample_data/sa_plus -o run && contactimg overlay run -o compared
+python benchmarks/readme_picture.py compared/overlays/frame_6.tif.png docs/figures/overlay.png
 """
 
 import sys

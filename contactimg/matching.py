@@ -168,7 +168,8 @@ def fit_pose(
     The pairs are found by voting: for each rotation and scale of a grid around the guess, the differences
     between points and targets are counted in a histogram of shifts, and the fullest cell is a candidate. The
     candidates nearest to the guess are refined first, by least squares on one-to-one pairs, until one
-    explains nearly all points. The guess is kept, and said to be kept, when no candidate stands out from chance.
+    explains nearly all points. The guess is kept, and said to be kept, when no candidate stands out from
+    chance.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Frames with known disks for the imaging tests, made without anything of `contactimg`.
 
-A disk is painted on a grid several times finer than the pixels with an anti-aliased rim, blurred there by the
-point spread function, and averaged over each pixel; area and centroid are those of the disk to better than 1e-3.
+A disk is painted on a grid several times finer than the pixels with an anti-aliased rim, blurred there by
+the point spread function, and averaged over each pixel; area and centroid are the disk's to better than 1e-3.
 """
 
 from dataclasses import dataclass, field
@@ -117,7 +117,7 @@ def render(truth, optics, rng):
 def scatter(n, optics, rng, *, radii=(1.5, 30.0), pairs=0.1, gaps=(0.5, 2.0), touching=0.02, margin=4.0):
     """Disks with log-uniform radii: isolated ones, close pairs and touching pairs (kind 0, 1, 2)."""
     rows, columns = optics.shape
-    n_close, n_touch = int(round(n * pairs / 2)), int(round(n * touching / 2))
+    n_close, n_touch = round(n * pairs / 2), round(n * touching / 2)
     placed: list[tuple] = []
     kept = np.empty((0, 3))
 
