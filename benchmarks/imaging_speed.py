@@ -1,7 +1,9 @@
-"""Time of a whole measurement of one decoded frame, in multiples of what OpenCV alone needs to subtract, threshold and label it.
+"""Time of a whole measurement of one decoded frame, in multiples of what OpenCV alone needs to subtract,
+threshold and label it.
 
-F = ``cv2.absdiff`` + ``threshold`` + ``connectedComponentsWithStats`` on the same 1600 x 1200 frame and reference, same core, taken
-in turn with the measurement. Run with ``OMP_NUM_THREADS=1 python benchmarks/imaging_speed.py``.
+F = ``cv2.absdiff`` + ``threshold`` + ``connectedComponentsWithStats`` on the same 1600 x 1200 frame and
+reference, same core, taken in turn with the measurement. Run with ``OMP_NUM_THREADS=1 python
+benchmarks/imaging_speed.py``.
 """
 
 import argparse
