@@ -56,7 +56,9 @@ def _slopes(image, low, high, most):
     return out[:count]
 
 
-def find_inscribed(image: NDArray[np.float32], level: float, *, smoothing: float) -> NDArray[np.float64]:
+def find_inscribed(
+    image: NDArray[np.float32], level: float, *, smoothing: float, weight: NDArray[np.uint8]
+) -> NDArray[np.float64]:
     """Disks inscribed in the regions above ``level``, largest first.
 
     Parameters
@@ -65,6 +67,8 @@ def find_inscribed(image: NDArray[np.float32], level: float, *, smoothing: float
     level : float
     smoothing : float, px
         Standard deviation of a Gaussian that keeps noise from making holes; about the blur, or 0.
+    weight : ndarray of uint8
+        0 for pixels without a value, which cut no contact (shape (1, 1): all have one).
 
     Returns
     -------
@@ -76,6 +80,8 @@ def find_inscribed(image: NDArray[np.float32], level: float, *, smoothing: float
     if smoothing > 0:
         smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
     mask[1:-1, 1:-1] = smooth > level
+    if weight.shape == image.shape:
+        mask[1:-1, 1:-1] |= weight == 0
     # a contact cut by the border goes on beyond it: repeat the border instead of closing it
     mask[0], mask[-1] = mask[1], mask[-2]
     mask[:, 0], mask[:, -1] = mask[:, 1], mask[:, -2]

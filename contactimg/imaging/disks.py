@@ -425,9 +425,10 @@ def _solve(inverse, right, cross, change, moving, pairs, blocks, steps):
 def _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration):
     """Gauss-Newton step of the common blur, the parameters of each disk eliminated."""
     top, bottom = 0.0, 0.0
+    # disks that fit worse than most (two taken for one, say) would widen the blur
+    worst = max(WELL_FITTED, 2.0 * np.median(chi[moving])) if moving.any() else WELL_FITTED
     for i in range(len(disks)):
-        # disks with a bad fit (two taken for one, say) would widen the blur
-        if moving[i] and disks[i, 2] > s and (chi[i] < WELL_FITTED or iteration == 0):
+        if moving[i] and disks[i, 2] > s and (chi[i] < worst or iteration == 0):
             t = inverse[i] @ cross[i]
             gain = blurs[i, 0] - cross[i] @ t
             if chi[i] > 1.0:

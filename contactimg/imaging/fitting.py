@@ -19,6 +19,7 @@ from contactimg.imaging.disks import (
     contrast_prior,
     fit_disks,
 )
+from contactimg.imaging.dust import absent_in_frame
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
@@ -99,15 +100,19 @@ def fit_contacts(
         field, start = _without_halo(field, start, contrast, first, free_blur=free_blur)
     fit = _refine(field, start, contrast, noise, gain, free_blur=free_blur, table=table)
     contacts = _tabulate(fit, field, contrast)
-    dropped = assembly.dropped
-    rejected = pd.DataFrame(
+    dust = absent_in_frame(
+        pixels.frame, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy()
+    )
+    tried = pd.DataFrame(
         {
-            "x_px": field.unbin(dropped[:, X]),
-            "y_px": field.unbin(dropped[:, Y]),
-            "radius_px": dropped[:, RADIUS] * field.bin,
+            "x_px": field.unbin(assembly.dropped[:, X]),
+            "y_px": field.unbin(assembly.dropped[:, Y]),
+            "radius_px": assembly.dropped[:, RADIUS] * field.bin,
             "reason": "not needed to explain the pixels",
         }
     )
+    gone = contacts.loc[dust, ["x_px", "y_px", "radius_px"]].assign(reason="dust in the reference")
+    contacts, rejected = contacts[~dust], pd.concat([tried, gone], ignore_index=True)
     return contacts, rejected, float(np.sqrt(max(fit.blur**2 - PIXEL_VARIANCE, 0.0))) * field.bin
 
 

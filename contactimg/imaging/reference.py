@@ -203,7 +203,7 @@ def _band_gains(
     power = detail @ detail.T
     if not np.all(np.diag(power) > 1e-12 * len(rest)):
         return np.ones(2), CLEAN
-    gains = np.linalg.solve(power.astype(float), (detail @ rest).astype(float))
+    gains = np.linalg.lstsq(power.astype(float), (detail @ rest).astype(float), rcond=1e-9)[0]
     return np.clip(gains, 0.0, 1.0), scatter
 
 

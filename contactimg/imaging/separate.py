@@ -131,7 +131,7 @@ def assemble_disks(
     dropped: list[NDArray] = []
     width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.0
     start = _Start.inscribed(
-        find_inscribed(image, 0.5 * plateau, smoothing=width), image.shape, plateau, blur
+        find_inscribed(image, 0.5 * plateau, smoothing=width, weight=weight), image.shape, plateau, blur
     )
     state = fit(start, None, None, 3)
     start, state = prune(start, state, np.ones(len(start.disks), np.bool_), last=False)

@@ -1,0 +1,49 @@
+"""Dirt of the reference that is gone: it brightens the difference where the frame shows nothing."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.light import BLOCK
+from contactimg.imaging.reference import Difference
+
+__all__ = ["absent_in_frame"]
+
+SHARE = 0.4  # of a contact's excess in the difference that the frame alone must show
+WIDEST = 10.0  # px: wider contacts are no dust, and the light varies across them
+POINTS = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)]) * 0.5  # of the radius, about the centre
+
+
+def absent_in_frame(
+    frame: NDArray[np.float32],
+    signed: NDArray[np.float32],
+    difference: Difference,
+    disks: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Disks that the frame does not show against the slow background.
+
+    Parameters
+    ----------
+    frame : ndarray, shape (rows, columns)
+        Grey levels.
+    signed : ndarray
+        Difference image, contacts positive.
+    difference : Difference
+        Where it comes from; without a ratio to a reference nothing is absent.
+    disks : ndarray, shape (n, >= 3)
+        x, y, radius (px).
+    """
+    absent = np.zeros(len(disks), np.bool_)
+    if not difference.ratio or not len(disks):
+        return absent
+    # the median over blocks does not see a speck
+    slow = cv2.medianBlur(difference.illumination, 5) * difference.level
+    x = disks[:, :1] + POINTS[:, 0] * disks[:, 2:3]
+    y = disks[:, 1:2] + POINTS[:, 1] * disks[:, 2:3]
+    columns = np.clip(np.rint(x), 0, frame.shape[1] - 1).astype(int)
+    rows = np.clip(np.rint(y), 0, frame.shape[0] - 1).astype(int)
+    background = slow[rows // BLOCK, columns // BLOCK] * difference.light.at(columns, rows, frame.shape)
+    sign = np.where(signed[rows, columns] * difference.image[rows, columns] < 0, -1.0, 1.0)
+    shown = sign * difference.level * (frame[rows, columns] / np.maximum(background, 1e-6) - 1.0)
+    small = disks[:, 2] < WIDEST
+    return np.asarray(small & (shown.mean(axis=1) < SHARE * signed[rows, columns].mean(axis=1)))

@@ -1,0 +1,140 @@
+"""Registration and background: known shifts, light and texture come out, and would not without."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from contact_frames import Optics, expose, render, scatter, sub_pixel_shift, surface_texture
+
+from contactimg.imaging.light import background_mode, block_means, fit_light
+from contactimg.imaging.noise import estimate_noise
+from contactimg.imaging.reference import estimate_background, subtract_reference
+from contactimg.imaging.register import shift_kernel, shift_whole_pixels
+
+SHAPE = (400, 560)
+
+
+def frames(truth, seed=0, **options):
+    optics = Optics(shape=SHAPE, dust=4, **options)
+    frame, reference = render(truth, optics, np.random.default_rng(seed))
+    return frame.astype(np.float32), reference.astype(np.float32)
+
+
+def some_disks(count=25, seed=3):
+    return scatter(
+        count, Optics(shape=SHAPE), np.random.default_rng(seed), radii=(2, 15), pairs=0, touching=0
+    )
+
+
+def test_kernel_moves_a_smooth_row_exactly():
+    x = np.arange(64)
+    row = np.cos(2 * np.pi * x / 8.0)  # a quarter of the Nyquist frequency
+    moved = np.convolve(row, shift_kernel(0.3)[::-1], mode="same")[8:-8]
+    # what the module states for its window
+    assert np.allclose(moved, np.cos(2 * np.pi * (x - 0.3) / 8.0)[8:-8], atol=3e-3)
+
+
+def test_whole_pixels_move_right_and_down():
+    image = np.arange(12.0).reshape(3, 4)
+    assert shift_whole_pixels(image, 1, 1)[1, 1] == image[0, 0]
+    assert shift_whole_pixels(image, -1, 0)[0, 0] == image[0, 1]
+
+
+@pytest.mark.parametrize("shift", [(-0.4, 0.3), (0.5, -0.5), (1.7, 0.2), (9.3, -6.6)])
+def test_shift_is_found_with_contacts_in_the_frame(shift):
+    frame, reference = frames(some_disks(), shift=shift, texture=0.03)
+    found = subtract_reference(frame, reference, prefer="low").shift
+    # the uncertainty that the estimate gives itself, at four standard deviations
+    assert found.std_px < 0.06
+    assert found.x_px == pytest.approx(shift[0], abs=4 * found.std_px)
+    assert found.y_px == pytest.approx(shift[1], abs=4 * found.std_px)
+
+
+def test_shift_is_found_when_contacts_cover_most_of_the_frame():
+    y, x = np.mgrid[40:400:66, 40:560:66]
+    crowd = pd.DataFrame({"x_px": x.ravel(), "y_px": y.ravel(), "radius_px": 30.0})
+    assert np.pi * 30.0**2 / 66**2 > 0.6
+    frame, reference = frames(crowd, texture=0.03, sigma=1.0)
+    found = subtract_reference(frame, reference, prefer="low").shift
+    assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
+    assert found.std_px < 0.25
+
+
+def test_no_texture_is_no_shift():
+    frame, reference = frames(some_disks(), texture=0.0)
+    found = subtract_reference(frame, reference, prefer="low").shift
+    assert (found.x_px, found.y_px) == (0.0, 0.0)
+
+
+def test_light_field_is_recovered_under_contacts(rng):
+    rows, columns = 80, 100
+    y, x = np.mgrid[0:rows, 0:columns]
+    field = 1.0 + 0.05 * (x / columns) - 0.03 * (y / rows) ** 2
+    blocks = field + 0.002 * rng.standard_normal(field.shape)
+    covered = rng.random(field.shape) < 0.3
+    blocks[covered] += 0.5
+    start, spread = background_mode(blocks, prefer="low")
+    light = fit_light(blocks, (rows * 8, columns * 8), start=start, spread=spread)
+    # 0.002 of noise over 5600 blocks and ten coefficients: 0.002 sqrt(10/5600) = 1e-4; the pull adds 1e-3 of
+    # 0.05
+    centre = light.rows(np.array([rows * 4]), (rows * 8, columns * 8))[0, columns * 4]
+    assert centre == pytest.approx(field[rows // 2, columns // 2], abs=6e-4)
+    assert light.background[~covered].mean() > 0.95
+    assert not light.background[covered].any()
+
+
+def test_difference_is_nearly_as_quiet_as_the_frame_alone():
+    # camera "mid" at 80 levels: 4 of shot noise, 0.25 of read noise, 1/12 of rounding; vignetting makes the
+    # corners noisier
+    alone = np.sqrt(80 / 20 + 0.25 + 1 / 12)
+    frame, reference = frames(some_disks(), texture=0.02)
+    difference = subtract_reference(frame, reference, prefer="low")
+    noise = estimate_noise(difference.image, difference.light.background)
+    assert noise < 1.08 * alone
+    # without registration and with the reference's own noise in it
+    plain = frame - reference
+    assert estimate_noise(plain, difference.light.background) > 1.3 * alone
+
+
+def test_dirt_of_both_frames_disappears():
+    optics = Optics(shape=SHAPE, dust=40, texture=0.0, camera=(400.0, 4.0))
+    rng = np.random.default_rng(8)
+    texture = surface_texture(optics, rng)
+    crop = (slice(16, 16 + SHAPE[0]), slice(16, 16 + SHAPE[1]))
+    moved = sub_pixel_shift(texture, 0.4, -0.3)[crop]
+    frame, reference = (
+        expose(optics.level * (1 + part), optics, rng).astype(np.float32) for part in (texture[crop], moved)
+    )
+    specks = texture[crop] < -0.05
+    assert np.count_nonzero(specks) > 100
+    left = subtract_reference(frame, reference, prefer="one").image
+    # the frame's own noise, sqrt(80/400 + 1/12) = 0.53, is 0.43 in the mean of its size; the dirt may add
+    # half of that
+    assert np.abs(left[specks]).mean() < 0.65
+    assert np.abs((frame - reference)[specks]).mean() > 1.2
+
+
+def test_block_means_skip_holes():
+    image = np.ones((16, 16), np.float32)
+    image[0, 0] = 1000.0
+    valid = np.ones((16, 16), np.uint8)
+    valid[0, 0] = 0
+    valid[8:, 8:] = 0
+    blocks = block_means(image, valid)
+    assert blocks[0, 0] == 1.0
+    assert np.isnan(blocks[1, 1])
+
+
+def test_background_is_estimated_without_reference():
+    optics = Optics(shape=SHAPE, texture=0.0, dust=0)
+    frame = render(some_disks(), optics, np.random.default_rng(0))[0].astype(np.float32)
+    difference = estimate_background(frame, prefer="low")
+    truth = some_disks()
+    y, x = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
+    far = np.ones(SHAPE, bool)
+    for row in truth.itertuples():
+        far &= np.hypot(x - row.x_px, y - row.y_px) > row.radius_px + 8
+    # vignetting of 20 % is a quadratic, which the cubic takes out; block means scatter by 2.1/8, at 4.5 of
+    # that in
+    # 3500 blocks
+    blocks = block_means(np.where(far, difference.image, 0.0).astype(np.float32))
+    assert np.abs(blocks).max() < 1.2

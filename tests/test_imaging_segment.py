@@ -1,0 +1,58 @@
+"""Run-length labelling against `scipy.ndimage`."""
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from contactimg.imaging.segment import label_components
+
+NO_MARKS = np.zeros((1, 1), np.uint8)
+
+
+@pytest.mark.parametrize("density", [0.05, 0.3, 0.6])
+@pytest.mark.parametrize("shape", [(1, 40), (37, 1), (48, 61)])
+def test_components_are_those_of_scipy(rng, density, shape):
+    image = rng.random(shape).astype(np.float32)
+    level = 1 - density
+    labels, count = ndimage.label(image > level, np.ones((3, 3)))
+    found = label_components(image, level, marks=NO_MARKS)
+    assert len(found) == count
+    index = np.arange(1, count + 1)
+    order = [int(labels[c["peak_y"], c["peak_x"]]) for c in found]
+    assert sorted(order) == list(index)
+    for name, truth in {
+        "area": ndimage.sum_labels(np.ones(shape), labels, order),
+        "flux": ndimage.sum_labels(image.astype(float), labels, order),
+        "peak": ndimage.maximum(image, labels, order),
+        "x": [c[1] for c in ndimage.center_of_mass(np.ones(shape), labels, order)],
+        "y": [c[0] for c in ndimage.center_of_mass(np.ones(shape), labels, order)],
+    }.items():
+        assert np.allclose(found[name], truth, rtol=1e-6, atol=1e-9), name
+    boxes = ndimage.find_objects(labels)
+    for c, label in zip(found, order, strict=True):
+        rows, columns = boxes[label - 1]
+        assert (c["top"], c["bottom"], c["left"], c["right"]) == (
+            rows.start, rows.stop - 1, columns.start, columns.stop - 1
+        )  # fmt: skip
+
+
+def test_marks_are_counted_inside_the_component():
+    image = np.zeros((5, 6), np.float32)
+    image[1:4, 1:4] = 2.0
+    marks = np.zeros((5, 6), np.uint8)
+    marks[2, 2] = marks[3, 3] = marks[4, 5] = 1
+    (only,) = label_components(image, 1.0, marks=marks)
+    assert only["marked"] == 2
+
+
+def test_a_spiral_is_one_component():
+    # union of runs that meet only rows later
+    image = np.array(
+        [[1, 1, 1, 1, 1], [1, 0, 0, 0, 1], [1, 0, 1, 0, 1], [1, 0, 1, 1, 1], [1, 0, 0, 0, 0]], np.float32
+    )
+    (only,) = label_components(image, 0.5, marks=NO_MARKS)
+    assert only["area"] == image.sum()
+
+
+def test_nothing_above_the_level_is_an_empty_result():
+    assert len(label_components(np.zeros((4, 4), np.float32), 0.5, marks=NO_MARKS)) == 0
