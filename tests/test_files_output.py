@@ -21,6 +21,7 @@ from contactimg.files import (
     atomic,
     open_experiment,
     provenance,
+    read_records,
     read_run,
     replacing,
     write_frame,
@@ -164,17 +165,44 @@ def test_folder_with_other_files_is_refused(tmp_path):
 
 
 def test_output_of_another_command_is_not_replaced(tmp_path):
-    """The frames that `simulate` made are no leftovers of `process`."""
-    run(tmp_path / "out", {"frame_1.tif": "x"}, record=RECORD | {"command": "contactimg simulate scene.toml"})
-    with pytest.raises(InputError) as caught:
-        run(tmp_path / "out", {"contacts.csv": "x"})
-    assert str(caught.value) == (
-        f"{tmp_path / 'out'}: holds the output of 'contactimg simulate', which 'contactimg process' "
-        "does not replace; choose another output folder"
+    """The contacts that `predict` made are no leftovers of `process`."""
+    other = RECORD | {"command": "contactimg predict scene.toml"}
+    run(tmp_path / "out", {"contacts.csv": "x", "profile.csv": "x"}, record=other)
+    sentence = (
+        f"{tmp_path / 'out'}: holds the output of 'contactimg predict' (contacts.csv), which "
+        "'contactimg process' does not replace; choose another output folder"
     )
-    assert content(tmp_path / "out") == {"frame_1.tif": "x"}
-    run(tmp_path / "out", {"frame_2.tif": "y"}, record=RECORD | {"command": "contactimg simulate other.toml"})
-    assert content(tmp_path / "out") == {"frame_2.tif": "y"}
+    with pytest.raises(InputError) as caught:
+        run(tmp_path / "out", {"contacts.csv": "y", "rejected.csv": "y"})
+    assert str(caught.value) == sentence
+    with (
+        pytest.raises(InputError) as caught,
+        OutputFolder(tmp_path / "out", RECORD, main_files=["contacts.csv"]),
+    ):
+        pytest.fail("refused before any work is done")
+    assert str(caught.value) == sentence
+    assert content(tmp_path / "out") == {"contacts.csv": "x", "profile.csv": "x"}
+    run(tmp_path / "out", {"contacts.csv": "z"}, record=other | {"command": "contactimg predict other.toml"})
+    assert content(tmp_path / "out") == {"contacts.csv": "z"}
+
+
+def test_commands_share_a_folder_as_long_as_their_files_differ(tmp_path):
+    out = tmp_path / "out"
+    overlay, analyse = ({"command": f"contactimg {name} run"} for name in ("overlay", "analyse"))
+    run(out, {"scores.csv": "1", "matches.csv": "1"}, record=RECORD | overlay)
+    run(out, {"results.csv": "2"}, record=RECORD | analyse)
+    assert content(out) == {"scores.csv": "1", "matches.csv": "1", "results.csv": "2"}
+    run(out, {"scores.csv": "3"}, record=RECORD | overlay)  # replaces its own files, and only these
+    assert content(out) == {"scores.csv": "3", "results.csv": "2"}
+    assert [record["outputs"] for record in read_records(out)] == [["scores.csv"], ["results.csv"]]
+    assert [record["command"] for record in read_records(out)] == [overlay["command"], analyse["command"]]
+
+
+def test_two_calibrations_are_two_tasks(tmp_path):
+    jkr, threshold = ({"command": f"contactimg calibrate {kind} frames"} for kind in ("jkr", "threshold"))
+    run(tmp_path / "out", {"calibration.json": "1"}, record=RECORD | jkr)
+    with pytest.raises(InputError, match="holds the output of 'contactimg calibrate jkr'"):
+        run(tmp_path / "out", {"calibration.json": "2"}, record=RECORD | threshold)
 
 
 @pytest.mark.parametrize("damage", ["{", "[]", '{"outputs": 3}', "{}"])

@@ -116,7 +116,8 @@ def analyse(
     places = [open_place(run, centre_px=centre) for run in runs]
     caps = None if topography is None else read_topography(topography)
     target = Path(output) if output is not None else _home(runs, topography) / "contactimg_out"
-    with OutputFolder(target, provenance(**_origin(runs, calibration, topography, options))) as out:
+    record = provenance(**_origin(runs, calibration, topography, options))
+    with OutputFolder(target, record, main_files=["results.csv"]) as out:
         tables: list[pd.DataFrame] = []
         notes: tuple[str, ...] = ()
         if places:

@@ -182,7 +182,7 @@ def _run(
         inputs=experiment.inputs,
     )
     count, quiet = len(experiment.frames), given["quiet"]
-    with OutputFolder(target, record) as out:
+    with OutputFolder(target, record, main_files=["calibration.json"]) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:
             result = run(experiment, workers=given["workers"], advance=advance)
         write_calibration(result, out.folder, frames=record["inputs"])

@@ -56,7 +56,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         inputs=[*(Path(run) / name for name in ("contacts.csv", "frames.csv")), *experiment.inputs],
     )
     count = len(measured.frames)
-    with OutputFolder(target, record) as out:
+    with OutputFolder(target, record, main_files=["scores.csv", "matches.csv"]) as out:
         with progress("predicting contacts", count, quiet=quiet) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
         write_comparison(comparison, out.folder)

@@ -63,7 +63,7 @@ def predict(
         options=options,
         inputs=model_inputs(scene, description),
     )
-    with OutputFolder(target, record) as out:
+    with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         predictions = predict_loads(
             description, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3
         )

@@ -63,7 +63,7 @@ def process(
         inputs=experiment.inputs,
     )
     target = Path(output) if output is not None else Path(folder) / "contactimg_out"
-    with OutputFolder(target, record) as out:
+    with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:
             run = measure_experiment(experiment, workers=workers, advance=advance)
         out.record |= write_run(run, out.folder)

@@ -40,7 +40,7 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     )
     count = 1 + len(description.need("simulate", "simulating frames").loads)
     with (
-        OutputFolder(target, record) as out,
+        OutputFolder(target, record, main_files=["truth.csv", "scene.toml"]) as out,
         progress("making frames", count, quiet=quiet) as advance,
     ):
         write_simulation(description, asperities, out.folder, advance=advance)

@@ -19,7 +19,7 @@ from contactimg.files.experiment import (
 )
 from contactimg.files.figures import write_figure
 from contactimg.files.output import OutputFolder
-from contactimg.files.runs import PROVENANCE_FILE, RunFolder, provenance, read_run
+from contactimg.files.runs import PROVENANCE_FILE, RunFolder, provenance, read_records, read_run
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
 from contactimg.files.tiff import write_frame
 
@@ -39,6 +39,7 @@ __all__ = [
     "read_calibration",
     "read_frames",
     "read_loads",
+    "read_records",
     "read_run",
     "read_scene",
     "read_scene_asperities",

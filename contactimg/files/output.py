@@ -1,9 +1,8 @@
 """A run's output folder: complete or as it was before, with its provenance."""
 
-import json
 import logging
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -13,7 +12,7 @@ from filelock import FileLock, Timeout
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_json
-from contactimg.files.runs import PROVENANCE_FILE, relative_to_output
+from contactimg.files.runs import PROVENANCE_FILE, read_records, relative_to_output
 
 __all__ = ["OutputFolder"]
 
@@ -32,9 +31,12 @@ class OutputFolder:
     Parameters
     ----------
     path : str or Path
-        Created if need be. It must be new, empty, or hold an earlier run of the same command.
+        Created if need be. It must be new, empty, or hold output of contactimg only.
     record : mapping
         From `provenance`; written as provenance.json together with the names of the files of the run.
+    main_files : sequence of str
+        Files that this run will write for certain: if another command's run wrote one of them there, the
+        folder is refused before any work is done.
 
     Attributes
     ----------
@@ -46,13 +48,15 @@ class OutputFolder:
     Raises
     ------
     InputError
-        If the folder cannot be written, holds files but no earlier run of the same command, or another run is
-        writing into it.
+        If the folder cannot be written, holds files but no run, another run is writing into it, or a run of
+        another command wrote files there that this one would replace.
 
     Notes
     -----
     A run that fails leaves the folder as it was. A run that succeeds replaces the earlier one: files which
-    the earlier run wrote and this one did not are deleted. Files that no run wrote (notes, figures) stay, and
+    the earlier run wrote and this one did not are deleted. Runs of different commands share a folder as long
+    as they write different files: the record of the last one is at the top of provenance.json, those of the
+    others under ``beside``. Files that no run wrote (notes, figures) stay, and
     if a new file has the name of one, that one is kept with ``.bak`` added to its name. The lock is the
     operating system's and ends with the process, so a killed run does not block the next.
 
@@ -67,10 +71,13 @@ class OutputFolder:
     ['note.txt', 'provenance.json']
     """
 
-    def __init__(self, path: str | Path, record: Mapping[str, Any]) -> None:
+    def __init__(
+        self, path: str | Path, record: Mapping[str, Any], *, main_files: Sequence[str] = ()
+    ) -> None:
         self.path = Path(path)
         self.folder = self.path / _STAGING
         self.record = dict(record)
+        self._main_files = {Path(name) for name in main_files}
         self._created: list[Path] = []
         self._lock = FileLock(self.path / _LOCK, timeout=0)
 
@@ -107,33 +114,48 @@ class OutputFolder:
             self._release()
 
     def _check_contents(self) -> None:
-        """Raise if the folder holds files, but no run that this one may replace."""
+        """Raise if the folder holds files but no run, or runs whose files this one would replace."""
         visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
-        if not visible:
-            return
-        earlier = _read_record(self.path)
-        if earlier is None:
+        if visible and not self._records():
             raise InputError(
                 f"{self.path}: holds files but no earlier run (among them {min(visible)}); "
                 "choose a new or empty output folder"
             )
-        if _task(earlier) != _task(self.record):
-            raise InputError(
-                f"{self.path}: holds the output of '{_task(earlier)}', which '{_task(self.record)}' "
-                "does not replace; choose another output folder"
-            )
+        self._refuse_others(self._main_files)
+
+    def _records(self) -> list[dict[str, Any]]:
+        """The records of the runs in the folder, the last one first."""
+        try:
+            records = read_records(self.path)
+        except (OSError, ValueError):
+            return []
+        return records if all(isinstance(record.get("outputs"), list) for record in records) else []
+
+    def _refuse_others(self, files: set[Path]) -> None:
+        """Raise if a run of another command wrote one of the files."""
+        for record in self._records():
+            common = files & _files_of(record)
+            if common and _task(record) != _task(self.record):
+                raise InputError(
+                    f"{self.path}: holds the output of '{_task(record)}' ({min(common).as_posix()}), which "
+                    f"'{_task(self.record)}' does not replace; choose another output folder"
+                )
 
     def _commit(self) -> None:
         """Move the new files to their places, delete what only the earlier run wrote, record both."""
-        new = sorted(file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file())
-        earlier = _files_of(_read_record(self.path))
-        record = relative_to_output(self.record, self.path) | {"outputs": [file.as_posix() for file in new]}
-        for file in new:
+        new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
+        self._refuse_others(new)
+        records = self._records()
+        others = [record for record in records if _task(record) != _task(self.record)]
+        earlier = set().union(*(_files_of(record) for record in records if record not in others))
+        top = relative_to_output(self.record, self.path)
+        top["outputs"] = [file.as_posix() for file in sorted(new)]
+        for file in sorted(new):
             self._place(file, foreign=file not in earlier)
-        for file in earlier - set(new):
+        for file in earlier - new:
             (self.path / file).unlink(missing_ok=True)
             _remove_empty((self.path / file).parent, top=self.path)
-        write_json(record, self.path / PROVENANCE_FILE)
+        write_json(top | ({"beside": others} if others else {}), self.path / PROVENANCE_FILE)
 
     def _place(self, file: Path, *, foreign: bool) -> None:
         """Move one file to its place; a file there that no run wrote is kept under another name."""
@@ -160,25 +182,16 @@ class OutputFolder:
                 folder.rmdir()
 
 
-def _read_record(folder: Path) -> dict[str, Any] | None:
-    """The provenance of the run in a folder; None if there is no run."""
-    try:
-        record = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    complete = isinstance(record, dict) and isinstance(record.get("outputs"), list)
-    return record if complete else None
-
-
-def _files_of(record: dict[str, Any] | None) -> set[Path]:
+def _files_of(record: Mapping[str, Any]) -> set[Path]:
     """The files that a run wrote, relative to its folder."""
-    files = {Path(str(name)) for name in (record or {}).get("outputs", [])}
+    files = {Path(str(name)) for name in record["outputs"]}
     return {file for file in files if not file.is_absolute() and ".." not in file.parts}
 
 
 def _task(record: Mapping[str, Any]) -> str:
-    """The kind of run: program and command, without what they were applied to."""
-    return " ".join(str(record.get("command", "")).split()[:2])
+    """The kind of run: program, command and what it calibrates, without what they were applied to."""
+    words = str(record.get("command", "")).split()
+    return " ".join(words[: 3 if words[1:2] == ["calibrate"] else 2])
 
 
 def _remove_empty(folder: Path, *, top: Path) -> None:

@@ -21,7 +21,15 @@ from contactimg.files.csv_tables import read_table
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
 
-__all__ = ["PROVENANCE_FILE", "SCHEMA_VERSION", "RunFolder", "provenance", "read_run", "relative_to_output"]
+__all__ = [
+    "PROVENANCE_FILE",
+    "SCHEMA_VERSION",
+    "RunFolder",
+    "provenance",
+    "read_records",
+    "read_run",
+    "relative_to_output",
+]
 
 SCHEMA_VERSION = 1
 """Raised when a column or key is added to the output; names are never changed."""
@@ -102,6 +110,32 @@ def _fingerprint(path: Path) -> dict[str, Any]:
         return {"path": str(path.resolve()), "bytes": None, "sha256": None, "error": error.strerror}
 
 
+def read_records(folder: Path) -> list[dict[str, Any]]:
+    """The records of the runs that share an output folder, the last one first.
+
+    Parameters
+    ----------
+    folder : Path
+
+    Returns
+    -------
+    list of dict
+        As `provenance` makes them, each with the names of its files as ``outputs``.
+
+    Raises
+    ------
+    OSError
+        If there is no provenance.json.
+    ValueError
+        If it is damaged.
+    """
+    top = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+    beside = top.get("beside", []) if isinstance(top, dict) else None
+    if not isinstance(beside, list) or not all(isinstance(record, dict) for record in beside):
+        raise ValueError(f"{folder / PROVENANCE_FILE} is damaged")
+    return [{name: value for name, value in top.items() if name != "beside"}, *beside]
+
+
 @dataclass(frozen=True, eq=False)
 class RunFolder:
     """What `process` or `predict` wrote, read back.
@@ -115,7 +149,7 @@ class RunFolder:
     scene : Scene or None
         The scene of the run, with every key.
     provenance : dict
-        Contents of provenance.json.
+        The record of the run in provenance.json.
     """
 
     folder: Path
@@ -145,7 +179,10 @@ def read_run(folder: str | Path) -> RunFolder:
     """
     folder = Path(folder)
     try:
-        record = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+        records = read_records(folder)
+        record = next(
+            (record for record in records if "contacts.csv" in record.get("outputs", [])), records[0]
+        )
         version, configuration = int(record["schema_version"]), dict(record["configuration"])
     except OSError:
         raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None

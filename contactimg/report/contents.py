@@ -1,6 +1,5 @@
 """What the page of a run shows: its tables, pictures, and the results of other commands beside it."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,14 @@ import pandas as pd
 from contactimg.analysis.area import fit_area_law, frame_areas
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import InputError
-from contactimg.files import PROVENANCE_FILE, RunFolder, read_calibration, read_run, read_table
+from contactimg.files import (
+    PROVENANCE_FILE,
+    RunFolder,
+    read_calibration,
+    read_records,
+    read_run,
+    read_table,
+)
 from contactimg.pipeline.process import picture_name
 from contactimg.pipeline.series import FAILED
 from contactimg.report.embedding import Picture, embed_figure, embed_picture
@@ -94,21 +100,23 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
         If the folder holds no complete run, or another one no output of such a command.
     """
     run = read_run(folder)
-    shown = _pictures_of(folder / "overlays", run.frames["frame"])
+    overlays = _pictures_of(folder / "overlays", run.frames["frame"])
     parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
     for place in [*_found(folder), *others]:
-        kind, command = _kind(place)
-        if kind not in parts:
+        found = [(kind, command) for kind, command in _kinds(place) if kind in parts]
+        if not found:
+            command = _kinds(place)[0][1]
             raise InputError(f"{place}: is the output of {command!r}, not of overlay, analyse or calibrate")
-        parts[kind].append(_part(kind, command, place, run, max_pictures))
+        for kind, command in found:
+            parts[kind].append(_part(kind, command, place, run, max_pictures))
     return Contents(
         run=run,
         flags=_flag_counts(run.contacts, run.frames["frame"]),
         rejected=_rejected(folder),
         failed=run.frames[run.frames["status"] == FAILED],
         law=_area_law(run),
-        overlays=_embedded(_thinned(shown, max_pictures)),
-        overlays_total=len(shown),
+        overlays=_embedded(_thinned(overlays, max_pictures)),
+        overlays_total=len(overlays),
         comparisons=parts["overlay"],
         analyses=parts["analyse"],
         calibrations=[*_used_calibration(run), *parts["calibrate"]],
@@ -118,22 +126,17 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
 def _found(folder: Path) -> list[Path]:
     """Outputs of other commands in folders inside the run's."""
     places = [path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}"))]
-    return [place for place in places if _kind(place)[0] in {"overlay", "analyse", "calibrate"}]
+    shown = {"overlay", "analyse", "calibrate"}
+    return [place for place in places if shown & {kind for kind, _ in _kinds(place)}]
 
 
-def _record(place: Path) -> dict[str, Any]:
-    """The provenance of an output folder."""
+def _kinds(place: Path) -> list[tuple[str, str]]:
+    """The commands that wrote into a folder: name, and as typed."""
     try:
-        record = json.loads((place / PROVENANCE_FILE).read_text(encoding="utf-8"))
+        commands = [str(record.get("command", "")) for record in read_records(place)]
     except (OSError, ValueError):
         raise InputError(f"{place}: holds no output of contactimg") from None
-    return record if isinstance(record, dict) else {}
-
-
-def _kind(place: Path) -> tuple[str, str]:
-    """The command that wrote a folder: its name, and as typed."""
-    command = str(_record(place).get("command", ""))
-    return [*command.split(), "", ""][1], command
+    return [([*command.split(), "", ""][1], command) for command in commands]
 
 
 def _part(kind: str, command: str, place: Path, run: RunFolder, max_pictures: int) -> Part:
