@@ -177,9 +177,10 @@ class Tolerance(_Section):
 
 
 class Effects(_Section):
-    """One switch an effect."""
+    """One switch an effect; ``full_coupling`` refines ``coupling``."""
 
     coupling: Switch = "auto"
+    full_coupling: Switch = "auto"
     adhesion: Switch = "auto"
     layer: Switch = "auto"
     sphere_profile: Switch = "auto"

@@ -1,0 +1,1 @@
+"""Which effects a scene calls for, each with the number that decides."""

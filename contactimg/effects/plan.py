@@ -1,0 +1,167 @@
+"""The plan: which effects are computed for a scene, decided by a number against the scene's tolerance.
+
+Everything that is left out by the plan's own decision changes the requested output, all together, by less
+than the tolerance: effects are dropped in the order of change over extra cost as long as the sum of the
+estimates stays below the tolerance. A sum that meets the tolerance exactly keeps the effect on.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import pandas as pd
+
+from contactimg.effects.estimate import Estimate
+from contactimg.scene import Effects, Scene
+
+__all__ = ["Decision", "Plan", "decide"]
+
+Level = Literal["none", "asymptotic", "full"]
+
+REQUIRES = {"full_coupling": "coupling"}
+"""Effects that are refinements of another: on only where that is on."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What the plan says of one effect.
+
+    Parameters
+    ----------
+    effect : str
+    change : float
+        Estimated relative change of the requested output if the effect is left out.
+    tolerance : float
+        What the estimates of all that is left out must stay below together.
+    on : bool
+        Whether the effect is computed.
+    switch : {"auto", "on", "off"}
+        What the scene orders; "auto" leaves it to the plan.
+    reason : str
+        Half a sentence with the numbers that decide.
+    cost : float
+        Time of its stage with the effect over the time without.
+    """
+
+    effect: str
+    change: float
+    tolerance: float
+    on: bool
+    switch: str
+    reason: str
+    cost: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The effects of a scene at one load.
+
+    Parameters
+    ----------
+    decisions : tuple of Decision
+    output : {"area", "force", "radius"}
+        What must be accurate.
+    relative : float
+        To what relative change.
+    load : float, N
+    messages : tuple of str
+        What the user should know: limits of the models reached, orders against the plan's advice.
+    """
+
+    decisions: tuple[Decision, ...]
+    output: str
+    relative: float
+    load: float
+    messages: tuple[str, ...] = ()
+
+    def is_on(self, effect: str) -> bool:
+        """Whether an effect is computed; one that the plan does not know is not."""
+        return any(decision.on for decision in self.decisions if decision.effect == effect)
+
+    @property
+    def coupling(self) -> Level:
+        """Level of coupling for the interacting model."""
+        if not self.is_on("coupling"):
+            return "none"
+        return "full" if self.is_on("full_coupling") else "asymptotic"
+
+    def apply(self, scene: Scene) -> Scene:
+        """The scene with every switch that the plan decides on explicit: "on" or "off"."""
+        known = Effects.model_fields
+        explicit = {d.effect: "on" if d.on else "off" for d in self.decisions if d.effect in known}
+        return scene.model_copy(update={"effects": scene.effects.model_copy(update=explicit)})
+
+    def table(self) -> pd.DataFrame:
+        """One row an effect: effect, change, tolerance, decision, switch, cost, reason."""
+        columns = ["effect", "change", "tolerance", "decision", "switch", "cost", "reason"]
+        rows = [
+            [d.effect, d.change, d.tolerance, "on" if d.on else "off", d.switch, d.cost, d.reason]
+            for d in self.decisions
+        ]
+        return pd.DataFrame(rows, columns=columns)
+
+
+def decide(
+    estimates: Sequence[Estimate], switches: Effects, *, tolerance: float
+) -> tuple[tuple[Decision, ...], tuple[str, ...]]:
+    """Keep the effects that matter; the sum of what is dropped stays below the tolerance.
+
+    Parameters
+    ----------
+    estimates : sequence of Estimate
+    switches : Effects
+        The scene's; an order is obeyed. What is off by order does not count in the sum.
+    tolerance : float
+        Relative change.
+
+    Returns
+    -------
+    decisions : tuple of Decision
+        In the order of the estimates.
+    messages : tuple of str
+        One sentence for each effect that is off by order although it changes the output by the tolerance or
+        more.
+
+    Examples
+    --------
+    >>> found = [Estimate("layer", 0.004, "thin"), Estimate("coupling", 0.2, "close")]
+    >>> [decision.on for decision in decide(found, Effects(), tolerance=0.01)[0]]
+    [False, True]
+    """
+    order = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
+    dropped = _dropped([e for e in estimates if order[e.effect] == "auto"], tolerance)
+    on = {
+        name for name, switch in order.items() if switch == "on" or (switch == "auto" and name not in dropped)
+    }
+    for refined, base in REQUIRES.items():
+        if refined in on and base not in on:
+            on = on - {refined} if order.get(base) == "off" else on | {base}
+    decisions = tuple(
+        Decision(e.effect, e.change, tolerance, e.effect in on, order[e.effect], e.reason, e.cost)
+        for e in estimates
+    )
+    messages = tuple(
+        f"{d.effect} is switched off although it changes the requested output by {d.change:.2g} "
+        f"(tolerance {tolerance:g}): {d.reason}"
+        for d in decisions
+        if d.switch == "off" and d.change >= tolerance
+    )
+    return decisions, messages
+
+
+def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
+    """Effects whose changes, least first for the time they cost, add up to less than the tolerance."""
+    dropped, total = set(), 0.0
+    for estimate in sorted(estimates, key=_price):
+        if total + estimate.change < tolerance:
+            dropped.add(estimate.effect)
+            total += estimate.change
+    return dropped
+
+
+def _price(estimate: Estimate) -> tuple[float, float, str]:
+    """Change over the time saved; free effects last; ties by change, then by name."""
+    saved = estimate.cost - 1
+    per_cost = estimate.change / saved if saved > 0 else math.inf
+    return (per_cost if estimate.change > 0 else 0.0, estimate.change, estimate.effect)
