@@ -1,10 +1,14 @@
 """The page of a run: its parts, nothing from outside, hostile names, and a browser if there is one."""
 
 import base64
+import contextlib
 import json
+import os
 import re
 import shutil
+import signal
 import subprocess
+import tempfile
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,6 +21,7 @@ from contactimg.errors import InputError
 from contactimg.report import build_report
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+BROWSER_TIME = 120  # s
 HOSTILE = '<script>alert(1)<b>&".tif'
 SECTIONS = ["summary", "area", "overlays", "flags", "failed", "provenance"]
 
@@ -183,19 +188,36 @@ def test_the_command_writes_the_page_beside_the_run(small_series, tmp_path, caps
     assert len(pd.read_csv(folder / "frames.csv")) == 3
 
 
-def in_browser(address):
-    """The page's elements after its script has run, as a browser has them."""
+def in_browser(address, folder):
+    """The page's elements after its script has run, as a browser with a fresh profile has them."""
+    profile, dump = Path(tempfile.mkdtemp(dir=folder)), folder / "dump.html"
     command = [
         str(BROWSER),
         "--headless",
         "--no-sandbox",
         "--disable-gpu",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        f"--user-data-dir={profile}",
         "--virtual-time-budget=3000",
         "--dump-dom",
         address,
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)  # noqa: S603
-    return Page(done.stdout)
+    # a file, not a pipe: children that outlive the browser would keep a pipe open
+    with (
+        dump.open("wb") as output,
+        subprocess.Popen(  # noqa: S603
+            command, stdout=output, stderr=subprocess.DEVNULL, start_new_session=True
+        ) as browser,
+    ):
+        try:
+            assert browser.wait(timeout=BROWSER_TIME) == 0
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(browser.pid, signal.SIGKILL)
+    return Page(dump.read_text(encoding="utf-8"))
 
 
 @pytest.mark.slow
@@ -203,10 +225,10 @@ def in_browser(address):
 def test_a_browser_opens_the_page_and_its_viewer(run, tmp_path):
     file = Path(tmp_path / "page.html")
     file.write_text(build_report(run), encoding="utf-8")
-    page = in_browser(file.as_uri())
+    page = in_browser(file.as_uri(), tmp_path)
     assert [name for name in SECTIONS if name not in page.sections] == []
     assert "open" not in page.all("dialog")[0]
-    opened = in_browser(f"{file.as_uri()}#overlay-1")
+    opened = in_browser(f"{file.as_uri()}#overlay-1", tmp_path)
     assert "open" in opened.all("dialog")[0]
     viewer = opened.all("img")[-1]  # the dialog is the last part of the page
     assert viewer["src"].startswith("data:image/webp;base64,")
