@@ -1,13 +1,20 @@
 __version__: str
 
+from .analysis.annuli import annulus_moments as annulus_moments
+from .analysis.annuli import sum_moments as sum_moments
 from .analysis.area import fit_area_law as fit_area_law
 from .analysis.broken_laws import fit_broken_law as fit_broken_law
 from .analysis.contact_laws import fit_contact_law as fit_contact_law
+from .analysis.contact_laws import pressure_points as pressure_points
+from .analysis.estimates import Estimate as Estimate
+from .analysis.friction import compare_stress as compare_stress
 from .analysis.friction import fit_shear_stress as fit_shear_stress
 from .analysis.power_laws import fit_power_law as fit_power_law
 from .analysis.profiles import average_profile as average_profile
+from .analysis.profiles import hertz_profile as hertz_profile
 from .analysis.profiles import normalise_profile as normalise_profile
 from .analysis.profiles import radial_profile as radial_profile
+from .analysis.profiles import ring_profile as ring_profile
 from .analysis.topography import describe_topography as describe_topography
 from .calibration.jkr import calibrate_jkr as calibrate_jkr
 from .calibration.modulus import calibrate_modulus as calibrate_modulus
@@ -18,8 +25,10 @@ from .errors import ConvergenceError as ConvergenceError
 from .errors import FrameError as FrameError
 from .errors import InputError as InputError
 from .errors import ModelRangeError as ModelRangeError
+from .files import open_experiment as open_experiment
 from .files import read_frames as read_frames
 from .files import read_scene as read_scene
+from .forces import assign_forces as assign_forces
 from .frame import Frame as Frame
 from .imaging.measure import measure_image as measure_image
 from .matching import PoseFit as PoseFit
@@ -43,10 +52,12 @@ from .models.interacting import solve_loads as solve_loads
 from .models.solution import InteractingSolution as InteractingSolution
 from .pipeline.analyse import AnalysisOptions as AnalysisOptions
 from .pipeline.analyse import analyse_places as analyse_places
+from .pipeline.circles import measure_circles as measure_circles
 from .pipeline.measure import measure_frame as measure_frame
 from .pipeline.places import open_place as open_place
 from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
+from .pipeline.thresholds import measure_thresholds as measure_thresholds
 from .pose import Pose as Pose
 from .render import Rendered as Rendered
 from .render import render_contacts as render_contacts
@@ -56,6 +67,10 @@ from .render import render_smooth_contact as render_smooth_contact
 from .report import build_report as build_report
 from .scene import Scene as Scene
 from .scene import scene_from_dict as scene_from_dict
+from .surfaces import DropletCaps as DropletCaps
+from .surfaces import GaussianCaps as GaussianCaps
+from .surfaces import UniformCaps as UniformCaps
+from .surfaces import base_radius as base_radius
 from .surfaces import check_asperities as check_asperities
 from .surfaces import composite_apexes as composite_apexes
 from .surfaces import generate_asperities as generate_asperities

@@ -5,8 +5,8 @@ spherical cap. A cap of height ``h`` and radius ``R`` covers a disc of radius ``
 generated patterns place these discs at random without overlap, largest first.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import pandas as pd
@@ -16,7 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.tables import ASPERITIES
 
-__all__ = ["base_radius", "check_asperities", "composite_apexes", "generate_asperities"]
+__all__ = [
+    "CapLaw",
+    "DropletCaps",
+    "GaussianCaps",
+    "UniformCaps",
+    "base_radius",
+    "check_asperities",
+    "composite_apexes",
+    "generate_asperities",
+]
 
 Values = NDArray[np.float64]
 
@@ -168,32 +177,111 @@ def composite_apexes(
     )
 
 
+class CapLaw(Protocol):
+    """Law that heights and radii of caps follow."""
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+        """Heights and radii (m) of as many caps."""
+
+
 @dataclass(frozen=True)
-class _Pattern:
-    """How one kind of surface draws its caps: default coverage and ``draw(count, rng) -> height, radius``."""
+class UniformCaps:
+    """Caps of one radius whose heights are spread evenly, as on SA.
 
-    coverage: float
-    draw: Callable[[int, np.random.Generator], tuple[Values, Values]]
+    Parameters
+    ----------
+    height_low, height_high : float, m
+    radius : float, m
+
+    Examples
+    --------
+    >>> height, radius = UniformCaps(30e-6, 60e-6, radius=1e-4).draw(2, np.random.default_rng(1))
+    >>> bool((height > 30e-6).all() and (height < 60e-6).all()), radius.tolist()
+    (True, [0.0001, 0.0001])
+    """
+
+    height_low: float
+    height_high: float
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.height_low < self.height_high < np.inf:
+            raise InputError(
+                "heights of caps need 0 <= height_low < height_high, "
+                f"got {self.height_low!r} and {self.height_high!r} m"
+            )
+        _check_positive(radius=self.radius)
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+        """Heights and radii (m) of as many caps."""
+        return rng.uniform(self.height_low, self.height_high, count), np.full(count, self.radius)
 
 
-def _draw_sa(count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-    """SA: R = 100 um, heights uniform in 30-60 um."""
-    return rng.uniform(30e-6, 60e-6, count), np.full(count, 100e-6)
+@dataclass(frozen=True)
+class GaussianCaps:
+    """Caps of normally distributed heights and radii, independent of each other, as on RA-.
+
+    Draws that are no cap (height not above zero, radius not above the height) are drawn again.
+
+    Parameters
+    ----------
+    height_mean, height_std, radius_mean, radius_std : float, m
+    """
+
+    height_mean: float
+    height_std: float
+    radius_mean: float
+    radius_std: float
+
+    def __post_init__(self) -> None:
+        _check_positive(**vars(self))
+        if not self.height_mean < self.radius_mean:
+            raise InputError(
+                "caps lower than their radius need height_mean below radius_mean, "
+                f"got {self.height_mean!r} and {self.radius_mean!r} m"
+            )
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+        """Heights and radii (m) of as many caps."""
+        height = _positive_normal(self.height_mean, self.height_std, count, rng)
+        radius = _positive_normal(self.radius_mean, self.radius_std, count, rng)
+        while (low := radius <= height).any():
+            radius[low] = _positive_normal(self.radius_mean, self.radius_std, int(low.sum()), rng)
+        return height, radius
 
 
-def _draw_ra_minus(count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-    """RA-: h = 9.0 +- 2.4 um, R = 49.6 +- 12.8 um, uncorrelated, 0 < h < R."""
-    height = _positive_normal(9.0e-6, 2.4e-6, count, rng)
-    radius = _positive_normal(49.6e-6, 12.8e-6, count, rng)
-    while (low := radius <= height).any():
-        radius[low] = _positive_normal(49.6e-6, 12.8e-6, int(low.sum()), rng)
-    return height, radius
+@dataclass(frozen=True)
+class DropletCaps:
+    """Caps of normally distributed heights and one contact angle, ``R = h/(1 - cos theta)``, as on RA+.
+
+    Parameters
+    ----------
+    height_mean, height_std : float, m
+        Heights that are not positive are drawn again.
+    contact_angle : float, rad
+        ``theta``, between 0 and pi.
+    """
+
+    height_mean: float
+    height_std: float
+    contact_angle: float
+
+    def __post_init__(self) -> None:
+        _check_positive(**vars(self))
+        if not self.contact_angle < np.pi:
+            raise InputError(f"contact_angle must lie below pi, got {self.contact_angle!r} rad")
+
+    def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
+        """Heights and radii (m) of as many caps."""
+        height = _positive_normal(self.height_mean, self.height_std, count, rng)
+        return height, height / (1 - np.cos(self.contact_angle))
 
 
-def _draw_ra_plus(count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-    """RA+: h = 29.6 +- 10.1 um, R = h/(1 - cos 57 deg)."""
-    height = _positive_normal(29.6e-6, 10.1e-6, count, rng)
-    return height, height / (1 - np.cos(np.radians(57.0)))
+def _check_positive(**values: float) -> None:
+    """Refuse a parameter of a law that is not positive and finite."""
+    for name, value in values.items():
+        if not 0 < value < np.inf:
+            raise InputError(f"{name} must be positive and finite, got {value!r}")
 
 
 def _positive_normal(mean: float, std: float, count: int, rng: np.random.Generator) -> Values:
@@ -204,15 +292,16 @@ def _positive_normal(mean: float, std: float, count: int, rng: np.random.Generat
     return values
 
 
-_PATTERNS = {
-    "SA": _Pattern(0.4, _draw_sa),
-    "RA-": _Pattern(0.34, _draw_ra_minus),
-    "RA+": _Pattern(0.41, _draw_ra_plus),
+_PATTERNS: dict[str, tuple[CapLaw, float]] = {
+    "SA": (UniformCaps(30e-6, 60e-6, radius=100e-6), 0.4),
+    "RA-": (GaussianCaps(9.0e-6, 2.4e-6, radius_mean=49.6e-6, radius_std=12.8e-6), 0.34),
+    "RA+": (DropletCaps(29.6e-6, 10.1e-6, contact_angle=np.radians(57.0)), 0.41),
 }
+"""Name of a surface -> law of its caps, and covered fraction."""
 
 
 def generate_asperities(
-    kind: str,
+    kind: str | CapLaw,
     *,
     side: float,
     rng: np.random.Generator,
@@ -226,15 +315,16 @@ def generate_asperities(
 
     Parameters
     ----------
-    kind : {"SA", "RA-", "RA+"}
+    kind : {"SA", "RA-", "RA+"} or CapLaw
         ``"SA"``: R = 100 um, heights uniform in 30-60 um. ``"RA-"``: h = 9.0 +- 2.4 um, R = 49.6 +- 12.8 um,
-        independent. ``"RA+"``: h = 29.6 +- 10.1 um, R = h/(1 - cos 57 deg). Normal laws, cut at zero.
+        independent. ``"RA+"``: h = 29.6 +- 10.1 um, R = h/(1 - cos 57 deg). Normal laws, cut at zero. Others:
+        a law (`UniformCaps`, `GaussianCaps`, `DropletCaps`).
     side : float, m
         Side of the square.
     rng : numpy.random.Generator
         Source of chance; the same state gives the same pattern.
     coverage : float, optional
-        Covered fraction of the square; by default 0.4, 0.34 and 0.41 for the three kinds.
+        Covered fraction of the square; by default 0.4, 0.34 and 0.41 for the three kinds. A law has none.
     max_tries : int
         Places tried for one cap before giving up.
 
@@ -266,15 +356,10 @@ def generate_asperities(
     >>> round(float(np.pi * (discs**2).sum() / 2e-3**2), 2)
     0.4
     """
-    pattern = _PATTERNS.get(kind)
-    if pattern is None:
-        raise InputError(f"kind must be one of {', '.join(map(repr, _PATTERNS))}, got {kind!r}")
+    law, fraction = _law_and_coverage(kind, coverage)
     if not (np.isfinite(side) and side > 0):
         raise InputError(f"side must be a positive length, got {side!r} m")
-    fraction = pattern.coverage if coverage is None else float(coverage)
-    if not 0 < fraction < 1:
-        raise InputError(f"coverage must lie between 0 and 1 (exclusive), got {coverage!r}")
-    height, radius = _draw_to_cover(pattern, fraction * side**2, rng)
+    height, radius = _draw_to_cover(law, fraction * side**2, rng)
     disc = base_radius(height, radius)
     order = np.argsort(-disc, kind="stable")
     height, radius, disc = height[order], radius[order], disc[order]
@@ -289,11 +374,27 @@ def generate_asperities(
     return pd.DataFrame({"x_m": x * side, "y_m": y * side, "height_m": height, "radius_m": radius})
 
 
-def _draw_to_cover(pattern: _Pattern, area: float, rng: np.random.Generator) -> tuple[Values, Values]:
+def _law_and_coverage(kind: str | CapLaw, coverage: float | None) -> tuple[CapLaw, float]:
+    """The law of the caps and the fraction that they are to cover."""
+    if not isinstance(kind, str):
+        law, default = kind, None
+    elif kind in _PATTERNS:
+        law, default = _PATTERNS[kind]
+    else:
+        raise InputError(f"kind must be one of {', '.join(map(repr, _PATTERNS))}, or a law, got {kind!r}")
+    fraction = default if coverage is None else coverage
+    if fraction is None:
+        raise InputError("a law of caps does not say how much they cover; give the coverage")
+    if not 0 < fraction < 1:
+        raise InputError(f"coverage must lie between 0 and 1 (exclusive), got {coverage!r}")
+    return law, float(fraction)
+
+
+def _draw_to_cover(law: CapLaw, area: float, rng: np.random.Generator) -> tuple[Values, Values]:
     """Caps whose discs together come nearest to the area, never none."""
-    height, radius = pattern.draw(64, rng)
+    height, radius = law.draw(64, rng)
     while (total := np.sum(np.pi * base_radius(height, radius) ** 2)) <= area:
-        more = pattern.draw(int(1.05 * len(height) * max(area / total - 1, 0.05)) + 1, rng)
+        more = law.draw(int(1.05 * len(height) * max(area / total - 1, 0.05)) + 1, rng)
         height, radius = np.concatenate([height, more[0]]), np.concatenate([radius, more[1]])
     covered = np.cumsum(np.pi * base_radius(height, radius) ** 2)
     count = int(np.searchsorted(covered, area))

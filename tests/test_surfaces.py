@@ -5,7 +5,15 @@ import pandas as pd
 import pytest
 from scipy.spatial.distance import pdist
 
-from contactimg import InputError, check_asperities, composite_apexes, generate_asperities
+from contactimg import (
+    DropletCaps,
+    GaussianCaps,
+    InputError,
+    UniformCaps,
+    check_asperities,
+    composite_apexes,
+    generate_asperities,
+)
 from contactimg.surfaces import base_radius
 
 
@@ -46,6 +54,43 @@ def test_patterns_follow_their_laws():
 def test_same_seed_same_pattern():
     one, two = (generate_asperities("SA", side=3e-3, rng=np.random.default_rng(9)) for _ in range(2))
     pd.testing.assert_frame_equal(one, two)
+
+
+@pytest.mark.parametrize(
+    ("kind", "coverage", "law"),
+    [
+        ("SA", 0.4, UniformCaps(30e-6, 60e-6, radius=100e-6)),
+        ("RA-", 0.34, GaussianCaps(9.0e-6, 2.4e-6, radius_mean=49.6e-6, radius_std=12.8e-6)),
+        ("RA+", 0.41, DropletCaps(29.6e-6, 10.1e-6, contact_angle=np.radians(57))),
+    ],
+)
+def test_a_named_surface_is_its_law(kind, coverage, law):
+    named, lawful = (
+        generate_asperities(surface, side=1e-3, coverage=coverage, rng=np.random.default_rng(4))
+        for surface in (kind, law)
+    )
+    pd.testing.assert_frame_equal(named, lawful)
+
+
+def test_caps_of_a_law_are_caps(rng):
+    height, radius = GaussianCaps(9e-6, 9e-6, radius_mean=12e-6, radius_std=12e-6).draw(1000, rng)
+    assert np.all(height > 0)  # a sixth of the normal law lies below zero
+    assert np.all(radius > height)
+
+
+def test_laws_refuse_what_is_no_cap(rng):
+    with pytest.raises(InputError, match="0 <= height_low < height_high"):
+        UniformCaps(6e-5, 3e-5, radius=1e-4)
+    with pytest.raises(InputError, match="radius must be positive and finite"):
+        UniformCaps(3e-5, 6e-5, radius=0.0)
+    with pytest.raises(InputError, match="height_std must be positive"):
+        DropletCaps(3e-5, -1e-5, contact_angle=1.0)
+    with pytest.raises(InputError, match="contact_angle must lie below pi"):
+        DropletCaps(3e-5, 1e-5, contact_angle=57.0)
+    with pytest.raises(InputError, match="height_mean below radius_mean"):
+        GaussianCaps(5e-5, 1e-5, radius_mean=4e-5, radius_std=1e-5)
+    with pytest.raises(InputError, match="give the coverage"):
+        generate_asperities(UniformCaps(3e-5, 6e-5, radius=1e-4), side=1e-3, rng=rng)
 
 
 def test_places_are_uniform(rng):

@@ -9,7 +9,7 @@ from joblib import Parallel, delayed
 from contactimg.errors import InputError
 from contactimg.models.interacting import COUPLINGS, solve_loads
 from contactimg.models.solution import InteractingSolution
-from contactimg.surfaces import generate_asperities
+from contactimg.surfaces import CapLaw, generate_asperities
 
 __all__ = ["EnsembleMember", "solve_ensemble"]
 
@@ -31,7 +31,7 @@ class EnsembleMember:
 
 
 def solve_ensemble(
-    kind: str,
+    kind: str | CapLaw,
     *,
     patterns: int,
     loads: Sequence[float],
@@ -47,7 +47,7 @@ def solve_ensemble(
 
     Parameters
     ----------
-    kind : {"SA", "RA-", "RA+"}
+    kind : {"SA", "RA-", "RA+"} or CapLaw
         As in `contactimg.generate_asperities`.
     patterns : int
         How many.
@@ -104,7 +104,7 @@ def _solve_member(
     index: int,
     seed: int,
     *,
-    kind: str,
+    kind: str | CapLaw,
     loads: list[float],
     side: float,
     indenter_radius: float,
