@@ -177,7 +177,10 @@ class Tolerance(_Section):
 
 
 class Effects(_Section):
-    """One switch an effect; ``full_coupling`` refines ``coupling``."""
+    """One switch an effect; ``full_coupling`` refines ``coupling``.
+
+    ``supersampling`` is the renderer's depth: "on" as [simulate] says, "off" no deeper than the blur needs.
+    """
 
     coupling: Switch = "auto"
     full_coupling: Switch = "auto"
@@ -195,6 +198,7 @@ class Effects(_Section):
     saturation: Switch = "auto"
     dust: Switch = "auto"
     edge_roughness: Switch = "auto"
+    supersampling: Switch = "auto"
 
 
 class Simulate(_Section):

@@ -51,7 +51,7 @@ def test_defaults_are_those_of_the_contract():
     assert (scene.measure.method, scene.measure.threshold) == ("disk", 0.5)
     assert (scene.tolerance.output, scene.tolerance.relative) == ("area", 0.01)
     assert set(scene.effects.model_dump().values()) == {"auto"}
-    assert len(Effects.model_fields) == 16
+    assert len(Effects.model_fields) == 17
 
 
 def test_image_is_centred_on_the_apex_unless_a_centre_is_given():

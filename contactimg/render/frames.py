@@ -229,10 +229,11 @@ def _draw_shift(recipe: Recipe, rng: np.random.Generator) -> Shift:
 def _optics(recipe: Recipe) -> tuple[Psf, Halo | None]:
     """The point spread function of the scene, and its wide part if it has one."""
     simulate = recipe.simulate
+    depth = simulate.supersampling if "supersampling" in recipe.effects else 1
     if not ("blur" in recipe.effects and simulate.blur_px):
-        return no_blur(sampling=simulate.supersampling), None
+        return no_blur(sampling=depth), None
     sigma = simulate.blur_px
-    sampling = sampling_for(sigma, at_least=simulate.supersampling)
+    sampling = sampling_for(sigma, at_least=depth)
     if simulate.psf == "airy":
         return airy_psf(sigma, sampling=sampling), None
     core = gaussian_psf(sigma, sampling=sampling)

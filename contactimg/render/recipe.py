@@ -18,6 +18,7 @@ PARAMETER = {
     "saturation": "bit_depth",
     "dust": "dust_count",
     "edge_roughness": "edge_roughness_px",
+    "supersampling": "supersampling",
 }
 
 
@@ -61,7 +62,7 @@ def read_recipe(scene: Scene) -> Recipe:
     >>> from contactimg import scene_from_dict
     >>> scene = scene_from_dict({"simulate": {"vignetting": 0.2}, "effects": {"blur": "off"}})
     >>> sorted(read_recipe(scene).effects)
-    ['quantisation', 'saturation', 'vignetting']
+    ['quantisation', 'saturation', 'supersampling', 'vignetting']
     """
     simulate: Simulate = scene.need("simulate", "rendering frames")
     switches = {effect: getattr(scene.effects, effect) for effect in PARAMETER}
