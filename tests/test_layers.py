@@ -10,6 +10,7 @@ PACKAGE = Path(__file__).parents[1] / "contactimg"
 # from low to high; modules named in one line are one room and do not import each other's neighbours above
 ROOMS = [
     "errors",
+    "timings",
     "tables",
     "frame",
     "pose",

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed
+from joblib import Parallel, delayed, effective_n_jobs
+
+from contactimg.timings import collect_call, gather, is_collecting
 
 __all__ = ["in_parallel"]
 
@@ -32,4 +34,8 @@ def in_parallel(
     if workers is None:
         workers = 1 if count < FEW else -1
     pool = Parallel(n_jobs=workers, return_as="generator", pre_dispatch="2*n_jobs")
-    return pool(delayed(function)(*item) for item in arguments)
+    processes = effective_n_jobs(workers)
+    if processes == 1 or not is_collecting():
+        return pool(delayed(function)(*item) for item in arguments)
+    timed = pool(delayed(collect_call)(function, *item) for item in arguments)
+    return gather(timed, processes=processes)

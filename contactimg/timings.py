@@ -1,0 +1,177 @@
+"""Where the time of a run goes: named stages that cost nothing unless somebody collects them.
+
+The clock always runs for one stage, the innermost that has been entered, so the stages and what lies between
+them add up to the time that has passed. Worker processes collect their own; the time spent waiting for them
+is divided among their stages.
+"""
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ContextDecorator, contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from time import perf_counter
+from typing import Any, Self, TypeVar
+
+__all__ = ["OTHER", "WAITING", "Timings", "collect", "collect_call", "gather", "is_collecting", "stage"]
+
+OTHER = "other"
+"""What is spent outside of all stages."""
+
+WAITING = "starting and waiting for processes"
+"""What worker processes take beyond their stages."""
+
+Result = TypeVar("Result")
+
+
+@dataclass
+class Timings:
+    """Time and number of calls of each stage.
+
+    Attributes
+    ----------
+    seconds : dict
+        Stage -> wall time without that of the stages inside, s.
+    calls : Counter
+        Stage -> times it was entered.
+    """
+
+    seconds: defaultdict[str, float] = field(default_factory=lambda: defaultdict(float))
+    calls: Counter[str] = field(default_factory=Counter)
+    _entered: list[str] = field(default_factory=lambda: [OTHER])
+    _since: float = field(default_factory=perf_counter)
+
+    def charge(self) -> None:
+        """Charge the time since the last change of stage to the stage that is running."""
+        now = perf_counter()
+        self.seconds[self._entered[-1]] += now - self._since
+        self._since = now
+
+    def enter(self, name: str) -> None:
+        """Let the clock run for a stage."""
+        self.charge()
+        self._entered.append(name)
+        self.calls[name] += 1
+
+    def leave(self) -> None:
+        """Let the clock run for the stage around the innermost one again."""
+        self.charge()
+        self._entered.pop()
+
+    def add(self, other: "Timings") -> None:
+        """Add the stages of others."""
+        for name, seconds in other.seconds.items():
+            self.seconds[name] += seconds
+        self.calls += other.calls
+
+    def divide(self, name: str, parts: "Timings", processes: int) -> None:
+        """Divide a stage's time among the stages of processes that ran at the same time.
+
+        Each part counts with one over the number of processes; of a stage shorter than that, with what there
+        is.
+        """
+        total = sum(parts.seconds.values())
+        share = min(1 / processes, self.seconds[name] / total) if total > 0 else 0.0
+        for part, seconds in parts.seconds.items():
+            self.seconds[part] += share * seconds
+        self.seconds[name] -= share * total
+        self.calls += parts.calls
+
+    def rows(self) -> list[tuple[str, int, float]]:
+        """Stage, calls and seconds, the longest first and what is outside of all stages last."""
+        self.charge()
+        names = sorted(self.seconds, key=lambda name: (name == OTHER, -self.seconds[name]))
+        return [(name, self.calls[name], self.seconds[name]) for name in names]
+
+
+_collector: ContextVar[Timings | None] = ContextVar("contactimg_timings", default=None)
+
+
+class stage(ContextDecorator):  # noqa: N801 - reads as a verb: with stage("fit")
+    """A named part of the work, as a context or as a decorator.
+
+    Parameters
+    ----------
+    name : str
+
+    Examples
+    --------
+    >>> with collect() as timings:
+    ...     with stage("reading"):
+    ...         pass
+    >>> timings.calls["reading"]
+    1
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def _recreate_cm(self) -> Self:
+        return type(self)(self._name)
+
+    def __enter__(self) -> None:
+        self._timings = _collector.get()
+        if self._timings is not None:
+            self._timings.enter(self._name)
+
+    def __exit__(self, *_error: object) -> None:
+        if self._timings is not None:
+            self._timings.leave()
+
+
+def is_collecting() -> bool:
+    """Whether stages are timed."""
+    return _collector.get() is not None
+
+
+@contextmanager
+def collect() -> Iterator[Timings]:
+    """Time the stages that are entered inside the block.
+
+    Yields
+    ------
+    Timings
+    """
+    timings = Timings()
+    token = _collector.set(timings)
+    try:
+        yield timings
+    finally:
+        timings.charge()
+        _collector.reset(token)
+
+
+def collect_call(function: Callable[..., Result], *arguments: Any) -> tuple[Result, Timings]:
+    """Call a function and time its stages: what a worker process sends back."""
+    with collect() as timings:
+        result = function(*arguments)
+    return result, timings
+
+
+def gather(results: Iterable[tuple[Result, Timings]], *, processes: int) -> Iterator[Result]:
+    """The results of `collect_call` in several processes, their stages entered in the timings here.
+
+    Parameters
+    ----------
+    results : iterable of (result, Timings)
+        Taken as they are ready.
+    processes : int
+        How many ran at the same time.
+
+    Yields
+    ------
+    result
+    """
+    pending, parts = iter(results), Timings()
+    try:
+        while True:
+            with stage(WAITING):
+                item = next(pending, None)
+            if item is None:
+                return
+            parts.add(item[1])
+            yield item[0]
+    finally:
+        timings = _collector.get()
+        if timings is not None:
+            timings.divide(WAITING, parts, processes)
