@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 from contactimg.errors import InputError
 from contactimg.pose import Pose
 from contactimg.tables import MATCHES
+from contactimg.timings import stage
 
 __all__ = ["PoseFit", "PoseSearch", "fit_pose", "match_contacts", "pair_points", "pairing_distance"]
 
@@ -113,6 +114,7 @@ def pair_points(
     return rows, columns, np.linalg.norm(points[rows] - targets[columns], axis=1)
 
 
+@stage("matching")
 def match_contacts(
     measured: pd.DataFrame, predicted: pd.DataFrame, *, max_distance: float | None = None
 ) -> pd.DataFrame:

@@ -10,6 +10,7 @@ from contactimg.analysis.annuli import Field, annulus_moments, sum_moments
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
+from contactimg.timings import stage
 
 __all__ = ["average_profile", "hertz_profile", "normalise_profile", "radial_profile", "ring_profile"]
 
@@ -21,6 +22,7 @@ deviation of n values, 1/sqrt(2 (n - 1)), falls below the 45 % by which counting
 patterns."""
 
 
+@stage("profile")
 def radial_profile(
     contacts: pd.DataFrame,
     *,

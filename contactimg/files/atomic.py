@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from contactimg.errors import InputError
+from contactimg.timings import stage
 
 __all__ = ["replacing", "write_json", "write_text"]
 
@@ -61,6 +62,7 @@ def _umask() -> int:
     return mask
 
 
+@stage("writing")
 def write_text(text: str, path: str | Path) -> None:
     r"""Write text as UTF-8 with line ends ``\n``, whole or not at all."""
     with replacing(path) as part:

@@ -14,6 +14,7 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import write_text
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
+from contactimg.timings import stage
 
 __all__ = ["read_asperities", "read_loads", "read_table", "read_topography", "write_table"]
 
@@ -22,6 +23,7 @@ _SEPARATORS = (",", ";", "\t")
 _SIZE_SHOWN = 60
 
 
+@stage("reading")
 def read_table(
     path: str | Path,
     schema: Schema,
@@ -284,6 +286,7 @@ def _check_unique(path: str | Path, table: pd.DataFrame, columns: list[str]) -> 
         raise InputError(f"{path}: {', '.join(columns)} {value} is there more than once; keep one row")
 
 
+@stage("writing")
 def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     r"""Write a table as CSV, whole or not at all.
 

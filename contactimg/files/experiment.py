@@ -17,6 +17,7 @@ from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.sources import FrameSource, list_frames
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import LOADS
+from contactimg.timings import stage
 
 __all__ = [
     "SCENE_FILE",
@@ -69,6 +70,7 @@ class Experiment:
         return float(loads.iloc[0]) if len(loads) else math.nan
 
 
+@stage("reading")
 def read_scene(path: str | Path) -> Scene:
     r"""Read a scene file.
 

@@ -7,10 +7,12 @@ from matplotlib.figure import Figure
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
+from contactimg.timings import stage
 
 __all__ = ["write_figure"]
 
 
+@stage("pictures")
 def write_figure(ax: Axes, path: str | Path) -> None:
     """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), whole or not at all.
 

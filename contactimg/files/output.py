@@ -13,6 +13,7 @@ from filelock import FileLock, Timeout
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_json
 from contactimg.files.runs import PROVENANCE_FILE, read_records, relative_to_output
+from contactimg.timings import stage
 
 __all__ = ["OutputFolder"]
 
@@ -141,6 +142,7 @@ class OutputFolder:
                     f"'{_task(self.record)}' does not replace; choose another output folder"
                 )
 
+    @stage("writing")
     def _commit(self) -> None:
         """Move the new files to their places, delete what only the earlier run wrote, record both."""
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}

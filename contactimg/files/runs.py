@@ -20,6 +20,7 @@ from contactimg.errors import InputError
 from contactimg.files.csv_tables import read_table
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
+from contactimg.timings import stage
 
 __all__ = [
     "PROVENANCE_FILE",
@@ -37,6 +38,7 @@ SCHEMA_VERSION = 1
 PROVENANCE_FILE = "provenance.json"
 
 
+@stage("provenance")
 def provenance(
     *,
     command: str,

@@ -15,6 +15,7 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import norpix, stills, tiff, video
 from contactimg.files.grey import to_grey
 from contactimg.frame import Frame
+from contactimg.timings import stage
 
 __all__ = ["SUFFIXES", "FrameSeries", "FrameSource", "list_frames", "natural_key", "read_frames"]
 
@@ -51,6 +52,7 @@ class FrameSource:
     index: int = 0
     full_scale: float | None = None
 
+    @stage("reading")
     def read(self) -> Frame:
         """Read the frame.
 
@@ -118,6 +120,7 @@ def natural_key(text: PathLike) -> tuple[list[str | int], str]:
     return [int(part) if number % 2 else part for number, part in enumerate(parts)], text
 
 
+@stage("reading")
 def list_frames(
     path: PathLike | Iterable[PathLike], *, folder: PathLike = ".", full_scale: float | None = None
 ) -> list[FrameSource]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from contactimg.files.atomic import replacing
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
 from contactimg.frame import Frame
+from contactimg.timings import stage
 
 __all__ = ["list_images", "read_image", "write_frame"]
 
@@ -182,6 +183,7 @@ def _sensor_scale(page: tifffile.TiffPage, full_scale: float | None) -> float | 
     return float(stated) if stated in plausible else full_scale
 
 
+@stage("writing")
 def write_frame(frame: Frame, path: Path) -> None:
     """Write a frame as a losslessly compressed TIFF (deflate) that keeps dtype and full scale.
 

@@ -8,6 +8,7 @@ from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.imaging.segment import label_components
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
+from contactimg.timings import stage
 
 __all__ = ["count_contacts"]
 
@@ -17,6 +18,7 @@ TYPICAL_BLUR = 1.4  # px, for the slope of the rim in the uncertainty
 SMALLEST = 4  # pixels
 
 
+@stage("counting")
 def count_contacts(
     image: NDArray[np.float32],
     *,

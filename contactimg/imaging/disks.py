@@ -31,6 +31,7 @@ from contactimg.imaging.normal import (
     unpack,
     whole_disk_sums,
 )
+from contactimg.timings import stage
 
 __all__ = [
     "CONTRAST",
@@ -173,6 +174,7 @@ def erase_disks(
     )
 
 
+@stage("fit")
 def fit_disks(
     image: NDArray[np.float32],
     weight: NDArray[np.uint8],

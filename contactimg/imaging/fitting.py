@@ -30,6 +30,7 @@ from contactimg.imaging.rim import Rim, rim_table
 from contactimg.imaging.separate import LOOSE, assemble_disks, count_touching
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
+from contactimg.timings import stage
 
 __all__ = ["fit_contacts"]
 
@@ -46,6 +47,7 @@ FAINT = 10.0  # standard deviations of the light of a contact
 CUT = 2.0  # blur widths: a rim closer to the border is cut
 
 
+@stage("quality")
 def fit_contacts(
     image: NDArray[np.float32],
     pixels: Pixels,

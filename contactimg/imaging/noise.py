@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.imaging.light import BLOCK
+from contactimg.timings import stage
 
 __all__ = [
     "LARGEST_LAG",
@@ -111,6 +112,7 @@ class NoiseCorrelation:
         return np.interp(np.log(np.clip(radius, grid[0], grid[-1])), np.log(grid), factor)
 
 
+@stage("contrast")
 def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) -> float:
     """Robust standard deviation of a background pixel, grey levels.
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.envelope import flatten_crowd
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
 from contactimg.imaging.register import Shift, estimate_shift, shift_kernel, shift_whole_pixels
+from contactimg.timings import stage
 
 __all__ = ["Difference", "estimate_background", "subtract_reference", "unregistered"]
 
@@ -60,6 +61,7 @@ class Difference:
     ratio: bool = False
 
 
+@stage("light")
 def subtract_reference(
     frame: NDArray[np.float32],
     reference: NDArray[np.float32],
@@ -103,6 +105,7 @@ def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Dif
     return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, Shift(0.0, 0.0, np.inf))
 
 
+@stage("light")
 def estimate_background(
     frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None, prefer: str = "common"
 ) -> Difference:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from contactimg.imaging.light import BLOCK, LightField
+from contactimg.timings import stage
 
 __all__ = ["Shift", "estimate_shift", "shift_kernel", "shift_whole_pixels"]
 
@@ -70,6 +71,7 @@ def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
     return np.ascontiguousarray(image[y][:, x])
 
 
+@stage("registration")
 def estimate_shift(
     frame: NDArray[np.float32],
     reference: NDArray[np.float32],

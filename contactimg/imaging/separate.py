@@ -17,6 +17,7 @@ from contactimg.imaging.detect import find_inscribed, find_peaks, find_peaks_nea
 from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, erase_disks, fit_disks
 from contactimg.imaging.edge import EdgeTable
 from contactimg.imaging.noise import Noise
+from contactimg.timings import stage
 
 __all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping"]
 
@@ -71,6 +72,7 @@ class _Start:
         )
 
 
+@stage("detection")
 def assemble_disks(
     image: NDArray[np.float32],
     weight: NDArray[np.uint8],

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
+from contactimg.timings import stage
 
 __all__ = ["Contrast", "choose_threshold", "find_polarity", "measure_contrast"]
 
@@ -43,6 +44,7 @@ def find_polarity(blocks: NDArray, noise: float) -> str:
     return "dark" if np.nansum(tail) < 0 else "bright"
 
 
+@stage("contrast")
 def measure_contrast(image: NDArray[np.float32], noise: float) -> Contrast:
     """Plateau of the contacts in an image where they are positive and the background is zero.
 

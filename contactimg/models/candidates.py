@@ -21,6 +21,7 @@ from contactimg.models.newton import Iterate, System, initial_iterate, measure, 
 from contactimg.models.problem import Problem
 from contactimg.models.refinement import Refinement
 from contactimg.models.validity import Pairs, close_pairs, overlapping, unstable_pair
+from contactimg.timings import stage
 
 __all__ = ["METHODS", "CandidateSolver"]
 
@@ -72,6 +73,7 @@ class CandidateSolver:
     tolerance: float
     max_iterations: int
 
+    @stage("candidates")
     def solve(self, seed: Values | None) -> tuple[Problem, System, Iterate, int]:
         """The candidates, their converged system and state, and the Newton steps it took.
 
@@ -172,6 +174,7 @@ class CandidateSolver:
         kind = DenseCoupling if self._dense(candidates) else FastCoupling
         return kind(candidates.x, candidates.y, self.kernel)
 
+    @stage("Newton")
     def _converge(
         self, problem: Problem, system: System, iterate: Iterate, taken: int = 0, *, rough: bool = False
     ) -> tuple[System, Iterate, int]:

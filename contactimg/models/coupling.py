@@ -16,6 +16,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import lapack
 
 from contactimg.mechanics import layer
+from contactimg.timings import stage
 
 __all__ = [
     "Coupling",
@@ -142,10 +143,12 @@ class DenseCoupling:
     kernel : Kernel
     """
 
+    @stage("coupling sums")
     def __init__(self, x: Values, y: Values, kernel: Kernel) -> None:
         self._x, self._y, self._kernel = x, y, kernel
         self.matrix = _coupling_matrix(x, y, kernel.thinness, kernel.value, kernel.slope)
 
+    @stage("coupling sums")
     def displacement(self, force: Values) -> Values:
         """``C q``, over the candidates that carry a force."""
         return _weighted_rows(self.matrix, np.flatnonzero(force), force)
@@ -164,6 +167,7 @@ class DenseCoupling:
         solution, _ = lapack.dpotrs(factor, sides, lower=1)
         return solution
 
+    @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values) -> Fields:
         """The neighbours' fields, summed pair by pair."""
         k = self._kernel

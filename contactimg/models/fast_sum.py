@@ -17,6 +17,7 @@ from scipy.special import erf, erfc, erfcinv
 
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel, NotPositiveDefinite
 from contactimg.models.near_pairs import NearPairs
+from contactimg.timings import stage
 
 __all__ = ["FastCoupling"]
 
@@ -56,6 +57,7 @@ class FastCoupling:
     the square root of the number of candidates: some 2 kB a candidate.
     """
 
+    @stage("coupling sums")
     def __init__(self, x: Values, y: Values, kernel: Kernel, accuracy: float = 1e-9) -> None:
         self._x, self._y, self._kernel, self._accuracy = x, y, kernel, accuracy
         self._extent = max(float(np.ptp(x)), float(np.ptp(y)))
@@ -110,6 +112,7 @@ class FastCoupling:
         """``C q`` at every candidate."""
         return self.paired_displacement(force.astype(np.complex128)).real
 
+    @stage("coupling sums")
     def paired_displacement(self, force: Complex) -> Complex:
         """Displacement by two sets of forces, the real and the imaginary parts."""
         to_modes, back = self._plans
@@ -146,6 +149,7 @@ class FastCoupling:
         """The same coupling between candidates at other places."""
         return FastCoupling(x, y, self._kernel, self._accuracy)
 
+    @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values) -> Fields:
         """The neighbours' fields: pairs within the cutoff, Fourier series beyond."""
         to_modes, back = self._plans

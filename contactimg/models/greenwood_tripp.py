@@ -27,6 +27,7 @@ from contactimg.models.greenwood_williamson import (
     solve_greenwood_williamson,
 )
 from contactimg.models.heights import HeightLaw
+from contactimg.timings import stage
 
 __all__ = ["solve_greenwood_tripp"]
 
@@ -35,6 +36,7 @@ Values = NDArray[np.float64]
 _SHORTEST_STEP = 2.0**-20
 
 
+@stage("rings")
 def solve_greenwood_tripp(
     heights: HeightLaw,
     *,

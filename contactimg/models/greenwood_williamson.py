@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.models.heights import HeightLaw
 from contactimg.tables import PROFILE
+from contactimg.timings import stage
 
 __all__ = ["AsperityLayer", "RingSolution", "solve_greenwood_williamson"]
 
@@ -177,6 +178,7 @@ def ring_weights(r: Values) -> Values:
     return weights
 
 
+@stage("rings")
 def solve_greenwood_williamson(
     heights: HeightLaw,
     *,

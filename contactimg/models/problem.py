@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.models.solution import InteractingSolution
 from contactimg.surfaces import composite_apexes
+from contactimg.timings import stage
 
 __all__ = ["Problem", "Setting", "pose_problem"]
 
@@ -154,6 +155,7 @@ class Problem:
         )
 
 
+@stage("candidates")
 def pose_problem(asperities: pd.DataFrame, setting: Setting, *, depth: float | None = None) -> Problem:
     """Scale a table by its highest asperity, ``depth`` being the unit of height (m).
 

@@ -19,6 +19,7 @@ from contactimg.pose import Pose
 from contactimg.prediction import Coupling, hertz_circle, predict_contacts, see_contacts
 from contactimg.scene import Scene
 from contactimg.tables import MATCHES, SCORES
+from contactimg.timings import stage
 
 __all__ = ["Comparison", "compare_frame", "compare_run", "draw_comparison", "write_comparison"]
 
@@ -190,6 +191,7 @@ def draw_comparison(
             advance()
 
 
+@stage("pictures")
 def _draw(
     source: FrameSource, run: Run, predicted: dict[str, pd.DataFrame], load: float, folder: Path
 ) -> None:

@@ -15,6 +15,7 @@ from contactimg.pipeline.pictures import draw_measured
 from contactimg.pipeline.series import FAILED, Run
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
+from contactimg.timings import stage
 
 __all__ = ["draw_overlays", "picture_name", "run_of_folder", "write_run"]
 
@@ -96,6 +97,7 @@ def picture_name(frame: str) -> str:
     return frame.replace("[", "_").replace("]", "") + ".png"
 
 
+@stage("pictures")
 def _draw(source: FrameSource, contacts: pd.DataFrame, pose: Pose | None, folder: Path) -> None:
     """Read one frame again and draw it."""
     ax = draw_measured(source.read().image, contacts, pose=pose, title=source.name)

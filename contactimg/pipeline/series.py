@@ -21,6 +21,7 @@ from contactimg.pipeline.parallel import in_parallel
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
+from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
@@ -208,6 +209,7 @@ def _noted(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
     return frames.assign(message=messages)
 
 
+@stage("pose")
 def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Run:
     """The run with sample coordinates and asperities, under the pose that the contacts themselves confirm."""
     guess = run.scene.pose(shape)
@@ -279,6 +281,7 @@ def shift_of(frames: pd.DataFrame, name: str) -> tuple[float, float]:
     return float(shift[0]), float(shift[1])
 
 
+@stage("forces")
 def with_forces(run: Run, sites: pd.DataFrame | None) -> Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
     scene, contacts, relative = run.scene, run.contacts, 0.0

@@ -20,6 +20,7 @@ from contactimg.render.smooth import dress_smooth_contact, smooth_contact
 from contactimg.render.spots import Sampled, spots_image
 from contactimg.render.static import dust_shadow, light_falloff, surface_texture
 from contactimg.scene import Scene
+from contactimg.timings import stage
 
 __all__ = ["Rendered", "render_contacts", "render_frame", "render_reference", "render_smooth_contact"]
 
@@ -126,6 +127,7 @@ def render_frame(
     return render_contacts(contacts, scene, rng=rng, sphere_radius=sphere_radius, name=name).frame
 
 
+@stage("rendering")
 def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "reference") -> Frame:
     """The frame without contact: the scene's light, texture and dust where they stand, with fresh noise.
 
@@ -201,6 +203,7 @@ def render_smooth_contact(
     return Rendered(_photograph(spots, recipe, shift, streams[2:], name), truth, *shift)
 
 
+@stage("rendering")
 def _photograph(
     spots: Sampled,
     recipe: Recipe,
