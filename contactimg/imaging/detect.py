@@ -85,6 +85,8 @@ def find_inscribed(
     # a contact cut by the border goes on beyond it: repeat the border instead of closing it
     mask[0], mask[-1] = mask[1], mask[-2]
     mask[:, 0], mask[:, -1] = mask[:, 1], mask[:, -2]
+    if mask.all():
+        return np.empty((0, 3))  # nothing bounds a disk
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     summits = _summits(distance, SMALLEST_INSCRIBED)
     return _select(summits[np.argsort(-summits[:, 2], kind="stable")])
