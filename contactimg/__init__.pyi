@@ -6,6 +6,7 @@ from .analysis.area import fit_area_law as fit_area_law
 from .analysis.broken_laws import fit_broken_law as fit_broken_law
 from .analysis.contact_laws import fit_contact_law as fit_contact_law
 from .analysis.contact_laws import pressure_points as pressure_points
+from .analysis.ensembles import gather_annuli as gather_annuli
 from .analysis.estimates import Estimate as Estimate
 from .analysis.friction import compare_stress as compare_stress
 from .analysis.friction import fit_shear_stress as fit_shear_stress
@@ -57,6 +58,7 @@ from .pipeline.measure import measure_frame as measure_frame
 from .pipeline.places import open_place as open_place
 from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
+from .pipeline.simulate import write_simulation as write_simulation
 from .pipeline.thresholds import measure_thresholds as measure_thresholds
 from .pose import Pose as Pose
 from .render import Rendered as Rendered
