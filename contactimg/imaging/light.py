@@ -19,6 +19,7 @@ BLOCK = 8
 ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
+FIT_CLIP = 2.0  # the same for the fit, in which the rims of contacts would count on one side only
 ENOUGH_BLOCKS = 6000  # blocks that determine the field; more are left out in turn
 MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread of its own
 
@@ -114,13 +115,13 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
     coefficients = np.zeros(len(TERMS))
     keep = finite
     for _ in range(6):
-        keep, before = finite & (np.abs(deviation) < CLIP * spread), keep
+        keep, before = finite & (np.abs(deviation) < FIT_CLIP * spread), keep
         orders = _orders_supported(int(np.count_nonzero(keep)))
         if orders == 0:
             break
         coefficients = _solve(basis, data, keep, orders)
         deviation = data - basis @ coefficients
-        spread = max(1.4826 * float(np.median(np.abs(deviation[keep]))), MINIMUM_SPREAD * abs(start), 1e-9)
+        spread = max(min(_clean_scatter(deviation[finite]), spread), MINIMUM_SPREAD * abs(start), 1e-9)
         if np.count_nonzero(keep != before) < 1e-3 * len(data):
             break
     grid = np.zeros((ORDER + 1, ORDER + 1))
@@ -129,6 +130,12 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
     grid[0, 0] += start
     offset = np.abs(blocks - _at_blocks(grid, blocks.shape, shape))
     return LightField(grid, np.nan_to_num(offset, nan=np.inf) < CLIP * spread, spread)
+
+
+def _clean_scatter(deviation: NDArray) -> float:
+    """Robust standard deviation from the side of the field on which no contacts stand."""
+    above, below = deviation[deviation > 0], -deviation[deviation < 0]
+    return 1.4826 * min(float(np.median(side)) if len(side) else 0.0 for side in (above, below))
 
 
 def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray, NDArray]:
@@ -205,7 +212,8 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
     if not len(values):
         return 1.0, MINIMUM_SPREAD
     low, high = float(values.min()), float(values.max())
-    spread = max(_neighbour_scatter(blocks), MINIMUM_SPREAD * max(abs(low), abs(high)), 1e-9)
+    least = max(MINIMUM_SPREAD * max(abs(low), abs(high)), 1e-9)
+    spread = max(_neighbour_scatter(blocks), least)
     bins = int(np.clip((high - low) / spread, 1, 2000)) + 4
     counts, edges = np.histogram(values, bins=bins, range=(low - 2 * spread, high + 2 * spread))
     smooth = np.convolve(counts, [1, 4, 6, 4, 1], mode="same") / 16.0
@@ -219,7 +227,8 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
         "one": int(np.argmin(np.abs(centres[peaks] - 1.0))),
         "common": int(np.argmax(smooth[peaks])),
     }[prefer]
-    return float(centres[peaks[choice]]), 2.0 * max(spread, float(edges[1] - edges[0]))
+    level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
+    return level, 2.0 * max(min(spread, _clean_scatter(values - level)), width, least)
 
 
 def _neighbour_scatter(blocks: NDArray) -> float:
