@@ -5,17 +5,18 @@ small dense problem gives the displacement of the pattern less what varies withi
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from contactimg.models.coupling import DenseCoupling, Kernel, NoCoupling
+from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
 from contactimg.models.local_laws import LocalLaw
 from contactimg.models.newton import System, initial_iterate, solve_uncoupled, take_step
 from contactimg.models.problem import Problem
 
-__all__ = ["mean_field"]
+__all__ = ["Cells", "mean_field"]
 
 Values = NDArray[np.float64]
 
@@ -32,22 +33,80 @@ def mean_field(
     problem: Problem, law: LocalLaw, kernel: Kernel, force: Values, indentation: float
 ) -> tuple[Values, float]:
     """Forces and indentation in the smooth displacement of the cells, from those without coupling."""
-    size = max(float(np.ptp(problem.x)), float(np.ptp(problem.y))) / CELLS
-    places = np.stack([(v - v.min()) / size for v in (problem.y, problem.x)])
-    shape = tuple(int(p.max()) + 1 for p in places)
-    cell = np.ravel_multi_index(tuple(places.astype(np.intp)), shape)
-    system = _cell_system(problem, law, kernel, cell, shape, size)
-    state = initial_iterate(system, _sums(cell, force, system.gap.size), indentation)
+    cells = Cells.over(problem, CELLS)
+    system = cells.system(problem, law, cells.coupling(kernel))
+    state = initial_iterate(system, cells.sums(force), indentation)
     for _ in range(MAX_STEPS):
         following = take_step(system, state, ENOUGH) if state.residual > ENOUGH else None
         if following is None:
             break
         state = following
-    displacement = map_coordinates(state.displacement.reshape(shape), places - 0.5, order=1, mode="nearest")
+    places = cells.places - 0.5
+    displacement = map_coordinates(state.displacement.reshape(cells.shape), places, order=1, mode="nearest")
     alone = System(problem.gap, problem.radius, law, NoCoupling(), problem.load)
     if problem.load is not None:
         indentation = solve_uncoupled(alone, displacement, problem.load, guess=state.indentation)
     return alone.response(indentation - problem.gap - displacement)[0], indentation
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """Square cells over a pattern.
+
+    Parameters
+    ----------
+    places : ndarray, shape (2, n)
+        Row and column of each asperity, in cells, from the pattern's corner.
+    shape : (int, int)
+    size : float
+        Side of a cell.
+    """
+
+    places: Values
+    shape: tuple[int, ...]
+    size: float
+
+    @classmethod
+    def over(cls, problem: Problem, number: int) -> "Cells":
+        """``number`` cells along the longer side of the asperities' bounding box."""
+        size = max(float(np.ptp(problem.x)), float(np.ptp(problem.y))) / number
+        places = np.stack([(v - v.min()) / size for v in (problem.y, problem.x)])
+        return cls(places, tuple(int(p.max()) + 1 for p in places), size)
+
+    @cached_property
+    def cell(self) -> NDArray[np.intp]:
+        """The cell of each asperity."""
+        return np.ravel_multi_index(tuple(self.places.astype(np.intp)), self.shape)
+
+    @property
+    def count(self) -> int:
+        """How many cells there are, empty ones included."""
+        return int(np.prod(self.shape))
+
+    def sums(self, values: Values) -> Values:
+        """Sums over cells."""
+        return _sums(self.cell, values, self.count)
+
+    def coupling(self, kernel: Kernel, *, own: float | Values = 1.0) -> DenseCoupling:
+        """Of the cells, each acting from its middle; ``own``: share of a cell's force that lowers itself."""
+        row, column = (
+            self.size * k.astype(np.float64) for k in np.unravel_index(np.arange(self.count), self.shape)
+        )
+        coupling = DenseCoupling(column, row, kernel)
+        # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
+        uniform = 4 * np.arcsinh(1.0) / self.size
+        deficit = float(kernel.deficit(np.zeros(1))[0])
+        np.fill_diagonal(coupling.matrix, (own * uniform - deficit) / np.pi)
+        return coupling
+
+    def system(self, problem: Problem, law: LocalLaw, coupling: Coupling, *, weight: float = 1.0) -> System:
+        """The cells as candidates, each as high as its highest asperity; an asperity counts ``weight`` fold."""
+        highest = np.full(self.count, np.inf)
+        np.minimum.at(highest, self.cell, problem.gap)
+        numbers = np.arange(1.0, self.count + 1)
+        depth = problem.gap - highest[self.cell]
+        cells = _CellLaw(law, depth, problem.radius, self.cell, self.count, weight)
+        return System(highest, numbers, cells, coupling, problem.load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +121,7 @@ class _CellLaw:
     radius: Values
     cell: NDArray[np.intp]
     count: int
+    weight: float
 
     def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
         """Sums of the forces and of the contact radii, half the stiffness, in cells."""
@@ -71,32 +131,10 @@ class _CellLaw:
         inside = lowered[self.cell] - self.depth
         touching = np.flatnonzero(inside > 0)
         responses = self.law.respond(inside[touching], self.radius[touching])
-        force, contact_radius = (_sums(self.cell[touching], r, self.count) for r in responses)
+        force, contact_radius = (self.weight * _sums(self.cell[touching], r, self.count) for r in responses)
         return force[numbers], contact_radius[numbers]
 
 
 def _sums(cell: NDArray[np.intp], values: Values, count: int) -> Values:
     """Sums over cells."""
     return np.bincount(cell, values, count).astype(np.float64, copy=False)
-
-
-def _cell_system(  # noqa: PLR0917
-    problem: Problem,
-    law: LocalLaw,
-    kernel: Kernel,
-    cell: NDArray[np.intp],
-    shape: tuple[int, ...],
-    size: float,
-) -> System:
-    """The cells as candidates, each in its middle and as high as its highest asperity."""
-    count = int(np.prod(shape))
-    highest = np.full(count, np.inf)
-    np.minimum.at(highest, cell, problem.gap)
-    row, column = (size * k.astype(np.float64) for k in np.unravel_index(np.arange(count), shape))
-    coupling = DenseCoupling(column, row, kernel)
-    # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
-    own = (4 * np.arcsinh(1.0) / size - float(kernel.deficit(np.zeros(1))[0])) / np.pi
-    np.fill_diagonal(coupling.matrix, own)
-    numbers = np.arange(1.0, count + 1)
-    cells = _CellLaw(law, problem.gap - highest[cell], problem.radius, cell, count)
-    return System(highest, numbers, cells, coupling, problem.load)
