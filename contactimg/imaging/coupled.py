@@ -8,6 +8,7 @@ __all__ = ["find_pairs", "invert", "relax", "variances"]
 INFLATION = (
     25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
 )
+DIVERGED = 100.0  # times the first change of a sweep
 
 
 @njit(cache=True)
@@ -87,11 +88,13 @@ def _links(n, pairs):
 def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
     """Solve the coupled normal equations by block Gauss-Seidel; ``steps`` starts at the uncoupled solution.
 
-    The matrix is symmetric positive definite, so every sweep comes closer.
+    The matrix is symmetric positive definite, so every sweep comes closer; where many disks describe what is
+    none it may not be, and if the sweeps run away the uncoupled solution stays.
     """
     start, link = _links(len(right), pairs)
     rest = np.empty(4)
-    for _ in range(sweeps):
+    limit = np.inf
+    for sweep in range(sweeps):
         largest = 0.0
         for i in range(len(right)):
             if not moving[i] or start[i] == start[i + 1]:
@@ -111,6 +114,13 @@ def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
                 if u < 3:
                     largest = max(largest, abs(value - steps[i, u]))
                 steps[i, u] = value
+        if sweep == 0:
+            limit = DIVERGED * largest
+        if not largest <= limit:
+            for i in range(len(right)):
+                if moving[i]:
+                    steps[i] = inverse[i] @ right[i]
+            break
         if largest < 1e-4:
             break
 
@@ -138,7 +148,9 @@ def variances(normals, inverse, pairs, blocks, moved):
             out[i, u] = inverse[i, u, u]
         if not coupled[i]:
             continue
-        full = np.linalg.inv(reduced[i] + 1e-9 * np.diag(np.diag(normals[i])))
+        for u in range(4):  # where no pixel tells, nothing but the damping of the inverse holds the matrix
+            reduced[i, u, u] += 1e-9 / inverse[i, u, u]
+        full = np.linalg.inv(reduced[i])
         for u in range(4):
             if full[u, u] <= 0:
                 out[i, u] *= INFLATION
