@@ -1,6 +1,6 @@
 """Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
 
-from contactimg.plots.axes import image_axes, new_axes
+from contactimg.plots.axes import image_axes, new_axes, scale_by_decades
 from contactimg.plots.curves import (
     plot_area,
     plot_areas,
@@ -39,4 +39,5 @@ __all__ = [
     "plot_profile",
     "plot_scale_bar",
     "plot_topography",
+    "scale_by_decades",
 ]

@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter
 
 from contactimg.analysis.broken_laws import BrokenLaw
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.analysis.topography import Topography
-from contactimg.plots.axes import new_axes
+from contactimg.plots.axes import new_axes, scale_by_decades
 
 __all__ = ["plot_area", "plot_areas", "plot_friction", "plot_pressure_law", "plot_profile", "plot_topography"]
 
@@ -51,7 +50,7 @@ def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
         capsize=3,
     )
     ax.set(xlabel="load P (mN)", ylabel="real contact area A (mm²)")
-    _scale_by_decades(ax)
+    scale_by_decades(ax)
     return ax
 
 
@@ -84,18 +83,9 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
         load = np.geomspace(laws["measured"].low, laws["measured"].high, 2)
         ax.plot(load * 1e3, laws["measured"].value(load) * 1e6, color="grey", linewidth=0.8)
     ax.set(xlabel="load P (mN)", ylabel="real contact area A (mm²)")
-    _scale_by_decades(ax)
+    scale_by_decades(ax)
     ax.legend(fontsize="small")
     return ax
-
-
-def _scale_by_decades(ax: Axes) -> None:
-    """Logarithmic axes with plain numbers at 1, 2 and 5."""
-    ax.set(xscale="log", yscale="log")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
 
 
 def _bars(std: pd.Series, unit: float) -> np.ndarray:
@@ -168,7 +158,7 @@ def plot_pressure_law(
             values = law.value(p) if law.supported else law.single.value(p)
             ax.plot(p, values * unit, color=style["color"], linewidth=1, label=_law_text(law))
     ax.set(xlabel="local pressure p (Pa)", ylabel=label)
-    _scale_by_decades(ax)
+    scale_by_decades(ax)
     ax.legend(fontsize="small")
     return ax
 
