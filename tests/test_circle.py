@@ -12,7 +12,7 @@ from contactimg.optics.psf import gaussian_psf
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
 from contactimg.render import render_smooth_contact
 from contactimg.render.smooth import SmoothSpot
-from contactimg.render.spots import Spots, spots_image
+from contactimg.optics.spots import Spots, spots_image
 from contactimg.scene import scene_from_dict
 
 LED = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))

@@ -10,7 +10,7 @@ from contactimg import InputError
 from contactimg.optics.coverage import disk_rectangle_area
 from contactimg.optics.film import Light, excess_table
 from contactimg.optics.psf import Halo, airy_psf, gaussian_psf, no_blur, sampling_for
-from contactimg.render.spots import Spots, spots_image, surround_with_film
+from contactimg.optics.spots import Spots, spots_image, surround_with_film
 
 SHAPE = (50, 70)
 UM = 1e-6

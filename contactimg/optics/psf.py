@@ -20,6 +20,7 @@ __all__ = ["FINEST", "Halo", "Psf", "airy_psf", "gaussian_psf", "no_blur", "samp
 Values = NDArray[np.float64]
 
 FINEST = 16  # samples a pixel, at most
+ENOUGH = 8  # samples in the sigma of a blur, beyond which more only cost time
 GAUSSIAN_REACH = 5.0  # standard deviations; leaves out 6e-7 of one axis
 AIRY_REACH = 16.4706 / math.sqrt(2)  # the fifth dark ring, where J1 vanishes, in units of sigma
 AIRY_ACCURACY = 1e-4  # of the largest eigenvalue: nine terms, and an error of 2e-5 of the peak
@@ -37,6 +38,7 @@ def sampling_for(sigma_px: float, *, at_least: int) -> int:
     sigma_px : float, px
         0 for no blur.
     at_least : int
+        Obeyed as far as it puts no more than eight samples into sigma.
 
     Returns
     -------
@@ -49,8 +51,8 @@ def sampling_for(sigma_px: float, *, at_least: int) -> int:
 
     Examples
     --------
-    >>> sampling_for(1.4, at_least=4), sampling_for(0.15, at_least=4)
-    (4, 7)
+    >>> sampling_for(1.4, at_least=4), sampling_for(0.15, at_least=4), sampling_for(20.0, at_least=4)
+    (4, 7, 1)
     """
     if sigma_px == 0:
         return at_least
@@ -59,7 +61,7 @@ def sampling_for(sigma_px: float, *, at_least: int) -> int:
             f"a blur of {sigma_px:g} px is finer than the finest grid; blur_px must be 0 or at least "
             f"{1 / FINEST:g}"
         )
-    return max(at_least, math.ceil(1 / sigma_px))
+    return max(min(at_least, math.ceil(ENOUGH / sigma_px)), math.ceil(1 / sigma_px))
 
 
 @dataclass(frozen=True, eq=False)

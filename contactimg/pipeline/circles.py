@@ -13,9 +13,9 @@ from contactimg.imaging.circle import Circle, EdgeSamples, find_circle, sample_e
 from contactimg.imaging.circle_fit import EdgeModel, choose_opening, fit_circle
 from contactimg.imaging.measure import measure_image
 from contactimg.optics.film import excess_table
+from contactimg.optics.recipe import lamp
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.series import FAILED
-from contactimg.render.contacts import lamp
 from contactimg.scene import Scene, Simulate
 from contactimg.tables import Schema
 

@@ -5,19 +5,18 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
-from contactimg.optics.film import Light, excess_table
-from contactimg.render.recipe import Recipe
-from contactimg.render.spots import FilmSpots, Spots, surround_with_film
-from contactimg.scene import Scene, Simulate
+from contactimg.optics.film import excess_table
+from contactimg.optics.outlines import rough_outlines
+from contactimg.optics.recipe import Recipe, lamp
+from contactimg.optics.spots import FilmSpots, Spots, surround_with_film
+from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
-__all__ = ["dress_contacts", "lamp", "place_contacts"]
+__all__ = ["dress_contacts", "place_contacts"]
 
 Values = NDArray[np.float64]
 
 IN_PX = ["x_px", "y_px", "radius_px"]
-SECTORS = 256
-LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the place
 
 
 def place_contacts(
@@ -105,7 +104,7 @@ def dress_contacts(
     brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
     outline_px = np.zeros((radius_px.size, 1))
     if "edge_roughness" in recipe.effects:
-        outline_px = _rough_outlines(radius_px, simulate.edge_roughness_px, rng)
+        outline_px = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
     spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
     if "film" not in recipe.effects:
         return spots
@@ -115,18 +114,6 @@ def dress_contacts(
         pixel_size=scene.need("camera", "rendering the air film").pixel_size,
         excess=excess_table(lamp(simulate)),
     )
-
-
-def _rough_outlines(radius_px: Values, rms_px: float, rng: np.random.Generator) -> Values:
-    """Edges that wander by ``rms_px`` (at most a sixth of the radius) around disks of unchanged area."""
-    modes = np.arange(LOWEST_MODE, HIGHEST_MODE + 1)
-    angles = -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
-    waves = np.concatenate([np.cos(modes[:, None] * angles), np.sin(modes[:, None] * angles)])
-    amplitudes = rng.standard_normal((radius_px.size, len(waves))) / np.sqrt(len(modes))
-    edges = radius_px[:, None] + np.minimum(rms_px, radius_px / 6)[:, None] * (amplitudes @ waves)
-    edges = np.maximum(edges, 0.0)
-    equal_area = radius_px / np.sqrt(np.mean(edges**2, axis=1))
-    return edges * equal_area[:, None] - radius_px[:, None]
 
 
 def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:
@@ -148,14 +135,3 @@ def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> 
     if not np.all(np.isfinite(radii) & (radii > 0)):
         raise InputError("sphere_radius must be positive for every contact")
     return np.broadcast_to(radii, count)
-
-
-def lamp(simulate: Simulate) -> Light:
-    """The light of the scene, and the media that it crosses."""
-    return Light(
-        index_indenter=simulate.film_index_indenter,
-        index_elastic=simulate.film_index_elastic,
-        wavelength=simulate.film_wavelength_nm * 1e-9,
-        bandwidth=simulate.film_bandwidth_nm * 1e-9,
-        band=(simulate.film_range_nm[0] * 1e-9, simulate.film_range_nm[1] * 1e-9),
-    )

@@ -12,13 +12,13 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.frame import Frame
-from contactimg.optics.psf import Halo, Psf, airy_psf, gaussian_psf, no_blur, sampling_for
+from contactimg.optics.psf import Psf
+from contactimg.optics.recipe import Recipe, point_spread, read_recipe
+from contactimg.optics.sensor import add_read_noise, add_shot_noise, digitise
+from contactimg.optics.spots import Sampled, spots_image
+from contactimg.optics.static import dust_shadow, light_falloff, surface_texture
 from contactimg.render.contacts import dress_contacts, place_contacts
-from contactimg.render.recipe import Recipe, read_recipe
-from contactimg.render.sensor import add_read_noise, add_shot_noise, digitise
 from contactimg.render.smooth import dress_smooth_contact, smooth_contact
-from contactimg.render.spots import Sampled, spots_image
-from contactimg.render.static import dust_shadow, light_falloff, surface_texture
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
@@ -151,7 +151,7 @@ def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "ref
     """
     recipe = read_recipe(scene)
     shot, read = (np.random.default_rng(seed) for seed in rng.integers(2**63, size=2))
-    psf, _ = _optics(recipe)
+    psf, _ = point_spread(recipe)
     return _expose(_still_levels(recipe, psf, (0.0, 0.0)), recipe, shot, read, name)
 
 
@@ -213,7 +213,7 @@ def _photograph(
 ) -> Frame:
     """The frame that the camera takes of spots of light on the sample; streams of shot and of read noise."""
     simulate = recipe.simulate
-    psf, halo = _optics(recipe)
+    psf, halo = point_spread(recipe)
     light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
     drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
     levels = drift * _still_levels(recipe, psf, shift)
@@ -227,22 +227,6 @@ def _draw_shift(recipe: Recipe, rng: np.random.Generator) -> Shift:
         return 0.0, 0.0
     x, y = rng.normal(0.0, recipe.simulate.position_drift_px, 2)
     return float(x), float(y)
-
-
-def _optics(recipe: Recipe) -> tuple[Psf, Halo | None]:
-    """The point spread function of the scene, and its wide part if it has one."""
-    simulate = recipe.simulate
-    depth = simulate.supersampling if "supersampling" in recipe.effects else 1
-    if not ("blur" in recipe.effects and simulate.blur_px):
-        return no_blur(sampling=depth), None
-    sigma = simulate.blur_px
-    sampling = sampling_for(sigma, at_least=depth)
-    if simulate.psf == "airy":
-        return airy_psf(sigma, sampling=sampling), None
-    core = gaussian_psf(sigma, sampling=sampling)
-    if simulate.psf == "gaussian":
-        return core, None
-    return core, Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
 
 
 def _still_levels(recipe: Recipe, psf: Psf, shift: Shift) -> Values:

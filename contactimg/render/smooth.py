@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
+from contactimg.optics.recipe import Recipe, lamp
+from contactimg.optics.spots import FilmSpots, Spots
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
-from contactimg.render.contacts import dress_contacts, lamp
-from contactimg.render.recipe import Recipe
-from contactimg.render.spots import FilmSpots, Spots
+from contactimg.render.contacts import dress_contacts
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 

@@ -24,7 +24,7 @@ __all__ = ["FilmSpots", "Sampled", "Spots", "spots_image", "surround_with_film"]
 Values = NDArray[np.float64]
 Box = tuple[int, int, int, int]
 
-BLOCK_PX = 64  # largest side of a finely sampled block, margins apart
+BLOCK_PX = 64  # largest side of a finely sampled block, margins apart, unless these are wider
 GAP_POINTS = 1025  # linear interpolation errs by 5e-11 m, 1e-4 of the contrast, at 45 um under R = 100 um
 FADED = 0.05  # of the contrast: fringes weaker than this need not be resolved by the points in a cell
 POINTS_PER_FRINGE = 3
@@ -220,7 +220,7 @@ def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo 
     cell = 1 / psf.sampling
     for members in _apart(x, y, extent + cell):
         around = (x[members], y[members], extent[members] + psf.margin_px + 1)
-        for box, near in _blocks(*around, shape=canvas.shape):
+        for box, near in _blocks(*around, shape=canvas.shape, side=max(BLOCK_PX, 2 * psf.margin_px)):
             top, bottom, left, right = box
             height, width = ((n + 2 * psf.margin_px) * psf.sampling for n in (bottom - top, right - left))
             origin = np.array([left, top]) - psf.margin_px - 0.5 + 0.5 * cell - margin
@@ -247,14 +247,14 @@ def _apart(x: Values, y: Values, extent: Values) -> Iterator[NDArray[np.intp]]:
 
 
 def _blocks(
-    x: Values, y: Values, reach: Values, *, shape: tuple[int, ...]
+    x: Values, y: Values, reach: Values, *, shape: tuple[int, ...], side: int
 ) -> Iterator[tuple[Box, NDArray[np.bool_]]]:
     """Boxes of pixels (top, bottom, left, right) that spots light up, and which spots reach each."""
     top, bottom = _span(y, reach, shape[0])
     left, right = _span(x, reach, shape[1])
-    for row in range(top, bottom, BLOCK_PX):
-        for column in range(left, right, BLOCK_PX):
-            box = (row, min(row + BLOCK_PX, bottom), column, min(column + BLOCK_PX, right))
+    for row in range(top, bottom, side):
+        for column in range(left, right, side):
+            box = (row, min(row + side, bottom), column, min(column + side, right))
             down = np.maximum(np.maximum(box[0] - y, y - (box[1] - 1)), 0.0)
             along = np.maximum(np.maximum(box[2] - x, x - (box[3] - 1)), 0.0)
             near = np.hypot(along, down) <= reach

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from contactimg.optics.psf import Psf
-from contactimg.render.spots import Spots, spots_image
+from contactimg.optics.spots import Spots, spots_image
 
 __all__ = ["dust_shadow", "light_falloff", "surface_texture"]
 
@@ -56,6 +56,8 @@ def surface_texture(
     phase = np.exp(-2j * np.pi * (columns * shift_px[0] + rows * shift_px[1]))
     spectrum = fft.rfft2(white) * gain
     still = np.sqrt(np.mean(fft.irfft2(spectrum, s=size) ** 2))
+    if still == 0:  # a single pixel
+        return np.zeros(shape)
     return (rms / still) * fft.irfft2(spectrum * phase, s=size)[: shape[0], : shape[1]]
 
 

@@ -1,11 +1,15 @@
-"""Which effects a synthetic frame is to show, and which combinations have no meaning."""
+"""Which effects a synthetic frame is to show, what goes together, and the optics that follow."""
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from contactimg.errors import InputError
+from contactimg.optics.film import Light
+from contactimg.optics.psf import Halo, Psf, airy_psf, gaussian_psf, no_blur, sampling_for
 from contactimg.scene import Scene, Simulate
 
-__all__ = ["Recipe", "read_recipe"]
+__all__ = ["Recipe", "lamp", "point_spread", "read_recipe"]
 
 PARAMETER = {
     "blur": "blur_px",
@@ -77,6 +81,39 @@ def read_recipe(scene: Scene) -> Recipe:
     _check_noise(recipe)
     _check_light(recipe)
     return recipe
+
+
+def lamp(simulate: Simulate) -> Light:
+    """The light of the scene, and the media that it crosses."""
+    return Light(
+        index_indenter=simulate.film_index_indenter,
+        index_elastic=simulate.film_index_elastic,
+        wavelength=simulate.film_wavelength_nm * 1e-9,
+        bandwidth=simulate.film_bandwidth_nm * 1e-9,
+        band=(simulate.film_range_nm[0] * 1e-9, simulate.film_range_nm[1] * 1e-9),
+    )
+
+
+def point_spread(recipe: Recipe) -> tuple[Psf, Halo | None]:
+    """The point spread function of a recipe, sampled as it needs, and its wide part if it has one.
+
+    Raises
+    ------
+    InputError
+        If the blur is finer than the finest grid.
+    """
+    simulate = recipe.simulate
+    depth = simulate.supersampling if "supersampling" in recipe.effects else 1
+    if not ("blur" in recipe.effects and simulate.blur_px):
+        return no_blur(sampling=depth), None
+    sigma = simulate.blur_px
+    sampling = sampling_for(sigma, at_least=depth)
+    if simulate.psf == "airy":
+        return airy_psf(sigma, sampling=sampling), None
+    core = gaussian_psf(sigma, sampling=sampling)
+    if simulate.psf == "gaussian":
+        return core, None
+    return core, Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
 
 
 def _check_noise(recipe: Recipe) -> None:

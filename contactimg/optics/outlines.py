@@ -1,0 +1,46 @@
+"""Rough edges: the outlines of contacts milled by a tool, as waves around a disk of the same area."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["ROUGHEST", "rough_outlines"]
+
+Values = NDArray[np.float64]
+
+ROUGHEST = 1 / 6
+"""Of its radius: the roughest edge of a contact."""
+
+SECTORS = 256
+LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the place
+
+
+def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Generator) -> Values:
+    """What the radius gains in each sector of the azimuth, from -pi on.
+
+    Parameters
+    ----------
+    radius_px : array_like, shape (n,), px
+        Of the disks whose area each outline keeps.
+    rms_px : float, px
+        By how much the edge wanders, at most a sixth of the radius.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    ndarray, shape (n, 256), px
+
+    Examples
+    --------
+    >>> gain = rough_outlines([10.0], rms_px=0.5, rng=np.random.default_rng(1))
+    >>> float(np.mean((10.0 + gain) ** 2))
+    100.0
+    """
+    radius = np.asarray(radius_px, float)
+    modes = np.arange(LOWEST_MODE, HIGHEST_MODE + 1)
+    angles = -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
+    waves = np.concatenate([np.cos(modes[:, None] * angles), np.sin(modes[:, None] * angles)])
+    amplitudes = rng.standard_normal((radius.size, len(waves))) / np.sqrt(len(modes))
+    edges = radius[:, None] + np.minimum(rms_px, ROUGHEST * radius)[:, None] * (amplitudes @ waves)
+    edges = np.maximum(edges, 0.0)
+    equal_area = radius / np.sqrt(np.mean(edges**2, axis=1))
+    return edges * equal_area[:, None] - radius[:, None]
