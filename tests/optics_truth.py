@@ -1,4 +1,4 @@
-"""The true change of the measured output when an effect is left out of synthetic frames: render and measure."""
+"""The true change of the measured output when an effect is left out of synthetic frames, by measuring them."""
 
 from dataclasses import dataclass
 

@@ -218,7 +218,8 @@ def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo 
     canvas = np.zeros((shape[0] + 2 * margin, shape[1] + 2 * margin))
     x, y, extent = spots.x_px + margin, spots.y_px + margin, spots.extent_px
     cell = 1 / psf.sampling
-    for members in _apart(x, y, extent + cell):
+    wide = 2 * psf.margin_px > BLOCK_PX
+    for members in [np.arange(x.size)] if wide else _apart(x, y, extent + cell):
         around = (x[members], y[members], extent[members] + psf.margin_px + 1)
         for box, near in _blocks(*around, shape=canvas.shape, side=max(BLOCK_PX, 2 * psf.margin_px)):
             top, bottom, left, right = box
