@@ -1,117 +1,112 @@
-"""Scenes on which the estimates of the effects are held against the truth: one thing is unusual in each."""
+"""Scenes that span the switches of the mechanical effects, each with its load: small enough for seconds."""
 
-from typing import Any
+import numpy as np
+import pandas as pd
 
+from contactimg import generate_asperities
 from contactimg.scene import Scene, scene_from_dict
 
-BASE: dict[str, dict[str, Any]] = {
-    "indenter": {"radius_m": 0.1288, "apex_m": [0.0012, 0.0012]},
-    "elastic": {"young_modulus_Pa": 3.0e6},
-    "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.0024, "seed": 5},
-    "camera": {"pixel_size_m": 6.0e-6},
-    "simulate": {
-        "loads_N": [0.05],
-        "shape": [400, 420],
-        "blur_px": 1.4,
-        "vignetting": 0.15,
-        "texture": 0.02,
-        "dust_count": 4,
-        "light_drift": 0.02,
-        "position_drift_px": 0.3,
-        "electrons_per_level": 20.0,
-        "read_noise_electrons": 10.0,
-        "edge_roughness_px": 0.1,
-        "seed": 3,
-    },
-}
-COUNT = {"measure": {"method": "threshold"}}
-LOW_MAGNIFICATION = {
-    "camera": {"pixel_size_m": 15e-6},
-    "simulate": {"shape": [160, 180], "blur_px": 1.0},
-}
-LOW_LIGHT = {
-    "simulate": {
-        "electrons_per_level": 2.0,
-        "read_noise_electrons": 6.0,
-        "background_levels": 60.0,
-        "contrast_levels": 40.0,
-    }
-}
-STRONG_BLUR = {"simulate": {"blur_px": 3.0}}
-SMALL = {"simulate": {"loads_N": [0.002], "blur_px": 1.0}}
-FILM = {
-    "simulate": {"background_levels": 200.0, "contrast_levels": 14.6, "texture": 0.005, "dust_count": 2},
-}
-FINE_FILM = {
-    "camera": {"pixel_size_m": 3e-6},
-    "simulate": {"background_levels": 150.0, "contrast_levels": 11.0, "texture": 0.004, "shape": [600, 640]}
-    | {"loads_N": [0.02], "electrons_per_level": 80.0},
-}
-SATURATED = {"simulate": {"background_levels": 150.0, "contrast_levels": 170.0}}
-BARELY_SATURATED = {"simulate": {"background_levels": 160.0, "contrast_levels": 100.0}}
-DUSTY = {"simulate": {"dust_count": 400}}
-MOVING = {"simulate": {"position_drift_px": 20.0}}
-LIGHT = {"simulate": {"light_drift": 0.3, "vignetting": 0.6}}
-ROUGH = {"simulate": {"edge_roughness_px": 1.0}}
-FEW_LEVELS = {
-    "simulate": {"background_levels": 20.4, "contrast_levels": 4.0, "vignetting": 0.0, "texture": 0.0}
-    | {"dust_count": 0, "electrons_per_level": 0.0, "read_noise_electrons": 0.0, "light_drift": 0.0},
-}
-TWELVE_BIT = {
-    "simulate": {"bit_depth": 12, "background_levels": 1200.0, "contrast_levels": 1500.0}
-    | {"electrons_per_level": 4.0, "read_noise_electrons": 12.0},
-}
-DARK = {"images": {"polarity": "dark"}, "simulate": {"background_levels": 120.0, "contrast_levels": -60.0}}
-RIGID = {
-    "indenter": {"radius_m": 0.013, "apex_m": [0.0008, 0.0008]},
-    "asperities": {"generate": "RA-", "coverage": 0.34, "side_m": 0.0016, "textured": "rigid", "seed": 2},
-    "camera": {"pixel_size_m": 3.0e-6},
-    "simulate": {"loads_N": [0.02], "shape": [500, 520], "blur_px": 1.2},
-}
+SA_LENS, RA_LENS = 0.1288, 0.013
 
-CHANGES: dict[str, list[dict[str, Any]]] = {
-    "plain": [],
-    "plain, counted": [COUNT],
-    "plain, counted, force": [COUNT, {"tolerance": {"output": "force"}}],
-    "low magnification": [LOW_MAGNIFICATION],
-    "low magnification, counted": [LOW_MAGNIFICATION, COUNT],
-    "low light": [LOW_LIGHT],
-    "low light, counted": [LOW_LIGHT, COUNT],
-    "strong blur": [STRONG_BLUR],
-    "strong blur, counted": [STRONG_BLUR, COUNT],
-    "strong blur, counted, radius": [STRONG_BLUR, COUNT, {"tolerance": {"output": "radius"}}],
-    "small contacts": [SMALL],
-    "small contacts, counted": [SMALL, COUNT],
-    "small contacts, force": [SMALL, {"tolerance": {"output": "force"}}],
-    "film": [FILM],
-    "film, counted": [FILM, COUNT],
-    "film, force": [FILM, {"tolerance": {"output": "force"}}],
-    "film, fine pixels": [FINE_FILM],
-    "film, fine pixels, counted": [FINE_FILM, COUNT],
-    "saturated": [SATURATED],
-    "saturated, counted": [SATURATED, COUNT],
-    "barely saturated": [BARELY_SATURATED],
-    "dusty": [DUSTY],
-    "dusty, counted": [DUSTY, COUNT],
-    "moving": [MOVING],
-    "moving, counted": [MOVING, COUNT],
-    "changing light": [LIGHT],
-    "changing light, counted": [LIGHT, COUNT],
-    "rough edge": [ROUGH],
-    "rough edge, counted": [ROUGH, COUNT],
-    "few levels": [FEW_LEVELS],
-    "few levels, counted": [FEW_LEVELS, COUNT],
-    "twelve bits": [TWELVE_BIT],
-    "dark contacts": [DARK],
-    "rigid asperities": [RIGID],
-    "low threshold": [{"measure": {"method": "threshold", "threshold": 0.25}}],
+
+def pattern(kind, *, side, coverage=None, seed=1):
+    """Asperities of a kind on a square whose middle is the origin."""
+    table = generate_asperities(kind, side=side, coverage=coverage, rng=np.random.default_rng(seed))
+    return table.assign(x_m=table["x_m"] - side / 2, y_m=table["y_m"] - side / 2)
+
+
+def caps(x, y, height=4e-5, radius=1e-4):
+    """A few caps by hand."""
+    return pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": radius})
+
+
+def hexagon(r):
+    turn = np.arange(6) * np.pi / 3
+    return caps(np.r_[0, r * np.cos(turn)], np.r_[0, r * np.sin(turn)])
+
+
+# name: asperities, indenter's radius, [elastic] beyond E = 3 MPa, load
+SCENES = {
+    "SA+ 0.5 N": (lambda: pattern("SA", side=7e-3), SA_LENS, {"thickness_m": 0.015}, 0.5),
+    "SA+ 0.1 N": (lambda: pattern("SA", side=5e-3), SA_LENS, {"thickness_m": 0.015}, 0.1),
+    "SA+ 0.02 N": (lambda: pattern("SA", side=4e-3), SA_LENS, {"thickness_m": 0.015}, 0.02),
+    "SA+ 1 mN": (lambda: pattern("SA", side=4e-3), SA_LENS, {"thickness_m": 0.015}, 1e-3),
+    "SA+ tiny load": (lambda: pattern("SA", side=4e-3), SA_LENS, {"thickness_m": 0.015}, 1e-7),
+    "SA+ large load": (lambda: pattern("SA", side=6e-3), SA_LENS, {"thickness_m": 0.015}, 1.2),
+    "SA- 0.5 N": (lambda: pattern("SA", side=8e-3, coverage=0.1), SA_LENS, {"thickness_m": 0.015}, 0.5),
+    "SA- 5 mN": (lambda: pattern("SA", side=5e-3, coverage=0.1), SA_LENS, {"thickness_m": 0.015}, 5e-3),
+    "RA- dry": (lambda: pattern("RA-", side=1.6e-3), RA_LENS, {"thickness_m": 0.015}, 0.05),
+    "RA- adhesive": (
+        lambda: pattern("RA-", side=1.6e-3),
+        RA_LENS,
+        {"thickness_m": 0.015, "work_of_adhesion_J_m2": 0.05},
+        0.05,
+    ),
+    "RA+ dry": (lambda: pattern("RA+", side=2e-3), RA_LENS, {"thickness_m": 0.015}, 0.2),
+    "RA+ adhesive": (
+        lambda: pattern("RA+", side=2e-3),
+        RA_LENS,
+        {"thickness_m": 0.015, "work_of_adhesion_J_m2": 0.05},
+        0.1,
+    ),
+    "RA+ hardly adhesive": (
+        lambda: pattern("RA+", side=2e-3),
+        RA_LENS,
+        {"work_of_adhesion_J_m2": 1e-5},
+        0.1,
+    ),
+    "very adhesive, light": (
+        lambda: pattern("RA+", side=2e-3),
+        RA_LENS,
+        {"work_of_adhesion_J_m2": 0.2},
+        1e-3,
+    ),
+    "stiff and dilute": (
+        lambda: pattern("SA", side=4e-3, coverage=0.05),
+        SA_LENS,
+        {"young_modulus_Pa": 1e9},
+        0.01,
+    ),
+    "soft and dense": (
+        lambda: pattern("SA", side=5e-3, coverage=0.45),
+        SA_LENS,
+        {"young_modulus_Pa": 3e5},
+        0.02,
+    ),
+    "layer of 1 mm": (lambda: pattern("SA", side=5e-3), SA_LENS, {"thickness_m": 1e-3}, 0.1),
+    "layer of 0.3 mm": (lambda: pattern("SA", side=4e-3), SA_LENS, {"thickness_m": 3e-4}, 0.02),
+    "adhesive on a thin layer": (
+        lambda: pattern("SA", side=4e-3, coverage=0.3),
+        SA_LENS,
+        {"thickness_m": 1e-3, "work_of_adhesion_J_m2": 0.02},
+        0.02,
+    ),
+    "under a flat": (lambda: pattern("SA", side=2e-3), 1e6, {"thickness_m": 5e-3}, 0.05),
+    "flat, adhesive, thin": (
+        lambda: pattern("SA", side=2e-3),
+        1e6,
+        {"thickness_m": 1e-3, "work_of_adhesion_J_m2": 0.03},
+        0.02,
+    ),
+    "close pair": (lambda: caps([0, 5e-5], [0.0, 0.0]), 1e6, {}, 1e-3),
+    "unequal pair": (lambda: caps([0, 4.5e-5], [0.0, 0.0], [4e-5, 3.8e-5]), 1e6, {}, 1e-3),
+    "hexagon": (lambda: hexagon(7e-5), 1e6, {}, 4e-3),
+    "one asperity": (lambda: caps([0.0], [0.0]), SA_LENS, {"thickness_m": 0.015}, 1e-4),
+    "one asperity, pressed far": (lambda: caps([0.0], [0.0]), SA_LENS, {"thickness_m": 0.015}, 8e-3),
 }
 
 
-def effect_scene(name: str) -> Scene:
-    """One of the scenes, its seeds and loads included."""
-    data = {section: dict(keys) for section, keys in BASE.items()}
-    for change in CHANGES[name]:
-        for section, keys in change.items():
-            data[section] = data.get(section, {}) | keys
-    return scene_from_dict(data, name=name)
+def mechanical_scene(
+    name: str, *, output: str = "area", relative: float = 0.01, effects: dict | None = None
+) -> tuple[Scene, pd.DataFrame, float]:
+    """A scene of the list with its asperities and load."""
+    table, lens, elastic, load = SCENES[name]
+    scene = scene_from_dict(
+        {
+            "indenter": {"radius_m": lens},
+            "elastic": {"young_modulus_Pa": 3e6, **elastic},
+            "tolerance": {"output": output, "relative": relative},
+            "effects": effects or {},
+        }
+    )
+    return scene, table(), load

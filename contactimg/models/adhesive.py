@@ -14,9 +14,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
-from contactimg.mechanics import jkr
+from contactimg.models.adhesive_laws import AdhesiveLaw
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import solve_interacting
+from contactimg.models.local_laws import LAWS
 from contactimg.models.problem import Problem, Setting, pose_problem
 from contactimg.models.solution import InteractingSolution
 
@@ -40,6 +41,8 @@ def solve_adhesive(
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
+    law: str = "hertz",
+    thickness: float = np.inf,
     start: InteractingSolution | None = None,
     tolerance: float = 1e-11,
     max_iterations: int = 30,
@@ -57,6 +60,10 @@ def solve_adhesive(
         Exactly one of the two; the load may be a pull, the indentation negative, as long as contacts hold.
     apex : (float, float), m
     coupling : {"none", "asymptotic"}
+    law : {"hertz", "sphere"}
+        Profile of an asperity: the paraboloid of JKR's law, or the exact sphere.
+    thickness : float, m
+        Of a layer bonded to a rigid support (Poisson's ratio 1/2); infinite for a half-space.
     start : InteractingSolution, optional
         The solution before: its contacts persist until they break. Without it the surfaces are brought
         together for the first time.
@@ -95,6 +102,7 @@ def solve_adhesive(
     >>> cap = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
     >>> where = dict(indenter_radius=float("inf"), contact_modulus=4e6, work_of_adhesion=0.05)
     >>> solution = solve_adhesive(cap, load=0.0, **where)
+    >>> from contactimg import jkr
     >>> closed = jkr.zero_load_radius(sphere_radius=1e-4, contact_modulus=4e6, work_of_adhesion=0.05)
     >>> round(float(solution.radius[0]) / closed, 9)
     1.0
@@ -107,18 +115,28 @@ def solve_adhesive(
         )
     if coupling not in COUPLINGS:
         raise InputError(f"coupling must be one of {', '.join(map(repr, COUPLINGS))}, got {coupling!r}")
-    setting = Setting(indenter_radius, float(contact_modulus), apex, np.inf, load, indentation)
+    if law not in LAWS:
+        raise InputError(f"law must be one of {', '.join(map(repr, LAWS))}, got {law!r}")
+    setting = Setting(indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation)
     setting.check()
     problem = pose_problem(asperities, setting, depth=_depth_unit(asperities, setting, w))
-    before = start if start is not None else _without_adhesion(asperities, setting, coupling)
-    adhesion = w * problem.length / (contact_modulus * problem.depth**2)
-    path = _Path(problem, adhesion, coupling, tolerance, max_iterations)
+    before = start if start is not None else _without_adhesion(asperities, setting, coupling, law)
+    path = _Path(
+        problem,
+        AdhesiveLaw(
+            w * problem.length / (contact_modulus * problem.depth**2),
+            aspect=problem.depth / problem.length if law == "sphere" else 0.0,
+        ),
+        None if coupling == "none" else Kernel.of_thickness(thickness / problem.length),
+        tolerance,
+        max_iterations,
+    )
     state, steps = path.follow(before, first=start is None)
     return problem.record(
         *state.scattered(problem.order.size),
         indentation=state.indentation * problem.depth,
         coupling=coupling,
-        thickness=np.inf,
+        thickness=float(thickness),
         status="converged",
         iterations=steps,
         residual=state.residual,
@@ -182,7 +200,9 @@ def _depth_unit(asperities: pd.DataFrame, setting: Setting, work_of_adhesion: fl
     return float(max(hertz, abs(setting.indentation or 0.0), np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
-def _without_adhesion(asperities: pd.DataFrame, setting: Setting, coupling: str) -> InteractingSolution:
+def _without_adhesion(
+    asperities: pd.DataFrame, setting: Setting, coupling: str, law: str
+) -> InteractingSolution:
     """The problem without adhesion: first loading touches at least its contacts."""
     return solve_interacting(
         asperities,
@@ -192,6 +212,8 @@ def _without_adhesion(asperities: pd.DataFrame, setting: Setting, coupling: str)
         indentation=setting.indentation,
         apex=setting.apex,
         coupling=coupling,
+        law=law,
+        thickness=setting.thickness,
     )
 
 
@@ -215,11 +237,11 @@ class _State:
 
 @dataclass(frozen=True, eq=False)
 class _Path:
-    """One problem of a path; ``adhesion`` is ``w`` without dimension."""
+    """One problem of a path; without a kernel the contacts are independent."""
 
     problem: Problem
-    adhesion: float
-    coupling: str
+    law: AdhesiveLaw
+    kernel: Kernel | None
     tolerance: float
     max_iterations: int
 
@@ -232,13 +254,12 @@ class _Path:
         p, steps = self.problem, 0
         radius = before.radius[p.order] / p.length
         if first and not radius.any() and (p.load is not None or p.indentation >= 0):
-            radius[0] = self._touch_radius(p.radius[:1])[0]
+            radius[0] = self.law.touch_radius(p.radius[:1])[0]
         rows, guess, depth = np.flatnonzero(radius), radius, before.indentation / p.depth
         broken = np.zeros(radius.size, dtype=bool)
         while rows.size:
-            guess = np.where(
-                guess > 0, np.maximum(guess, self._touch_radius(p.radius) if first else 0.0), 0.0
-            )
+            if first:
+                guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.radius[rows]))
             state, taken, weakest = self._equilibrium(rows, guess[rows], depth)
             steps += taken
             if state is None:
@@ -251,13 +272,9 @@ class _Path:
                 return state, steps
             guess, depth, first = np.zeros(self.problem.order.size), state.indentation, False
             guess[rows] = state.contact_radius
-            guess[forming] = self._touch_radius(p.radius[forming])
+            guess[forming] = self.law.touch_radius(p.radius[forming])
             rows = np.flatnonzero(guess)
         return self._parted(), steps
-
-    def _touch_radius(self, radius: Values) -> Values:
-        """Contact radius of zero penetration, into which a contact jumps: ``a^3 = 2 pi w R^2``."""
-        return np.cbrt(2 * np.pi * self.adhesion * radius**2)
 
     def _parted(self) -> _State:
         """The surfaces have come apart."""
@@ -281,7 +298,7 @@ class _Path:
             change, rise = contacts.direction(a, error, missing)
             step, merit = 1.0, float(error @ error + missing**2)
             while step > _SHORTEST_STEP:
-                trial = np.maximum(a + step * change, contacts.fold)
+                trial = np.clip(a + step * change, contacts.fold, contacts.widest)
                 error, missing = contacts.errors(trial, D + step * rise)
                 if float(error @ error + missing**2) < (1 - 1e-4 * step) * merit:
                     break
@@ -301,6 +318,7 @@ class _Contacts:
     radius: Values
     gap: Values
     fold: Values
+    widest: Values
     matrix: Values
 
     @classmethod
@@ -309,23 +327,15 @@ class _Contacts:
         p = path.problem
         radius = p.radius[rows]
         matrix = np.zeros((rows.size, rows.size))
-        if path.coupling != "none":
-            matrix = DenseCoupling(p.x[rows], p.y[rows], Kernel.of_thickness(np.inf)).matrix
-        fold = np.cbrt(np.pi * path.adhesion * radius**2 / 8)
-        return cls(path, rows, radius, p.gap[rows], fold, matrix)
-
-    def force(self, a: Values) -> Values:
-        """JKR's load."""
-        return jkr.load(
-            a, sphere_radius=self.radius, contact_modulus=1.0, work_of_adhesion=self.path.adhesion
-        )
+        if path.kernel is not None:
+            matrix = DenseCoupling(p.x[rows], p.y[rows], path.kernel).matrix
+        fold, widest = path.law.fold(radius), path.law.widest(radius)
+        return cls(path, rows, radius, p.gap[rows], fold, widest, matrix)
 
     def errors(self, a: Values, depth: float) -> tuple[Values, float]:
         """Errors of the penetrations and of the load."""
-        penetration = jkr.indentation_from_radius(
-            a, sphere_radius=self.radius, contact_modulus=1.0, work_of_adhesion=self.path.adhesion
-        )
-        force, load = self.force(a), self.path.problem.load
+        penetration = self.path.law.penetration(a, self.radius)
+        force, load = self.path.law.force(a, self.radius), self.path.problem.load
         missing = 0.0 if load is None else load - float(force.sum())
         return penetration + self.matrix @ force + self.gap - depth, missing
 
@@ -337,9 +347,7 @@ class _Contacts:
 
     def direction(self, a: Values, error: Values, missing: float) -> tuple[Values, float]:
         """Newton's change of radii and of the indentation."""
-        w = self.path.adhesion
-        softness = 2 * a / self.radius - np.sqrt(np.pi * w / (2 * a))
-        stiffness = 4 * a**2 / self.radius - np.sqrt(18 * np.pi * w * a)
+        stiffness, softness = self.path.law.slopes(a, self.radius)
         jacobian = self.matrix * stiffness
         # at the fold the softness vanishes; a floor keeps an uncoupled row regular
         jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.radius)
@@ -351,18 +359,12 @@ class _Contacts:
 
     def state(self, a: Values, depth: float, residual: float) -> _State:
         """The solution with all penetrations: JKR's in contact, elsewhere the overlap of the surfaces."""
-        p, force = self.path.problem, self.force(a)
+        p, law, force = self.path.problem, self.path.law, self.path.law.force(a, self.radius)
         penetration = depth - p.gap
+        penetration[self.rows] = 0.0
         near = np.flatnonzero(penetration > 0)
-        if self.path.coupling != "none":
-            penetration[near] -= _displacement(p.x[near], p.y[near], p.x[self.rows], p.y[self.rows], force)
-        penetration[self.rows] = jkr.indentation_from_radius(
-            a, sphere_radius=self.radius, contact_modulus=1.0, work_of_adhesion=self.path.adhesion
-        )
+        if self.path.kernel is not None:
+            r = np.hypot(p.x[near, None] - p.x[self.rows], p.y[near, None] - p.y[self.rows])
+            penetration[near] -= (1 / r - self.path.kernel.deficit(r)) @ force / np.pi
+        penetration[self.rows] = law.penetration(a, self.radius)
         return _State(self.rows, a, force, penetration, depth, residual)
-
-
-def _displacement(x: Values, y: Values, source_x: Values, source_y: Values, force: Values) -> Values:
-    """Displacement at places by point forces elsewhere; a place that is a source leaves itself out."""
-    distance = np.hypot(x[:, None] - source_x, y[:, None] - source_y)
-    return np.where(distance > 0, 1 / np.where(distance > 0, distance, 1.0), 0.0) @ force / np.pi

@@ -100,7 +100,7 @@ class Cells:
         return coupling
 
     def system(self, problem: Problem, law: LocalLaw, coupling: Coupling, *, weight: float = 1.0) -> System:
-        """The cells as candidates, each as high as its highest asperity; an asperity counts ``weight`` fold."""
+        """The cells as candidates, each as high as its highest asperity; each asperity counts ``weight``."""
         highest = np.full(self.count, np.inf)
         np.minimum.at(highest, self.cell, problem.gap)
         numbers = np.arange(1.0, self.count + 1)

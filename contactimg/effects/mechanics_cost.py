@@ -1,0 +1,41 @@
+"""What an effect costs the solver: a rule of thumb from timed solves of 7 to 100 000 contacts.
+
+Times in ms of one core, for ``n`` asperities in the table and ``m`` contacts; only their ratios are used. Off
+by no more than a factor of two or three in the range timed (`benchmarks/effects_honesty.py`).
+"""
+
+__all__ = ["solve_cost"]
+
+FAST_SUM_FACTOR = 1.5e-2
+FAST_SUM_POWER = 1.23
+"""Coupled solve with fast sums, ms: factor times contacts to the power."""
+
+
+def solve_cost(effect: str, *, asperities: int, contacts: float) -> float:
+    """Time of a solve with the effect over that of the cheapest one, without any.
+
+    Parameters
+    ----------
+    effect : {"coupling", "full_coupling", "layer", "sphere_profile", "adhesion"}
+    asperities : int
+        In the table.
+    contacts : float
+
+    Examples
+    --------
+    >>> solve_cost("full_coupling", asperities=1844, contacts=300) > solve_cost(
+    ...     "coupling", asperities=1844, contacts=300
+    ... )
+    True
+    """
+    m = contacts
+    cheapest = 0.6 + 1.4e-4 * asperities
+    fast = FAST_SUM_FACTOR * m**FAST_SUM_POWER
+    extra = {
+        "coupling": 0.5 + min(3.5e-5 * m**2 + 2e-8 * m**3, fast),
+        "full_coupling": 1.0 + min(3e-4 * m**2, 3 * fast),
+        "layer": min(6e-5 * m**2, fast),
+        "sphere_profile": 2.5 + 0.02 * m,
+        "adhesion": 1.5 + 2.4e-7 * m**3,
+    }[effect]
+    return 1 + extra / cheapest

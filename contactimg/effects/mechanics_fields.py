@@ -1,0 +1,61 @@
+"""What the neighbours' displacement field does over the width of a contact, from the closest pairs.
+
+The terms of full coupling (`contactimg.models.refinement`) to first order at the forces of a state: Hertz's
+pressure instead of point forces, the slope that shifts a contact, the curvature that changes its radius. They
+fall with the cube of the distance, so that of many contacts the nearest neighbours are enough.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.near_pairs import NearPairs
+
+__all__ = ["field_terms"]
+
+Values = NDArray[np.float64]
+
+ALL_PAIRS = 600
+"""Contacts up to which every pair counts."""
+
+NEIGHBOURS = 20
+"""Mean number of neighbours that count for more contacts than that."""
+
+
+def field_terms(
+    x: Values, y: Values, radius: Values, *, force: Values, contact_radius: Values, kernel: Kernel
+) -> tuple[Values, Values]:
+    """What full coupling adds to the gaps and by what it divides the radii of curvature.
+
+    Parameters
+    ----------
+    x, y, radius : ndarray, shape (n,)
+        Contacts, without dimension; ``radius`` their radii of curvature.
+    force, contact_radius : ndarray, shape (n,)
+        In a state with point forces.
+    kernel : Kernel
+        The layer's part in it counts where all pairs do.
+
+    Returns
+    -------
+    lowering, bending : ndarray
+        ``excess + s^2/(2 R) + G s - sum_j G_ij s_j`` with the shifts ``s = -R G``, and ``1 + R T``.
+    """
+    if x.size <= ALL_PAIRS:
+        fields = DenseCoupling(x, y, kernel).fields
+    else:
+        fields = NearPairs(x, y, cutoff=_cutoff(x, y), sharpness=0.0).fields
+    own = fields(force, contact_radius)
+    shift_x, shift_y = -radius * own.slope_x, -radius * own.slope_y
+    sources = (
+        fields(force * shift_x, contact_radius).slope_x + fields(force * shift_y, contact_radius).slope_y
+    )
+    # s = -R G: the gap at the shifted summit rises by s^2/(2 R) and the field there falls by s^2/R
+    lowering = own.excess - (shift_x**2 + shift_y**2) / (2 * radius) - sources
+    return lowering, np.maximum(1 + radius * own.curvature, 0.1)
+
+
+def _cutoff(x: Values, y: Values) -> float:
+    """Distance within which a contact has the neighbours that count."""
+    area = float(np.ptp(x) * np.ptp(y))
+    return min(float(np.sqrt(NEIGHBOURS * area / (np.pi * x.size))), float(np.hypot(np.ptp(x), np.ptp(y))))

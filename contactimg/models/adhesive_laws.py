@@ -1,0 +1,115 @@
+"""What one adhesive asperity does, dimensionless (E* = 1): JKR on a paraboloid or on an exact sphere.
+
+For any profile, JKR's state at contact radius ``a`` is the one without adhesion less that of a flat punch of
+the same radius: ``delta = delta_0(a) - sqrt(2 pi w a)``, ``p = p_0(a) - sqrt(8 pi w a^3)``.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.mechanics import sphere
+
+__all__ = ["AdhesiveLaw"]
+
+Values = NDArray[np.float64]
+
+_MAX_STEPS = 60
+
+
+@dataclass(frozen=True)
+class AdhesiveLaw:
+    """JKR's law in terms of the contact radius.
+
+    Parameters
+    ----------
+    adhesion : float
+        ``w``.
+    aspect : float
+        Unit of height over unit of length for a sphere; zero: the paraboloid, which the sphere becomes.
+
+    References
+    ----------
+    Maugis, Langmuir 11 (1995) 679, doi:10.1021/la00002a055, for the sphere's exact profile.
+
+    Examples
+    --------
+    Contacts of zero penetration have ``a^3 = 2 pi w R^2``:
+
+    >>> law = AdhesiveLaw(0.5)
+    >>> a = law.touch_radius(np.ones(1))
+    >>> round(float(a[0] ** 3 / np.pi), 9), abs(float(law.penetration(a, np.ones(1))[0])) < 1e-12
+    (1.0, True)
+    """
+
+    adhesion: float
+    aspect: float = 0.0
+
+    def force(self, contact_radius: Values, radius: Values) -> Values:
+        """Force at a contact radius."""
+        a = contact_radius
+        if self.aspect:
+            plain = radius**2 / self.aspect**3 * sphere.scaled_load(self.aspect * a / radius)
+        else:
+            plain = (4 / 3) * a**3 / radius
+        return plain - np.sqrt(8 * np.pi * self.adhesion * a**3)
+
+    def penetration(self, contact_radius: Values, radius: Values) -> Values:
+        """Penetration at a contact radius."""
+        a = contact_radius
+        if self.aspect:
+            plain = radius / self.aspect**2 * sphere.scaled_indentation(self.aspect * a / radius)
+        else:
+            plain = a**2 / radius
+        return plain - np.sqrt(2 * np.pi * self.adhesion * a)
+
+    def slopes(self, contact_radius: Values, radius: Values) -> tuple[Values, Values]:
+        """Derivatives of force and penetration with the contact radius."""
+        a, w = contact_radius, self.adhesion
+        steepness = self._steepness(a, radius)
+        return 2 * a * steepness - np.sqrt(18 * np.pi * w * a), steepness - np.sqrt(np.pi * w / (2 * a))
+
+    def _steepness(self, a: Values, radius: Values) -> Values:
+        """``d delta_0/d a`` without adhesion."""
+        if not self.aspect:
+            return 2 * a / radius
+        s = self.aspect * a / radius
+        return (np.arctanh(s) + s / (1 - s**2)) / self.aspect
+
+    def widest(self, radius: Values) -> Values:
+        """A bound on the contact radius: the sphere's equator."""
+        return radius / self.aspect * (1 - 1e-9) if self.aspect else np.full_like(radius, np.inf)
+
+    def touch_radius(self, radius: Values) -> Values:
+        """Contact radius of zero penetration, into which a contact jumps."""
+        paraboloid = np.cbrt(2 * np.pi * self.adhesion * radius**2)
+        return self.contact_radius(np.zeros_like(radius), radius) if self.aspect else paraboloid
+
+    def fold(self, radius: Values) -> Values:
+        """Contact radius at which an isolated contact breaks under an imposed displacement."""
+        a = np.minimum(np.cbrt(np.pi * self.adhesion * radius**2 / 8), 0.9 * self.widest(radius))
+        if self.aspect:
+            # steepness = sqrt(pi w/(2 a)); the paraboloid's is the smaller one: a fixed point from above
+            for _ in range(_MAX_STEPS):
+                before, a = (
+                    a,
+                    a * np.cbrt(np.sqrt(np.pi * self.adhesion / (2 * a)) / self._steepness(a, radius)),
+                )
+                if np.all(np.abs(a - before) <= 1e-12 * a):
+                    break
+        return a
+
+    def contact_radius(self, penetration: Values, radius: Values) -> Values:
+        """Stable contact radius at a penetration, which must not be below that of the fold.
+
+        The penetration is a convex function of the contact radius: Newton descends to the larger root.
+        """
+        pulled = np.cbrt(2 * np.pi * self.adhesion * radius**2)
+        a = np.minimum(np.sqrt(radius * np.maximum(penetration, 0.0)) + pulled, self.widest(radius))
+        for _ in range(_MAX_STEPS):
+            step = (self.penetration(a, radius) - penetration) / self.slopes(a, radius)[1]
+            a = np.minimum(a - step, self.widest(radius))
+            if np.all(np.abs(step) <= 1e-14 * a):
+                break
+        return a
