@@ -8,19 +8,27 @@ estimates stays below the tolerance. A sum that meets the tolerance exactly keep
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 
 from contactimg.effects.estimate import Estimate
+from contactimg.effects.mechanics import estimate_mechanics
+from contactimg.errors import InputError
+from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
+from contactimg.tables import Flag
 
-__all__ = ["Decision", "Plan", "decide"]
+__all__ = ["Decision", "Plan", "decide", "make_plan"]
 
 Level = Literal["none", "asymptotic", "full"]
 
 REQUIRES = {"full_coupling": "coupling"}
 """Effects that are refinements of another: on only where that is on."""
+
+APART = ("adhesion", "full_coupling")
+"""Effects that no model computes together yet: the larger one is kept."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +100,12 @@ class Plan:
         explicit = {d.effect: "on" if d.on else "off" for d in self.decisions if d.effect in known}
         return scene.model_copy(update={"effects": scene.effects.model_copy(update=explicit)})
 
+    @property
+    def record(self) -> list[dict[str, Any]]:
+        """What the provenance keeps: effect, change, decision and reason."""
+        rows = self.table()[["effect", "change", "decision", "reason"]].to_dict("records")
+        return [{str(key): value for key, value in row.items()} for row in rows]
+
     def table(self) -> pd.DataFrame:
         """One row an effect: effect, change, tolerance, decision, switch, cost, reason."""
         columns = ["effect", "change", "tolerance", "decision", "switch", "cost", "reason"]
@@ -137,17 +151,39 @@ def decide(
     for refined, base in REQUIRES.items():
         if refined in on and base not in on:
             on = on - {refined} if order.get(base) == "off" else on | {base}
+    given_up = _given_up(estimates, on, order)
+    on -= {given_up}
     decisions = tuple(
         Decision(e.effect, e.change, tolerance, e.effect in on, order[e.effect], e.reason, e.cost)
         for e in estimates
     )
-    messages = tuple(
-        f"{d.effect} is switched off although it changes the requested output by {d.change:.2g} "
-        f"(tolerance {tolerance:g}): {d.reason}"
-        for d in decisions
-        if d.switch == "off" and d.change >= tolerance
-    )
-    return decisions, messages
+    return decisions, tuple(_warnings(decisions, given_up))
+
+
+def _given_up(estimates: Sequence[Estimate], on: set[str], order: dict[str, str]) -> str:
+    """Of effects that do not go together, the one to leave out: not ordered, or the smaller; else none."""
+    if not set(APART) <= on:
+        return ""
+    if all(order[name] == "on" for name in APART):
+        raise InputError(f'[effects] {" and ".join(APART)} do not go together yet; switch one "off"')
+    pair = [e for e in estimates if e.effect in APART]
+    return min(pair, key=lambda e: (order[e.effect] == "on", e.change, e.effect)).effect
+
+
+def _warnings(decisions: Sequence[Decision], given_up: str) -> Iterable[str]:
+    """What is off against the plan's advice."""
+    for d in decisions:
+        if d.effect == given_up:
+            kept = next(name for name in APART if name != given_up)
+            yield (
+                f"{d.effect} is left out because it does not go together with {kept} yet: that changes the "
+                f"requested output by about {d.change:.2g} (tolerance {d.tolerance:g})"
+            )
+        elif d.switch == "off" and d.change >= d.tolerance:
+            yield (
+                f"{d.effect} is switched off although that changes the requested output by about "
+                f"{d.change:.2g} (tolerance {d.tolerance:g}): {d.reason}"
+            )
 
 
 def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
@@ -165,3 +201,61 @@ def _price(estimate: Estimate) -> tuple[float, float, str]:
     saved = estimate.cost - 1
     per_cost = estimate.change / saved if saved > 0 else math.inf
     return (per_cost if estimate.change > 0 else 0.0, estimate.change, estimate.effect)
+
+
+def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
+    """Decide which effects a scene calls for at a load.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections ``[indenter]`` and ``[elastic]`` are needed; ``[tolerance]`` says what must be accurate and
+        how accurate, ``[effects]`` what is ordered.
+    asperities : DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``.
+    load : float, N
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        If the scene lacks a section or the load breaks its rule.
+    ModelRangeError
+        If the indenter reaches the plane between the asperities.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> pair = pd.DataFrame(
+    ...     {"x_m": [0.0, 1e-3], "y_m": [0.0, 0.0], "height_m": [4e-5, 3.9e-5], "radius_m": [1e-4, 1e-4]}
+    ... )
+    >>> scene = scene_from_dict({"indenter": {"radius_m": 1.0}, "elastic": {"young_modulus_Pa": 3e6}})
+    >>> plan = make_plan(scene, pair, load=1e-4)
+    >>> plan.coupling, plan.is_on("sphere_profile")
+    ('none', False)
+    """
+    contacts, estimates = estimate_mechanics(scene, asperities, load=load)
+    decisions, messages = decide(estimates, scene.effects, tolerance=scene.tolerance.relative)
+    return Plan(
+        decisions,
+        output=scene.tolerance.output,
+        relative=scene.tolerance.relative,
+        load=float(load),
+        messages=(*_limits_reached(contacts), *messages),
+    )
+
+
+def _limits_reached(contacts: pd.DataFrame) -> list[str]:
+    """One sentence for each limit of the models that contacts exceed, and are computed beyond."""
+    flags = contacts["flags"].to_numpy(np.int64)
+    sentences = {
+        Flag.BEYOND_HERTZ: f"have a/R above {HERTZ_LIMIT}: beyond Hertz's law",
+        Flag.OVERLAP: "overlap a neighbour: they would merge",
+    }
+    counts = {flag: int(np.count_nonzero(flags & flag)) for flag in sentences}
+    return [
+        f"about {counts[f]} of {flags.size} contacts {text}" for f, text in sentences.items() if counts[f]
+    ]
