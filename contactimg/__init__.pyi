@@ -56,6 +56,7 @@ from .pipeline.analyse import analyse_places as analyse_places
 from .pipeline.circles import measure_circles as measure_circles
 from .pipeline.measure import measure_frame as measure_frame
 from .pipeline.places import open_place as open_place
+from .pipeline.plan import plan_effects as plan_effects
 from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
 from .pipeline.simulate import write_simulation as write_simulation

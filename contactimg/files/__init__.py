@@ -15,6 +15,7 @@ from contactimg.files.experiment import (
     open_experiment,
     read_scene,
     read_scene_asperities,
+    read_scene_loads,
     write_scene,
 )
 from contactimg.files.figures import write_figure
@@ -43,6 +44,7 @@ __all__ = [
     "read_run",
     "read_scene",
     "read_scene_asperities",
+    "read_scene_loads",
     "read_table",
     "read_topography",
     "replacing",

@@ -25,6 +25,7 @@ __all__ = [
     "open_experiment",
     "read_scene",
     "read_scene_asperities",
+    "read_scene_loads",
     "write_scene",
 ]
 
@@ -160,6 +161,12 @@ def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
     """The asperity table that a scene names, None if it names none; see `read_asperities`."""
     path = _asperities_file(scene)
     return None if path is None else read_asperities(path)
+
+
+def read_scene_loads(scene: Scene) -> list[float]:
+    """The loads (N) of the table that a scene names or has beside it, none without one; see `read_loads`."""
+    path = _loads_file(scene)
+    return [] if path is None else read_loads(path, pulled=True)["load_N"].dropna().tolist()
 
 
 def _asperities_file(scene: Scene) -> Path | None:
