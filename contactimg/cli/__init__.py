@@ -9,6 +9,7 @@ import click
 from contactimg import __version__
 from contactimg.cli.analyse import analyse
 from contactimg.cli.calibrate import calibrate
+from contactimg.cli.common import timings_option
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
@@ -36,6 +37,8 @@ def commands() -> None:
 
 for command in (process, calibrate, predict, overlay, simulate, analyse, report):
     commands.add_command(command)
+    for one in command.commands.values() if isinstance(command, click.Group) else (command,):
+        timings_option(one)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

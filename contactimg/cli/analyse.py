@@ -14,6 +14,7 @@ from contactimg.cli.common import (
     quiet_option,
     workers_option,
 )
+from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.pipeline.analyse import AnalysisOptions
@@ -101,13 +102,14 @@ def analyse(
       contactimg analyse place_*/contactimg_out --calibration jkr/calibration.json -o analysis
       contactimg analyse --topography profilometry.csv -o topography
     """
-    import pandas as pd
+    with stage("loading"):
+        import pandas as pd
 
-    from contactimg.files import OutputFolder, provenance, read_topography
-    from contactimg.pipeline.analyse import analyse_places
-    from contactimg.pipeline.analysis_files import write_analysis, write_results, write_topography
-    from contactimg.pipeline.model_places import COUPLINGS, count_solutions
-    from contactimg.pipeline.places import open_place, read_centre
+        from contactimg.files import OutputFolder, provenance, read_topography
+        from contactimg.pipeline.analyse import analyse_places
+        from contactimg.pipeline.analysis_files import write_analysis, write_results, write_topography
+        from contactimg.pipeline.model_places import COUPLINGS, count_solutions
+        from contactimg.pipeline.places import open_place, read_centre
 
     if not runs and topography is None:
         raise click.UsageError("Missing argument 'RUN': give the output folders of `process`.")

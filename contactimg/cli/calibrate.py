@@ -15,6 +15,7 @@ from contactimg.cli.common import (
     workers_option,
 )
 from contactimg.errors import InputError
+from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.calibration.estimate import Estimate
@@ -71,7 +72,8 @@ def jkr(*, folder: str, **given: Any) -> int:
     Example:
       contactimg calibrate jkr sample_data/smooth_jkr -o jkr
     """
-    from contactimg.pipeline.calibrate import run_jkr
+    with stage("loading"):
+        from contactimg.pipeline.calibrate import run_jkr
 
     return _run("jkr", folder, given, {}, run_jkr, pulled=True)
 
@@ -88,8 +90,9 @@ def threshold(*, folder: str, **given: Any) -> int:
     Example:
       contactimg calibrate threshold sample_data/sa_plus --young-modulus-MPa 3 -o threshold
     """
-    from contactimg.files import read_calibration, shares_frames
-    from contactimg.pipeline.calibrate import run_threshold
+    with stage("loading"):
+        from contactimg.files import read_calibration, shares_frames
+        from contactimg.pipeline.calibrate import run_threshold
 
     record = read_calibration(given["jkr"]) if given["jkr"] else {}
 
@@ -124,8 +127,9 @@ def modulus(*, folder: str, **given: Any) -> int:
     Example:
       contactimg calibrate modulus my_sample --calibration threshold/calibration.json
     """
-    from contactimg.files import read_calibration, shares_frames
-    from contactimg.pipeline.calibrate import run_modulus
+    with stage("loading"):
+        from contactimg.files import read_calibration, shares_frames
+        from contactimg.pipeline.calibrate import run_modulus
 
     record = read_calibration(given["calibration"]) if given["calibration"] else {}
 
@@ -147,7 +151,8 @@ def plateau(*, folder: str, **given: Any) -> int:
     Example:
       contactimg calibrate plateau sample_data/ra_plus
     """
-    from contactimg.pipeline.calibrate import run_plateau
+    with stage("loading"):
+        from contactimg.pipeline.calibrate import run_plateau
 
     return _run("plateau", folder, given, {}, run_plateau)
 
@@ -162,10 +167,11 @@ def _run(
     pulled: bool = False,
 ) -> int:
     """Open the folder, calibrate, write, print."""
-    from contactimg.cli.scenes import scene_of_folder
-    from contactimg.files import OutputFolder, open_experiment, provenance, read_calibration
-    from contactimg.pipeline.calibrate import write_calibration
-    from contactimg.scene import scene_from_dict
+    with stage("loading"):
+        from contactimg.cli.scenes import scene_of_folder
+        from contactimg.files import OutputFolder, open_experiment, provenance, read_calibration
+        from contactimg.pipeline.calibrate import write_calibration
+        from contactimg.scene import scene_from_dict
 
     scene = scene_of_folder(folder, {"scene": given["scene"]})
     if elastic:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from contactimg.timings import Timings, collect, stage
+
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -19,6 +21,7 @@ __all__ = [
     "output_option",
     "progress",
     "quiet_option",
+    "timings_option",
     "verbose_option",
     "workers_option",
 ]
@@ -41,6 +44,24 @@ def _be_verbose(_context: click.Context, _parameter: click.Parameter, value: boo
 verbose_option = click.option(
     "--verbose", is_flag=True, expose_value=False, callback=_be_verbose, help="Say more about each step."
 )
+
+
+def _time_stages(context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
+    """Time the stages of the command and print them when it ends."""
+    if value:
+        timings = context.with_resource(collect())
+        context.call_on_close(lambda: _echo_timings(timings))
+
+
+timings_option = click.option(
+    "--timings",
+    is_flag=True,
+    expose_value=False,
+    callback=_time_stages,
+    help="Say at the end where the time went.",
+)
+"""Of every command: `contactimg.cli` adds it."""
+
 workers_option = click.option(
     "--workers",
     type=click.IntRange(min=1),
@@ -60,8 +81,9 @@ def command_line(command: str) -> str:
 @contextmanager
 def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
     """A progress bar on stderr; what it yields is called once an item."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    with stage("loading"):
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
@@ -109,11 +131,25 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     _echo_table(title, heads, rows, left=2)
 
 
-def _echo_table(title: str, heads: Sequence[str], rows: list[list[str]], *, left: int) -> None:
+def _echo_timings(timings: Timings) -> None:
+    """Print the stages on stderr: calls, seconds and share of the whole."""
+    stages = timings.rows()
+    total = sum(seconds for _, _, seconds in stages)
+    rows = [
+        [name, str(calls) if calls else "", f"{seconds:.3f}", f"{seconds / total:.1%}"]
+        for name, calls, seconds in [*stages, ("total", 0, total)]
+    ]
+    _echo_table("where the time went", ("stage", "calls", "s", "share"), rows, left=1, stderr=True)
+
+
+def _echo_table(
+    title: str, heads: Sequence[str], rows: list[list[str]], *, left: int, stderr: bool = False
+) -> None:
     """Print a table; its first columns are text."""
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
+    with stage("loading"):
+        from rich import box
+        from rich.console import Console
+        from rich.table import Table
 
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
@@ -122,7 +158,7 @@ def _echo_table(title: str, heads: Sequence[str], rows: list[list[str]], *, left
         table.add_column(head, justify="left" if k < left else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console(highlight=False, markup=False).print(table)
+    Console(highlight=False, markup=False, stderr=stderr).print(table)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

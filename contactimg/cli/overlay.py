@@ -13,6 +13,7 @@ from contactimg.cli.common import (
     verbose_option,
     workers_option,
 )
+from contactimg.timings import stage
 
 __all__ = ["overlay"]
 
@@ -40,10 +41,11 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
     Example:
       contactimg overlay results
     """
-    from contactimg.files import OutputFolder, open_experiment, provenance, read_run
-    from contactimg.pipeline.inputs import need_asperities
-    from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
-    from contactimg.pipeline.process import run_of_folder
+    with stage("loading"):
+        from contactimg.files import OutputFolder, open_experiment, provenance, read_run
+        from contactimg.pipeline.inputs import need_asperities
+        from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
+        from contactimg.pipeline.process import run_of_folder
 
     measured = run_of_folder(read_run(run))
     experiment = open_experiment(measured.scene)

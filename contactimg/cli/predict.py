@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from contactimg.cli.common import command_line, echo_frames, output_option, quiet_option, verbose_option
+from contactimg.timings import stage
 
 __all__ = ["predict"]
 
@@ -50,9 +51,10 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
     """
-    from contactimg.cli.scenes import model_inputs
-    from contactimg.files import OutputFolder, provenance, read_scene
-    from contactimg.pipeline.predict import predict_loads, write_predictions
+    with stage("loading"):
+        from contactimg.cli.scenes import model_inputs
+        from contactimg.files import OutputFolder, provenance, read_scene
+        from contactimg.pipeline.predict import predict_loads, write_predictions
 
     description = read_scene(scene)
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"

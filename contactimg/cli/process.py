@@ -14,6 +14,7 @@ from contactimg.cli.common import (
     verbose_option,
     workers_option,
 )
+from contactimg.timings import stage
 
 __all__ = ["process"]
 
@@ -48,10 +49,11 @@ def process(
       contactimg process sample_data/sa_plus -o results
       contactimg process my_frames --reference my_frames/dark.tif --pixel-size-um 6
     """
-    from contactimg.cli.scenes import calibration_options, scene_of_folder
-    from contactimg.files import OutputFolder, open_experiment, provenance
-    from contactimg.pipeline.process import draw_overlays, write_run
-    from contactimg.pipeline.series import FAILED, measure_experiment
+    with stage("loading"):
+        from contactimg.cli.scenes import calibration_options, scene_of_folder
+        from contactimg.files import OutputFolder, open_experiment, provenance
+        from contactimg.pipeline.process import draw_overlays, write_run
+        from contactimg.pipeline.series import FAILED, measure_experiment
 
     scene = scene_of_folder(folder, options)
     experiment = open_experiment(scene)

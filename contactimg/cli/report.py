@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from contactimg.cli.common import quiet_option
+from contactimg.timings import stage
 
 __all__ = ["report"]
 
@@ -34,8 +35,9 @@ def report(*, run: str, output: str | None, others: tuple[str, ...], max_picture
       contactimg report results
       contactimg report results --with analysis --with jkr -o run.html
     """
-    from contactimg.files import write_text
-    from contactimg.report import build_report
+    with stage("loading"):
+        from contactimg.files import write_text
+        from contactimg.report import build_report
 
     target = Path(output) if output is not None else Path(run) / "report.html"
     write_text(build_report(run, others=others, max_pictures=max_pictures), target)

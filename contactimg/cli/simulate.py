@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from contactimg.cli.common import command_line, output_option, progress, quiet_option, verbose_option
+from contactimg.timings import stage
 
 __all__ = ["simulate"]
 
@@ -26,10 +27,11 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
       contactimg simulate scene.toml -o frames
       contactimg process frames
     """
-    from contactimg.cli.scenes import model_inputs
-    from contactimg.files import OutputFolder, provenance, read_scene
-    from contactimg.pipeline.inputs import need_asperities
-    from contactimg.pipeline.simulate import write_simulation
+    with stage("loading"):
+        from contactimg.cli.scenes import model_inputs
+        from contactimg.files import OutputFolder, provenance, read_scene
+        from contactimg.pipeline.inputs import need_asperities
+        from contactimg.pipeline.simulate import write_simulation
 
     description = read_scene(scene)
     smooth = description.asperities is None
