@@ -21,6 +21,7 @@ TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powe
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
 FIT_CLIP = 2.0  # the same for the fit, in which the rims of contacts would count on one side only
 ENOUGH_BLOCKS = 6000  # blocks that determine the field; more are left out in turn
+LEAST_RATIO = 0.05  # of the ratio in the middle: where the field extrapolates to less, it is that
 MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread of its own
 
 
@@ -57,6 +58,12 @@ class LightField:
         out = np.zeros((len(rows), shape[1]), np.float32)
         _add_rows(out, out, *self.row_polynomials(shape, rows), np.float32(1.0))
         return out
+
+    def ratio_rows(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.float32]:
+        """The field of a ratio, bounded such that it can be divided by."""
+        return np.maximum(
+            self.rows(rows, shape), np.float32(max(LEAST_RATIO * self.coefficients[0, 0], 1e-6))
+        )
 
     def at(self, x: NDArray, y: NDArray, shape: tuple[int, int]) -> NDArray[np.float64]:
         """The field at points (px) of an image of ``shape``."""

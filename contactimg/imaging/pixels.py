@@ -1,6 +1,6 @@
 """A frame and its reference as the measurement takes them: floats of order 100, no holes, defects named."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,10 @@ class Pixels:
     def message(self) -> str:
         """One sentence on the defect."""
         return MESSAGES.get(self.defect, "")
+
+    def within(self, valid: NDArray[np.uint8] | None) -> "Pixels":
+        """With other holes: those where a background has no value as well."""
+        return replace(self, valid=valid)
 
     @classmethod
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "Pixels":

@@ -7,7 +7,8 @@ falls on them, so the frame is divided by the background, and the difference is 
 median level.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -16,7 +17,9 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.envelope import flatten_crowd
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
-from contactimg.imaging.register import Shift, estimate_shift, shift_kernel, shift_whole_pixels
+from contactimg.imaging.move import Shift, move_reference, shift_kernel
+from contactimg.imaging.register import GOOD_STD, Found, estimate_shift, estimate_shift_closely
+from contactimg.imaging.search import search_shift
 from contactimg.timings import stage
 
 __all__ = ["Difference", "estimate_background", "subtract_reference", "unregistered"]
@@ -29,7 +32,12 @@ CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slo
 GAP = 0.15  # of the height of the contacts: blocks darker than that lie between them
 CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
-FLOOR = 0.1  # of the median level: darker backgrounds are divided by this much only
+FLOOR = 0.1  # of the median level: where the reference is darker there is no light to measure by
+BRIGHT = 98.0  # percentile of the blocks of the reference that is lit in any case
+RIM = 3  # px: width of the rim of a field stop
+NEAR = 0.75  # px: shifts beyond are taken in whole pixels first
+ROUNDS = 5
+NO_SHIFT, UNKNOWN = Shift(0.0, 0.0, np.inf), Shift(np.nan, np.nan, np.inf)
 DUST_FROM, DUST_FULL = 4.0, 6.0  # robust standard deviations of the middle band between which detail is dirt
 
 
@@ -48,9 +56,13 @@ class Difference:
     light : LightField
         Slow ratio (with a reference) or level (without) of the background, and which blocks are background.
     shift : Shift or None
-        Of the reference; None without one.
+        Of the frame against the reference, NaN if nothing tells it; None without reference.
     ratio : bool
         Whether ``light`` is a ratio to the reference.
+    valid : ndarray of uint8 or None
+        0 where the frame or the registered reference has no pixel, or no light; None if nowhere.
+    unregistered : bool
+        Whether the reference shows a texture that was not found in the frame.
     """
 
     image: NDArray[np.float32]
@@ -59,6 +71,22 @@ class Difference:
     light: LightField
     shift: Shift | None
     ratio: bool = False
+    valid: NDArray[np.uint8] | None = None
+    unregistered: bool = False
+
+    @property
+    def remark(self) -> str:
+        """One sentence on how frame and reference lie together; empty if it is as usual or there is none."""
+        if self.unregistered:
+            return "the surface shown by the reference was not found in the frame: their shift is unknown"
+        if self.shift is None or (self.shift.known and self.shift.plain):
+            return ""
+        if not self.shift.known:
+            return "nothing on the surface tells the shift against the reference"
+        return (
+            f"turned by {np.degrees(self.shift.rotation):.3f} degrees and scaled by {self.shift.scale:.5f} "
+            "against the reference, which was taken out"
+        )
 
 
 @stage("light")
@@ -84,17 +112,118 @@ def subtract_reference(
     -------
     Difference
     """
-    blocks_f, blocks_r = block_means(frame, valid), block_means(reference, valid)
-    level = float(np.nanmedian(blocks_r))
-    if level < FAINTEST * float(np.nanmax(np.abs(blocks_f)) + np.nanmax(np.abs(blocks_r))):
-        return _subtract_offset(frame, reference, blocks_f - blocks_r)
-    ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
-    start, spread = background_mode(ratio, prefer=prefer)
-    light = fit_light(ratio, frame.shape, start=start, spread=spread)
-    shift = estimate_shift(frame, reference, light)
-    image = _divide(frame, reference, light, shift, level)
-    illumination = np.nan_to_num(np.maximum(blocks_r, FLOOR * level) / level, nan=1.0).astype(np.float32)
-    return Difference(image, level, illumination, light, shift, ratio=True)
+    view = _View.of(frame, reference, valid, prefer, NO_SHIFT)
+    if view is None:
+        return _subtract_offset(frame, reference, block_means(frame, valid) - block_means(reference, valid))
+    view, rest, textured = _register(frame, reference, valid, prefer, view)
+    image = _divide(frame, view, rest)
+    if view.valid is not None:
+        image[view.valid == 0] = 0.0
+    shift = rest.after(view.shift) if rest.known else UNKNOWN
+    return Difference(
+        image, view.level, view.illumination, view.light, shift, ratio=True, valid=view.valid,
+        unregistered=textured and not rest.known,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """The reference as it lies under the frame, to whole pixels, and the slow ratio of the two.
+
+    ``valid`` is 0 at holes and where the moved reference has no pixel or no light; ``level`` is its median
+    over the lit blocks, to which ``illumination`` is relative.
+    """
+
+    reference: NDArray[np.float32]
+    valid: NDArray[np.uint8] | None
+    level: float
+    illumination: NDArray[np.float32]
+    light: LightField
+    shift: Shift
+
+    @classmethod
+    def of(
+        cls, frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, shift: Shift
+    ) -> "_View | None":
+        """Of the unmoved reference and its holes; None if it is too dark to divide by."""
+        moved, valid = move_reference(reference, valid, shift)
+        blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
+        brightest = float(np.nanmax(np.abs(blocks_f)) + np.nanmax(np.abs(blocks_r)))
+        lit = blocks_r[blocks_r > FLOOR * np.nanpercentile(blocks_r, BRIGHT)]
+        level = float(np.median(lit)) if len(lit) else 0.0
+        if level < FAINTEST * brightest:
+            return None
+        if len(lit) < blocks_r.size:
+            valid = _lit(moved, valid, FLOOR * level)
+            blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
+        ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
+        start, spread = background_mode(ratio, prefer=prefer)
+        light = fit_light(ratio, frame.shape, start=start, spread=spread)
+        if valid is not None:  # what holes leave of a block is noisier than a block
+            light = replace(
+                light, background=light.background & (block_means(valid.astype(np.float32)) == 1.0)
+            )
+        illumination = np.nan_to_num(np.maximum(blocks_r, FLOOR * level) / level, nan=1.0)
+        return cls(moved, valid, level, illumination.astype(np.float32), light, shift)
+
+
+def _lit(reference: NDArray, valid: NDArray | None, lowest: float) -> NDArray[np.uint8]:
+    """1 where the reference is brighter than ``lowest`` and far enough from where it is not."""
+    dark = (cv2.blur(reference, (3, 3)) < lowest).astype(np.uint8)
+    lit = 1 - cv2.dilate(dark, np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8))
+    return lit if valid is None else lit & valid
+
+
+def _register(
+    frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, view: _View
+) -> tuple[_View, Shift, bool]:
+    """View of the reference moved to within a pixel, the shift left, and whether there is texture."""
+    found = estimate_shift(frame, view.reference, view.light, view.valid)
+    if found.shift.std_px < GOOD_STD:
+        return *_approach(frame, reference, valid, prefer, view, found, estimate_shift), True
+    search = search_shift(frame, view.reference, view.light, view.valid)
+    if not search.textured:
+        return view, found.shift, False
+    closer = estimate_shift_closely(frame, view.reference, view.light, view.valid)
+    if not closer.shift.known and search.found:
+        closer = Found(Shift(search.x_px, search.y_px, np.inf), 0.0)
+        view = _moved(frame, reference, valid, prefer, view, closer.shift)
+        closer = estimate_shift_closely(frame, view.reference, view.light, view.valid)
+    return *_approach(frame, reference, valid, prefer, view, closer, estimate_shift_closely), True
+
+
+def _moved(
+    frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, view: _View, rest: Shift
+) -> _View:
+    """View of the reference moved by the rest as well: to whole pixels if that is a shift alone."""
+    total = rest.after(view.shift)
+    if total.plain:
+        total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
+    return _View.of(frame, reference, valid, prefer, total) or view
+
+
+def _approach(
+    frame: NDArray,
+    reference: NDArray,
+    valid: NDArray | None,
+    prefer: str,
+    view: _View,
+    found: Found,
+    estimate: Callable[..., Found],
+) -> tuple[_View, Shift]:
+    """Move the reference until less than a pixel is left, as long as the images become more alike."""
+    for _ in range(ROUNDS):
+        if not found.shift.known or (found.shift.plain and found.shift.longest < NEAR):
+            break
+        nearer = _moved(frame, reference, valid, prefer, view, found.shift)
+        better = estimate(frame, nearer.reference, nearer.light, nearer.valid)
+        if better.likeness <= found.likeness and not found.shift.plain:
+            found = replace(found, shift=replace(found.shift, rotation=0.0, scale=1.0))
+            if found.shift.longest < NEAR:
+                break
+            continue
+        view, found = nearer, better
+    return view, found.shift
 
 
 def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Difference:
@@ -102,7 +231,7 @@ def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Dif
     start, spread = background_mode(blocks, prefer="common")
     light = fit_light(blocks, frame.shape, start=start, spread=spread)
     image = light.subtract_from(frame - reference)
-    return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, Shift(0.0, 0.0, np.inf))
+    return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, UNKNOWN)
 
 
 @stage("light")
@@ -141,13 +270,10 @@ def unregistered(image: NDArray[np.float32]) -> Difference:
     return Difference(image, 0.0, np.ones_like(blocks), light, None)
 
 
-def _divide(
-    frame: NDArray, reference: NDArray, light: LightField, shift: Shift, level: float
-) -> NDArray[np.float32]:
+def _divide(frame: NDArray, view: _View, rest: Shift) -> NDArray[np.float32]:
     """``level (F/(g R) - 1)`` with the Wiener-filtered registered reference R and the slow ratio g."""
-    whole = int(np.rint(shift.x_px)), int(np.rint(shift.y_px))
-    moved = shift_whole_pixels(reference, *whole)
-    kernels = _kernels(shift.x_px - whole[0], shift.y_px - whole[1])
+    moved, light, level = view.reference, view.light, view.level
+    kernels = _kernels(rest.x_px, rest.y_px)
     gains, dirt = _band_gains(frame, moved, kernels, light)
     if gains[0] < NEGLIGIBLE:
         kernels, gains = [kernels[1], *kernels[1:]], np.array([0.0, gains[1]])
@@ -192,7 +318,7 @@ def _band_gains(
     part = chosen[inner][::2]
     mask = light.background[part // BLOCK][:, np.arange(1, columns - 1, 2) // BLOCK]
     bands = [_filter(strip, *kernel)[inner][::2, 1:-1:2][mask] for kernel in kernels]
-    target = (frame[part] / light.rows(part, frame.shape))[:, 1:-1:2][mask]
+    target = (frame[part] / light.ratio_rows(part, frame.shape))[:, 1:-1:2][mask]
     if len(target) < 1000:
         return np.ones(2), CLEAN
     detail = np.stack([bands[0] - bands[1], bands[1] - bands[2]])

@@ -1,9 +1,9 @@
-"""Sub-pixel shift between a frame and its reference, from the background alone.
+"""Sub-pixel shift, rotation and scale between a frame and its reference, from the background alone.
 
 Gauss-Newton on the difference of the two images, both smoothed by the same Gaussian (which makes them
 band-limited, so that interpolation is exact enough and its noise does not depend on the shift), over strips
-of the image where no contact stands, with clipped residuals. The start comes from a cross-correlation of
-block means.
+of the image where no contact stands, with clipped residuals. The sums are kept for tiles of the strips: where
+the tiles lie apart as a rotation or a change of scale would move them, that is found as well.
 """
 
 from dataclasses import dataclass
@@ -12,63 +12,47 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import fft
 
 from contactimg.imaging.light import BLOCK, LightField
+from contactimg.imaging.move import Shift, shift_kernel
 from contactimg.timings import stage
 
-__all__ = ["Shift", "estimate_shift", "shift_kernel", "shift_whole_pixels"]
+__all__ = ["GOOD_STD", "Found", "estimate_shift", "estimate_shift_closely"]
 
 SMOOTHING = 1.0  # px
+INDEPENDENT = 4.0 * np.pi * SMOOTHING**2  # pixels that share one independent value after the smoothing
 STRIP, STRIP_EVERY, MARGIN = 64, 280, 6  # rows of a strip, distance of strips, rows lost at its rims
-WINDOW = 8.0  # beta of the Kaiser window: errs by 3e-3 at periods of 4 px and more
-SIGNIFICANCE = 3.0  # a shift below this many standard deviations is no shift
+TILE = 256  # px: widest part of a strip that is looked at alone
 LARGEST_STD = 0.25  # px: a background without texture determines no shift
+GOOD_STD = 0.02  # px: if the strips give less, it is worth looking closer
 LARGEST_REFINED = 4.0  # px
+SIGNIFICANCE = 5.0  # standard deviations of a rotation or scale ...
+LEAST_TURN = 0.03  # ... and px in the corners, below which there is none
 STEPS = 8
+FEWEST = 200  # pixels
+WINDOW, STANDS_OUT = (
+    31,
+    5.0,
+)  # px, robust standard deviations: what is dirt, against the mean of its surroundings
 
 
 @dataclass(frozen=True)
-class Shift:
-    """Position in the frame minus position in the reference.
+class Found:
+    """A shift and how much the images then have in common.
 
     Parameters
     ----------
-    x_px, y_px : float
-        Zero when no significant shift was found.
-    std_px : float
-        Standard uncertainty of each; infinite when the background has no texture to compare.
+    shift : Shift
+        Unknown (infinite ``std_px``) if they have nothing in common.
+    likeness : float
+        Correlation of their gradients, 1 for equal images without noise.
     """
 
-    x_px: float
-    y_px: float
-    std_px: float
+    shift: Shift
+    likeness: float
 
 
-def shift_kernel(fraction: float, taps: int = 8) -> NDArray[np.float64]:
-    """Filter that moves a row of pixels by ``fraction`` (px, between -1 and 1): a Kaiser-windowed sinc.
-
-    Correlating with it gives ``image(x - fraction)``; ``2 taps/2 + 1`` coefficients, sum 1.
-
-    Examples
-    --------
-    >>> [float(abs(c)) for c in shift_kernel(0.0).round(12)]
-    [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
-    """
-    half = taps // 2
-    offset = np.arange(-half, half + 1) + fraction
-    inside = np.clip(1 - (offset / (half + 1)) ** 2, 0, None)
-    kernel = np.sinc(offset) * np.i0(WINDOW * np.sqrt(inside)) / np.i0(WINDOW)
-    return kernel / kernel.sum()
-
-
-def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
-    """The image moved right by ``columns`` and down by ``rows``; what moves in repeats the border."""
-    if not (rows or columns):
-        return image
-    y = np.clip(np.arange(image.shape[0]) - rows, 0, image.shape[0] - 1)
-    x = np.clip(np.arange(image.shape[1]) - columns, 0, image.shape[1] - 1)
-    return np.ascontiguousarray(image[y][:, x])
+NOTHING = Found(Shift(0.0, 0.0, np.inf), 0.0)
 
 
 @stage("registration")
@@ -76,41 +60,66 @@ def estimate_shift(
     frame: NDArray[np.float32],
     reference: NDArray[np.float32],
     light: LightField,
-) -> Shift:
-    """Shift between frame and reference.
+    valid: NDArray[np.uint8] | None = None,
+) -> Found:
+    """Shift of a few pixels at most between frame and reference, and their rotation and scale.
 
     Parameters
     ----------
     frame, reference : ndarray, shape (rows, columns)
-        Grey levels, without holes.
+        Grey levels, holes filled.
     light : LightField
         Slow ratio frame/reference of the background, with the blocks where no contact stands.
+    valid : ndarray of uint8 or None
+        0 at holes of either.
 
     Returns
     -------
-    Shift
-        Uncertainty 0.004-0.03 px for a 1600 x 1200 frame with 2 % texture. Shifts up to an eighth of the
-        image.
+    Found
+        Uncertainty 0.004-0.03 px for a 1600 x 1200 frame with 2 % texture.
     """
-    rows = _strip_rows(frame.shape[0])
-    mask = _strip_mask(rows, light.background, frame.shape)
-    if np.count_nonzero(mask) < 400:
-        return Shift(0.0, 0.0, np.inf)
-    smooth = _smooth(frame[rows] / light.rows(rows, frame.shape))
-    whole = (0, 0)
-    found = _refine(smooth, _smooth(reference[rows]), mask)
-    if found is None:
-        whole = _coarse_shift(frame, reference, light)
-        found = _refine(smooth, _smooth(shift_whole_pixels(reference, *whole)[rows]), mask)
-    if found is not None and max(abs(found.x_px), abs(found.y_px)) > 0.75:
-        whole = (whole[0] + int(np.rint(found.x_px)), whole[1] + int(np.rint(found.y_px)))
-        found = _refine(smooth, _smooth(shift_whole_pixels(reference, *whole)[rows]), mask)
-    if found is None:
-        return Shift(0.0, 0.0, np.inf)
-    x, y = found.x_px + whole[0], found.y_px + whole[1]
-    if not (found.std_px < LARGEST_STD and np.hypot(x, y) > SIGNIFICANCE * found.std_px):
-        return Shift(0.0, 0.0, found.std_px)
-    return Shift(x, y, found.std_px)
+    found = _estimate(frame, reference, light, valid, _strip_rows(frame.shape[0]))
+    return found if found.shift.std_px < LARGEST_STD else NOTHING
+
+
+def estimate_shift_closely(
+    frame: NDArray[np.float32],
+    reference: NDArray[np.float32],
+    light: LightField,
+    valid: NDArray[np.uint8] | None = None,
+) -> Found:
+    """`estimate_shift` from all rows, and from nothing but dirt where that tells more."""
+    rows = np.arange(frame.shape[0])
+    tries = [_estimate(frame, reference, light, valid, rows, dirt=dirt) for dirt in (False, True)]
+    found = min(tries, key=lambda one: one.shift.std_px)
+    return found if found.shift.std_px < LARGEST_STD else NOTHING
+
+
+def _estimate(
+    frame: NDArray,
+    reference: NDArray,
+    light: LightField,
+    valid: NDArray | None,
+    rows: NDArray[np.int64],
+    *,
+    dirt: bool = False,
+) -> Found:
+    """`estimate_shift` from some rows, or from the dirt in them alone."""
+    mask = _strip_mask(rows, light.background, frame.shape, valid)
+    smooth, other = _smooth(frame[rows] / light.ratio_rows(rows, frame.shape)), _smooth(reference[rows])
+    if dirt:
+        mask &= _dirt(other, mask)
+    if np.count_nonzero(mask) < FEWEST:
+        return NOTHING
+    return _refine(smooth, other, mask, rows, frame.shape)
+
+
+def _dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """1 about pixels that stand out of the usual texture and noise of the reference."""
+    detail = smooth - cv2.blur(smooth, (WINDOW, WINDOW))
+    spread = 1.4826 * float(np.median(np.abs(detail[mask > 0]))) if mask.any() else 0.0
+    grains = (np.abs(detail) > STANDS_OUT * spread).astype(np.uint8) & mask
+    return cv2.dilate(grains, np.ones((5, 5), np.uint8))
 
 
 def _strip_rows(rows: int) -> NDArray[np.int64]:
@@ -121,52 +130,39 @@ def _strip_rows(rows: int) -> NDArray[np.int64]:
     return (starts[:, None] + np.arange(STRIP)).ravel()
 
 
-def _strip_mask(rows: NDArray, background: NDArray, shape: tuple[int, int]) -> NDArray[np.uint8]:
-    """1 where a strip pixel is background and far enough from the rim of its strip and of the image."""
+def _strip_mask(
+    rows: NDArray, background: NDArray, shape: tuple[int, int], valid: NDArray | None
+) -> NDArray[np.uint8]:
+    """1 where a strip pixel is background and far from holes and from the rims of its strip and the image."""
     row_ok = np.ones(len(rows), bool)
     breaks = np.flatnonzero(np.diff(rows) != 1)
     for edge in np.r_[-1, breaks, len(rows) - 1]:
         row_ok[max(edge + 1 - MARGIN, 0) : edge + 1 + MARGIN] = False
     mask = background[rows // BLOCK][:, np.arange(shape[1]) // BLOCK] & row_ok[:, None]
     mask[:, :MARGIN] = mask[:, -MARGIN:] = False
-    return mask.astype(np.uint8)
+    mask = mask.astype(np.uint8)
+    if valid is not None:
+        mask &= cv2.erode(valid[rows], np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8))
+    return mask
 
 
 def _smooth(image: NDArray) -> NDArray[np.float32]:
     return cv2.GaussianBlur(image, (7, 7), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
 
 
-def _coarse_shift(frame: NDArray, reference: NDArray, light: LightField) -> tuple[int, int]:
-    """Whole-pixel shift from a cross-correlation at a quarter of the resolution; 0 without a clear peak."""
-    size = (frame.shape[1] // 4, frame.shape[0] // 4)
-    if min(size) < 32:
-        return 0, 0
-    open_ = cv2.erode(light.background.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1)
-    mask = cv2.resize(open_, size, interpolation=cv2.INTER_NEAREST).astype(np.float32)
-    spectra = []
-    for image in (frame, reference):
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-        detail = small - cv2.blur(small, (21, 21))
-        limit = 6.0 * float(np.median(np.abs(detail[::5, ::3])))
-        spectra.append(fft.rfft2(np.clip(detail, -limit, limit) * mask))
-    correlation = fft.irfft2(spectra[0] * np.conj(spectra[1]), size[::-1])
-    reach_y, reach_x = size[1] // 8, size[0] // 8
-    near = np.roll(correlation, (reach_y, reach_x), axis=(0, 1))[: 2 * reach_y + 1, : 2 * reach_x + 1]
-    peak = np.unravel_index(np.argmax(near), near.shape)
-    scatter = 1.4826 * float(np.median(np.abs(near - np.median(near))))
-    if near[peak] < 8.0 * scatter:
-        return 0, 0
-    return 4 * (int(peak[1]) - reach_x), 4 * (int(peak[0]) - reach_y)
-
-
-def _refine(frame: NDArray, reference: NDArray, mask: NDArray) -> Shift | None:
-    """Gauss-Newton for a shift of a few pixels at most; None when the images have nothing in common.
+def _refine(
+    frame: NDArray, reference: NDArray, mask: NDArray, rows: NDArray[np.int64], shape: tuple[int, int]
+) -> Found:
+    """Gauss-Newton for a shift of a few pixels at most.
 
     The gradients of the frame serve as instruments for those of the reference: the noise of the two images is
     independent, so their product is free of the noise power that would make every step too short.
     """
     x = y = 0.0
-    cross, own, right, squares, count = np.zeros((2, 2)), np.zeros((2, 2)), np.zeros(2), 0.0, 1
+    tops = np.flatnonzero(np.r_[True, np.diff(rows) != 1])
+    tops = np.unique(np.r_[tops, np.arange(0, len(rows), STRIP)]) if len(tops) == 1 else tops
+    edges = np.linspace(0, shape[1], max(round(shape[1] / TILE), 1) + 1).astype(np.int64)
+    sums = np.zeros((len(tops), len(edges) - 1, SUMS))
     for _ in range(STEPS):
         moved = cv2.sepFilter2D(
             reference, cv2.CV_32F, shift_kernel(x), shift_kernel(y), borderType=cv2.BORDER_REPLICATE
@@ -174,41 +170,84 @@ def _refine(frame: NDArray, reference: NDArray, mask: NDArray) -> Shift | None:
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = float(np.median(residuals)) if len(residuals) else 0.0
         clip = 4.0 * float(np.median(np.abs(residuals - middle))) if len(residuals) else 1.0
-        cross, own, right, squares, count = _normal_equations(frame, moved, mask, middle, max(clip, 1e-6))
+        _tile_sums(frame, moved, mask, middle, max(clip, 1e-6), np.r_[tops, len(rows)], edges, sums)
+        cross, own, right, squares, count = _unpack(sums.sum(axis=(0, 1)))
         if not _in_common(cross, own, count):
-            return None
+            return NOTHING
         step = np.linalg.solve(cross, right)
         x, y = x + float(step[0]), y + float(step[1])
         if max(abs(x), abs(y)) > LARGEST_REFINED:
-            return None
+            return NOTHING
         if np.hypot(step[0], step[1]) < 5e-3:
             break
     inverse = np.linalg.inv(cross)
-    # smoothing leaves one independent value in 4 pi SMOOTHING^2 pixels
-    covariance = inverse @ own @ inverse.T * (squares / count) * 4.0 * np.pi * SMOOTHING**2
-    return Shift(x, y, float(np.sqrt(max(covariance[0, 0], covariance[1, 1]))))
+    covariance = inverse @ own @ inverse.T * (squares / count) * INDEPENDENT
+    std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
+    middles = np.array([rows[part].mean() for part in np.array_split(np.arange(len(rows)), tops[1:])])
+    turn = _turn(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
+    return Found(Shift(x, y, std, *turn), float(np.trace(cross) / np.trace(own)))
 
 
-def _in_common(cross: NDArray, own: NDArray, count: int) -> bool:
+def _in_common(cross: NDArray, own: NDArray, count: float) -> bool:
     """Whether the gradients of the two images are correlated beyond chance, in every direction."""
-    if count < 100:
+    if count < FEWEST / 2:
         return False
-    independent = count / (4.0 * np.pi * SMOOTHING**2)
     smallest = float(np.linalg.eigvalsh((cross + cross.T) / 2)[0])
-    return smallest > 5.0 / np.sqrt(independent) * float(np.linalg.eigvalsh(own)[0]) > 0.0
+    return smallest > 5.0 / np.sqrt(count / INDEPENDENT) * float(np.linalg.eigvalsh(own)[0]) > 0.0
+
+
+def _turn(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tuple[float, float]:
+    """Rotation (rad) and scale by which the tiles lie apart; 0 and 1 where they are not significant."""
+    centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
+    corner = float(np.hypot(*centre))
+    normal, own, right, squares, count = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), 0.0, 0.0
+    for row, v in zip(sums, (y - centre[1]) / corner, strict=True):
+        for tile, u in zip(row, (x - centre[0]) / corner, strict=True):
+            jacobian = np.array([[1.0, 0.0, -v, u], [0.0, 1.0, u, v]])
+            tile_cross, tile_own, tile_right, tile_squares, tile_count = _unpack(tile)
+            normal += jacobian.T @ tile_cross @ jacobian
+            own += jacobian.T @ tile_own @ jacobian
+            right += jacobian.T @ tile_right
+            squares, count = squares + tile_squares, count + tile_count
+    if np.linalg.cond(normal) > 1e6:
+        return 0.0, 1.0
+    inverse = np.linalg.inv(normal)
+    moves = inverse @ right
+    std = np.sqrt(np.maximum(np.diag(inverse @ own @ inverse.T) * (squares / count) * INDEPENDENT, 0.0))
+    if not np.any(np.abs(moves[2:]) > np.maximum(SIGNIFICANCE * std[2:], LEAST_TURN)):
+        return 0.0, 1.0
+    return float(moves[2]) / corner, 1.0 + float(moves[3]) / corner
+
+
+SUMS = 10
+"""Length of the packed sums of a tile: products of the gradients of the two images (xx, xy, yy), of their
+mean with itself and with the residual, squares, count."""
+
+
+def _unpack(sums: NDArray) -> tuple[NDArray, NDArray, NDArray, float, float]:
+    """Matrices and right side from packed sums."""
+    xx, xy, yy, ox, oxy, oy = sums[:6]
+    cross, own = np.array([[xx, xy], [xy, yy]]), np.array([[ox, oxy], [oxy, oy]])
+    return cross, own, sums[6:8], float(sums[8]), float(sums[9])
+
+
+@njit(cache=True)
+def _tile_sums(frame, reference, mask, middle, clip, tops, edges, sums):
+    """Packed sums of every tile."""
+    for i in range(len(tops) - 1):
+        for j in range(len(edges) - 1):
+            first, end = max(tops[i], 1), min(tops[i + 1], len(frame) - 1)
+            left, right = max(edges[j], 1), min(edges[j + 1], frame.shape[1] - 1)
+            _sum_tile(frame, reference, mask, middle, clip, first, end, left, right, sums[i, j])
 
 
 @njit(cache=True, fastmath=True)
-def _normal_equations(frame, reference, mask, middle, clip):
-    """Products of the gradients, right side, squares and count; residuals beyond clip are left out."""
-    rows, columns = frame.shape
-    cross = np.zeros((2, 2))
-    own = np.zeros((2, 2))
-    right = np.zeros(2)
+def _sum_tile(frame, reference, mask, middle, clip, first, end, left, right, out):
+    """Packed sums of one tile; residuals beyond clip are left out."""
     squares, count = 0.0, 0
-    xx = xy = yx = yy = ox = oxy = oy = rx = ry = 0.0
-    for r in range(1, rows - 1):
-        for c in range(1, columns - 1):
+    xx = xy = yy = ox = oxy = oy = rx = ry = 0.0
+    for r in range(first, end):
+        for c in range(left, right):
             residual = frame[r, c] - reference[r, c] - middle
             if mask[r, c] == 0 or abs(residual) > clip:
                 continue
@@ -229,8 +268,5 @@ def _normal_equations(frame, reference, mask, middle, clip):
             ry += wy * residual
             squares += residual * residual
             count += 1
-    yx = xy
-    cross[0, 0], cross[0, 1], cross[1, 0], cross[1, 1] = xx, xy, yx, yy
-    own[0, 0], own[0, 1], own[1, 0], own[1, 1] = ox, oxy, oxy, oy
-    right[0], right[1] = rx, ry
-    return cross, own, right, squares, count
+    out[0], out[1], out[2], out[3], out[4] = xx, xy, yy, ox, oxy
+    out[5], out[6], out[7], out[8], out[9] = oy, rx, ry, squares, count
