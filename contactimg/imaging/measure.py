@@ -129,6 +129,7 @@ def measure_image(
     _check(image, reference, method, polarity)
     pixels = Pixels.of(image, reference, full_scale)
     difference, sign = _subtract(pixels, polarity)
+    pixels = pixels if difference.valid is None else pixels.within(difference.valid)
     signed = difference.image if sign > 0 else -difference.image
     noise = estimate_noise(signed, difference.light.background)
     contrast = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(signed, noise)
@@ -208,7 +209,11 @@ def _judge(pixels: Pixels, difference: Difference, count: int) -> tuple[str, str
         return "light changed", message
     if not count:
         return "no contrast", "nothing stands out of the noise"
+    if difference.unregistered:
+        return "not registered", difference.remark
     return (
         "ok",
-        "" if pixels.reference is not None else "no reference: the background was estimated from the frame",
+        difference.remark
+        if pixels.reference is not None
+        else "no reference: the background was estimated from the frame",
     )
