@@ -8,8 +8,10 @@ import pandas as pd
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.profiles import radial_profile
+from contactimg.effects.plan import Plan
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
+from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import solve_greenwood_williamson
@@ -18,9 +20,10 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.scene import Asperities, Scene
-from contactimg.tables import CONTACTS, FRAMES
+from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
 __all__ = [
+    "FAILED",
     "Coupling",
     "Model",
     "Prediction",
@@ -36,6 +39,9 @@ Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
 PURPOSE = "a contact model"
 
+FAILED = "failed"
+"""Status of a frame or load without an answer."""
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -49,11 +55,22 @@ class Prediction:
         One row of the frames table.
     profile : DataFrame
         Profile table about the indenter's apex.
+    plan : Plan or None
+        Which effects were computed and why, if that was planned.
     """
 
     contacts: pd.DataFrame
     frames: pd.DataFrame
     profile: pd.DataFrame
+    plan: Plan | None = None
+
+    @classmethod
+    def failed(cls, load: float, reason: str) -> "Prediction":
+        """No answer at a load (N): empty tables and a row that says why."""
+        row = pd.DataFrame(
+            {"frame": [load_name(load)], "status": [FAILED], "load_N": [load], "message": [reason]}
+        )
+        return cls(CONTACTS.empty(), FRAMES.conform(row), PROFILE.empty())
 
 
 def predict_contacts(
@@ -71,13 +88,15 @@ def predict_contacts(
     ----------
     scene : Scene
         Sections ``[indenter]`` and ``[elastic]`` are needed. Of its effects, ``coupling`` is on unless it is
-        switched off; ``adhesion``, ``layer`` and ``sphere_profile`` are off unless they are switched on.
+        switched off; ``full_coupling``, ``adhesion``, ``layer`` and ``sphere_profile`` are off unless they
+        are switched on. `contactimg.effects.plan.make_plan` switches each by what it changes.
     asperities : DataFrame
         Asperity table.
     load : float
         N.
     coupling : {"auto", "none", "asymptotic", "hertz", "full"}
-        ``"auto"`` obeys the scene's effect: asymptotic, or none where it is switched off.
+        ``"auto"`` obeys the scene's effects: none where coupling is off, full where full coupling is on,
+        asymptotic otherwise.
     annulus : float
         Width of the profile's annuli, m.
     frame : str
@@ -97,7 +116,7 @@ def predict_contacts(
         If the solver stops above its tolerance.
     """
     if coupling == "auto":
-        coupling = "none" if scene.effects.coupling == "off" else "asymptotic"
+        coupling = _level(scene)
     solution = _solve(scene, asperities, load, coupling)
     if solution.validity.planes_touch:
         raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
@@ -171,32 +190,39 @@ def _row(name: str, load: float, area: float, force: float, indentation: float) 
     )
 
 
+def _level(scene: Scene) -> Coupling:
+    """Level of coupling that the scene's switches call for."""
+    if scene.effects.coupling == "off":
+        return "none"
+    return "full" if scene.effects.full_coupling == "on" else "asymptotic"
+
+
 def _solve(scene: Scene, asperities: pd.DataFrame, load: float, coupling: Coupling) -> InteractingSolution:
     """The interacting model with the effects that the scene switches on."""
-    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
-    on = {name for name in ("adhesion", "layer", "sphere_profile") if getattr(scene.effects, name) == "on"}
+    indenter, elastic, effects = (
+        scene.need("indenter", PURPOSE),
+        scene.need("elastic", PURPOSE),
+        scene.effects,
+    )
+    if effects.layer == "on" and elastic.thickness is None:
+        raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
     where = {
         "indenter_radius": indenter.radius,
         "contact_modulus": elastic.contact_modulus,
         "apex": indenter.apex,
         "load": load,
         "coupling": coupling,
+        "law": "sphere" if effects.sphere_profile == "on" else "hertz",
+        "thickness": elastic.thickness if effects.layer == "on" else np.inf,
     }
-    if "adhesion" in on:
-        if on != {"adhesion"}:
-            raise InputError(
-                f'[effects] adhesion = "on" does not go with {" and ".join(sorted(on - {"adhesion"}))} '
-                'yet; switch the others "off"'
-            )
-        return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where)
-    if "layer" in on and elastic.thickness is None:
-        raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
-    return solve_interacting(
-        asperities,
-        law="sphere" if "sphere_profile" in on else "hertz",
-        thickness=elastic.thickness if "layer" in on else np.inf,
-        **where,
-    )
+    if effects.adhesion != "on":
+        return solve_interacting(asperities, **where)
+    if coupling not in ADHESIVE_COUPLINGS:
+        raise InputError(
+            f'[effects] adhesion = "on" does not go with {coupling} coupling yet; '
+            'switch adhesion or full_coupling "off"'
+        )
+    return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where)
 
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:

@@ -27,7 +27,7 @@ __all__ = ["predict"]
     type=click.Choice(["auto", "none", "asymptotic", "hertz", "full"]),
     default="auto",
     show_default=True,
-    help="How asperities act on each other.",
+    help="How asperities act on each other; auto: as the plan of the effects decides.",
 )
 @click.option("--annulus-mm", type=float, default=0.25, show_default=True, help="Width of profile annuli.")
 @quiet_option
@@ -41,10 +41,11 @@ def predict(
     coupling: Any,
     annulus_mm: float,
     quiet: bool,
-) -> None:
+) -> int:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
-    Writes contacts.csv, frames.csv, profile.csv and provenance.json.
+    Which mechanical effects are computed is planned for each load (see `contactimg effects`). Writes
+    contacts.csv, frames.csv, profile.csv and provenance.json, which holds the plans.
 
     \b
     Example:
@@ -54,7 +55,8 @@ def predict(
     with stage("loading"):
         from contactimg.cli.scenes import model_inputs
         from contactimg.files import OutputFolder, provenance, read_scene
-        from contactimg.pipeline.predict import predict_loads, write_predictions
+        from contactimg.pipeline.predict import plan_records, predict_loads, write_predictions
+        from contactimg.prediction import FAILED
 
     description = read_scene(scene)
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
@@ -70,9 +72,11 @@ def predict(
             description, loads, model=model, coupling=coupling, annulus=annulus_mm * 1e-3
         )
         frames = write_predictions(predictions, description, out.folder)
+        out.record["plans"] = plan_records(predictions)
     if not quiet:
         echo_frames(
             frames,
             title=f"{scene}, model {model}" + (f", coupling {coupling}" if model == "interacting" else ""),
         )
         click.echo(f"results in {target}")
+    return int((frames["status"] == FAILED).any())

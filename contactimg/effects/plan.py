@@ -19,6 +19,7 @@ from contactimg.errors import InputError
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
 from contactimg.tables import Flag
+from contactimg.timings import stage
 
 __all__ = ["Decision", "Plan", "decide", "make_plan"]
 
@@ -74,7 +75,9 @@ class Plan:
         To what relative change.
     load : float, N
     messages : tuple of str
-        What the user should know: limits of the models reached, orders against the plan's advice.
+        One sentence for each effect that is left out against the plan's advice.
+    limits : tuple of str
+        One sentence for each limit of the models that contacts exceed, and are computed beyond.
     """
 
     decisions: tuple[Decision, ...]
@@ -82,6 +85,7 @@ class Plan:
     relative: float
     load: float
     messages: tuple[str, ...] = ()
+    limits: tuple[str, ...] = ()
 
     def is_on(self, effect: str) -> bool:
         """Whether an effect is computed; one that the plan does not know is not."""
@@ -203,6 +207,7 @@ def _price(estimate: Estimate) -> tuple[float, float, str]:
     return (per_cost if estimate.change > 0 else 0.0, estimate.change, estimate.effect)
 
 
+@stage("planning")
 def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     """Decide which effects a scene calls for at a load.
 
@@ -244,7 +249,8 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         output=scene.tolerance.output,
         relative=scene.tolerance.relative,
         load=float(load),
-        messages=(*_limits_reached(contacts), *messages),
+        messages=messages,
+        limits=tuple(_limits_reached(contacts)),
     )
 
 

@@ -1,11 +1,15 @@
 """Predictions of a scene at several loads, and their files."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
-from contactimg.errors import InputError
+from contactimg.effects.plan import make_plan
+from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
 from contactimg.prediction import (
@@ -19,7 +23,7 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-__all__ = ["predict_loads", "write_predictions"]
+__all__ = ["plan_records", "predict_loads", "write_predictions"]
 
 
 def predict_loads(
@@ -30,31 +34,81 @@ def predict_loads(
     Parameters
     ----------
     scene : Scene
-        With asperities.
+        With asperities. Which effects the interacting model computes is planned at each load
+        (`contactimg.effects.plan`); what ``[effects]`` orders is obeyed.
     loads : sequence of float
         N, each once.
     model : {"interacting", "gw", "gt"}
         Row by row, or averages over random asperities.
     coupling : str
-        Level of coupling of the interacting model, or "auto" to obey the scene.
+        Level of coupling of the interacting model, or "auto" to follow the plan.
     annulus : float
         Width of the profile's annuli (interacting model), m.
+
+    Returns
+    -------
+    list of Prediction
+        One a load; where a load has no answer a failed one, with the reason.
 
     Raises
     ------
     InputError
-        If a load is given twice or the scene lacks what the model needs.
+        If a load is given twice, the scene lacks what the model needs or a statistical model is given a level
+        of coupling.
+    ContactimgError
+        If no load has an answer: the reason of the first.
     """
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
         raise InputError(f"load {repeated[0]!r} N is given more than once; give each load once")
-    if model != "interacting":
-        table = scene_asperities(scene)
-        return [predict_average(scene, table, load=load, model=model) for load in loads]
-    asperities = need_asperities(scene, "predicting contacts")
-    return [
-        predict_contacts(scene, asperities, load=load, coupling=coupling, annulus=annulus) for load in loads
-    ]
+    if model == "interacting":
+        asperities = need_asperities(scene, "predicting contacts")
+        predict = partial(_predict_planned, scene, asperities, coupling=coupling, annulus=annulus)
+    else:
+        if coupling != "auto":
+            raise InputError(
+                f'model "{model}" knows no level of coupling, got coupling "{coupling}"; leave it out, or '
+                'take the model "interacting"'
+            )
+        predict = partial(predict_average, scene, scene_asperities(scene), model=model)
+    predictions, errors = [], []
+    for load in loads:
+        try:
+            predictions.append(predict(load=load))
+        except ContactimgError as error:
+            errors.append(error)
+            predictions.append(Prediction.failed(load, str(error)))
+    if len(errors) == len(predictions):
+        raise errors[0]
+    return predictions
+
+
+def _predict_planned(
+    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: Coupling, annulus: float
+) -> Prediction:
+    """Plan the effects at a load and predict the contacts with them."""
+    scene = _ordered(scene, coupling)
+    plan = make_plan(scene, asperities, load=load)
+    level: Coupling = "hertz" if coupling == "hertz" else "auto"
+    prediction = predict_contacts(plan.apply(scene), asperities, load=load, coupling=level, annulus=annulus)
+    notes = [note for note in (*prediction.frames["message"], *plan.messages) if note]
+    return replace(prediction, frames=prediction.frames.assign(message="; ".join(notes)), plan=plan)
+
+
+def _ordered(scene: Scene, coupling: Coupling) -> Scene:
+    """The scene with the switches that a level of coupling given by option amounts to."""
+    if coupling == "auto":
+        return scene
+    switches = {
+        "coupling": "off" if coupling == "none" else "on",
+        "full_coupling": "on" if coupling == "full" else "off",
+    }
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+
+
+def plan_records(predictions: Sequence[Prediction]) -> dict[str, list[dict[str, Any]]]:
+    """What the provenance keeps of the plans: name of the load -> effect, change, decision, reason."""
+    return {p.frames["frame"].iloc[0]: p.plan.record for p in predictions if p.plan is not None}
 
 
 def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: Path) -> pd.DataFrame:

@@ -19,6 +19,7 @@ from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.measure import contacts_table, locate_contacts, rejected_table
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pose import Pose
+from contactimg.prediction import FAILED
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 from contactimg.timings import stage
@@ -35,9 +36,6 @@ __all__ = [
     "shift_of",
     "with_forces",
 ]
-
-FAILED = "failed"
-"""Status of a frame that could not be measured at all."""
 
 
 @dataclass(frozen=True)
