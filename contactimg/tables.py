@@ -41,7 +41,7 @@ class Flag(enum.IntFlag):
     SATURATED = enum.auto()
     """Some of its pixels are at the sensor's full scale."""
     TOO_SMALL = enum.auto()
-    """Too small for the optics: its radius is hardly more than what the blur leaves."""
+    """Too small for the optics: its radius less its uncertainty is below the blur's standard deviation."""
     POOR_FIT = enum.auto()
     """The pixels differ from the fitted disk by more than the noise allows."""
     BEYOND_HERTZ = enum.auto()
@@ -50,6 +50,9 @@ class Flag(enum.IntFlag):
     """Model contacts closer than the sum of their radii: they would merge."""
     LOW_SIGNAL = enum.auto()
     """Signal close to the detection limit."""
+    NO_PLATEAU = enum.auto()
+    """The contacts of its frame do not show their brightness; the radius leans on that of other frames, or on
+    a guess, and its uncertainty says so."""
 
 
 def flag_names(flags: Iterable[int]) -> list[str]:
@@ -121,7 +124,7 @@ CONTACTS = Schema(
         "x_px": ("float64", "column of the centre"),
         "y_px": ("float64", "row of the centre"),
         "radius_px": ("float64", "contact radius"),
-        "radius_std_px": ("float64", "its standard uncertainty"),
+        "radius_std_px": ("float64", "its standard uncertainty, what all contacts share included"),
         "x_m": ("float64", "sample coordinate of the centre"),
         "y_m": ("float64", "sample coordinate of the centre"),
         "radius_m": ("float64", "contact radius a"),
@@ -131,6 +134,14 @@ CONTACTS = Schema(
         "force_N": ("float64", "local normal force p"),
         "force_std_N": ("float64", "its standard uncertainty"),
         "flags": ("int64", "sum of Flag members; names joined by | in the CSV"),
+        "contrast_shift_px": (
+            "float64",
+            "change of the radius if the contrast of the frame's contacts is one standard uncertainty higher",
+        ),
+        "blur_shift_px": (
+            "float64",
+            "change of the radius if, at that contrast, the blur is one standard uncertainty wider",
+        ),
     },
 )
 

@@ -172,7 +172,7 @@ HARD = {
     "white reference": (lambda f, r: (f, np.full_like(r, 255)), "reference without light"),
     "one pixel": (lambda f, r: (f[:1, :1], r[:1, :1]), "constant"),
     "one row": (lambda f, r: (f[90:91], r[90:91]), None),
-    "a few pixels": (lambda f, r: (f[:5, :7], r[:5, :7]), "no contrast"),
+    "a few pixels": (lambda f, r: (f[:5, :7], r[:5, :7]), "no contact"),
     "black without reference": (lambda f, r: (np.zeros_like(f), None), "black"),
     "contacts that fill it": (lambda f, r: ((r * 2.2).astype(np.uint8), r), "light changed"),
     "background subtracted before": (lambda f, r: (f - 80.0, r - 80.0), "ok"),

@@ -10,7 +10,7 @@ from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
 from contactimg.timings import stage
 
-__all__ = ["count_contacts"]
+__all__ = ["TYPICAL_BLUR", "count_contacts"]
 
 SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noise alone stays below 6
 HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp

@@ -35,7 +35,9 @@ from contactimg.timings import stage
 
 __all__ = [
     "CONTRAST",
+    "ENOUGH",
     "RADIUS",
+    "UNKNOWN_SPREAD",
     "DiskFit",
     "Drawing",
     "Prior",
@@ -45,6 +47,7 @@ __all__ = [
     "erase_disks",
     "fit_disks",
     "render_disks",
+    "wide_disks",
 ]
 
 X, Y, RADIUS, CONTRAST = range(4)
@@ -55,6 +58,10 @@ COUPLED = 2.6  # blur widths from each rim within which two disks are solved for
 SETTLED = 0.1  # of its standard deviation: error of a radius at which the iteration ends
 BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels
 WIDE = 2.5  # blur widths: a larger contact shows its own contrast
+UNKNOWN_SPREAD = 0.03
+"""Spread of the contrasts, relative, of a frame whose contacts do not show it."""
+ENOUGH = 3
+"""Wide contacts that tell the contrast."""
 WELL_FITTED = 3.0  # chi-square of disks that may tell about the blur
 FAINTEST, BRIGHTEST = 0.05, 5.0  # of the expected contrast: bounds of the iteration
 SWEEPS = 40  # of the block relaxation, which stops at 1e-4 px
@@ -254,6 +261,12 @@ def fit_disks(
     return DiskFit(*result)
 
 
+def wide_disks(fit: DiskFit) -> NDArray[np.bool_]:
+    """Disks wide enough to show their own contrast, as far as they fit."""
+    wide = (fit.disks[:, RADIUS] > WIDE * fit.blur) & (fit.chi_square < WELL_FITTED)
+    return np.asarray(wide & (fit.std[:, CONTRAST] > 0))
+
+
 def contrast_prior(fit: DiskFit, *, plateau: float, inflation: NDArray[np.float64]) -> Prior:
     """Prior of the contrasts from the contacts wide enough to show their own.
 
@@ -262,7 +275,7 @@ def contrast_prior(fit: DiskFit, *, plateau: float, inflation: NDArray[np.float6
     fit : DiskFit
         With contrasts only loosely bound.
     plateau : float
-        Contrast to assume when fewer than three contacts tell; its width is then a tenth.
+        Contrast to assume when fewer than three contacts tell, with `UNKNOWN_SPREAD`.
     inflation : ndarray, shape (n,)
         Factor of the variance of each contrast for noise that neighbouring pixels share.
 
@@ -271,13 +284,10 @@ def contrast_prior(fit: DiskFit, *, plateau: float, inflation: NDArray[np.float6
     Prior
         Mean and spread of the contrasts beyond what their uncertainties explain.
     """
-    n = len(fit.disks)
-    wide = (
-        (fit.disks[:, RADIUS] > WIDE * fit.blur) & (fit.chi_square < WELL_FITTED) & (fit.std[:, CONTRAST] > 0)
-    )
+    n, wide = len(fit.disks), wide_disks(fit)
     values, stds = fit.disks[wide, CONTRAST], fit.std[wide, CONTRAST] * np.sqrt(inflation[wide])
-    if len(values) < 3:
-        return Prior(np.full(n, plateau), np.full(n, 0.1 * plateau))
+    if len(values) < ENOUGH:
+        return Prior(np.full(n, plateau), np.full(n, UNKNOWN_SPREAD * plateau))
     middle = float(np.median(values))
     usual = np.abs(values - middle) < 5.0 * 1.4826 * np.median(np.abs(values - middle)) + 1e-6 * middle
     values, stds = values[usual], stds[usual]

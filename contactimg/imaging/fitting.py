@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.detect import estimate_blur
 from contactimg.imaging.disks import (
     CONTRAST,
+    ENOUGH,
     RADIUS,
     DiskFit,
     Drawing,
@@ -18,6 +19,7 @@ from contactimg.imaging.disks import (
     Y,
     contrast_prior,
     fit_disks,
+    wide_disks,
 )
 from contactimg.imaging.dust import absent_in_frame
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
@@ -27,12 +29,13 @@ from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation,
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.rim import Rim, rim_table
-from contactimg.imaging.separate import LOOSE, assemble_disks, count_touching
+from contactimg.imaging.separate import LOOSE, Assembly, assemble_disks, count_touching
+from contactimg.imaging.shared_optics import Known, Settled, SharedOptics, combine_errors, settle_optics
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
 from contactimg.timings import stage
 
-__all__ = ["fit_contacts"]
+__all__ = ["Fitted", "fit_contacts"]
 
 WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
 BINNED_BLUR = 1.6  # ... such that they are about this wide
@@ -40,11 +43,36 @@ QUANTISATION = 1e-3  # levels: the least noise that is believed
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
 ENOUGH_BLOCKS = 60
 BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
+ATTEMPTS = 3
+LEAST_SPREAD = 1e-4  # of the contrast
+SAME_CONTRAST = 0.1  # change of ln contrast from which on disks are told apart again
 HALO_SETTLED = 2e-3  # of the light
 HALO_ROUNDS = 5  # the fit takes halo for edge at first; each round leaves a fifth of that
 POOR_CHI_SQUARE = 1.5
 FAINT = 10.0  # standard deviations of the light of a contact
 CUT = 2.0  # blur widths: a rim closer to the border is cut
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The contacts of a frame, and what they share.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Columns x_px, y_px, radius_px, radius_std_px, contrast_shift_px, blur_shift_px, flags.
+    rejected : DataFrame
+        Columns x_px, y_px, radius_px, reason.
+    optics : SharedOptics
+        Contrast and blur that the radii stand for.
+    own : SharedOptics
+        The same with the uncertainties that the frame alone would leave.
+    """
+
+    contacts: pd.DataFrame
+    rejected: pd.DataFrame
+    optics: SharedOptics
+    own: SharedOptics
 
 
 @stage("quality")
@@ -55,9 +83,9 @@ def fit_contacts(
     *,
     contrast: Contrast,
     noise: float,
-    blur_px: float | None,
+    known: SharedOptics,
     film: Rim | None = None,
-) -> tuple[pd.DataFrame, pd.DataFrame, float]:
+) -> Fitted:
     """Find the contacts of a frame and fit each by a blurred disk.
 
     Parameters
@@ -67,28 +95,67 @@ def fit_contacts(
     pixels, difference
         Where they come from.
     contrast : Contrast
+        To start from.
     noise : float
         Standard deviation of a background pixel.
-    blur_px : float or None
-        Standard deviation of the point spread function; None: fitted.
+    known : SharedOptics
+        What is known of contrast and blur beforehand.
     film : Rim or None
         Bright rim around the contacts; None: the edge is sharp.
 
     Returns
     -------
-    contacts, rejected : DataFrame
-        Columns x_px, y_px, radius_px, radius_std_px, flags; and x_px, y_px, radius_px, reason.
-    blur_px : float
+    Fitted
     """
+    guess = known.blur_px if np.isfinite(known.blur_px) else None
     blur = float(
-        estimate_blur(image, contrast.plateau) if blur_px is None else np.hypot(blur_px, PIXEL_VARIANCE**0.5)
+        estimate_blur(image, contrast.plateau) if guess is None else np.hypot(guess, PIXEL_VARIANCE**0.5)
     )
     field = _Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
     noise = max(noise if field.bin == 1 else estimate_noise(field.image, field.blocks), QUANTISATION)
-    gain = 1.0 + contrast.plateau / max(difference.level, 0.1 * contrast.plateau)
+    blur = blur / field.bin if guess is None else float(np.hypot(guess / field.bin, PIXEL_VARIANCE**0.5))
+    free_blur = guess is None
+    level = max(difference.level, 0.1 * contrast.plateau)
+    before = Known.of(known, contrast=contrast.plateau, blur=blur, binning=field.bin)
+    for _ in range(ATTEMPTS):
+        trial = _attempt(
+            field, contrast=contrast, noise=noise, level=level, blur=blur, before=before,
+            spread=known.spread, film=film, free_blur=free_blur,
+        )  # fmt: skip
+        found = trial.settled
+        if found is None or abs(np.log(found.contrast / contrast.plateau)) < SAME_CONTRAST:
+            break
+        # disks were told apart at another contrast: look again
+        contrast, blur = replace(contrast, plateau=found.contrast), found.fit.blur
+        free_blur = free_blur and film is not None
+    return _report(trial, pixels, image, difference, contrast)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Disks fitted from one guess of the contrast; nothing is settled where there is no disk."""
+
+    assembly: Assembly
+    field: "_Field"
+    fit: DiskFit
+    settled: Settled | None
+
+
+def _attempt(
+    field: "_Field",
+    *,
+    contrast: Contrast,
+    noise: float,
+    level: float,
+    blur: float,
+    before: Known,
+    spread: float,
+    film: Rim | None,
+    free_blur: bool,
+) -> _Trial:
+    """Tell the disks apart and fit them, with the frame's own noise, halo, contrast and blur."""
+    gain = 1.0 + contrast.plateau / level
     first = Noise(noise**2, gain - 1.0)
-    free_blur = blur_px is None
-    blur /= field.bin
     table = None
     if film is not None:
         blur = _blur_behind(film, field, contrast, first, blur) if free_blur else blur
@@ -100,22 +167,47 @@ def fit_contacts(
     start = assembly.fit
     if film is None:
         field, start = _without_halo(field, start, contrast, first, free_blur=free_blur)
-    fit = _refine(field, start, contrast, noise, gain, free_blur=free_blur, table=table)
-    contacts = _tabulate(fit, field, contrast)
+    if not len(start.disks):
+        return _Trial(assembly, field, start, None)
+    if film is not None:
+        before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
+    settled = _refine(
+        field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=spread,
+        free_blur=free_blur, table=table,
+    )  # fmt: skip
+    return _Trial(assembly, field, settled.fit, settled)
+
+
+def _report(
+    trial: _Trial,
+    pixels: Pixels,
+    image: NDArray[np.float32],
+    difference: Difference,
+    contrast: Contrast,
+) -> Fitted:
+    """The tables of a trial, dirt sorted out."""
+    field, contacts = trial.field, _tabulate(trial)
     dust = absent_in_frame(
         pixels.frame, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy()
     )
+    dropped = trial.assembly.dropped
     tried = pd.DataFrame(
         {
-            "x_px": field.unbin(assembly.dropped[:, X]),
-            "y_px": field.unbin(assembly.dropped[:, Y]),
-            "radius_px": assembly.dropped[:, RADIUS] * field.bin,
+            "x_px": field.unbin(dropped[:, X]),
+            "y_px": field.unbin(dropped[:, Y]),
+            "radius_px": dropped[:, RADIUS] * field.bin,
             "reason": "not needed to explain the pixels",
         }
     )
     gone = contacts.loc[dust, ["x_px", "y_px", "radius_px"]].assign(reason="dust in the reference")
-    contacts, rejected = contacts[~dust], pd.concat([tried, gone], ignore_index=True)
-    return contacts, rejected, float(np.sqrt(max(fit.blur**2 - PIXEL_VARIANCE, 0.0))) * field.bin
+    if trial.settled is None:
+        optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
+    else:
+        optics, own = (
+            trial.settled.optics(covariance, binning=field.bin)
+            for covariance in (trial.settled.covariance, trial.settled.own)
+        )
+    return Fitted(contacts[~dust], pd.concat([tried, gone], ignore_index=True), optics, own)
 
 
 def _without_halo(
@@ -167,16 +259,16 @@ def _misfit(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, blur: f
 def _refine(
     field: "_Field",
     start: DiskFit,
+    *,
     contrast: Contrast,
     noise: float,
     gain: float,
-    *,
+    before: Known,
+    spread: float,
     free_blur: bool,
     table: EdgeTable | None,
-) -> DiskFit:
-    """Last fit, with noise, background and spread of contrasts as the first one shows them."""
-    if not len(start.disks):
-        return start
+) -> Settled:
+    """Last fit, with noise, background, contrast and spread of contrasts as the first one shows them."""
     residual, image = _level(field, start)
     slope = measure_slope(
         residual, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
@@ -184,18 +276,27 @@ def _refine(
     model = Noise(noise**2, slope)
     correlation = measure_correlation(residual, field.blocks)
     radius = start.disks[:, RADIUS]
-    spread = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
+    shared = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
+    prior = contrast_prior(start, plateau=contrast.plateau, inflation=shared)
+    if np.isfinite(spread):
+        prior = Prior(prior.mean, np.maximum(spread, LEAST_SPREAD * prior.mean))
+    brightness = field.brightness(start.disks)
     fit = fit_disks(
-        image, field.weight, start.disks, blur=start.blur, noise=model,
-        prior=contrast_prior(start, plateau=contrast.plateau, inflation=spread),
-        brightness=field.brightness(start.disks), free_blur=free_blur, iterations=5, table=table,
+        image, field.weight, start.disks, blur=start.blur, noise=model, prior=prior,
+        brightness=brightness, free_blur=free_blur, iterations=5, table=table,
         drawing=Drawing(np.zeros_like(image), np.zeros(len(radius), np.bool_), complete=False),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
+    settled = settle_optics(
+        image, field.weight, fit, noise=model, prior=prior, brightness=brightness, known=before,
+        inflation=inflation, shown=int(np.count_nonzero(wide_disks(start))) >= ENOUGH, table=table,
+    )  # fmt: skip
+    fit = settled.fit
     # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in
     # that one
     common = min(float(np.median(fit.chi_square)), 1.0) if len(radius) >= 10 else 1.0
-    return fit.replace(std=fit.std * np.sqrt(inflation * np.maximum(fit.chi_square, common))[:, None])
+    inflated = fit.std * np.sqrt(inflation * np.maximum(fit.chi_square, common))[:, None]
+    return replace(settled, fit=fit.replace(std=inflated))
 
 
 def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -284,22 +385,23 @@ def _binned_mask(mask: NDArray[np.uint8], bin_: int, marked: int) -> NDArray[np.
     return np.ascontiguousarray(bins.max(axis=(1, 3)) if marked else bins.min(axis=(1, 3)))
 
 
-def _tabulate(fit: DiskFit, field: _Field, contrast: Contrast) -> pd.DataFrame:
+def _tabulate(trial: _Trial) -> pd.DataFrame:
     """Table of the disks in pixels of the frame, with flags; from top to bottom."""
+    field, fit, settled = trial.field, trial.fit, trial.settled
     disks, std = fit.disks, fit.std[:, RADIUS]
+    modes = np.zeros((0, 2)) if settled is None else settled.modes
     rows, columns = field.image.shape
     reach = disks[:, RADIUS] + CUT * fit.blur
     gap = np.minimum.reduce(
         [disks[:, X] + 0.5, columns - 0.5 - disks[:, X], disks[:, Y] + 0.5, rows - 0.5 - disks[:, Y]]
     )
     light = disks[:, RADIUS] / (2 * std)
-    small = (disks[:, RADIUS] < fit.blur) | (not contrast.resolved)
     holes = NO_MASK if field.weight is NO_MASK else field.weight | field.saturated
     conditions = {
         Flag.EDGE: (gap < reach) | field.touches(holes, 0, disks, reach),
         Flag.MERGED: count_touching(disks, fit.blur) > 0,
         Flag.SATURATED: field.touches(field.saturated, 1, disks, disks[:, RADIUS]),
-        Flag.TOO_SMALL: small,
+        Flag.TOO_SMALL: disks[:, RADIUS] - combine_errors(std, modes) < fit.blur,
         Flag.POOR_FIT: fit.chi_square > POOR_CHI_SQUARE,
         Flag.LOW_SIGNAL: light < FAINT,
     }
@@ -311,7 +413,9 @@ def _tabulate(fit: DiskFit, field: _Field, contrast: Contrast) -> pd.DataFrame:
             "x_px": field.unbin(disks[:, X]),
             "y_px": field.unbin(disks[:, Y]),
             "radius_px": disks[:, RADIUS] * field.bin,
-            "radius_std_px": std * field.bin,
+            "radius_std_px": combine_errors(std, modes) * field.bin,
+            "contrast_shift_px": modes[:, 0] * field.bin,
+            "blur_shift_px": modes[:, 1] * field.bin,
             "flags": flags,
         }
     )

@@ -1,14 +1,15 @@
 """Measure the contacts of one frame: background, contrast, detection, disks, quality."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.counting import count_contacts
-from contactimg.imaging.fitting import fit_contacts
+from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
+from contactimg.imaging.fitting import Fitted, fit_contacts
 from contactimg.imaging.light import block_means
 from contactimg.imaging.noise import estimate_noise
 from contactimg.imaging.pixels import Pixels
@@ -19,14 +20,20 @@ from contactimg.imaging.reference import (
     unregistered,
 )
 from contactimg.imaging.rim import Rim
+from contactimg.imaging.shared_optics import SharedOptics, combine_errors
 from contactimg.imaging.threshold import Contrast, choose_threshold, find_polarity, measure_contrast
+from contactimg.tables import Flag
 
 __all__ = ["ImageMeasurement", "measure_image"]
 
 DISKS = {"label": "int64", "x_px": "float64", "y_px": "float64", "radius_px": "float64",
-         "radius_std_px": "float64", "flags": "int64"}  # fmt: skip
+         "radius_std_px": "float64", "flags": "int64", "contrast_shift_px": "float64",
+         "blur_shift_px": "float64"}  # fmt: skip
 REJECTED = {"x_px": "float64", "y_px": "float64", "radius_px": "float64", "reason": "str"}
 
+RESOLVED = 0.05
+"""Relative uncertainty of the contrast from which on a frame does not show it: 2.5 % of a small radius, 7.5 %
+of a force."""
 LIGHT_CHANGE = 1.5  # a background this many times brighter or darker than the reference's is suspicious
 
 
@@ -38,7 +45,7 @@ class ImageMeasurement:
     ----------
     disks : DataFrame
         One row an asserted contact: label, x_px, y_px, radius_px, radius_std_px, flags
-        (`contactimg.tables.Flag`).
+        (`contactimg.tables.Flag`), contrast_shift_px, blur_shift_px (`contactimg.tables.CONTACTS`).
     rejected : DataFrame
         x_px, y_px, radius_px, reason of candidates that are no contact.
     contrast : float
@@ -59,6 +66,14 @@ class ImageMeasurement:
         One sentence for a person; empty if there is nothing to say.
     difference : ndarray of float32, shape (rows, columns)
         Registered, light-corrected frame minus background, for pictures.
+    optics : SharedOptics
+        Contrast and blur that the radii stand for, with their uncertainties.
+    own_optics : SharedOptics
+        The same with the uncertainties that this frame alone leaves, without what was known beforehand.
+    level : float
+        Median grey level of the background; 0 where it was subtracted before.
+    measurable : bool
+        False if nothing can be said about contacts: no contact found is then no measurement.
     """
 
     disks: pd.DataFrame
@@ -73,6 +88,15 @@ class ImageMeasurement:
     status: str
     message: str
     difference: NDArray[np.float32]
+    optics: SharedOptics
+    own_optics: SharedOptics
+    level: float
+    measurable: bool
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the frame itself shows how bright its contacts are."""
+        return bool(self.own_optics.contrast_relative_std < RESOLVED)
 
 
 def measure_image(
@@ -84,6 +108,7 @@ def measure_image(
     threshold: float | str | None = None,
     full_scale: float | None = None,
     blur_px: float | None = None,
+    optics: SharedOptics | None = None,
     film: Rim | None = None,
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
@@ -103,6 +128,9 @@ def measure_image(
         Grey level at which the sensor saturates; None: that of the pixel type.
     blur_px : float or None
         Standard deviation of the point spread function, px; None: found from the frame.
+    optics : SharedOptics or None
+        What is known of contrast and blur beforehand (from other frames, say), with uncertainties: the frame
+        adds what it shows itself. A ``blur_px`` that is given is exact and takes its place.
     film : Rim or None
         Bright rim that the air film draws around the contacts, for ``"disk"``:
         `contactimg.imaging.rim.FilmRim` or `contactimg.imaging.rim.PlainRim`; None: the edge is sharp.
@@ -127,42 +155,82 @@ def measure_image(
     [30.0, 33.0, 8.0]
     """
     _check(image, reference, method, polarity)
+    known = _known(optics, blur_px)
     pixels = Pixels.of(image, reference, full_scale)
     difference, sign = _subtract(pixels, polarity)
     pixels = pixels if difference.valid is None else pixels.within(difference.valid)
     signed = difference.image if sign > 0 else -difference.image
     noise = estimate_noise(signed, difference.light.background)
+    unit = pixels.unit * _depth_ratio(image, reference, difference)
+    known = known.scaled(1.0 / unit)
     contrast = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(signed, noise)
+    if np.isfinite(known.contrast) and not pixels.trivial:
+        contrast = Contrast(known.contrast, contrast.resolved, known.contrast_std)
     fraction = choose_threshold(signed, contrast, threshold)
-    blur = float("nan")
-    disks, rejected = pd.DataFrame(columns=list(DISKS)), pd.DataFrame(columns=list(REJECTED))
+    found = Fitted(pd.DataFrame(columns=list(DISKS)), pd.DataFrame(columns=list(REJECTED)), known, known)
     if contrast.plateau > 0:
         if pixels.valid is not None:
             signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
         if method == "threshold":
-            disks, rejected = count_contacts(
-                signed, fraction=fraction, contrast=contrast, noise=noise, saturated=pixels.saturated
-            )
+            found = _count(signed, pixels, contrast, fraction, noise)
         else:
-            disks, rejected, blur = fit_contacts(
-                signed, pixels, difference, contrast=contrast, noise=noise, blur_px=blur_px, film=film
+            found = fit_contacts(
+                signed, pixels, difference, contrast=contrast, noise=noise, known=known, film=film
             )
-    disks = disks.assign(label=np.arange(1, len(disks) + 1))
-    status, message = _judge(pixels, difference, len(disks))
+    disks = _flagged(found.contacts, found.own).assign(label=np.arange(1, len(found.contacts) + 1))
+    status, message, measurable = _judge(pixels, difference, found, known, unit)
     return ImageMeasurement(
         disks=disks[list(DISKS)].astype(DISKS).reset_index(drop=True),
-        rejected=rejected.astype(REJECTED).reset_index(drop=True),
-        contrast=sign * contrast.plateau * pixels.unit,
-        noise=noise * pixels.unit,
+        rejected=found.rejected.astype(REJECTED).reset_index(drop=True),
+        contrast=sign * found.optics.contrast * unit if contrast.plateau > 0 else 0.0,
+        noise=noise * unit,
         threshold=fraction if method == "threshold" else float("nan"),
-        blur_px=blur,
+        blur_px=found.optics.blur_px,
         shift_x_px=difference.shift.x_px if difference.shift else float("nan"),
         shift_y_px=difference.shift.y_px if difference.shift else float("nan"),
         polarity="bright" if sign > 0 else "dark",
         status=status,
         message=message,
-        difference=difference.image if pixels.unit == 1.0 else difference.image * np.float32(pixels.unit),
+        difference=difference.image if unit == 1.0 else difference.image * np.float32(unit),
+        optics=found.optics.scaled(unit),
+        own_optics=found.own.scaled(unit),
+        level=difference.level * unit,
+        measurable=measurable,
     )
+
+
+def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
+    """What is known beforehand, checked."""
+    known = SharedOptics() if optics is None else optics
+    if blur_px is not None:
+        known = replace(known, blur_px=blur_px, blur_std_px=0.0, correlation=0.0)
+    for name, value in (("contrast", known.contrast), ("blur_px", known.blur_px)):
+        if not np.isnan(value) and not 0 < value < np.inf:
+            raise InputError(f"a {name} that is handed over must be a positive number, got {value!r}")
+    return known
+
+
+def _count(
+    image: NDArray[np.float32], pixels: Pixels, contrast: Contrast, fraction: float, noise: float
+) -> Fitted:
+    """The paper's measurement, with what an error of the contrast does to it."""
+    contacts, rejected = count_contacts(
+        image, fraction=fraction, contrast=contrast, noise=noise, saturated=pixels.saturated
+    )
+    # the threshold is a fraction of the contrast: where it cuts the rim of a wide contact moves with it
+    slope = np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
+    shift = np.full(len(contacts), -fraction * contrast.std / contrast.plateau / slope)
+    std = combine_errors(contacts["radius_std_px"].to_numpy(float), shift[:, None])
+    contacts = contacts.assign(radius_std_px=std, contrast_shift_px=shift, blur_shift_px=0.0)
+    optics = SharedOptics(contrast.plateau, contrast.std)
+    return Fitted(contacts, rejected, optics, optics)
+
+
+def _flagged(contacts: pd.DataFrame, own: SharedOptics) -> pd.DataFrame:
+    """The contacts, marked if their frame does not show how bright they are."""
+    if own.contrast_relative_std < RESOLVED:
+        return contacts
+    return contacts.assign(flags=contacts["flags"].astype("int64") | int(Flag.NO_PLATEAU))
 
 
 def _check(image: NDArray, reference: NDArray | None, method: str, polarity: str) -> None:
@@ -198,22 +266,45 @@ def _subtract(pixels: Pixels, polarity: str) -> tuple[Difference, int]:
     return difference, 1 if find_polarity(blocks, scatter) == "bright" else -1
 
 
-def _judge(pixels: Pixels, difference: Difference, count: int) -> tuple[str, str]:
-    """Status and message of the frame."""
-    if pixels.defect:
-        return pixels.defect, pixels.message
-    ratio = float(difference.light.coefficients[0, 0])
-    if difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE:
+def _depth_ratio(image: NDArray, reference: NDArray | None, difference: Difference) -> float:
+    """Grey levels of the frame in one of the reference, whose depth may differ; 1 if both have one type."""
+    if reference is None or not difference.ratio or reference.dtype == image.dtype:
+        return 1.0
+    return float(difference.light.coefficients[0, 0])
+
+
+def _judge(
+    pixels: Pixels, difference: Difference, found: Fitted, known: SharedOptics, unit: float
+) -> tuple[str, str, bool]:
+    """Status and message of the frame, and whether it can be measured at all."""
+    if pixels.trivial:
+        return pixels.defect, pixels.message, False
+    count, status = len(found.contacts), pixels.defect
+    notes = [pixels.message, difference.remark]
+    if pixels.reference is None and not pixels.defect:
+        notes.append("no reference: the background was estimated from the frame")
+    ratio = float(difference.light.coefficients[0, 0]) * pixels.unit / unit
+    changed = difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE
+    if changed:
+        status = status or "light changed"
         who = "contacts fill" if count else "one contact fills"
-        message = f"the background is {ratio:.2g} times the reference: the light changed or {who} the frame"
-        return "light changed", message
-    if not count:
-        return "no contrast", "nothing stands out of the noise"
-    if difference.unregistered:
-        return "not registered", difference.remark
+        notes.append(
+            f"the background is {ratio:.2g} times the reference: the light changed or {who} the frame"
+        )
+    elif not count:
+        status = status or "no contact"
+        notes.append("nothing stands out of the noise")
+    elif difference.unregistered:
+        status = status or "not registered"
+    if count and not found.own.contrast_relative_std < RESOLVED:
+        notes.append(_unresolved(found.optics.scaled(unit), np.isfinite(known.contrast)))
+    return status or "ok", "; ".join(note for note in notes if note), bool(count or not changed)
+
+
+def _unresolved(optics: SharedOptics, given: np.bool_) -> str:
+    """What to say of a frame that does not show its contrast."""
+    source = "handed over" if given else "estimated from their light"
     return (
-        "ok",
-        difference.remark
-        if pixels.reference is not None
-        else "no reference: the background was estimated from the frame",
+        "the contacts are too small to show their brightness: radii lean on a contrast of "
+        f"{optics.contrast:.3g} +- {optics.contrast_std:.2g} grey levels {source}"
     )

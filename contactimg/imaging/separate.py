@@ -22,7 +22,8 @@ from contactimg.timings import stage
 __all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping"]
 
 DEEPEST = 0.35  # of the smaller one's diameter: contacts that overlap more are one contact
-LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim
+LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim ...
+RIM = 5.0  # blur widths: ... if they are as close to one as that
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk
 GROWTH = 1.3  # of an inscribed disk: one that grows more takes in its neighbours
 FAINTEST = 0.4  # of the contrast
@@ -137,9 +138,9 @@ def assemble_disks(
     )
     state = fit(start, None, None, 3)
     start, state = prune(start, state, np.ones(len(start.disks), np.bool_), last=False)
-    peaks, lowest = find_peaks(
-        image - state.model, width=state.blur, height=LEAST_HEIGHT * plateau, background=background
-    )
+    peaks, lowest = find_peaks(image - state.model, width=state.blur, height=0.0, background=background)
+    lowest = max(lowest, LEAST_HEIGHT * plateau)
+    peaks = peaks[(peaks[:, 2] > lowest) | ~_at_a_rim(peaks, state.disks, RIM * state.blur)]
     for _ in range(ROUNDS):
         new = _disks_from_peaks(peaks, state.blur, plateau)
         if not len(new):
@@ -154,6 +155,19 @@ def assemble_disks(
         peaks = find_peaks_near(image, state.model, bad, width=state.blur, lowest=lowest)
     start, state = prune(start, state, np.ones(len(state.disks), np.bool_), last=True)
     return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
+
+
+@njit(cache=True)
+def _at_a_rim(peaks, disks, space):
+    """Peaks in a disk or closer than ``space`` to its rim."""
+    out = np.zeros(len(peaks), np.bool_)
+    for k in range(len(peaks)):
+        for i in range(len(disks)):
+            limit = disks[i, 2] + space
+            if (disks[i, 0] - peaks[k, 0]) ** 2 + (disks[i, 1] - peaks[k, 1]) ** 2 < limit * limit:
+                out[k] = True
+                break
+    return out
 
 
 def _disks_from_peaks(peaks: NDArray, blur: float, plateau: float) -> NDArray[np.float64]:

@@ -18,6 +18,9 @@ __all__ = ["Contrast", "choose_threshold", "find_polarity", "measure_contrast"]
 CORE = 6  # px: the plateau is read where a window of this width lies inside a contact
 ENOUGH = 10  # values that give a plateau
 DETECTABLE = 6.0  # noise standard deviations
+MEDIAN = 1.2533  # sqrt(pi/2): error of a median over that of a mean
+SHARED = 4.0  # neighbouring values that texture gives the same error
+GUESS = 0.66  # relative uncertainty of the brightest spots as plateau: anything up to ten times as bright
 
 
 @dataclass(frozen=True)
@@ -31,10 +34,13 @@ class Contrast:
     resolved : bool
         True if contacts wide enough to show their plateau gave it, False if it was guessed from the brightest
         spots.
+    std : float
+        Standard uncertainty of the plateau, grey levels.
     """
 
     plateau: float
     resolved: bool
+    std: float = float("nan")
 
 
 def find_polarity(blocks: NDArray, noise: float) -> str:
@@ -81,7 +87,15 @@ def measure_contrast(image: NDArray[np.float32], noise: float) -> Contrast:
         before, plateau = plateau, float(np.median(values[:: max(len(values) // 5000, 1)]))
         if abs(plateau - before) < 0.03 * plateau:
             break
-    return Contrast(plateau, resolved)
+    return Contrast(plateau, resolved, _plateau_std(small, inside, plateau) if resolved else GUESS * plateau)
+
+
+def _plateau_std(image: NDArray[np.float32], inside: NDArray[np.uint8], plateau: float) -> float:
+    """Uncertainty of a plateau from its scatter, and from how much higher it is further inside."""
+    values = image[inside > 0]
+    core = image[cv2.erode(inside, np.ones((3, 3), np.uint8)) > 0]
+    rise = float(np.median(core)) - plateau if len(core) else float(values.max()) - plateau
+    return float(np.hypot(MEDIAN * values.std() / np.sqrt(max(len(values) / SHARED, 1.0)), rise))
 
 
 def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: float | str | None) -> float:
