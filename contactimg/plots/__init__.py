@@ -1,6 +1,13 @@
 """Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
 
 from contactimg.plots.axes import image_axes, new_axes, scale_by_decades
+from contactimg.plots.calibration import (
+    plot_forces,
+    plot_jkr,
+    plot_jkr_residuals,
+    plot_plateau,
+    plot_slopes,
+)
 from contactimg.plots.curves import (
     plot_area,
     plot_areas,
@@ -33,11 +40,16 @@ __all__ = [
     "plot_area",
     "plot_areas",
     "plot_circles",
+    "plot_forces",
     "plot_friction",
     "plot_image",
+    "plot_jkr",
+    "plot_jkr_residuals",
+    "plot_plateau",
     "plot_pressure_law",
     "plot_profile",
     "plot_scale_bar",
+    "plot_slopes",
     "plot_topography",
     "scale_by_decades",
 ]
