@@ -10,6 +10,7 @@ from contactimg import __version__
 from contactimg.cli.analyse import analyse
 from contactimg.cli.calibrate import calibrate
 from contactimg.cli.common import timings_option
+from contactimg.cli.effects import effects
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
@@ -35,7 +36,7 @@ def commands() -> None:
     """
 
 
-for command in (process, calibrate, predict, overlay, simulate, analyse, report):
+for command in (process, calibrate, predict, overlay, simulate, effects, analyse, report):
     commands.add_command(command)
     for one in command.commands.values() if isinstance(command, click.Group) else (command,):
         timings_option(one)

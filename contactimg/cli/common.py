@@ -13,9 +13,12 @@ from contactimg.timings import Timings, collect, stage
 if TYPE_CHECKING:
     import pandas as pd
 
+    from contactimg.effects.plan import Plan
+
 __all__ = [
     "command_line",
     "echo_frames",
+    "echo_plan",
     "echo_results",
     "echo_scores",
     "output_option",
@@ -129,6 +132,24 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
         for row in results.to_dict("records")
     ]
     _echo_table(title, heads, rows, left=2)
+
+
+def echo_plan(plan: "Plan", *, title: str) -> None:
+    """Print what the plan says of each effect, and its sentences."""
+    heads = ("effect", "decision", "if left out", "cost", "reason")
+    rows = [
+        [
+            row["effect"],
+            row["decision"] if row["switch"] == "auto" else f"{row['decision']}, as ordered",
+            f"{100 * row['change']:.2g} %",
+            f"{row['cost']:.3g} x",
+            row["reason"],
+        ]
+        for row in plan.table().to_dict("records")
+    ]
+    _echo_table(title, heads, rows, left=len(heads))
+    for sentence in (*plan.limits, *plan.messages):
+        click.echo(sentence)
 
 
 def _echo_timings(timings: Timings) -> None:

@@ -8,7 +8,7 @@ from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, list_frames, read_calibration, read_scene
 from contactimg.scene import Scene, scene_from_dict
 
-__all__ = ["calibration_options", "model_inputs", "scene_of_folder"]
+__all__ = ["calibration_options", "model_inputs", "scene_of_folder", "with_tolerance"]
 
 OPTION_KEYS = {
     "reference": ("images", "reference"),
@@ -78,6 +78,20 @@ def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
     if scene.asperities is not None and scene.asperities.file is not None:
         files.append(Path(scene.folder) / scene.asperities.file)
     return files
+
+
+def with_tolerance(scene: Scene, *, output: str | None, relative: float | None) -> Scene:
+    """The scene with the tolerance that options give.
+
+    Raises
+    ------
+    InputError
+        If the tolerance breaks its rule.
+    """
+    given = {"output": output, "relative": relative}
+    given = {key: value for key, value in given.items() if value is not None}
+    data = scene.source | {"tolerance": scene.source.get("tolerance", {}) | given}
+    return scene_from_dict(data, name="the options and the scene", folder=scene.folder)
 
 
 def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], Path]:

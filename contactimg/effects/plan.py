@@ -7,7 +7,7 @@ estimates stays below the tolerance. A sum that meets the tolerance exactly keep
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -18,10 +18,24 @@ from contactimg.effects.mechanics import estimate_mechanics
 from contactimg.errors import InputError
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
-from contactimg.tables import Flag
+from contactimg.tables import Flag, Schema
 from contactimg.timings import stage
 
-__all__ = ["Decision", "Plan", "decide", "make_plan"]
+__all__ = ["EFFECTS", "Decision", "Plan", "decide", "make_plan"]
+
+EFFECTS = Schema(
+    "effects",
+    {
+        "load_N": ("float64", "load that the plan is for"),
+        "effect": ("str", "its name"),
+        "change": ("float64", "estimated relative change of the requested output if it is left out"),
+        "tolerance": ("float64", "what the changes of all that is left out stay below together"),
+        "decision": ("str", "on or off"),
+        "switch": ("str", "what the scene orders: auto, on or off"),
+        "cost": ("float64", "time of its stage with the effect over the time without"),
+        "reason": ("str", "the numbers that decide"),
+    },
+)
 
 Level = Literal["none", "asymptotic", "full"]
 
@@ -111,13 +125,11 @@ class Plan:
         return [{str(key): value for key, value in row.items()} for row in rows]
 
     def table(self) -> pd.DataFrame:
-        """One row an effect: effect, change, tolerance, decision, switch, cost, reason."""
-        columns = ["effect", "change", "tolerance", "decision", "switch", "cost", "reason"]
+        """One row an effect: the schema `EFFECTS`."""
         rows = [
-            [d.effect, d.change, d.tolerance, "on" if d.on else "off", d.switch, d.cost, d.reason]
-            for d in self.decisions
+            asdict(d) | {"load_N": self.load, "decision": "on" if d.on else "off"} for d in self.decisions
         ]
-        return pd.DataFrame(rows, columns=columns)
+        return EFFECTS.conform(pd.DataFrame(rows, columns=[*EFFECTS.columns, "on"]).drop(columns="on"))
 
 
 def decide(
