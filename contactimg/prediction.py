@@ -1,7 +1,7 @@
 """What the models predict for a scene: contacts, the frames row and the profile at each load."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -14,7 +14,7 @@ from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
-from contactimg.models.greenwood_williamson import solve_greenwood_williamson
+from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
 from contactimg.models.heights import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.solution import InteractingSolution
@@ -33,6 +33,8 @@ __all__ = [
     "predict_average",
     "predict_contacts",
     "see_contacts",
+    "solve_average",
+    "solve_scene",
 ]
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
@@ -117,7 +119,7 @@ def predict_contacts(
     """
     if coupling == "auto":
         coupling = _level(scene)
-    solution = _solve(scene, asperities, load, coupling)
+    solution = solve_scene(scene, asperities, load=load, coupling=coupling)
     if solution.validity.planes_touch:
         raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if coupling == "none" else "coupled"
@@ -159,21 +161,37 @@ def predict_average(
     ConvergenceError
         If the rings do not converge.
     """
+    rings = solve_average(scene, asperities, load=load, model=model)
+    name = load_name(load)
+    row = _row(name, load, rings.area, rings.load, rings.indentation)
+    return Prediction(CONTACTS.empty(), FRAMES.conform(row), rings.profile(name))
+
+
+def solve_average(
+    scene: Scene,
+    asperities: pd.DataFrame | None,
+    *,
+    load: float,
+    model: Literal["gw", "gt"],
+    **options: Any,
+) -> RingSolution:
+    """Solve a statistical model for a scene: the rings behind `predict_average`, which see.
+
+    ``options`` are those of the solver: ``rings``, and for ``"gt"`` ``tolerance``.
+    """
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
     radius = _mean_radius(section, asperities)
     solve = solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
-    rings = solve(
+    return solve(
         _height_law(section, asperities),
         density=asperity_density(section, asperities),
         radius=radius * indenter.radius / (radius + indenter.radius),
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         load=load,
+        **options,
     )
-    name = load_name(load)
-    row = _row(name, load, rings.area, rings.load, rings.indentation)
-    return Prediction(CONTACTS.empty(), FRAMES.conform(row), rings.profile(name))
 
 
 def _row(name: str, load: float, area: float, force: float, indentation: float) -> pd.DataFrame:
@@ -197,8 +215,37 @@ def _level(scene: Scene) -> Coupling:
     return "full" if scene.effects.full_coupling == "on" else "asymptotic"
 
 
-def _solve(scene: Scene, asperities: pd.DataFrame, load: float, coupling: Coupling) -> InteractingSolution:
-    """The interacting model with the effects that the scene switches on."""
+def solve_scene(
+    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: str, **options: Any
+) -> InteractingSolution:
+    """Solve the interacting model with the effects that the scene switches on.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections ``[indenter]`` and ``[elastic]`` are needed.
+    asperities : DataFrame
+        Asperity table.
+    load : float
+        N.
+    coupling : {"none", "asymptotic", "hertz", "full"}
+        ``[effects]`` does not enter here.
+    **options
+        Of the solver: ``tolerance``, ``max_iterations``.
+
+    Returns
+    -------
+    InteractingSolution
+
+    Raises
+    ------
+    InputError
+        If a section is missing, the load is negative, or the effects switched on do not go together.
+    ModelRangeError
+        If the solution is not unique.
+    ConvergenceError
+        If the solver stops above its tolerance.
+    """
     indenter, elastic, effects = (
         scene.need("indenter", PURPOSE),
         scene.need("elastic", PURPOSE),
@@ -216,13 +263,13 @@ def _solve(scene: Scene, asperities: pd.DataFrame, load: float, coupling: Coupli
         "thickness": elastic.thickness if effects.layer == "on" else np.inf,
     }
     if effects.adhesion != "on":
-        return solve_interacting(asperities, **where)
+        return solve_interacting(asperities, **where, **options)
     if coupling not in ADHESIVE_COUPLINGS:
         raise InputError(
             f'[effects] adhesion = "on" does not go with {coupling} coupling yet; '
             'switch adhesion or full_coupling "off"'
         )
-    return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where)
+    return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where, **options)
 
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
