@@ -179,17 +179,18 @@ def _register(
 ) -> tuple[_View, Shift, bool]:
     """View of the reference moved to within a pixel, the shift left, and whether there is texture."""
     found = estimate_shift(frame, view.reference, view.light, view.valid)
-    if found.shift.std_px < GOOD_STD:
+    if found.shift.std_px < GOOD_STD and found.even:
         return *_approach(frame, reference, valid, prefer, view, found, estimate_shift), True
-    search = search_shift(frame, view.reference, view.light, view.valid)
+    search = search_shift(frame, view.reference, view.light, view.valid, near=found.shift)
     if not search.textured:
         return view, found.shift, False
-    closer = estimate_shift_closely(frame, view.reference, view.light, view.valid)
-    if not closer.shift.known and search.found:
-        closer = Found(Shift(search.x_px, search.y_px, np.inf), 0.0)
-        view = _moved(frame, reference, valid, prefer, view, closer.shift)
-        closer = estimate_shift_closely(frame, view.reference, view.light, view.valid)
-    return *_approach(frame, reference, valid, prefer, view, closer, estimate_shift_closely), True
+    found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
+    if search.found and not (found.shift.known and search.shift.plain):
+        nearer = _moved(frame, reference, valid, prefer, view, search.shift)
+        better = estimate_shift_closely(frame, nearer.reference, nearer.light, nearer.valid)
+        if better.shift.std_px < found.shift.std_px:
+            view, found = nearer, better
+    return *_approach(frame, reference, valid, prefer, view, found, estimate_shift_closely), True
 
 
 def _moved(
@@ -217,7 +218,7 @@ def _approach(
             break
         nearer = _moved(frame, reference, valid, prefer, view, found.shift)
         better = estimate(frame, nearer.reference, nearer.light, nearer.valid)
-        if better.likeness <= found.likeness and not found.shift.plain:
+        if better.shift.std_px >= found.shift.std_px and not found.shift.plain:
             found = replace(found, shift=replace(found.shift, rotation=0.0, scale=1.0))
             if found.shift.longest < NEAR:
                 break

@@ -28,6 +28,7 @@ GOOD_STD = 0.02  # px: if the strips give less, it is worth looking closer
 LARGEST_REFINED = 4.0  # px
 SIGNIFICANCE = 5.0  # standard deviations of a rotation or scale ...
 LEAST_TURN = 0.03  # ... and px in the corners, below which there is none
+UNEVEN = 0.6  # of the likeness of the best tiles
 STEPS = 8
 FEWEST = 200  # pixels
 WINDOW, STANDS_OUT = (
@@ -38,21 +39,21 @@ WINDOW, STANDS_OUT = (
 
 @dataclass(frozen=True)
 class Found:
-    """A shift and how much the images then have in common.
+    """A shift and whether it holds for all of the image.
 
     Parameters
     ----------
     shift : Shift
         Unknown (infinite ``std_px``) if they have nothing in common.
-    likeness : float
-        Correlation of their gradients, 1 for equal images without noise.
+    even : bool
+        Whether the images are alike all over, not in the middle of a rotation alone.
     """
 
     shift: Shift
-    likeness: float
+    even: bool
 
 
-NOTHING = Found(Shift(0.0, 0.0, np.inf), 0.0)
+NOTHING = Found(Shift(0.0, 0.0, np.inf), even=True)
 
 
 @stage("registration")
@@ -185,7 +186,7 @@ def _refine(
     std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
     middles = np.array([rows[part].mean() for part in np.array_split(np.arange(len(rows)), tops[1:])])
     turn = _turn(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
-    return Found(Shift(x, y, std, *turn), float(np.trace(cross) / np.trace(own)))
+    return Found(Shift(x, y, std, *turn), _even(sums))
 
 
 def _in_common(cross: NDArray, own: NDArray, count: float) -> bool:
@@ -194,6 +195,14 @@ def _in_common(cross: NDArray, own: NDArray, count: float) -> bool:
         return False
     smallest = float(np.linalg.eigvalsh((cross + cross.T) / 2)[0])
     return smallest > 5.0 / np.sqrt(count / INDEPENDENT) * float(np.linalg.eigvalsh(own)[0]) > 0.0
+
+
+def _even(sums: NDArray) -> bool:
+    """Whether the gradients of the two images agree in most tiles as well as they do in the best."""
+    tiles = sums[sums[..., 9] > FEWEST]
+    own = tiles[:, 3] + tiles[:, 5]
+    likeness = (tiles[:, 0] + tiles[:, 2])[own > 0] / own[own > 0]
+    return len(likeness) < 4 or bool(np.median(likeness) > UNEVEN * np.percentile(likeness, 90))
 
 
 def _turn(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tuple[float, float]:

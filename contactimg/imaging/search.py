@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from contactimg.imaging.light import LEAST_RATIO, LightField, block_means, fit_light
+from contactimg.imaging.move import Shift
 
 __all__ = ["Search", "search_shift"]
 
@@ -24,6 +25,13 @@ WIDE = 5  # coarse pixels: what differs over more is a contact and left out, les
 SIGNIFICANT = 7.0  # robust standard deviations of the correlation: of 10^4 normal ones none exceeds 5
 UNIQUE = 0.75  # of the peak: a second one as high leaves the shift open
 SMALLEST = 16  # coarse pixels
+ALONE = 4  # coarse pixels about a peak that belong to it
+TILE, TILE_REACH = (
+    64,
+    10,
+)  # coarse pixels: parts of the image that are looked at alone, how far they may lie apart
+FEWEST_TILES = 4
+AGREE = 0.5  # coarse pixels by which the tiles may miss a common rotation
 SHARED = 5.0  # standard deviations of the covariance of neighbours
 GRAIN, GRAINS = 5.0, 4  # robust standard deviations of a grain of dirt, coarse pixels that are enough
 
@@ -34,21 +42,20 @@ class Search:
 
     Parameters
     ----------
-    x_px, y_px : float
-        Shift, to about 1 px; zero if none was found.
+    shift : Shift
+        To about 1 px; with a rotation and scale if the parts of the image lie apart by more than that.
     found : bool
         Whether one peak of the correlation stands out.
     textured : bool
         Whether the reference has anything to show that a shift would move.
     """
 
-    x_px: float
-    y_px: float
+    shift: Shift
     found: bool
     textured: bool
 
 
-NOTHING = Search(0.0, 0.0, found=False, textured=False)
+NOWHERE = Shift(0.0, 0.0, np.inf)
 
 
 def search_shift(
@@ -56,8 +63,10 @@ def search_shift(
     reference: NDArray[np.float32],
     light: LightField,
     valid: NDArray[np.uint8] | None,
+    *,
+    near: Shift = NOWHERE,
 ) -> Search:
-    """Shift of up to a quarter of the image.
+    """Shift of up to a quarter of the image, and rotation of up to a degree.
 
     Parameters
     ----------
@@ -67,10 +76,26 @@ def search_shift(
         Slow ratio frame/reference of the background.
     valid : ndarray of uint8 or None
         0 at holes of either.
+    near : Shift
+        Where the middle of the image lies, if known.
     """
+    details = _details(frame, reference, light, valid)
+    if details is None:
+        return Search(NOWHERE, found=False, textured=False)
+    peak = (near.x_px / COARSE, near.y_px / COARSE) if near.known else _highest(*details)
+    if peak is None:
+        return Search(NOWHERE, found=False, textured=True)
+    turned = _turned(*details, round(peak[0]), round(peak[1]))
+    return Search(turned or Shift(COARSE * peak[0], COARSE * peak[1], np.inf), found=True, textured=True)
+
+
+def _details(
+    frame: NDArray[np.float32], reference: NDArray[np.float32], light: LightField, valid: NDArray | None
+) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
+    """Relative detail of the frame's background and of the reference, coarse; None if the latter has none."""
     size = (frame.shape[1] // COARSE, frame.shape[0] // COARSE)
     if min(size) < SMALLEST:
-        return NOTHING
+        return None
     small, other = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (frame, reference))
     good = np.ones(size[::-1], np.bool_)
     if valid is not None:
@@ -79,20 +104,20 @@ def search_shift(
     slow = _slow(reference, valid, size)
     good &= slow > LEAST_RATIO * float(np.abs(slow).max())
     if np.count_nonzero(good) < SMALLEST**2:
-        return NOTHING
+        return None
     slow = np.where(good, slow, np.float32(1.0))
     detail = _without_mean(np.where(good, other / slow - 1.0, 0.0).astype(np.float32), good)
     spread = max(1.4826 * float(np.median(np.abs(detail[good]))), 1e-9)
     detail = np.clip(detail, -2 * CLIP * spread, 2 * CLIP * spread)
     if not _textured(detail, good, spread):
-        return NOTHING
+        return None
     rows = np.minimum(np.arange(size[1]) * COARSE + COARSE // 2, frame.shape[0] - 1)
-    ratio = light.ratio_rows(rows, frame.shape)[:, COARSE // 2 :: COARSE][:, : size[0]]
+    ratio = light.ratio_rows(rows, (frame.shape[0], frame.shape[1]))[:, COARSE // 2 :: COARSE][:, : size[0]]
     seen = np.where(good, small / (ratio * slow) - 1.0, 0.0)
     far = (np.abs(seen) > CLIP * spread).astype(np.uint8)
     contacts = cv2.morphologyEx(far, cv2.MORPH_OPEN, np.ones((WIDE, WIDE), np.uint8), borderValue=1)
     seen = np.where(good & (contacts == 0), np.clip(seen, -CLIP * spread, CLIP * spread), 0.0)
-    return _peak(seen, detail)
+    return seen.astype(np.float32), detail.astype(np.float32)
 
 
 def _slow(
@@ -115,25 +140,73 @@ def _without_mean(image: NDArray[np.float32], good: NDArray[np.bool_]) -> NDArra
     return np.where(good, image - mean, np.float32(0.0))
 
 
-def _peak(target: NDArray, detail: NDArray) -> Search:
-    """The highest peak of the correlation of the two, to a fraction of a coarse pixel."""
-    reach = [max(n // REACH, 2) for n in target.shape]
-    padded = [fft.next_fast_len(n + r, real=True) for n, r in zip(target.shape, reach, strict=True)]
-    spectra = [fft.rfft2(image.astype(np.float32), padded) for image in (target, detail)]
+def _highest(seen: NDArray, detail: NDArray) -> tuple[float, float] | None:
+    """Where the correlation of the whole images is highest (coarse x, y), if one peak stands out."""
+    reach = [max(n // REACH, 2) for n in seen.shape]
+    padded = [fft.next_fast_len(n + r, real=True) for n, r in zip(seen.shape, reach, strict=True)]
+    spectra = [fft.rfft2(image, padded) for image in (seen, detail)]
     whole = fft.irfft2(spectra[0] * np.conj(spectra[1]), padded)
-    near = np.roll(whole, reach, axis=(0, 1))[: 2 * reach[0] + 1, : 2 * reach[1] + 1]
+    return _peak(np.roll(whole, reach, axis=(0, 1))[: 2 * reach[0] + 1, : 2 * reach[1] + 1])
+
+
+def _peak(near: NDArray) -> tuple[float, float] | None:
+    """Place (x, y) of the peak of a correlation map from its middle; None if none stands out."""
     row, column = np.unravel_index(int(np.argmax(near)), near.shape)
     height = float(near[row, column])
     scatter = 1.4826 * float(np.median(np.abs(near - np.median(near))))
     others = near.copy()
-    others[max(row - 5, 0) : row + 6, max(column - 5, 0) : column + 6] = -np.inf
+    others[max(row - ALONE, 0) : row + ALONE + 1, max(column - ALONE, 0) : column + ALONE + 1] = -np.inf
     alone = float(others.max()) < UNIQUE * height
     inside = 0 < row < near.shape[0] - 1 and 0 < column < near.shape[1] - 1
     if not (inside and alone and height > SIGNIFICANT * scatter > 0.0):
-        return Search(0.0, 0.0, found=False, textured=True)
-    y = row - reach[0] + _vertex(*near[row - 1 : row + 2, column])
-    x = column - reach[1] + _vertex(*near[row, column - 1 : column + 2])
-    return Search(float(COARSE * x), float(COARSE * y), found=True, textured=True)
+        return None
+    y = row - near.shape[0] // 2 + _vertex(*near[row - 1 : row + 2, column])
+    x = column - near.shape[1] // 2 + _vertex(*near[row, column - 1 : column + 2])
+    return float(x), float(y)
+
+
+def _turned(seen: NDArray, detail: NDArray, x: int, y: int) -> Shift | None:
+    """Similarity through the shifts of tiles of the image about a common one; None if they are equal."""
+    rows, columns = seen.shape
+    high, wide = (n // max(n // TILE, 1) for n in seen.shape)
+    edge = TILE_REACH + max(abs(x), abs(y))
+    around = cv2.copyMakeBorder(detail, edge, edge, edge, edge, cv2.BORDER_CONSTANT, value=0.0)
+    places, moves = [], []
+    for top in range(0, rows - high + 1, high):
+        for left in range(0, columns - wide + 1, wide):
+            start = (top - y + edge - TILE_REACH, left - x + edge - TILE_REACH)
+            window = around[start[0] : start[0] + high + 2 * TILE_REACH, start[1] :][
+                :, : wide + 2 * TILE_REACH
+            ]
+            # the template moves over the reference, so the shift has the opposite sign
+            peak = _peak(cv2.matchTemplate(window, seen[top : top + high, left : left + wide], cv2.TM_CCORR))
+            if peak is not None:
+                places.append(complex(left + (wide - columns) / 2, top + (high - rows) / 2))
+                moves.append(complex(x - peak[0], y - peak[1]))
+    return _similarity(np.array(places), np.array(moves))
+
+
+def _similarity(places: NDArray[np.complex128], moves: NDArray[np.complex128]) -> Shift | None:
+    """Rotation, scale and shift (coarse) through the moves of some places, most of which agree; or None."""
+    keep = np.ones(len(places), np.bool_)
+    for _ in range(3):
+        if np.count_nonzero(keep) < FEWEST_TILES:
+            return None
+        matrix = np.stack([np.ones(len(places)), places], axis=1)
+        (shift, turn), *_ = np.linalg.lstsq(matrix[keep], moves[keep], rcond=None)
+        keep = np.abs(moves - matrix @ np.array([shift, turn])) < AGREE
+    if np.count_nonzero(keep) < 0.5 * len(places) or abs(turn) * np.abs(places).max() < AGREE / 2:
+        return None
+    # in the frame a place lies at (1 + turn) times what it was: moves are given at places of the frame
+    factor = 1.0 / (1.0 - turn)
+    moved = shift * factor
+    return Shift(
+        COARSE * float(moved.real),
+        COARSE * float(moved.imag),
+        np.inf,
+        float(np.angle(factor)),
+        float(abs(factor)),
+    )
 
 
 def _vertex(left: float, middle: float, right: float) -> float:
