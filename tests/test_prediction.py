@@ -6,6 +6,7 @@ import pytest
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
+from contactimg.pipeline.predict import predict_loads
 from contactimg.prediction import hertz_circle, load_name, predict_average, predict_contacts, see_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
@@ -186,3 +187,16 @@ def test_hertz_circle_of_the_lens():
     # (P Rl/K)^(1/3) = (0.5 * 0.1288 / (16e6/3))^(1/3) = 2.294 mm
     assert (x, y, radius) == (0.002, 0.002, pytest.approx(2.2943e-3, rel=1e-4))
     assert hertz_circle(scene_from_dict({}), 0.5) is None
+
+
+def test_a_level_of_coupling_asks_for_the_papers_model():
+    """At 0.2 N a/R reaches 0.4: the plan takes the sphere's profile; a level given by hand does not."""
+    pattern = {"generate": "SA", "coverage": 0.4, "side_m": 0.004, "seed": 5}
+
+    def areas(coupling, **effects):
+        scene = scene_with(asperities=pattern, effects=effects)
+        found = predict_loads(scene, [0.2], model="interacting", coupling=coupling, annulus=2.5e-4)
+        return found[0].frames["area_m2"][0]
+
+    assert areas("asymptotic") == areas("asymptotic", sphere_profile="off")
+    assert areas("auto") == areas("asymptotic", sphere_profile="on") < 0.99 * areas("asymptotic")

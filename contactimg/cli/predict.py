@@ -27,7 +27,8 @@ __all__ = ["predict"]
     type=click.Choice(["auto", "none", "asymptotic", "hertz", "full"]),
     default="auto",
     show_default=True,
-    help="How asperities act on each other; auto: as the plan of the effects decides.",
+    help="How asperities act on each other. auto: as the plan of the effects decides; a level: the paper's "
+    "model with it, in which other effects act only where the scene switches them on.",
 )
 @click.option("--annulus-mm", type=float, default=0.25, show_default=True, help="Width of profile annuli.")
 @quiet_option

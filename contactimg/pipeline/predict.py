@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.plan import make_plan
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
@@ -41,7 +42,8 @@ def predict_loads(
     model : {"interacting", "gw", "gt"}
         Row by row, or averages over random asperities.
     coupling : str
-        Level of coupling of the interacting model, or "auto" to follow the plan.
+        "auto" to follow the plan, or a level of coupling: the paper's model with that coupling, in which the
+        other effects act only where ``[effects]`` switches them on.
     annulus : float
         Width of the profile's annuli (interacting model), m.
 
@@ -99,7 +101,10 @@ def _ordered(scene: Scene, coupling: Coupling) -> Scene:
     """The scene with the switches that a level of coupling given by option amounts to."""
     if coupling == "auto":
         return scene
-    switches = {
+    switches: dict[str, str] = {
+        name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"
+    }
+    switches |= {
         "coupling": "off" if coupling == "none" else "on",
         "full_coupling": "on" if coupling == "full" else "off",
     }
