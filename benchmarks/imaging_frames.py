@@ -1,0 +1,10 @@
+"""The tests' renderer, which shares nothing with the package, for the benchmarks."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from contact_frames import CAMERAS, Optics, expose, match, render, scatter
+
+__all__ = ["CAMERAS", "Optics", "expose", "match", "render", "scatter"]
