@@ -16,6 +16,7 @@ from contactimg.cli.predict import predict
 from contactimg.cli.process import process
 from contactimg.cli.report import report
 from contactimg.cli.simulate import simulate
+from contactimg.cli.tradeoff import tradeoff
 from contactimg.errors import ContactimgError
 
 __all__ = ["main"]
@@ -36,7 +37,7 @@ def commands() -> None:
     """
 
 
-for command in (process, calibrate, predict, overlay, simulate, effects, analyse, report):
+for command in (process, calibrate, predict, overlay, simulate, effects, tradeoff, analyse, report):
     commands.add_command(command)
     for one in command.commands.values() if isinstance(command, click.Group) else (command,):
         timings_option(one)

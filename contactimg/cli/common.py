@@ -21,6 +21,7 @@ __all__ = [
     "echo_plan",
     "echo_results",
     "echo_scores",
+    "echo_tradeoff",
     "output_option",
     "progress",
     "quiet_option",
@@ -150,6 +151,25 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
     _echo_table(title, heads, rows, left=len(heads))
     for sentence in (*plan.limits, *plan.messages):
         click.echo(sentence)
+
+
+def echo_tradeoff(table: "pd.DataFrame", *, title: str) -> None:
+    """Print the settings of each knob with error and time; a star where none is cheaper and better."""
+    from contactimg.tradeoff.sentences import error_text, time_text
+
+    rows = [
+        [
+            row["knob"],
+            ("* " if row["pareto"] == 1 else "  ") + row["setting"],
+            "" if isnan(row["error"]) else error_text(row["error"]),
+            "" if isnan(row["time_s"]) else time_text(row["time_s"]),
+            _number(row["time_ratio"], "{:.3g}"),
+            row["message"] if isnan(row["error"]) else row["reference"],
+        ]
+        for row in table.to_dict("records")
+    ]
+    heads = ("knob", "setting", "error", "time", "ratio", "against")
+    _echo_table(title, heads, rows, left=2)
 
 
 def _echo_timings(timings: Timings) -> None:

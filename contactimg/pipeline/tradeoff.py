@@ -1,0 +1,163 @@
+"""The trade-off of a scene: its files read, its knobs measured, table and figures written."""
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from importlib.resources import as_file, files
+from math import inf, nan
+from pathlib import Path
+
+import numpy as np
+
+from contactimg.errors import InputError
+from contactimg.files import open_experiment, read_asperities, read_table, write_figure, write_table
+from contactimg.pipeline.inputs import scene_asperities
+from contactimg.pipeline.plan import largest_load
+from contactimg.plots.tradeoff import plot_tradeoff
+from contactimg.scene import Scene, scene_from_dict
+from contactimg.tables import Schema
+from contactimg.tradeoff.case import Case, Measured, Truth
+from contactimg.tradeoff.knobs import TRADEOFF, Knob
+from contactimg.tradeoff.measure import Tradeoff, applicable_knobs, run_knobs
+
+__all__ = ["measure_tradeoff", "pose_tradeoff", "read_truth", "write_tradeoff"]
+
+SECONDS = {False: 15.0, True: 60.0}
+"""What repetitions may take, by default and with the slow settings."""
+
+BOUNDARY = Schema(
+    "boundary_contacts",
+    {
+        "load_N": ("float64", "applied normal load P"),
+        "asperity": ("Int64", "row number, from 0, in the asperity table"),
+        "force_N": ("float64", "force on it"),
+        "radius_m": ("float64", "contact radius, from the second moment of the pressure"),
+    },
+)
+
+BOUNDARY_SCENE = {"indenter": {"radius_m": 0.1288}, "elastic": {"young_modulus_Pa": 3e6}}
+BOUNDARY_SECONDS = {0.02: 30.0, 0.2: 158.0, 0.5: 460.0}
+"""Time of the stored solutions, on one core."""
+
+
+def measure_tradeoff(
+    scene: Scene,
+    *,
+    load: float | None = None,
+    knobs: Sequence[str] = (),
+    fine: bool = False,
+    advance: Callable[[], None] | None = None,
+) -> Tradeoff:
+    """Measure what accuracy costs in time: the settings of each knob, side by side in one run.
+
+    Parameters
+    ----------
+    scene : Scene
+        ``[tolerance] output`` says what the errors are of, ``relative`` what the sentences are for.
+    load : float, optional, N
+        By default the largest of the scene.
+    knobs : sequence of str
+        Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance), ``sums``
+        (accuracy of coupling sums over many contacts), ``rings`` (of Greenwood-Tripp), ``patterns`` (of an
+        ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
+    fine : bool
+        Slow settings too.
+    advance : callable, optional
+        Called once a setting.
+
+    Returns
+    -------
+    Tradeoff
+        Errors are against a converged answer, which each row names. A setting that fails is a row that says
+        why.
+
+    Raises
+    ------
+    InputError
+        If no knob applies to the scene, with the reasons.
+
+    Notes
+    -----
+    Times are the best of up to seven runs taken by turns in this process; compare them with each other, not
+    with those of another run.
+
+    Examples
+    --------
+    >>> from contactimg import scene_from_dict
+    >>> scene = scene_from_dict({
+    ...     "indenter": {"radius_m": 0.1288, "apex_m": [0.001, 0.001]}, "elastic": {"young_modulus_Pa": 3e6},
+    ...     "asperities": {"generate": "SA", "side_m": 0.002},
+    ... })
+    >>> found = measure_tradeoff(scene, load=0.01, knobs=["solver"])
+    >>> set(found.table["reference"])
+    {'the same equations to a residual of 1e-13'}
+    """
+    chosen, left_out = pose_tradeoff(scene, load=load, knobs=knobs, fine=fine)
+    return run_knobs(
+        chosen,
+        relative=scene.tolerance.relative,
+        seconds=SECONDS[fine],
+        left_out=left_out,
+        advance=advance,
+    )
+
+
+def pose_tradeoff(
+    scene: Scene, *, load: float | None = None, knobs: Sequence[str] = (), fine: bool = False
+) -> tuple[list[Knob], dict[str, str]]:
+    """The knobs of a scene with their settings, not yet run, and why others do not apply.
+
+    Parameters
+    ----------
+    scene, load, knobs, fine
+        As for `measure_tradeoff`.
+    """
+    if load is None:
+        load = nan
+        with suppress(InputError):
+            load = largest_load(scene)
+    elif not -inf < load < inf:
+        raise InputError(f"load must be finite, got {load!r} N")
+    asperities = scene_asperities(scene)
+    case = Case(scene, asperities, load, truth=read_truth(load), measured=_own_frame(scene, load), fine=fine)
+    return applicable_knobs(case, knobs)
+
+
+def read_truth(load: float) -> Truth | None:
+    """The stored boundary-element solution whose load is next to one (N), None for no load."""
+    if not load > 0:
+        return None
+    folder = files("contactimg.tradeoff")
+    with as_file(folder / "boundary_asperities.csv") as path:
+        asperities = read_asperities(path)
+    with as_file(folder / "boundary_contacts.csv") as path:
+        contacts = read_table(path, BOUNDARY, required=tuple(BOUNDARY.columns))
+    stored = min(BOUNDARY_SECONDS, key=lambda one: abs(np.log(one / load)))
+    part = contacts[contacts["load_N"] == stored]
+    force, radius = np.zeros(len(asperities)), np.zeros(len(asperities))
+    rows = part["asperity"].to_numpy(int)
+    force[rows], radius[rows] = part["force_N"], part["radius_m"]
+    return Truth(scene_from_dict(BOUNDARY_SCENE), asperities, stored, force, radius, BOUNDARY_SECONDS[stored])
+
+
+def _own_frame(scene: Scene, load: float) -> Measured | None:
+    """A frame of the scene's own, where none can be rendered: of the load asked for, or the last."""
+    renderable = scene.simulate is not None and scene.camera is not None and scene.elastic is not None
+    if renderable and scene_asperities(scene) is not None:
+        return None
+    try:
+        experiment = open_experiment(scene, pulled=True)
+    except InputError:
+        return None
+    loads = experiment.loads["load_N"].to_numpy(float)
+    known = np.isfinite(loads) & np.isfinite(load)
+    row = int(np.argmin(np.where(known, np.abs(loads - load), inf))) if known.any() else len(loads) - 1
+    reference = None if experiment.reference is None else experiment.reference.read()
+    return Measured(experiment.frames[row].read(), reference, float(loads[row]))
+
+
+def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
+    """Write tradeoff.csv, and the figure as PNG and SVG."""
+    write_table(tradeoff.table, TRADEOFF, folder / "tradeoff.csv")
+    ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
+    for suffix in ("png", "svg"):
+        write_figure(ax, folder / f"tradeoff.{suffix}")

@@ -1,0 +1,132 @@
+"""Boundary elements through ContactMechanics, an optional extra: ``pip install contactimg[bem]``.
+
+The rigid height map (paraboloid caps minus the sphere's paraboloid, on the plane between them) is pressed on
+a half-space, pressure constant on square pixels, free boundaries.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.errors import ConvergenceError, InputError
+from contactimg.models.solution import InteractingSolution
+from contactimg.tradeoff.case import Case
+
+__all__ = ["GRIDS", "RESOLUTION", "solve_boundary"]
+
+Values = NDArray[np.float64]
+
+GRIDS = (128, 256, 512, 1024)
+"""Points a side."""
+
+RESOLUTION = 1e-5
+"""Relative error of the stored forces on a grid of 1 um: from the differences between its grids."""
+
+MARGIN = 1.1
+"""Side of the grid over that of the loaded region."""
+
+PENETRATION = 1e-12
+"""Tolerated penetration over the height of the map."""
+
+STEPS = 3000
+
+
+def solve_boundary(case: Case, loaded: InteractingSolution, *, points: int) -> tuple[Values, Values]:
+    """Forces and contact radii of all asperities of a case by boundary elements.
+
+    Parameters
+    ----------
+    case : Case
+        A half-space without adhesion; caps count as paraboloids.
+    loaded : InteractingSolution
+        Tells how wide the loaded region is.
+    points : int
+        Pixels a side of the grid.
+
+    Returns
+    -------
+    force, radius : ndarray, shape (n,), N and m
+        Radii from the second moment of the pressure, ``a^2 = (5/2) <r^2>`` for Hertz's.
+
+    Raises
+    ------
+    ImportError
+        If ContactMechanics is not installed.
+    InputError
+        If the scene switches on what boundary elements do not have here.
+    ConvergenceError
+        If the iteration stops early.
+    """
+    try:
+        from ContactMechanics import FreeFFTElasticHalfSpace  # noqa: PLC0415 - optional
+        from ContactMechanics.Systems import NonSmoothContactSystem  # noqa: PLC0415 - optional
+        from SurfaceTopography import Topography  # noqa: PLC0415 - optional
+    except ImportError:
+        raise ImportError("ContactMechanics is not installed: pip install 'contactimg[bem]'") from None
+    _refuse_effects(case)
+    modulus = case.scene.need("elastic", "boundary elements").contact_modulus
+    x, y, owner, height, side = _height_map(case, loaded, points)
+    half_space = FreeFFTElasticHalfSpace((points, points), modulus, (side, side))
+    system = NonSmoothContactSystem(half_space, Topography(height, physical_sizes=(side, side)))
+    result = system.minimize_proxy(
+        external_force=case.load, pentol=PENETRATION * float(np.ptp(height)), maxiter=STEPS
+    )
+    if not result.success:
+        raise ConvergenceError(f"boundary elements did not converge in {STEPS} steps")
+    force = np.asarray(system.substrate.force)[:points, :points]
+    return _collect(x, y, owner, force, count=loaded.force.size)
+
+
+def _refuse_effects(case: Case) -> None:
+    """Only the half-space without adhesion."""
+    on = [
+        name for name in ("adhesion", "layer", "sphere_profile") if getattr(case.scene.effects, name) == "on"
+    ]
+    if on:
+        raise InputError(f"boundary elements here have no {' and no '.join(on)}; switch off to compare")
+
+
+def _height_map(
+    case: Case, loaded: InteractingSolution, points: int
+) -> tuple[Values, Values, NDArray[np.intp], Values, float]:
+    """Pixels about the apex (x, y), which cap stands on each (-1: none), heights, side of the grid."""
+    indenter = case.scene.need("indenter", "boundary elements")
+    if case.asperities is None:
+        raise InputError("the scene has no asperities")
+    rows = loaded.touching
+    reach = np.maximum(np.abs(loaded.x[rows] - indenter.apex[0]), np.abs(loaded.y[rows] - indenter.apex[1]))
+    side = 2 * MARGIN * float((reach + loaded.radius[rows]).max())
+    places = side * ((np.arange(points) + 0.5) / points - 0.5)
+    height, owner = np.zeros((points, points)), np.full((points, points), -1)
+    for row, cap in enumerate(case.asperities.itertuples(index=False)):
+        centre = cap.x_m - indenter.apex[0], cap.y_m - indenter.apex[1]
+        base = np.sqrt(2 * cap.radius_m * cap.height_m)
+        i, j = (np.flatnonzero(np.abs(places - c) <= base) for c in centre)
+        if not (i.size and j.size):
+            continue
+        part = np.ix_(i, j)
+        square = (places[i, None] - centre[0]) ** 2 + (places[None, j] - centre[1]) ** 2
+        bump = cap.height_m - square / (2 * cap.radius_m)
+        higher = bump > height[part]
+        height[part] = np.where(higher, bump, height[part])
+        owner[part] = np.where(higher, row, owner[part])
+    x, y = np.meshgrid(places, places, indexing="ij")
+    if np.isfinite(indenter.radius):
+        height -= (x**2 + y**2) / (2 * indenter.radius)
+    return x, y, owner, height, side
+
+
+def _collect(
+    x: Values, y: Values, owner: NDArray[np.intp], force: Values, *, count: int
+) -> tuple[Values, Values]:
+    """Force and radius of each cap from the forces on its pixels."""
+    on_caps = owner >= 0
+    rows, f = owner[on_caps], force[on_caps]
+
+    def summed(values: Values) -> Values:
+        return np.asarray(np.bincount(rows, values, minlength=count), np.float64)
+
+    total = summed(f)
+    over = np.where(total > 0, total, 1.0)
+    mean_x, mean_y = summed(f * x[on_caps]) / over, summed(f * y[on_caps]) / over
+    square = summed(f * (x[on_caps] ** 2 + y[on_caps] ** 2)) / over - mean_x**2 - mean_y**2
+    return total, np.sqrt(2.5 * np.maximum(square, 0.0)) * (total > 0)

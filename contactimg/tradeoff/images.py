@@ -1,0 +1,267 @@
+"""Knobs of the images: how contacts are measured, and how finely synthetic frames are sampled."""
+
+from collections.abc import Callable
+from functools import cache, partial
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import ndimage
+from skimage.feature import peak_local_max
+from skimage.segmentation import watershed
+
+from contactimg.effects.change import relative_change
+from contactimg.errors import InputError
+from contactimg.imaging.edge import PIXEL_VARIANCE
+from contactimg.imaging.half_height import disk_radius
+from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.matching import pair_points
+from contactimg.models.solution import InteractingSolution
+from contactimg.prediction import solve_scene
+from contactimg.render import Rendered, render_contacts, render_reference
+from contactimg.scene import Scene
+from contactimg.tradeoff.case import Case, Measured
+from contactimg.tradeoff.knobs import Knob, Setting
+
+__all__ = ["image_knob", "supersampling_knob"]
+
+Values = NDArray[np.float64]
+Disks = Values  # x, y, radius (px), one row a disk
+Method = Callable[[Scene, NDArray, NDArray | None, float | None], Disks]
+
+HALF = 0.5
+SAME_PX = 2.0
+"""Disks whose centres are closer than this, or than the radius, are the same contact."""
+
+DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 6, 8), 16
+
+QUIET_LEVELS = 1.0
+"""Noise of the frames that compare samplings: the estimator wants some, and it is the same in all."""
+
+SENSOR = ("vignetting", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation", "dust")
+"""Effects that do not depend on the sampling."""
+
+DISK = "fit of blurred disks"
+
+
+def image_knob(case: Case) -> Knob:
+    """How contacts are measured on a frame: rendered from the scene, else one of its own."""
+    return _own_knob(case, case.measured) if case.measured is not None else _rendered_knob(case)
+
+
+def _rendered_knob(case: Case) -> Knob:
+    """On a frame whose truth is known."""
+    solution = cache(lambda: _contacts(case))
+    shots = cache(lambda: (_photograph(case.scene, solution()), _blank(case.scene)))
+
+    def run(measure: Method) -> Disks:
+        rendered, reference = shots()
+        return measure(case.scene, rendered.frame.image, reference, rendered.frame.full_scale)
+
+    def error(found: Disks) -> float:
+        radii = solution().composite_radius[solution().touching]
+        return _disk_change(case.output, found, _table(shots()[0].contacts), radii)
+
+    settings = [
+        Setting(name, partial(run, measure), error, "truth of the frame") for name, measure in METHODS.items()
+    ]
+    return Knob("image", "measurement of a frame", case.output, case.load, tuple(settings))
+
+
+def _own_knob(case: Case, own: Measured) -> Knob:
+    """On a frame of the scene, with the fit of disks as the converged answer."""
+    blank = None if own.reference is None else own.reference.image
+    frames = (own.frame.image, blank, own.frame.full_scale)
+    reference = cache(lambda: _fit_disks(case.scene, *frames))
+    stated = "its own stated uncertainty"
+
+    def error(found: Disks) -> float:
+        return _disk_change(case.output, found, reference(), np.ones(len(reference())))
+
+    def own_error(_found: Disks) -> float:
+        return _stated_error(case, frames)
+
+    settings = [
+        Setting(name, partial(measure, case.scene, *frames), error, f"{DISK}, no truth known")
+        for name, measure in METHODS.items()
+        if name != DISK
+    ]
+    settings.append(Setting(DISK, partial(_fit_disks, case.scene, *frames), own_error, stated))
+    return Knob("image", f"measurement of {own.frame.name}", case.output, own.load, tuple(settings))
+
+
+def _stated_error(case: Case, frames: tuple[NDArray, NDArray | None, float | None]) -> float:
+    """Standard uncertainty of the output that the fit states for itself."""
+    disks = _measure(case.scene, "disk", *frames).disks
+    if not len(disks):
+        raise InputError("no contact was found")
+    a, std = disks["radius_px"].to_numpy(float), disks["radius_std_px"].to_numpy(float)
+    power = {"area": 2, "force": 3, "radius": 1}[case.output]
+    if power == 1:
+        return float(np.sqrt(np.sum(std**2) / np.sum(a**2)))
+    return float(np.sqrt(np.sum((power * a ** (power - 1) * std) ** 2)) / np.sum(a**power))
+
+
+def _disk_change(output: str, found: Disks, known: Disks, sphere_radius: Values) -> float:
+    """Relative error of the output of disks that were found; forces as ``a^3/R``.
+
+    Disks without a partner count against nothing; where their radius of curvature is not known, the mean is
+    taken.
+    """
+    if not len(found):
+        raise InputError("no contact was found")
+    reach = max(SAME_PX, float(known[:, 2].max(initial=0.0)))
+    i, j, distance = pair_points(found[:, :2], known[:, :2], max_distance=reach)
+    same = distance <= np.maximum(SAME_PX, known[j, 2])
+    i, j = i[same], j[same]
+    strangers = np.setdiff1d(np.arange(len(found)), i)
+    radius = np.zeros(len(known) + strangers.size)
+    radius[j], radius[len(known) :] = found[i, 2], found[strangers, 2]
+    complete = np.concatenate([known[:, 2], np.zeros(strangers.size)])
+    curvature = np.concatenate([sphere_radius, np.full(strangers.size, np.mean(sphere_radius))])
+    pairs = [(a**3 / curvature, a) for a in (radius, complete)]
+    return relative_change(output, without=pairs[0], complete=pairs[1])
+
+
+def _measure(
+    scene: Scene, method: str, image: NDArray, reference: NDArray | None, full_scale: float | None
+) -> ImageMeasurement:
+    """Measure a frame as the scene says, with another method."""
+    return measure_image(
+        image,
+        reference,
+        method=method,
+        polarity=scene.images.polarity,
+        threshold=HALF,
+        full_scale=full_scale,
+        blur_px=scene.measure.blur_px,
+    )
+
+
+def _table(disks: pd.DataFrame) -> Disks:
+    """Centres and radii."""
+    return disks[["x_px", "y_px", "radius_px"]].to_numpy(float)
+
+
+def _fit_disks(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
+    """The method ``disk``."""
+    return _table(_measure(scene, "disk", image, reference, full_scale).disks)
+
+
+def _count(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
+    """The method ``threshold``."""
+    return _table(_measure(scene, "threshold", image, reference, full_scale).disks)
+
+
+def _count_corrected(
+    scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None
+) -> Disks:
+    """The threshold, and for each area the radius of the blurred disk that has it."""
+    blur = scene.measure.blur_px
+    if blur is None and scene.simulate is not None and scene.effects.blur != "off":
+        blur = scene.simulate.blur_px
+    if not blur:
+        raise InputError("the blur is not known: give blur_px in [measure]")
+    found = _count(scene, image, reference, full_scale)
+    found[:, 2] = disk_radius(found[:, 2], blur_px=float(np.hypot(blur, np.sqrt(PIXEL_VARIANCE))))
+    return found
+
+
+def _count_split(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
+    """The threshold, and contacts that touch parted at the saddles of the distance to the edge."""
+    measurement = _measure(scene, "threshold", image, reference, full_scale)
+    mask = measurement.difference * np.sign(measurement.contrast) > HALF * abs(measurement.contrast)
+    distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    smooth = ndimage.gaussian_filter(distance, 1.0)
+    peaks = peak_local_max(smooth, min_distance=2, labels=ndimage.label(mask, np.ones((3, 3)))[0])
+    markers = np.zeros(mask.shape, np.int32)
+    markers[tuple(peaks.T)] = np.arange(1, len(peaks) + 1)
+    labels = watershed(-smooth, markers, mask=mask)
+    area = np.bincount(labels.ravel(), minlength=len(peaks) + 1)[1:]
+    kept = np.flatnonzero(area) + 1
+    centres = np.asarray(ndimage.center_of_mass(mask, labels, kept)).reshape(-1, 2)
+    found = np.column_stack([centres[:, 1], centres[:, 0], np.sqrt(area[kept - 1] / np.pi)])
+    return found[_asserted(found, _table(measurement.disks))]
+
+
+def _asserted(parts: Disks, whole: Disks) -> NDArray[np.bool_]:
+    """Which parts lie in a contact that the measurement itself asserts: noise and hot pixels do not."""
+    apart = np.hypot(parts[:, None, 0] - whole[None, :, 0], parts[:, None, 1] - whole[None, :, 1])
+    return np.asarray((apart <= SAME_PX + 2 * whole[None, :, 2]).any(axis=1))
+
+
+METHODS: dict[str, Method] = {
+    "threshold at half height": _count,
+    "threshold, radius of the blurred disk": _count_corrected,
+    "threshold, touching contacts parted": _count_split,
+    DISK: _fit_disks,
+}
+
+
+def _contacts(case: Case) -> InteractingSolution:
+    """What is photographed."""
+    if case.asperities is None:
+        raise InputError("the scene has no asperities")
+    coupling = "none" if case.scene.effects.coupling == "off" else "asymptotic"
+    return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling)
+
+
+def _photograph(scene: Scene, solution: InteractingSolution) -> Rendered:
+    """A frame of the contacts."""
+    rng = np.random.default_rng(scene.need("simulate", "rendering a frame").seed)
+    radii = solution.composite_radius[solution.touching]
+    return render_contacts(solution.contacts("rendered"), scene, rng=rng, sphere_radius=radii)
+
+
+def _blank(scene: Scene) -> NDArray:
+    """The reference frame."""
+    seed = scene.need("simulate", "rendering a frame").seed
+    return render_reference(scene, rng=np.random.default_rng([seed, 1])).image
+
+
+def supersampling_knob(case: Case) -> Knob:
+    """Samples a pixel of the renderer, everything off that does not depend on them."""
+    solution = cache(lambda: _contacts(case))
+
+    def run(depth: int) -> Rendered:
+        return _photograph(_without_sensor(case.scene, depth), solution())
+
+    reference = cache(lambda: _read(case.scene, run(CONVERGED_DEPTH)))
+
+    def error(answer: Rendered) -> float:
+        radii = np.ones(len(reference()))
+        return _disk_change(case.output, _read(case.scene, answer), reference(), radii)
+
+    settings = tuple(
+        Setting(
+            f"{depth} a pixel",
+            partial(run, depth),
+            error,
+            f"{CONVERGED_DEPTH} a pixel, both measured by {DISK}",
+        )
+        for depth in DEPTHS
+    )
+    return Knob("supersampling", "sampling of rendered frames", case.output, case.load, settings)
+
+
+def _without_sensor(scene: Scene, depth: int) -> Scene:
+    """The scene sampled so finely, without texture, drift and dust, with a little noise, the same in all."""
+    effects = dict.fromkeys(SENSOR, "off") | {"read_noise": "on", "supersampling": "on"}
+    camera = {
+        "texture": 0.0,
+        "electrons_per_level": 1.0,
+        "read_noise_electrons": QUIET_LEVELS,
+        "supersampling": depth,
+    }
+    simulate = scene.need("simulate", "rendering a frame").model_copy(update=camera)
+    return scene.model_copy(
+        update={"effects": scene.effects.model_copy(update=effects), "simulate": simulate}
+    )
+
+
+def _read(scene: Scene, rendered: Rendered) -> Disks:
+    """Measure a rendered frame against a flat reference."""
+    background = scene.need("simulate", "rendering a frame").background_levels
+    flat = np.full_like(rendered.frame.image, background)
+    return _fit_disks(scene, rendered.frame.image, flat, rendered.frame.full_scale)

@@ -1,0 +1,146 @@
+"""Measure the trade-off of a case: the knobs that apply to it, one table, one sentence a knob."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import pandas as pd
+
+from contactimg.errors import InputError
+from contactimg.tradeoff.case import Case
+from contactimg.tradeoff.images import image_knob, supersampling_knob
+from contactimg.tradeoff.knobs import TRADEOFF, Knob, measure_knob
+from contactimg.tradeoff.models import model_knob, pattern_knob, ring_knob, solver_knob
+from contactimg.tradeoff.sentences import knob_sentence
+from contactimg.tradeoff.sums import sum_knob
+
+__all__ = ["KNOBS", "Tradeoff", "applicable_knobs", "run_knobs"]
+
+
+@dataclass(frozen=True, eq=False)
+class Tradeoff:
+    """Errors and times of the settings of every knob.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`.
+    sentences : dict
+        Knob -> what a person should take.
+    relative : float
+        The tolerance of the sentences.
+    left_out : dict
+        Knob -> why it does not apply to the scene.
+    """
+
+    table: pd.DataFrame
+    sentences: dict[str, str]
+    relative: float
+    left_out: dict[str, str]
+
+
+def _need_mechanics(case: Case) -> str:
+    """What the contact models lack."""
+    missing = [
+        name
+        for name, there in (
+            ("[indenter]", case.scene.indenter),
+            ("[elastic]", case.scene.elastic),
+            ("[asperities] with a file or a generator", case.asperities),
+        )
+        if there is None
+    ]
+    if missing:
+        return f"needs {', '.join(missing)}"
+    return "" if case.load > 0 else "needs a load above 0"
+
+
+def _need_averages(case: Case) -> str:
+    """What the models of averages lack: they do without a table."""
+    if case.scene.indenter is None or case.scene.elastic is None or case.scene.asperities is None:
+        return "needs [indenter], [elastic] and [asperities]"
+    stated = case.scene.asperities.height_law is not None and case.scene.asperities.radius is not None
+    if case.asperities is None and not stated:
+        return "needs a table of asperities, or the parameters of a height law"
+    return "" if case.load > 0 else "needs a load above 0"
+
+
+def _need_frames(case: Case) -> str:
+    """What a measured frame lacks."""
+    if case.measured is not None:
+        return ""
+    return _need_rendering(case) + " or frames of its own" if _need_rendering(case) else ""
+
+
+def _need_rendering(case: Case) -> str:
+    """What a rendered frame lacks."""
+    missing = [f"[{name}]" for name in ("camera", "simulate") if getattr(case.scene, name) is None]
+    return f"needs {' and '.join(missing)}" if missing else _need_mechanics(case)
+
+
+KNOBS: dict[str, tuple[Callable[[Case], Knob], Callable[[Case], str]]] = {
+    "image": (image_knob, _need_frames),
+    "model": (model_knob, _need_mechanics),
+    "solver": (solver_knob, _need_mechanics),
+    "sums": (sum_knob, _need_mechanics),
+    "rings": (ring_knob, _need_averages),
+    "patterns": (pattern_knob, _need_mechanics),
+    "supersampling": (supersampling_knob, _need_rendering),
+}
+"""Knob -> how it is built, and what a case lacks for it."""
+
+
+def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob], dict[str, str]]:
+    """The knobs that apply to a case, and why the others do not.
+
+    Parameters
+    ----------
+    case : Case
+    names : sequence of str
+        Those wanted, of `KNOBS`; all if empty.
+
+    Raises
+    ------
+    InputError
+        If none applies, with the reasons, or a name is unknown.
+    """
+    unknown = [name for name in names if name not in KNOBS]
+    if unknown:
+        raise InputError(f"knob must be one of {', '.join(map(repr, KNOBS))}, got {unknown[0]!r}")
+    wanted = {name: KNOBS[name] for name in KNOBS if not names or name in names}
+    left_out = {name: lacks for name, (_, need) in wanted.items() if (lacks := need(case))}
+    if len(left_out) == len(wanted):
+        reasons = dict.fromkeys(left_out.values())
+        raise InputError(f"the scene has nothing to trade accuracy against time on: it {'; '.join(reasons)}")
+    return [build(case) for name, (build, _) in wanted.items() if name not in left_out], left_out
+
+
+def run_knobs(
+    knobs: Sequence[Knob],
+    *,
+    relative: float,
+    seconds: float,
+    left_out: dict[str, str] | None = None,
+    advance: Callable[[], None] | None = None,
+) -> Tradeoff:
+    """Measure knobs one after the other.
+
+    Parameters
+    ----------
+    knobs : sequence of Knob
+    relative : float
+        Relative error that the sentences are for.
+    seconds : float
+        What repetitions may take, all knobs together; the first run of each setting comes on top.
+    left_out : dict, optional
+        Handed through.
+    advance : callable, optional
+        Called once a setting.
+    """
+    tables = [measure_knob(knob, seconds=seconds / len(knobs), advance=advance) for knob in knobs]
+    sentences = {
+        knob.name: knob_sentence(knob.title, table, relative=relative)
+        for knob, table in zip(knobs, tables, strict=True)
+    }
+    return Tradeoff(
+        TRADEOFF.conform(pd.concat(tables, ignore_index=True)), sentences, relative, dict(left_out or {})
+    )

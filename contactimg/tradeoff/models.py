@@ -1,0 +1,250 @@
+"""Knobs of the contact models: which model, the solver's tolerance, rings, patterns of an ensemble."""
+
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.effects.change import relative_change
+from contactimg.errors import InputError
+from contactimg.models.greenwood_williamson import RingSolution
+from contactimg.models.solution import InteractingSolution
+from contactimg.prediction import solve_average, solve_scene
+from contactimg.surfaces import generate_asperities
+from contactimg.tradeoff.averages import Average, average_change, average_contacts, average_rings
+from contactimg.tradeoff.boundary import GRIDS, RESOLUTION, solve_boundary
+from contactimg.tradeoff.case import Case, Truth
+from contactimg.tradeoff.knobs import Knob, Setting
+
+__all__ = ["model_knob", "pattern_knob", "ring_knob", "solver_knob"]
+
+Values = NDArray[np.float64]
+
+ANNULI = 8
+"""Annuli over which averages are compared."""
+
+LEVELS = {
+    "none": "uncoupled",
+    "asymptotic": "coupled by point forces",
+    "hertz": "coupled by Hertz's displacement alone",
+    "full": "fully coupled",
+}
+"""Level of coupling -> what it is called."""
+
+TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+CONVERGED = 1e-13
+"""Residual of the reference of the solver's tolerance."""
+
+RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 1000
+PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
+
+
+def model_knob(case: Case) -> Knob:
+    """Which contact model: averages, levels of coupling, boundary elements."""
+    best = "asymptotic" if case.scene.effects.adhesion == "on" else "full"
+    reference = cache(lambda: _solve(case, best))
+    converged = f"the same asperities {LEVELS[best]}"
+
+    def against_best(answer: InteractingSolution) -> float:
+        return contact_change(case.output, answer, reference())
+
+    def average_against_best(answer: RingSolution) -> float:
+        return _ring_change(case, answer, reference())
+
+    settings = [
+        Setting(
+            {"gw": "Greenwood-Williamson", "gt": "Greenwood-Tripp"}[model],
+            partial(solve_average, case.scene, case.asperities, load=case.load, model=model),
+            average_against_best,
+            converged,
+            message="an average over patterns: its error holds the scatter of this one",
+        )
+        for model in ("gw", "gt")
+    ]
+    settings += [
+        Setting(name, partial(_solve, case, level), against_best, converged)
+        for level, name in LEVELS.items()
+        if level not in (best, "full")
+    ]
+    settings.append(_full_setting(case))
+    settings += _boundary_settings(case, reference)
+    return Knob("model", "contact model", case.output, case.load, tuple(settings))
+
+
+def _full_setting(case: Case) -> Setting:
+    """Full coupling, whose error is known from a pattern solved by boundary elements."""
+    truth = case.truth
+
+    def error(_answer: InteractingSolution) -> float:
+        if truth is None:
+            raise InputError("no boundary-element solution is stored to compare with")
+        found = solve_scene(truth.scene, truth.asperities, load=truth.load, coupling="full")
+        stored = (truth.force, truth.radius)
+        return relative_change(case.output, without=(found.force, found.radius), complete=stored)
+
+    return Setting(LEVELS["full"], lambda: _solve(case, "full"), error, _stored_reference(truth))
+
+
+def _stored_reference(truth: Truth | None) -> str:
+    """What the stored boundary-element solution is called."""
+    if truth is None:
+        return "boundary elements"
+    return f"boundary elements, grid 1 um, stored SA+ pattern at {truth.load:g} N"
+
+
+def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution]) -> Iterator[Setting]:
+    """Boundary elements on grids, and what the stored solution took."""
+    for points in GRIDS if case.fine else GRIDS[:2]:
+
+        def run(points: int = points) -> tuple[Values, Values]:
+            return solve_boundary(case, reference(), points=points)
+
+        def error(answer: tuple[Values, Values]) -> float:
+            full = reference()
+            return relative_change(case.output, without=answer, complete=(full.force, full.radius))
+
+        yield Setting(
+            f"boundary elements, {points} x {points}",
+            run,
+            error,
+            f"the same asperities {LEVELS['full']}",
+            message="ContactMechanics",
+        )
+    if case.truth is not None:
+        yield Setting(
+            "boundary elements, 8192 x 8192 (stored)",
+            lambda: None,
+            lambda _: RESOLUTION,
+            "two solvers on finer and coarser grids",
+            stored_time=case.truth.seconds,
+            message=f"{_stored_reference(case.truth)}; time of one core of another machine",
+        )
+
+
+def contact_change(output: str, answer: InteractingSolution, reference: InteractingSolution) -> float:
+    """Relative error of the output of a solution by contacts."""
+    pairs = [(solution.force, solution.radius) for solution in (answer, reference)]
+    return relative_change(output, without=pairs[0], complete=pairs[1])
+
+
+def _ring_change(case: Case, rings: RingSolution, reference: InteractingSolution) -> float:
+    """Relative error of the output of averages against those of a solution by contacts."""
+    centre = case.scene.need("indenter", "averages").apex
+    rows = reference.touching
+    if not rows.size:
+        raise InputError("nothing is in contact")
+    farthest = float(np.hypot(reference.x[rows] - centre[0], reference.y[rows] - centre[1]).max())
+    edges = np.linspace(0.0, farthest, ANNULI + 1)
+    return average_change(
+        case.output,
+        answer=average_rings(rings, edges=edges),
+        reference=average_contacts(reference, centre=centre, edges=edges),
+    )
+
+
+def _solve(case: Case, coupling: str, **options: float) -> InteractingSolution:
+    """The scene's contact problem at a level of coupling."""
+    if case.asperities is None:
+        raise InputError("the scene has no asperities")
+    return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling, **options)
+
+
+def solver_knob(case: Case) -> Knob:
+    """The solver's tolerance, on the coupling by point forces."""
+    reference = cache(lambda: _solve(case, "asymptotic", tolerance=CONVERGED))
+    settings = tuple(
+        Setting(
+            f"residual {tolerance:.0e}",
+            partial(_solve, case, "asymptotic", tolerance=tolerance),
+            lambda answer: contact_change(case.output, answer, reference()),
+            f"the same equations to a residual of {CONVERGED:.0e}",
+        )
+        for tolerance in TOLERANCES
+    )
+    return Knob("solver", "tolerance of the solver", case.output, case.load, settings)
+
+
+def ring_knob(case: Case) -> Knob:
+    """The number of rings of Greenwood-Tripp."""
+
+    def solve(rings: int) -> RingSolution:
+        return solve_average(case.scene, case.asperities, load=case.load, model="gt", rings=rings)
+
+    reference = cache(lambda: solve(MANY_RINGS))
+
+    def error(answer: RingSolution) -> float:
+        converged = reference()
+        edges = np.linspace(0.0, float(converged.r[-1]), ANNULI + 1)
+        return average_change(
+            case.output,
+            answer=average_rings(answer, edges=edges),
+            reference=average_rings(converged, edges=edges),
+        )
+
+    settings = tuple(
+        Setting(f"{rings} rings", partial(solve, rings), error, f"{MANY_RINGS} rings") for rings in RINGS
+    )
+    return Knob("rings", "rings of Greenwood-Tripp", case.output, case.load, settings)
+
+
+def pattern_knob(case: Case) -> Knob:
+    """The number of random patterns whose mean is taken."""
+    counts = (*PATTERNS, *MORE_PATTERNS) if case.fine else PATTERNS
+    most = counts[-1]
+    averages = cache(lambda: _pattern_averages(case, most))
+
+    def scatter() -> float:
+        """Root mean square of the errors of single patterns against the mean of all."""
+        found = averages()
+        mean = Average(
+            float(np.mean([one.area for one in found])),
+            np.mean([one.loads for one in found], axis=0),
+            float(np.mean([one.mean_radius for one in found])),
+        )
+        errors = [average_change(case.output, answer=one, reference=mean) for one in found]
+        return float(np.sqrt(np.mean(np.square(errors)) * most / (most - 1)))
+
+    spread = cache(scatter)
+    settings = tuple(
+        Setting(
+            f"{count} pattern" + "s" * (count > 1),
+            partial(_pattern_averages, case, count),
+            lambda answer: spread() / np.sqrt(len(answer)),
+            f"mean of all such patterns (standard error, from the scatter of {most})",
+        )
+        for count in counts
+    )
+    return Knob("patterns", "patterns of an ensemble", case.output, case.load, settings)
+
+
+def _pattern_averages(case: Case, count: int) -> list[Average]:
+    """Averages over the contacts of each of so many random patterns of the scene's kind."""
+    return [_pattern_average(case, index) for index in range(count)]
+
+
+def _pattern_average(case: Case, index: int) -> Average:
+    """Averages over the contacts of one of them."""
+    indenter = case.scene.need("indenter", "averages")
+    rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
+    solution = solve_scene(case.scene, _draw_pattern(case, rng), load=case.load, coupling="asymptotic")
+    side = case.scene.need("asperities", "averages").side
+    edges = np.linspace(0.0, side / 2, 4 * ANNULI + 1)
+    return average_contacts(solution, centre=indenter.apex, edges=edges)
+
+
+def _draw_pattern(case: Case, rng: np.random.Generator) -> pd.DataFrame:
+    """A new pattern: from the scene's generator, or its table with places moved around and caps exchanged."""
+    section = case.scene.need("asperities", "a pattern")
+    if section.generate is not None:
+        return generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)
+    if case.asperities is None:
+        raise InputError("the scene has neither a table nor a generator of asperities")
+    table = case.asperities.copy()
+    for name, shift in zip(("x_m", "y_m"), rng.random(2), strict=True):
+        low = min(0.0, float(table[name].min()))
+        table[name] = low + (table[name] - low + shift * section.side) % section.side
+    caps = ["height_m", "radius_m"]
+    table[caps] = table[caps].to_numpy()[rng.permutation(len(table))]
+    return table

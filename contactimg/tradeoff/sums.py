@@ -1,0 +1,63 @@
+"""Knob of the coupling sums over many contacts: the accuracy asked of the non-uniform FFT."""
+
+from functools import cache, partial
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from contactimg.models.coupling import Kernel
+from contactimg.models.fast_sum import FastCoupling
+from contactimg.tradeoff.case import Case
+from contactimg.tradeoff.knobs import Knob, Setting
+
+__all__ = ["sum_knob"]
+
+Values = NDArray[np.float64]
+
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-9, 1e-10)
+POINTS, MORE_POINTS = 20_000, 200_000
+CHECKED = 400
+"""Points whose sums are compared with direct ones."""
+
+
+def sum_knob(case: Case) -> Knob:
+    """Accuracy of one sum over points spread at random, as many as a matrix could not hold."""
+    count = MORE_POINTS if case.fine else POINTS
+    rng = np.random.default_rng(0)
+    x, y, force = rng.random(count), rng.random(count), rng.random(count)
+    checked = rng.choice(count, CHECKED, replace=False)
+    direct = cache(lambda: _direct_sum(x, y, force, checked))
+
+    def error(answer: Values) -> float:
+        difference = answer[checked] - direct()
+        return float(np.sqrt(np.mean(difference**2) / np.mean(direct() ** 2)))
+
+    settings = [
+        Setting(
+            f"accuracy {accuracy:.0e}",
+            partial(_sum_once, x, y, force, accuracy),
+            error,
+            f"direct sums at {CHECKED} of {count} points",
+            message="set-up and one sum",
+        )
+        for accuracy in ACCURACIES
+    ]
+    return Knob("sums", f"coupling sums over {count} contacts", "displacement", np.nan, tuple(settings))
+
+
+def _sum_once(x: Values, y: Values, force: Values, accuracy: float) -> Values:
+    """Displacements by forces, the set-up included."""
+    return FastCoupling(x, y, Kernel.of_thickness(np.inf), accuracy).displacement(force)
+
+
+@njit(cache=True)
+def _direct_sum(x, y, force, rows):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """``sum_j q_j/(pi r_ij)`` over all other points, at some of them."""
+    total = np.zeros(rows.size)
+    for k in range(rows.size):
+        i = rows[k]
+        for j in range(x.size):
+            if j != i:
+                total[k] += force[j] / (np.pi * np.sqrt((x[i] - x[j]) ** 2 + (y[i] - y[j]) ** 2))
+    return total
