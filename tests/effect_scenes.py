@@ -35,12 +35,12 @@ SCENES = {
     "SA+ large load": (lambda: pattern("SA", side=6e-3), SA_LENS, {"thickness_m": 0.015}, 1.2),
     "SA- 0.5 N": (lambda: pattern("SA", side=8e-3, coverage=0.1), SA_LENS, {"thickness_m": 0.015}, 0.5),
     "SA- 5 mN": (lambda: pattern("SA", side=5e-3, coverage=0.1), SA_LENS, {"thickness_m": 0.015}, 5e-3),
-    "RA- dry": (lambda: pattern("RA-", side=1.6e-3), RA_LENS, {"thickness_m": 0.015}, 0.05),
+    "RA- dry": (lambda: pattern("RA-", side=1.6e-3), RA_LENS, {"thickness_m": 0.015}, 0.02),
     "RA- adhesive": (
         lambda: pattern("RA-", side=1.6e-3),
         RA_LENS,
         {"thickness_m": 0.015, "work_of_adhesion_J_m2": 0.05},
-        0.05,
+        0.02,
     ),
     "RA+ dry": (lambda: pattern("RA+", side=2e-3), RA_LENS, {"thickness_m": 0.015}, 0.2),
     "RA+ adhesive": (

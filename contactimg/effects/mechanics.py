@@ -23,7 +23,7 @@ from contactimg.models.adhesive_laws import AdhesiveLaw
 from contactimg.models.coupling import Kernel
 from contactimg.models.local_laws import HertzLaw, SphereLaw
 from contactimg.models.problem import Problem, Setting, pose_problem
-from contactimg.models.validity import contact_flags
+from contactimg.models.validity import close_pairs, contact_flags
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -34,6 +34,9 @@ Values = NDArray[np.float64]
 MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
 
 PURPOSE = "planning the mechanical effects"
+
+ENGULFED = 0.2
+"""Distance over contact radius below which two contacts are one; coupled, they are unstable from 0.64 on."""
 
 
 def estimate_mechanics(
@@ -63,7 +66,7 @@ def estimate_mechanics(
     InputError
         If a section is missing or the load breaks its rule.
     ModelRangeError
-        If the indenter reaches the plane between the asperities.
+        If the indenter reaches the plane between the asperities, or two contacts engulf each other.
 
     Notes
     -----
@@ -89,10 +92,12 @@ def estimate_mechanics(
         raise InputError(
             f"load must be finite, and positive unless the contacts adhere, got {load!r} N; give another"
         )
-    if load <= 0 or not len(asperities):
-        return CONTACTS.empty(), _unloaded(load, adheres=adheres)
     setting = Setting(indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, load, None)
-    found = _Mechanics(scene, pose_problem(asperities, setting))
+    problem = pose_problem(asperities, setting)
+    if load <= 0 or not problem.touches:
+        return CONTACTS.empty(), _unloaded(load, adheres=adheres)
+    found = _Mechanics(scene, problem)
+    found.refuse_engulfed()
     found.refuse_touching_planes()
     return found.contacts(), found.estimates()
 
@@ -219,6 +224,26 @@ class _Mechanics:
             )
         )
 
+    @cached_property
+    def engulfed(self) -> tuple[int, int] | None:
+        """Two asperities far inside each other's contact without coupling, as rows of the table."""
+        p, found = self.stage.candidates, self.stage.everywhere_alone(HertzLaw())
+        rows = np.flatnonzero(found.contact_radius)
+        i, j, _ = close_pairs(p.x[rows], p.y[rows], ENGULFED * found.contact_radius[rows])
+        if not i.size:
+            return None
+        first, second = sorted(int(p.order[rows[k[0]]]) for k in (i, j))
+        return first, second
+
+    def refuse_engulfed(self) -> None:
+        """`ModelRangeError` if coupled contacts are far inside each other."""
+        if self.coupled and self.engulfed is not None:
+            first, second = self.engulfed
+            raise ModelRangeError(
+                f"asperities: rows {first} and {second} would overlap so far that several solutions exist; "
+                "lower the load or merge them"
+            )
+
     def refuse_touching_planes(self) -> None:
         """`ModelRangeError` if the indenter reaches the plane between the asperities."""
         p, found = self.stage.candidates, self.everywhere
@@ -270,6 +295,8 @@ class _Mechanics:
 
     def _coupling(self) -> tuple[float, str]:
         """Independent contacts against coupled ones, in full."""
+        if self.engulfed is not None:
+            return 1.0, "contacts lie inside each other: coupled, there is no single solution"
         response, radius, _ = self.refined
         change = self.change(self.answer(self.alone), self.answer(response, radius=radius))
         lowered, state = self.stage.at_sample(self.state.iterate.displacement), self.state.response

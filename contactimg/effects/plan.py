@@ -2,7 +2,8 @@
 
 Everything that is left out by the plan's own decision changes the requested output, all together, by less
 than the tolerance: effects are dropped in the order of change over extra cost as long as the sum of the
-estimates stays below the tolerance. A sum that meets the tolerance exactly keeps the effect on.
+estimates, each a quarter larger because estimates err, stays below the tolerance. A sum that meets it exactly
+keeps the effect on.
 """
 
 import math
@@ -41,6 +42,9 @@ Level = Literal["none", "asymptotic", "full"]
 
 REQUIRES = {"full_coupling": "coupling"}
 """Effects that are refinements of another: on only where that is on."""
+
+MARGIN = 1.25
+"""Factor on estimates in the sum of what is dropped: they err by up to a quarter."""
 
 APART = ("adhesion", "full_coupling")
 """Effects that no model computes together yet: the larger one is kept."""
@@ -206,7 +210,7 @@ def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
     """Effects whose changes, least first for the time they cost, add up to less than the tolerance."""
     dropped, total = set(), 0.0
     for estimate in sorted(estimates, key=_price):
-        if total + estimate.change < tolerance:
+        if MARGIN * (total + estimate.change) < tolerance:
             dropped.add(estimate.effect)
             total += estimate.change
     return dropped
