@@ -1,7 +1,7 @@
 """``contactimg process``: a folder of frames to contacts, forces and overlays."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,9 @@ from contactimg.cli.common import (
     workers_option,
 )
 from contactimg.timings import stage
+
+if TYPE_CHECKING:
+    from contactimg.scene import Scene
 
 __all__ = ["process"]
 
@@ -31,31 +34,47 @@ __all__ = ["process"]
 @click.option("--threshold", help='Fraction of the contact contrast, or "auto".')
 @click.option("--polarity", type=click.Choice(["bright", "dark", "auto"]), help="Contacts against reference.")
 @click.option("--calibration", type=click.Path(exists=True), help="calibration.json: modulus, threshold.")
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Relative error of the output: the cheapest method that meets it, frame by frame.",
+)
 @click.option("--pictures/--no-pictures", default=True, help="Draw an overlay of each frame.")
 @workers_option
 @quiet_option
 @verbose_option
 def process(
-    *, folder: str, output: str | None, pictures: bool, workers: int | None, quiet: bool, **options: Any
+    *,
+    folder: str,
+    output: str | None,
+    tolerance: float | None,
+    pictures: bool,
+    workers: int | None,
+    quiet: bool,
+    **options: Any,
 ) -> int:
     """Measure every frame of FOLDER: contacts, local forces, overlays.
 
     What the scene.toml in FOLDER says holds unless an option says otherwise; without one, --reference and
-    --pixel-size-um are enough. Writes contacts.csv, frames.csv, rejected.csv, provenance.json and a picture
-    of each frame in overlays/.
+    --pixel-size-um are enough. With --tolerance each frame is measured by the threshold if its error, which
+    is estimated on the frame, stays below it, else by the fit of disks; the provenance holds the decisions.
+    Writes contacts.csv, frames.csv, rejected.csv, provenance.json and a picture of each frame in overlays/.
 
     \b
     Examples:
       contactimg process sample_data/sa_plus -o results
       contactimg process my_frames --reference my_frames/dark.tif --pixel-size-um 6
+      contactimg process sample_data/ra_plus --tolerance 0.05 -o quick
     """
     with stage("loading"):
-        from contactimg.cli.scenes import calibration_options, scene_of_folder
+        from contactimg.cli.scenes import calibration_options, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
         from contactimg.pipeline.process import draw_overlays, write_run
         from contactimg.pipeline.series import FAILED, measure_experiment
 
-    scene = scene_of_folder(folder, options)
+    if tolerance is not None and options["method"] is not None:
+        raise click.UsageError("--tolerance chooses the method and --method names it; keep one of the two.")
+    scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=tolerance)
     experiment = open_experiment(scene)
     count = len(experiment.frames)
     record = provenance(
@@ -67,12 +86,17 @@ def process(
     target = Path(output) if output is not None else Path(folder) / "contactimg_out"
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:
-            run = measure_experiment(experiment, workers=workers, advance=advance)
+            run = measure_experiment(experiment, relative=tolerance, workers=workers, advance=advance)
         out.record |= write_run(run, out.folder)
         if pictures:
             with progress("drawing overlays", count, quiet=quiet) as advance:
                 draw_overlays(run, experiment, out.folder / "overlays", workers=workers, advance=advance)
     if not quiet:
-        echo_frames(run.frames, title=f"{folder}, method {scene.measure.method}")
+        echo_frames(run.frames, title=f"{folder}, method {_method(scene, tolerance)}")
         click.echo(f"results in {target}")
     return 1 if (run.frames["status"] == FAILED).any() else 0
+
+
+def _method(scene: "Scene", tolerance: float | None) -> str:
+    """How the frames were measured, for the title."""
+    return scene.measure.method if tolerance is None else f"chosen for {100 * tolerance:g} %"

@@ -1,6 +1,7 @@
 """What `process` leaves behind: the tables of a run and a picture of each frame."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from math import degrees, nan, radians
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,14 @@ __all__ = ["draw_overlays", "picture_name", "run_of_folder", "write_run"]
 
 
 def write_run(run: Run, folder: Path) -> dict[str, Any]:
-    """Write contacts.csv, frames.csv and rejected.csv; return what else the provenance must say: the pose."""
+    """Write contacts.csv, frames.csv and rejected.csv; return what else the provenance must say."""
     write_table(run.contacts, CONTACTS, folder / "contacts.csv")
     write_table(run.frames, FRAMES, folder / "frames.csv")
     write_table(run.rejected, REJECTED, folder / "rejected.csv")
-    return {} if run.pose is None else {"pose": _pose_record(run.pose)}
+    record = {} if run.pose is None else {"pose": _pose_record(run.pose)}
+    if run.choices:
+        record["methods"] = {frame: asdict(choice) for frame, choice in run.choices.items()}
+    return record
 
 
 def run_of_folder(folder: RunFolder) -> Run:

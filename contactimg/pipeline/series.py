@@ -3,7 +3,7 @@
 import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource, open_experiment
 from contactimg.forces import assign_forces, total_area, total_force
-from contactimg.imaging.measure import measure_image
+from contactimg.frame import Frame
+from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.matching import PoseFit, PoseSearch, fit_pose, pair_points, pairing_distance
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.measure import contacts_table, locate_contacts, rejected_table
@@ -23,6 +24,7 @@ from contactimg.prediction import FAILED
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 from contactimg.timings import stage
+from contactimg.tradeoff.choice import Choice, measure_cheapest
 
 logger = logging.getLogger(__name__)
 
@@ -50,6 +52,8 @@ class Run:
         The tables of that name.
     pose : PoseFit or None
         Pose of the camera over the reference frame; None without a pixel size.
+    choices : dict
+        Frame -> how it was measured and why, where that was chosen for a tolerance.
     """
 
     scene: Scene
@@ -57,6 +61,7 @@ class Run:
     rejected: pd.DataFrame
     frames: pd.DataFrame
     pose: PoseFit | None
+    choices: dict[str, Choice] = field(default_factory=dict)
 
     def need_pose(self) -> Pose:
         """The pose of the camera, or an `InputError` that says how to get one."""
@@ -73,6 +78,7 @@ class _Measured:
     rejected: pd.DataFrame
     row: dict[str, Any]
     shape: tuple[int, int] | None
+    choice: Choice | None = None
 
     def summary(self) -> str:
         """One line about the frame."""
@@ -111,11 +117,19 @@ def measure_series(
 
 
 def measure_experiment(
-    experiment: Experiment, *, workers: int | None = None, advance: Callable[[], None] | None = None
+    experiment: Experiment,
+    *,
+    relative: float | None = None,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
 ) -> Run:
-    """Measure every frame of an opened experiment; see `measure_series`."""
+    """Measure every frame of an opened experiment; see `measure_series`.
+
+    With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
+    is estimated to meet it (`contactimg.tradeoff.choice`).
+    """
     scene, parts = experiment.scene, []
-    for part in _measure_all(experiment, scene, workers=workers):
+    for part in _measure_all(experiment, scene, relative, workers=workers):
         logger.info("%s", part.summary())
         parts.append(part)
         if advance is not None:
@@ -126,7 +140,8 @@ def measure_experiment(
     )
     contacts = pd.concat([part.contacts for part in parts], ignore_index=True)
     rejected = pd.concat([part.rejected for part in parts], ignore_index=True)
-    run = Run(scene, CONTACTS.conform(contacts), REJECTED.conform(rejected), frames, pose=None)
+    choices = {str(part.row["frame"]): part.choice for part in parts if part.choice is not None}
+    run = Run(scene, CONTACTS.conform(contacts), REJECTED.conform(rejected), frames, None, choices)
     if scene.camera is None:
         return run
     asperities = scene_asperities(scene)
@@ -134,26 +149,22 @@ def measure_experiment(
     return with_forces(_located(run, sites, shape), sites)
 
 
-def _measure_all(experiment: Experiment, scene: Scene, *, workers: int | None) -> Iterator[_Measured]:
+def _measure_all(
+    experiment: Experiment, scene: Scene, relative: float | None, *, workers: int | None
+) -> Iterator[_Measured]:
     """The frames' parts in order, a few frames in memory at a time."""
     reference = experiment.reference.read().image if experiment.reference is not None else None
-    jobs = ((source, reference, scene) for source in experiment.frames)
+    jobs = ((source, reference, scene, relative) for source in experiment.frames)
     return in_parallel(_measure_source, jobs, count=len(experiment.frames), workers=workers)
 
 
-def _measure_source(source: FrameSource, reference: NDArray | None, scene: Scene) -> _Measured:
+def _measure_source(
+    source: FrameSource, reference: NDArray | None, scene: Scene, relative: float | None
+) -> _Measured:
     """Read and measure one frame; a failure becomes a row."""
     try:
         frame = source.read()
-        measurement = measure_image(
-            frame.image,
-            reference,
-            method=scene.measure.method,
-            polarity=scene.images.polarity,
-            threshold=scene.measure.threshold,
-            full_scale=frame.full_scale,
-            blur_px=scene.measure.blur_px,
-        )
+        measurement, choice = _measure(frame, reference, scene, relative)
     except FrameError as error:
         return _failure(source.name, str(error))
     except Exception as error:
@@ -168,11 +179,30 @@ def _measure_source(source: FrameSource, reference: NDArray | None, scene: Scene
         "noise": measurement.noise,
         "shift_x_px": measurement.shift_x_px,
         "shift_y_px": measurement.shift_y_px,
-        "message": measurement.message,
+        "message": "; ".join(text for text in (measurement.message, str(choice or "")) if text),
     }
-    return _Measured(
-        contacts_table(measurement, source.name), rejected_table(measurement, source.name), row, frame.shape
+    contacts, rejected = contacts_table(measurement, source.name), rejected_table(measurement, source.name)
+    return _Measured(contacts, rejected, row, frame.shape, choice)
+
+
+def _measure(
+    frame: Frame, reference: NDArray | None, scene: Scene, relative: float | None
+) -> tuple[ImageMeasurement, Choice | None]:
+    """Measure one frame by the scene's method, or by the cheapest that meets a tolerance."""
+    if relative is not None:
+        return measure_cheapest(
+            frame.image, reference, scene=scene, relative=relative, full_scale=frame.full_scale
+        )
+    measurement = measure_image(
+        frame.image,
+        reference,
+        method=scene.measure.method,
+        polarity=scene.images.polarity,
+        threshold=scene.measure.threshold,
+        full_scale=frame.full_scale,
+        blur_px=scene.measure.blur_px,
     )
+    return measurement, None
 
 
 def _failure(name: str, reason: str) -> _Measured:
