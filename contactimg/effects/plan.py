@@ -40,8 +40,14 @@ EFFECTS = Schema(
 
 Level = Literal["none", "asymptotic", "full"]
 
-REQUIRES = {"full_coupling": "coupling"}
-"""Effects that are refinements of another: on only where that is on."""
+REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
+"""Effects that act through another one only."""
+
+INCLUDED = {"full_coupling": "coupling"}
+"""Effects whose change that of another one includes: left out with it, they count no more.
+
+Not so the layer: where it matters, an uncoupled model is right only as far as two effects cancel.
+"""
 
 MARGIN = 1.25
 """Factor on estimates in the sum of what is dropped: they err by up to a quarter."""
@@ -164,17 +170,24 @@ def decide(
     [False, True]
     """
     order = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
-    dropped = _dropped([e for e in estimates if order[e.effect] == "auto"], tolerance)
-    on = {
-        name for name, switch in order.items() if switch == "on" or (switch == "auto" and name not in dropped)
-    }
-    for refined, base in REQUIRES.items():
-        if refined in on and base not in on:
-            on = on - {refined} if order.get(base) == "off" else on | {base}
-    given_up = _given_up(estimates, on, order)
-    on -= {given_up}
+    needed = {base for effect, base in REQUIRES.items() if order.get(effect) == "on"}
+    on = _kept(estimates, order, needed, tolerance)
+    pulled = {base for effect, base in REQUIRES.items() if effect in on - set(INCLUDED)}
+    if not pulled <= on:
+        on = _kept(estimates, order, needed | pulled, tolerance)
+    moot = {effect: base for effect, base in REQUIRES.items() if base in order and base not in on}
+    given_up = _given_up(estimates, on - set(moot), order)
+    on -= {given_up, *moot}
     decisions = tuple(
-        Decision(e.effect, e.change, tolerance, e.effect in on, order[e.effect], e.reason, e.cost)
+        Decision(
+            e.effect,
+            0.0 if e.effect in moot else e.change,
+            tolerance,
+            e.effect in on,
+            order[e.effect],
+            f"acts through {moot[e.effect]}, which is left out" if e.effect in moot else e.reason,
+            e.cost,
+        )
         for e in estimates
     )
     return decisions, tuple(_warnings(decisions, given_up))
@@ -199,6 +212,8 @@ def _warnings(decisions: Sequence[Decision], given_up: str) -> Iterable[str]:
                 f"{d.effect} is left out because it does not go together with {kept} yet: that changes the "
                 f"requested output by about {d.change:.2g} (tolerance {d.tolerance:g})"
             )
+        elif d.switch == "on" and not d.on:
+            yield f"{d.effect} is switched on but {d.reason}"
         elif d.switch == "off" and d.change >= d.tolerance:
             yield (
                 f"{d.effect} is switched off although that changes the requested output by about "
@@ -206,14 +221,25 @@ def _warnings(decisions: Sequence[Decision], given_up: str) -> Iterable[str]:
             )
 
 
+def _kept(
+    estimates: Sequence[Estimate], order: dict[str, str], needed: set[str], tolerance: float
+) -> set[str]:
+    """Effects that are on by order, because others need them or because they matter."""
+    free = [e for e in estimates if order[e.effect] == "auto" and e.effect not in needed]
+    dropped = _dropped(free, tolerance)
+    return {effect for effect, switch in order.items() if switch != "off" and effect not in dropped}
+
+
 def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
     """Effects whose changes, least first for the time they cost, add up to less than the tolerance."""
-    dropped, total = set(), 0.0
+    dropped: dict[str, float] = {}
     for estimate in sorted(estimates, key=_price):
-        if MARGIN * (total + estimate.change) < tolerance:
-            dropped.add(estimate.effect)
-            total += estimate.change
-    return dropped
+        moot = {effect for effect, base in INCLUDED.items() if base == estimate.effect}
+        others = sum(change for effect, change in dropped.items() if effect not in moot)
+        change = 0.0 if INCLUDED.get(estimate.effect) in dropped else estimate.change
+        if MARGIN * (others + change) < tolerance:
+            dropped |= {estimate.effect: change} | dict.fromkeys(moot & set(dropped), 0.0)
+    return set(dropped)
 
 
 def _price(estimate: Estimate) -> tuple[float, float, str]:
