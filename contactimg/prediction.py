@@ -83,6 +83,7 @@ def predict_contacts(
     coupling: Coupling = "auto",
     annulus: float = 2.5e-4,
     frame: str = "",
+    tolerance: float | None = None,
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
 
@@ -103,6 +104,8 @@ def predict_contacts(
         Width of the profile's annuli, m.
     frame : str
         Name entered in the tables; default: the load's own name.
+    tolerance : float, optional
+        Of the solver, on its residual; default: its own, close to rounding.
 
     Returns
     -------
@@ -119,7 +122,8 @@ def predict_contacts(
     """
     if coupling == "auto":
         coupling = _level(scene)
-    solution = solve_scene(scene, asperities, load=load, coupling=coupling)
+    options = {} if tolerance is None else {"tolerance": tolerance}
+    solution = solve_scene(scene, asperities, load=load, coupling=coupling, **options)
     if solution.validity.planes_touch:
         raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if coupling == "none" else "coupled"

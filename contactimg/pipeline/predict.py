@@ -24,11 +24,23 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-__all__ = ["plan_records", "predict_loads", "write_predictions"]
+__all__ = ["choice_sentence", "plan_records", "predict_loads", "solver_tolerance", "write_predictions"]
+
+SOLVER_SHARE = 0.01
+"""Share of a tolerance that the solver's residual may take; the plan's effects have the rest."""
+
+ROUNDING = 1e-11
+"""Least residual asked for, that every solver reaches."""
 
 
 def predict_loads(
-    scene: Scene, loads: Sequence[float], *, model: Model, coupling: Coupling, annulus: float
+    scene: Scene,
+    loads: Sequence[float],
+    *,
+    model: Model,
+    coupling: Coupling,
+    annulus: float,
+    relative: float | None = None,
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
 
@@ -46,6 +58,9 @@ def predict_loads(
         other effects act only where ``[effects]`` switches them on.
     annulus : float
         Width of the profile's annuli (interacting model), m.
+    relative : float, optional
+        Tolerance of the output that the solver need not exceed by more than `SOLVER_SHARE`; default: it
+        solves to rounding.
 
     Returns
     -------
@@ -65,8 +80,15 @@ def predict_loads(
         raise InputError(f"load {repeated[0]!r} N is given more than once; give each load once")
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
-        predict = partial(_predict_planned, scene, asperities, coupling=coupling, annulus=annulus)
+        tolerance = None if relative is None else solver_tolerance(relative)
+        predict = partial(
+            _predict_planned, scene, asperities, coupling=coupling, annulus=annulus, tolerance=tolerance
+        )
     else:
+        if relative is not None:
+            raise InputError(
+                f'model "{model}" has no cheaper method for a larger tolerance; leave the tolerance out'
+            )
         if coupling != "auto":
             raise InputError(
                 f'model "{model}" knows no level of coupling, got coupling "{coupling}"; leave it out, or '
@@ -85,14 +107,41 @@ def predict_loads(
     return predictions
 
 
+def solver_tolerance(relative: float) -> float:
+    """Residual of the solver that takes up a small share of a relative tolerance."""
+    return max(SOLVER_SHARE * relative, ROUNDING)
+
+
+def choice_sentence(prediction: Prediction, *, relative: float) -> str:
+    """What a tolerance led to at a load: the level of coupling, what is left out and by how much it acts."""
+    plan = prediction.plan
+    if plan is None:
+        return str(prediction.frames["message"].iloc[0])
+    left = [d for d in plan.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0]
+    parts = ", ".join(f"{d.effect} ({100 * d.change:.2g} %)" for d in left) or "nothing that acts"
+    level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
+    return (
+        f"{prediction.frames['frame'].iloc[0]}: {level[plan.coupling]} for {100 * relative:g} % of the "
+        f"{plan.output}, to a residual of {solver_tolerance(relative):.0e}; left out: {parts}"
+    )
+
+
 def _predict_planned(
-    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: Coupling, annulus: float
+    scene: Scene,
+    asperities: pd.DataFrame,
+    *,
+    load: float,
+    coupling: Coupling,
+    annulus: float,
+    tolerance: float | None,
 ) -> Prediction:
     """Plan the effects at a load and predict the contacts with them."""
     scene = _ordered(scene, coupling)
     plan = make_plan(scene, asperities, load=load)
     level: Coupling = "hertz" if coupling == "hertz" else "auto"
-    prediction = predict_contacts(plan.apply(scene), asperities, load=load, coupling=level, annulus=annulus)
+    prediction = predict_contacts(
+        plan.apply(scene), asperities, load=load, coupling=level, annulus=annulus, tolerance=tolerance
+    )
     notes = [note for note in (*prediction.frames["message"], *plan.messages) if note]
     return replace(prediction, frames=prediction.frames.assign(message="; ".join(notes)), plan=plan)
 
