@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels import share_seen
+
 __all__ = ["FALSE_ALARM_SIGMA", "estimate_blur", "find_inscribed", "find_peaks", "find_peaks_near"]
 
 FALSE_ALARM_SIGMA = 6.0
@@ -18,6 +20,7 @@ resolution element, some 1e-4 false alarms in a frame of 1600 x 1200."""
 
 MOST_SLOPES = 8000  # pixels at half height that give the blur
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
+LEAST_SEEN = 0.2  # of a disk's area: what lies in a hole to a larger part is not known to be one
 PENETRATION = 0.7  # of its radius: a disk deeper than this inside a larger one is part of its rim
 
 
@@ -89,7 +92,11 @@ def find_inscribed(
         return np.empty((0, 3))  # nothing bounds a disk
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     summits = _summits(distance, SMALLEST_INSCRIBED)
-    return _select(summits[np.argsort(-summits[:, 2], kind="stable")])
+    disks = _select(summits[np.argsort(-summits[:, 2], kind="stable")])
+    if weight.shape != image.shape:
+        return disks
+    # a hole cuts no contact, but a hole alone is none
+    return disks[share_seen(disks, image.shape, weight) > LEAST_SEEN]
 
 
 @njit(cache=True)

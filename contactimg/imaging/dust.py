@@ -1,17 +1,43 @@
-"""Dirt of the reference that is gone: it brightens the difference where the frame shows nothing."""
+"""Fitted disks that are no contacts: dirt of the reference that is gone, and what hardly any pixel shows."""
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.light import BLOCK
+from contactimg.imaging.pixels import NO_MASK, Pixels, share_seen
 from contactimg.imaging.reference import Difference
 
-__all__ = ["absent_in_frame"]
+__all__ = ["absent_in_frame", "reject_disks"]
 
+LEAST_SEEN = (
+    0.2  # of its area: a disk of which less lies in the image and not in a hole is not known to be one
+)
 SHARE = 0.4  # of a contact's excess in the difference that the frame alone must show
 WIDEST = 10.0  # px: wider contacts are no dust, and the light varies across them
 POINTS = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)]) * 0.5  # of the radius, about the centre
+
+
+def reject_disks(
+    pixels: Pixels, signed: NDArray[np.float32], difference: Difference, disks: NDArray[np.float64]
+) -> NDArray[np.str_]:
+    """Why each disk is no contact; empty for contacts.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        The frame and its holes.
+    signed : ndarray, shape (rows, columns)
+        Difference image, contacts positive.
+    difference : Difference
+        Where it comes from.
+    disks : ndarray, shape (n, >= 3)
+        x, y, radius (px).
+    """
+    weight = NO_MASK if pixels.valid is None else pixels.valid
+    hidden = share_seen(disks, signed.shape, weight) < LEAST_SEEN
+    dust = absent_in_frame(pixels.frame, signed, difference, disks)
+    return np.select([hidden, dust], ["hardly any of it is in sight", "dust in the reference"], "")
 
 
 def absent_in_frame(

@@ -21,7 +21,7 @@ from contactimg.imaging.disks import (
     fit_disks,
     wide_disks,
 )
-from contactimg.imaging.dust import absent_in_frame
+from contactimg.imaging.dust import reject_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
@@ -39,7 +39,8 @@ __all__ = ["Fitted", "fit_contacts"]
 
 WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
 BINNED_BLUR = 1.6  # ... such that they are about this wide
-QUANTISATION = 1e-3  # levels: the least noise that is believed
+QUANTISATION = 1e-3  # levels: the least noise that is believed ...
+ROUGHNESS = 1e-2  # ... and of the contrast: edges are not rounder than that, whatever the noise
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
 ENOUGH_BLOCKS = 60
 BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
@@ -112,7 +113,8 @@ def fit_contacts(
         estimate_blur(image, contrast.plateau) if guess is None else np.hypot(guess, PIXEL_VARIANCE**0.5)
     )
     field = _Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
-    noise = max(noise if field.bin == 1 else estimate_noise(field.image, field.blocks), QUANTISATION)
+    noise = noise if field.bin == 1 else estimate_noise(field.image, field.blocks)
+    noise = max(noise, QUANTISATION, ROUGHNESS * contrast.plateau)
     blur = blur / field.bin if guess is None else float(np.hypot(guess / field.bin, PIXEL_VARIANCE**0.5))
     free_blur = guess is None
     level = max(difference.level, 0.1 * contrast.plateau)
@@ -187,9 +189,8 @@ def _report(
 ) -> Fitted:
     """The tables of a trial, dirt sorted out."""
     field, contacts = trial.field, _tabulate(trial)
-    dust = absent_in_frame(
-        pixels.frame, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy()
-    )
+    reasons = reject_disks(pixels, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy())
+    bad = reasons != ""
     dropped = trial.assembly.dropped
     tried = pd.DataFrame(
         {
@@ -199,7 +200,7 @@ def _report(
             "reason": "not needed to explain the pixels",
         }
     )
-    gone = contacts.loc[dust, ["x_px", "y_px", "radius_px"]].assign(reason="dust in the reference")
+    gone = contacts.loc[bad, ["x_px", "y_px", "radius_px"]].assign(reason=reasons[bad].tolist())
     if trial.settled is None:
         optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
     else:
@@ -207,7 +208,7 @@ def _report(
             trial.settled.optics(covariance, binning=field.bin)
             for covariance in (trial.settled.covariance, trial.settled.own)
         )
-    return Fitted(contacts[~dust], pd.concat([tried, gone], ignore_index=True), optics, own)
+    return Fitted(contacts[~bad], pd.concat([tried, gone], ignore_index=True), optics, own)
 
 
 def _without_halo(

@@ -10,6 +10,7 @@ from scipy.special import ndtri
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
 from contactimg.imaging.fitting import Fitted, fit_contacts
+from contactimg.imaging.foreign import NOTHING_FOREIGN, find_foreign
 from contactimg.imaging.light import block_means
 from contactimg.imaging.noise import estimate_noise
 from contactimg.imaging.pixels import Pixels
@@ -34,6 +35,7 @@ REJECTED = {"x_px": "float64", "y_px": "float64", "radius_px": "float64", "reaso
 RESOLVED = 0.05
 """Relative uncertainty of the contrast from which on a frame does not show it: 2.5 % of a small radius, 7.5 %
 of a force."""
+CUT = 1.3  # radii from the centre of what is counted: a hole that close cuts the contact
 LIGHT_CHANGE = 1.5  # a background this many times brighter or darker than the reference's is suspicious
 
 
@@ -166,11 +168,13 @@ def measure_image(
     contrast = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(signed, noise)
     if np.isfinite(known.contrast) and not pixels.trivial:
         contrast = Contrast(known.contrast, contrast.resolved, known.contrast_std)
+    foreign = find_foreign(signed, contrast.plateau) if contrast.resolved else NOTHING_FOREIGN
+    pixels = pixels.without(foreign.mask)
+    if pixels.valid is not None:
+        signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
     fraction = choose_threshold(signed, contrast, threshold)
     found = Fitted(pd.DataFrame(columns=list(DISKS)), pd.DataFrame(columns=list(REJECTED)), known, known)
     if contrast.plateau > 0:
-        if pixels.valid is not None:
-            signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
         if method == "threshold":
             found = _count(signed, pixels, contrast, fraction, noise)
         else:
@@ -181,7 +185,7 @@ def measure_image(
     status, message, measurable = _judge(pixels, difference, found, known, unit)
     return ImageMeasurement(
         disks=disks[list(DISKS)].astype(DISKS).reset_index(drop=True),
-        rejected=found.rejected.astype(REJECTED).reset_index(drop=True),
+        rejected=pd.concat([foreign.rejected, found.rejected]).astype(REJECTED).reset_index(drop=True),
         contrast=sign * found.optics.contrast * unit if contrast.plateau > 0 else 0.0,
         noise=noise * unit,
         threshold=fraction if method == "threshold" else float("nan"),
@@ -217,6 +221,8 @@ def _count(
     contacts, rejected = count_contacts(
         image, fraction=fraction, contrast=contrast, noise=noise, saturated=pixels.saturated
     )
+    cut = pixels.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
+    contacts["flags"] |= np.where(cut, int(Flag.EDGE), 0)
     # the threshold is a fraction of the contrast: where it cuts the rim of a wide contact moves with it
     slope = np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
     shift = np.full(len(contacts), -fraction * contrast.std / contrast.plateau / slope)

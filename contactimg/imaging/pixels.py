@@ -2,13 +2,19 @@
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_MASK", "Pixels"]
+__all__ = ["NO_MASK", "Pixels", "share_seen"]
 
 NO_MASK = np.zeros((1, 1), np.uint8)
 """Stands for a mask in which nothing is masked."""
+
+COUNT = 64
+GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
+POINTS = np.sqrt((np.arange(COUNT) + 0.5) / COUNT) * np.exp(1j * GOLDEN * np.arange(COUNT))
+"""Places that fill the unit disk evenly (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
 
 SPAN = 200.0  # internal levels between the darkest and the brightest pixels of an image of any unit
 
@@ -63,6 +69,22 @@ class Pixels:
         """With other holes: those where a background has no value as well."""
         return replace(self, valid=valid)
 
+    def without(self, mask: NDArray[np.uint8]) -> "Pixels":
+        """With further holes, where ``mask`` is not 0; `NO_MASK` for none."""
+        if mask is NO_MASK:
+            return self
+        valid = 1 - mask if self.valid is None else self.valid & (1 - mask)
+        return replace(self, valid=valid)
+
+    def near_hole(self, x: NDArray, y: NDArray, reach: NDArray) -> NDArray[np.bool_]:
+        """Whether a hole lies within ``reach`` (px) of places in the image."""
+        if self.valid is None or self.valid.all():
+            return np.zeros(len(x), np.bool_)
+        distance = cv2.distanceTransform(self.valid, cv2.DIST_L2, cv2.DIST_MASK_5)
+        rows = np.clip(np.rint(y), 0, self.valid.shape[0] - 1).astype(int)
+        columns = np.clip(np.rint(x), 0, self.valid.shape[1] - 1).astype(int)
+        return np.asarray(distance[rows, columns] < reach)
+
     @classmethod
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "Pixels":
         """From arrays of uint8, uint16 or float with non-finite holes; see `contactimg.imaging.measure`."""
@@ -84,6 +106,31 @@ class Pixels:
             frame = frame / np.float32(unit)
             other = None if other is None else other / np.float32(unit)
         return cls(frame, other, valid, saturated, unit, defect)
+
+
+def share_seen(disks: NDArray, shape: tuple[int, int], weight: NDArray[np.uint8]) -> NDArray[np.float64]:
+    """Share of the area of each disk that lies in the image and not in a hole.
+
+    Parameters
+    ----------
+    disks : ndarray, shape (n, >= 3)
+        x, y, radius (px).
+    shape : (int, int)
+    weight : ndarray of uint8
+        0 at holes; `NO_MASK` for none.
+
+    Examples
+    --------
+    >>> share_seen(np.array([[-0.5, 10.0, 5.0], [10.0, 10.0, 5.0]]), (30, 30), NO_MASK).tolist()
+    [0.5, 1.0]
+    """
+    x = np.rint(disks[:, :1] + disks[:, 2:3] * POINTS.real)
+    y = np.rint(disks[:, 1:2] + disks[:, 2:3] * POINTS.imag)
+    seen = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
+    if weight.shape == shape:
+        rows, columns = (np.where(seen, place, 0).astype(int) for place in (y, x))
+        seen &= weight[rows, columns] > 0
+    return np.asarray(seen.mean(axis=1))
 
 
 def _reaches(image: NDArray, frame: NDArray, scale: float) -> bool:

@@ -30,6 +30,7 @@ SIGNIFICANCE = 5.0  # standard deviations of a rotation or scale ...
 LEAST_TURN = 0.03  # ... and px in the corners, below which there is none
 UNEVEN = 0.6  # of the likeness of the best tiles
 STEPS = 8
+SETTLED = 0.02  # px: the next step is ten times smaller
 FEWEST = 200  # pixels
 WINDOW, STANDS_OUT = (
     31,
@@ -179,7 +180,7 @@ def _refine(
         x, y = x + float(step[0]), y + float(step[1])
         if max(abs(x), abs(y)) > LARGEST_REFINED:
             return NOTHING
-        if np.hypot(step[0], step[1]) < 5e-3:
+        if np.hypot(step[0], step[1]) < SETTLED:
             break
     inverse = np.linalg.inv(cross)
     covariance = inverse @ own @ inverse.T * (squares / count) * INDEPENDENT
@@ -245,18 +246,21 @@ def _tile_sums(frame, reference, mask, middle, clip, tops, edges, sums):
     """Packed sums of every tile."""
     for i in range(len(tops) - 1):
         for j in range(len(edges) - 1):
-            first, end = max(tops[i], 1), min(tops[i + 1], len(frame) - 1)
-            left, right = max(edges[j], 1), min(edges[j + 1], frame.shape[1] - 1)
-            _sum_tile(frame, reference, mask, middle, clip, first, end, left, right, sums[i, j])
+            rows = slice(max(tops[i] - 1, 0), tops[i + 1] + 1)
+            columns = slice(max(edges[j] - 1, 0), edges[j + 1] + 1)
+            # contiguous copies: rows of unknown stride would not compile to vector instructions
+            one, two = frame[rows, columns].copy(), reference[rows, columns].copy()
+            _sum_tile(one, two, mask[rows, columns].copy(), middle, clip, sums[i, j])
 
 
 @njit(cache=True, fastmath=True)
-def _sum_tile(frame, reference, mask, middle, clip, first, end, left, right, out):
-    """Packed sums of one tile; residuals beyond clip are left out."""
+def _sum_tile(frame, reference, mask, middle, clip, out):
+    """Packed sums of the inside of one tile; residuals beyond clip are left out."""
+    rows, columns = frame.shape
     squares, count = 0.0, 0
     xx = xy = yy = ox = oxy = oy = rx = ry = 0.0
-    for r in range(first, end):
-        for c in range(left, right):
+    for r in range(1, rows - 1):
+        for c in range(1, columns - 1):
             residual = frame[r, c] - reference[r, c] - middle
             if mask[r, c] == 0 or abs(residual) > clip:
                 continue

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
+from contactimg.imaging.foreign import BRIGHTER, FAINTER, find_objects
 from contactimg.timings import stage
 
 __all__ = ["Contrast", "choose_threshold", "find_polarity", "measure_contrast"]
@@ -20,6 +21,8 @@ ENOUGH = 10  # values that give a plateau
 DETECTABLE = 6.0  # noise standard deviations
 MEDIAN = 1.2533  # sqrt(pi/2): error of a median over that of a mean
 SHARED = 4.0  # neighbouring values that texture gives the same error
+FAINT = 0.15  # of the plateau: the faintest contacts that something bright does not hide
+WIDE = 12  # pixels of a region that shows how bright it is
 GUESS = 0.66  # relative uncertainty of the brightest spots as plateau: anything up to ten times as bright
 
 
@@ -76,18 +79,58 @@ def measure_contrast(image: NDArray[np.float32], noise: float) -> Contrast:
     high = small[small > floor]
     if len(high) < 4:
         return Contrast(0.0, resolved=False)
-    plateau = float(np.percentile(high[:: max(len(high) // 5000, 1)], 95))
-    resolved = False
+    guess = float(np.percentile(high[:: max(len(high) // 5000, 1)], 95))
+    plateau, inside = _settle(small, window, floor, guess)
+    if _mixed(small, window, floor, plateau, inside):
+        small = _usual_objects(small, max(FAINT * plateau, floor))
+        high = small[small > floor]
+        guess = float(np.percentile(high[:: max(len(high) // 5000, 1)], 95)) if len(high) else 0.0
+        plateau, inside = _settle(small, window, floor, guess)
+    resolved = bool(np.count_nonzero(inside) >= ENOUGH)
+    return Contrast(plateau, resolved, _plateau_std(small, inside, plateau) if resolved else GUESS * plateau)
+
+
+def _settle(
+    image: NDArray[np.float32], window: NDArray[np.uint8], floor: float, plateau: float
+) -> tuple[float, NDArray[np.uint8]]:
+    """Median of the pixels whose surroundings reach half of it, and where those are."""
+    inside = np.zeros(image.shape, np.uint8)
     for _ in range(4):
-        inside = cv2.erode((small > max(0.5 * plateau, floor)).view(np.uint8), window)
-        values = small[inside > 0]
-        resolved = len(values) >= ENOUGH
-        if not resolved:
+        inside = cv2.erode((image > max(0.5 * plateau, floor)).view(np.uint8), window)
+        values = image[inside > 0]
+        if len(values) < ENOUGH:
             break
         before, plateau = plateau, float(np.median(values[:: max(len(values) // 5000, 1)]))
         if abs(plateau - before) < 0.03 * plateau:
             break
-    return Contrast(plateau, resolved, _plateau_std(small, inside, plateau) if resolved else GUESS * plateau)
+    return plateau, inside
+
+
+def _mixed(
+    image: NDArray[np.float32],
+    window: NDArray[np.uint8],
+    floor: float,
+    plateau: float,
+    inside: NDArray[np.uint8],
+) -> bool:
+    """Whether wide things of quite another brightness than the plateau stand in the image."""
+    if np.count_nonzero(image[inside > 0] > BRIGHTER * plateau) >= ENOUGH:
+        return True
+    wide = cv2.erode((image > max(FAINT * plateau, floor)).view(np.uint8), window) > 0
+    return bool(np.count_nonzero(image[wide] < FAINTER * plateau) >= ENOUGH)
+
+
+def _usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
+    """The image without objects that are long, or of another brightness than most that are not."""
+    found = find_objects(image, level)
+    wide = ~found.long & (found.area >= WIDE)
+    if not wide.any():
+        wide = ~found.long
+    if not wide.any():
+        return image
+    usual = float(np.median(found.peak[wide]))
+    kept = wide & (found.peak > FAINTER * usual) & (found.peak < BRIGHTER * usual)
+    return np.where(np.append(kept, np.False_)[found.labels], image, np.float32(0.0))
 
 
 def _plateau_std(image: NDArray[np.float32], inside: NDArray[np.uint8], plateau: float) -> float:

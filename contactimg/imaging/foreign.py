@@ -1,0 +1,153 @@
+"""What stands out of a frame and is no contact: bars, hairs, scratches, bubbles, grains of other brightness.
+
+A contact is a disk, and contacts that touch are a union of disks. In a union of disks most pixels lie near
+the rim: the mean of their distance from it is a third of the largest, whereas along a bar of constant width
+it is half. And all contacts of a frame are about equally bright.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.imaging.pixels import NO_MASK
+from contactimg.imaging.segment import label_components
+
+__all__ = ["BRIGHTER", "FAINTER", "NOTHING_FOREIGN", "Foreign", "Objects", "find_foreign", "find_objects"]
+
+BRIGHTER, FAINTER = 1.6, 0.6  # of the contacts: what is brighter or fainter is none
+FILLED = 0.42  # mean over largest distance from the rim: 1/3 for disks and squares, 1/2 for bars
+LONG = 4.0  # disks of the largest width that fill the object: shorter ones may be anything
+LENGTH, SHORT = 6.0, 3.0  # half widths, px on top: a few small contacts that touch are shorter than that
+SPRAWLING = 4.0  # squared diagonal of the bounding box over the area: 2.5 for a disk, 3.2 for two that touch
+THIN = 1.0  # px: half width of a region whose distances from the rim tell nothing
+SKIRT = 3  # coarse pixels of blur about an object
+LEVEL = 0.3  # of the contrast: blurred hairs do not reach half of it all along
+COARSE = 2  # px
+BRIGHT_PIXELS = 4  # coarse pixels
+
+
+@dataclass(frozen=True, eq=False)
+class Objects:
+    """Regions above a level, with what tells contacts from other things.
+
+    Parameters
+    ----------
+    labels : ndarray of int32, shape (rows, columns)
+        Number of the object of each pixel, from 0; -1 outside.
+    area : ndarray, shape (n,), px^2
+    peak : ndarray, shape (n,)
+        Largest value.
+    long : ndarray of bool, shape (n,)
+        Whether the shape is that of a bar or hair rather than of disks.
+    x, y : ndarray, shape (n,), px
+        Centroids.
+    """
+
+    labels: NDArray[np.int32]
+    area: NDArray[np.float64]
+    peak: NDArray[np.float64]
+    long: NDArray[np.bool_]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """Objects that are no contacts.
+
+    Parameters
+    ----------
+    rejected : DataFrame
+        x_px, y_px, radius_px (of the disk of equal area), reason.
+    mask : ndarray of uint8, shape (rows, columns)
+        1 on them and their blurred rims; `NO_MASK` if there are none.
+    """
+
+    rejected: pd.DataFrame
+    mask: NDArray[np.uint8]
+
+
+def find_objects(image: NDArray[np.float32], level: float) -> Objects:
+    """Regions of an image above a level, joined by sides and corners.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[0:40, 0:60]
+    >>> bar, disk = np.abs(x - 50) < 4, np.hypot(x - 20, y - 20) < 9
+    >>> find_objects((bar | disk).astype(np.float32), 0.5).long.tolist()
+    [True, False]
+    """
+    mask = (image > level).astype(np.uint8)
+    count, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
+    # what the border cuts goes on beyond it
+    around = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
+    distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    distance = np.minimum(distance, max(image.shape))
+    inside = mask > 0
+    which = labels[inside]
+    widest, peak = np.zeros(count), np.full(count, -np.inf)
+    np.maximum.at(widest, which, distance[inside])
+    np.maximum.at(peak, which, image[inside])
+    area = stats[:, cv2.CC_STAT_AREA].astype(float)
+    mean = np.bincount(which, distance[inside], minlength=count) / np.maximum(area, 1.0)
+    # pixels lie up to half a pixel beyond the rim that distances count from
+    half = np.maximum(widest - 0.5, 0.5)
+    length = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    filled = (mean - 0.5 > FILLED * half) | (half < THIN)
+    long = filled & (area > LONG * np.pi * half**2) & (length > LENGTH * (half + SHORT))
+    return Objects(labels - 1, area[1:], peak[1:], long[1:], centroids[1:, 0], centroids[1:, 1])
+
+
+def find_foreign(image: NDArray[np.float32], plateau: float) -> Foreign:
+    """Objects of a difference image that are no contacts.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, contacts positive, holes 0.
+    plateau : float
+        Contrast of the contacts.
+    """
+    size = (max(image.shape[1] // COARSE, 1), max(image.shape[0] // COARSE, 1))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    if not _suspicious(small, plateau):
+        return NOTHING_FOREIGN
+    found = find_objects(small, LEVEL * plateau)
+    bright = np.bincount(found.labels[small > BRIGHTER * plateau], minlength=len(found.area)) > np.maximum(
+        BRIGHT_PIXELS, 0.1 * found.area
+    )
+    bad = np.flatnonzero(found.long | bright)
+    reasons = np.where(
+        bright[bad], "brighter than the contacts", "long: no disk and no group of disks"
+    ).tolist()
+    scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
+    places = np.column_stack([found.x[bad], found.y[bad]]) * scale + (scale - 1) / 2
+    radii = np.sqrt(found.area[bad] * scale.prod() / np.pi)
+    if not len(bad):
+        return NOTHING_FOREIGN
+    mask = np.isin(found.labels, bad).astype(np.uint8)
+    mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SKIRT + 1, 2 * SKIRT + 1)))
+    mask = cv2.resize(mask, image.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    return Foreign(_rows(np.column_stack([places, radii]), reasons), np.asarray(mask))
+
+
+def _suspicious(small: NDArray[np.float32], plateau: float) -> bool:
+    """Whether a region sprawls or is too bright: the quick look that most frames end with."""
+    found = label_components(small, LEVEL * plateau, marks=NO_MASK)
+    wide = (found["right"] - found["left"] + 1.0) ** 2 + (found["bottom"] - found["top"] + 1.0) ** 2
+    sprawling = (wide > SPRAWLING * found["area"]) & (found["area"] > BRIGHT_PIXELS)
+    return bool(sprawling.any()) or bool((found["peak"] > BRIGHTER * plateau).any())
+
+
+def _rows(places: NDArray[np.float64], reasons: list[str]) -> pd.DataFrame:
+    x, y, radius = places.T
+    return pd.DataFrame(
+        {"x_px": x, "y_px": y, "radius_px": radius, "reason": pd.Series(reasons, dtype="str")}
+    )
+
+
+NOTHING_FOREIGN = Foreign(_rows(np.empty((0, 3)), []), NO_MASK)
+"""Every object may be a contact."""
