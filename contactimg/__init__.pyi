@@ -61,6 +61,7 @@ from .pipeline.series import Run as Run
 from .pipeline.series import measure_series as measure_series
 from .pipeline.simulate import write_simulation as write_simulation
 from .pipeline.thresholds import measure_thresholds as measure_thresholds
+from .pipeline.tradeoff import measure_tradeoff as measure_tradeoff
 from .pose import Pose as Pose
 from .render import Rendered as Rendered
 from .render import render_contacts as render_contacts

@@ -153,23 +153,29 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
         click.echo(sentence)
 
 
-def echo_tradeoff(table: "pd.DataFrame", *, title: str) -> None:
-    """Print the settings of each knob with error and time; a star where none is cheaper and better."""
+def echo_tradeoff(table: "pd.DataFrame") -> None:
+    """Print a table a knob: its settings with error and time; a star where none is cheaper and better."""
     from contactimg.tradeoff.sentences import error_text, time_text
 
-    rows = [
-        [
-            row["knob"],
-            ("* " if row["pareto"] == 1 else "  ") + row["setting"],
-            "" if isnan(row["error"]) else error_text(row["error"]),
-            "" if isnan(row["time_s"]) else time_text(row["time_s"]),
-            _number(row["time_ratio"], "{:.3g}"),
-            row["message"] if isnan(row["error"]) else row["reference"],
+    for knob, part in table.groupby("knob", sort=False):
+        reference = part["reference"].iloc[0]
+        rows = [
+            [
+                ("* " if row["pareto"] == 1 else "  ") + row["setting"],
+                row["message"] if isnan(row["error"]) else _other(row["reference"], reference),
+                "" if isnan(row["error"]) else error_text(row["error"]),
+                "" if isnan(row["time_s"]) else time_text(row["time_s"]),
+                _number(row["time_ratio"], "{:.3g}"),
+            ]
+            for row in part.to_dict("records")
         ]
-        for row in table.to_dict("records")
-    ]
-    heads = ("knob", "setting", "error", "time", "ratio", "against")
-    _echo_table(title, heads, rows, left=2)
+        title = f"{knob}: error of the {part['output'].iloc[0]} against {reference}"
+        _echo_table(title, ("setting", "", "error", "time", "ratio"), rows, left=2)
+
+
+def _other(reference: str, usual: str) -> str:
+    """A reference that is not the usual one."""
+    return "" if reference == usual else f"against {reference}"
 
 
 def _echo_timings(timings: Timings) -> None:

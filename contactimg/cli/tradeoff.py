@@ -86,7 +86,7 @@ def tradeoff(
         write_tradeoff(found, out.folder)
         out.record["sentences"] = found.sentences
     if not quiet:
-        echo_tradeoff(found.table, title=f"{scene}: error of the {description.tolerance.output} against time")
+        echo_tradeoff(found.table)
         for sentence in found.sentences.values():
             click.echo(sentence)
         for name, reason in left_out.items():

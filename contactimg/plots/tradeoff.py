@@ -1,7 +1,6 @@
 """Error against time, a panel a knob."""
 
 import textwrap
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -9,10 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from contactimg.plots.axes import new_axes
 
 __all__ = ["plot_knob", "plot_tradeoff"]
+
+Values = NDArray[np.float64]
 
 TITLES = {
     "image": "measurement of a frame",
@@ -24,14 +26,13 @@ TITLES = {
     "supersampling": "sampling of rendered frames",
 }
 
-LOWEST = 1e-16
-"""Error at which smaller ones are drawn: rounding."""
-
 PANEL = (5.2, 4.0)
 """Width and height of a panel, inches."""
 
 COLUMNS = 2
-LABEL_WIDTH = 22  # characters
+LABEL_WIDTH = 24  # characters
+LABEL_HEIGHT = 0.042  # of the panel's height, a line
+MOST_PLAIN = 2.5  # decades of time below which 1, 2 and 5 are labelled, not the powers of ten
 
 
 def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
@@ -40,7 +41,8 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     Parameters
     ----------
     table : DataFrame
-        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`, of one knob; rows without numbers are left out.
+        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`, of one knob; rows without numbers are left out,
+        an error of 0 is drawn a decade below the smallest other one.
     relative : float, optional
         Tolerance, drawn as a line.
     ax : Axes, optional
@@ -51,22 +53,20 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     """
     ax = new_axes() if ax is None else ax
     known = table[table["error"].notna() & table["time_s"].notna()].sort_values("time_s")
-    x, y = known["time_s"].to_numpy(float), np.maximum(known["error"].to_numpy(float), LOWEST)
+    x, error = known["time_s"].to_numpy(float), known["error"].to_numpy(float)
+    y = np.where(error > 0, error, error.min(where=error > 0, initial=1.0) / 10)
     front = (known["pareto"] == 1).to_numpy(bool)
-    ax.plot(x[front], y[front], "-", color="tab:blue", linewidth=1, drawstyle="steps-post")
-    ax.plot(x[front], y[front], "o", color="tab:blue", label="cheapest for its error")
-    ax.plot(x[~front], y[~front], "o", color="grey", markerfacecolor="none", label="beaten in both")
+    ax.plot(x[front], y[front], "-", color="tab:blue", linewidth=1, alpha=0.4)
+    ax.plot(x[front], y[front], "o", color="tab:blue", label="none cheaper and better")
+    ax.plot(x[~front], y[~front], "o", color="grey", markerfacecolor="none", label="another is both")
     if relative is not None:
         ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=f"{100 * relative:g} %")
-    name = str(table["knob"].iloc[0])
-    output = str(table["output"].iloc[0])
+    name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
     ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=f"relative error of the {output}")
     ax.set_title(TITLES.get(name, name), fontsize="medium")
-    _leave_room(ax, x, np.append(y, [] if relative is None else relative))
-    _label(ax, x, y, known["setting"].tolist())
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=8))
-        axis.set_minor_formatter(NullFormatter())
+    if len(known):
+        _leave_room(ax, x, np.append(y, [] if relative is None else relative))
+        _label(ax, x, y, known["setting"].tolist())
     return ax
 
 
@@ -90,49 +90,45 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
     rows = -(-len(groups) // columns)
     figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows), layout="constrained", dpi=130)
     FigureCanvasAgg(figure)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for ax, part in zip(panels, groups, strict=False):
         plot_knob(part, relative=relative, ax=ax)
     for ax in panels[len(groups) :]:
         ax.axis("off")
-    panels[0].legend(fontsize="small", loc="best")
+        ax.legend(*panels[0].get_legend_handles_labels(), loc="center", frameon=False)
+    if len(panels) == len(groups):
+        panels[0].legend(fontsize="small", loc="best")
     return panels[0]
 
 
-def _leave_room(ax: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Limits with room for the labels, half a decade or more."""
-    if not len(x):
-        return
-    span = max(np.log10(x.max() / x.min()), 0.5)
-    ax.set_xlim(x.min() / 10 ** (0.12 * span), x.max() * 10 ** (0.45 * span))
-    height = max(np.log10(y.max() / y.min()), 0.5)
-    ax.set_ylim(y.min() / 10 ** (0.15 * height), y.max() * 10 ** (0.15 * height))
+def _leave_room(ax: Axes, x: Values, y: Values) -> None:
+    """Limits with room for the labels right of the points."""
+    wide = max(np.log10(x.max() / x.min()), 0.5)
+    high = max(np.log10(y.max() / y.min()), 0.5)
+    ax.set_xlim(x.min() / 10 ** (0.1 * wide), x.max() * 10 ** (0.55 * wide))
+    ax.set_ylim(y.min() / 10 ** (0.12 * high), y.max() * 10 ** (0.12 * high))
+    if wide < MOST_PLAIN:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _label(ax: Axes, x: np.ndarray, y: np.ndarray, names: list[str]) -> None:
-    """Names right of the points, moved up or down from each other where they would overlap."""
-    low, high = np.log10(ax.get_ylim())
-    heights = [1 + _lines(name).count("\n") for name in names]
-    place = (np.log10(y) - low) / (high - low)
-    wanted, line = place.copy(), 0.045
-    order = np.argsort(-place, kind="stable")
-    for before, after in pairwise(order):
-        apart = line * (heights[before] + heights[after]) / 2
-        wanted[after] = min(wanted[after], wanted[before] - apart)
-    lowest = wanted.min(initial=np.inf)
-    if lowest < 0.02 and len(wanted):
-        wanted += 0.02 - lowest
-    for name, a, b, height in zip(names, x, y, wanted, strict=True):
-        ax.annotate(
-            _lines(name),
-            (a, b),
-            xytext=(9, (height - (np.log10(b) - low) / (high - low)) * 72 * PANEL[1] * 0.75),
-            textcoords="offset points",
+def _label(ax: Axes, x: Values, y: Values, names: list[str]) -> None:
+    """Names right of the points, from the top down, below each other where they would overlap."""
+    texts = [textwrap.fill(name, LABEL_WIDTH) for name in names]
+    places = ax.transAxes.inverted().transform(ax.transData.transform(np.column_stack([x, y])))
+    above = np.inf
+    for k in np.lexsort((x, -y)):
+        height = LABEL_HEIGHT * (1 + texts[k].count("\n"))
+        middle = max(min(places[k, 1] + 0.3 * LABEL_HEIGHT, above - height / 2), height / 2)
+        above = middle - height / 2
+        ax.text(
+            places[k, 0] + 0.02,
+            middle,
+            texts[k],
+            transform=ax.transAxes,
             fontsize=7,
             va="center",
+            linespacing=1.0,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.3},
         )
-
-
-def _lines(name: str) -> str:
-    """A name on as many lines as its length wants."""
-    return textwrap.fill(name, LABEL_WIDTH)

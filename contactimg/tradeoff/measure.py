@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 
 import pandas as pd
 
@@ -121,6 +122,7 @@ def run_knobs(
     seconds: float,
     left_out: dict[str, str] | None = None,
     advance: Callable[[], None] | None = None,
+    clock: Callable[[], float] = perf_counter,
 ) -> Tradeoff:
     """Measure knobs one after the other.
 
@@ -135,8 +137,11 @@ def run_knobs(
         Handed through.
     advance : callable, optional
         Called once a setting.
+    clock : callable
+        As for `measure_knob`.
     """
-    tables = [measure_knob(knob, seconds=seconds / len(knobs), advance=advance) for knob in knobs]
+    each = seconds / len(knobs)
+    tables = [measure_knob(knob, seconds=each, advance=advance, clock=clock) for knob in knobs]
     sentences = {
         knob.name: knob_sentence(knob.title, table, relative=relative)
         for knob, table in zip(knobs, tables, strict=True)

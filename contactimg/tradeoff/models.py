@@ -84,7 +84,13 @@ def _full_setting(case: Case) -> Setting:
         stored = (truth.force, truth.radius)
         return relative_change(case.output, without=(found.force, found.radius), complete=stored)
 
-    return Setting(LEVELS["full"], lambda: _solve(case, "full"), error, _stored_reference(truth))
+    return Setting(
+        LEVELS["full"],
+        lambda: _solve(case, "full"),
+        error,
+        _stored_reference(truth),
+        message=f"an upper limit: the reference is good to {RESOLUTION[case.output]:.0e}",
+    )
 
 
 def _stored_reference(truth: Truth | None) -> str:
@@ -116,8 +122,8 @@ def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution])
         yield Setting(
             "boundary elements, 8192 x 8192 (stored)",
             lambda: None,
-            lambda _: RESOLUTION,
-            "two solvers on finer and coarser grids",
+            lambda _: RESOLUTION[case.output],
+            "what its grid of 1 um resolves",
             stored_time=case.truth.seconds,
             message=f"{_stored_reference(case.truth)}; time of one core of another machine",
         )

@@ -15,7 +15,7 @@ __all__ = ["sum_knob"]
 
 Values = NDArray[np.float64]
 
-ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-9, 1e-10)
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-9)
 POINTS, MORE_POINTS = 20_000, 200_000
 CHECKED = 400
 """Points whose sums are compared with direct ones."""
