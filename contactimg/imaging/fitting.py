@@ -40,7 +40,7 @@ __all__ = ["Fitted", "fit_contacts"]
 WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
 BINNED_BLUR = 1.6  # ... such that they are about this wide
 QUANTISATION = 1e-3  # levels: the least noise that is believed ...
-ROUGHNESS = 1e-2  # ... and of the contrast: edges are not rounder than that, whatever the noise
+LEAST_NOISE = 5e-3  # ... and of the contrast: no edge is so round that residuals below that mean anything
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
 ENOUGH_BLOCKS = 60
 BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
@@ -114,7 +114,7 @@ def fit_contacts(
     )
     field = _Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
     noise = noise if field.bin == 1 else estimate_noise(field.image, field.blocks)
-    noise = max(noise, QUANTISATION, ROUGHNESS * contrast.plateau)
+    noise = max(noise, QUANTISATION, LEAST_NOISE * contrast.plateau)
     blur = blur / field.bin if guess is None else float(np.hypot(guess / field.bin, PIXEL_VARIANCE**0.5))
     free_blur = guess is None
     level = max(difference.level, 0.1 * contrast.plateau)
