@@ -51,6 +51,7 @@ def _accuracy(summaries):
     header = [
         "frames rendered with",
         "F1",
+        "false a frame",
         "lost close",
         "lost touching",
         "RMS/CRB",
@@ -60,10 +61,11 @@ def _accuracy(summaries):
         [
             name,
             f"{s['f1']:.4f}",
+            number(s["false"] / s["frames"]),
             f"{s['lost_close']}/{s['close']}",
             f"{s['lost_touching']}/{s['touching']}",
-            number(s["ratio"]),
-            *(number(ratio) for ratio in s["ratios"]),
+            number(s["ratio"], 3),
+            *(number(ratio, 3) for ratio in s["ratios"]),
         ]
         for name, s in summaries.items()
     ]

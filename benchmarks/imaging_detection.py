@@ -17,7 +17,7 @@ SHAPE = (600, 800)
 CELL = 40  # px a contact
 LARGE = 9.0  # px: every fifth contact of a frame, so that the frame shows its contrast
 CONTRASTS = (5, 7, 10, 20, 40)  # over the noise of a pixel of the difference
-RADII = (0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.5, 1.7, 2.0, 2.4)  # px
+RADII = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.5, 1.7, 2.0, 2.4)  # px
 NOISE = 2.0  # grey levels of frame and reference
 OPTICS = Optics(shape=SHAPE, level=100.0, vignetting=0.0, texture=0.005, dust=0, full_scale=65535.0)
 LEVELS = (3.5, 4.0, 4.5, 5.0, 5.5, 6.0)

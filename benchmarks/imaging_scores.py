@@ -95,6 +95,7 @@ def number(value, digits=2, *, sign=False):
     """Text of a number with so many significant digits; a dash where there is none."""
     if not np.isfinite(value):
         return "-"
+    value = float(f"{value:.{digits - 1}e}")
     if value and abs(value) >= 10 ** (digits - 1):
         return f"{value:{'+' if sign else ''},.0f}".replace(",", " ")
     decimals = digits - 1 - (int(np.floor(np.log10(abs(value)))) if value else 0)
