@@ -66,11 +66,11 @@ def test_an_estimate_exactly_at_the_tolerance_is_kept(change):
     assert decisions[0].on == (change == 0.008)
 
 
-def test_the_dear_ones_are_dropped_first():
+def test_the_smallest_are_dropped_first_and_of_equal_ones_the_dearest():
     estimates = [Estimate("layer", 0.004, "", 1.1), Estimate("dust", 0.006, "", 5.0)]
-    assert on(decide(estimates, Effects(), tolerance=0.01)[0]) == {"layer"}
-    free = [Estimate("layer", 0.004, "", 1.0), Estimate("dust", 0.006, "", 1.0)]
-    assert on(decide(free, Effects(), tolerance=0.01)[0]) == {"dust"}
+    assert on(decide(estimates, Effects(), tolerance=0.01)[0]) == {"dust"}
+    equal = [Estimate("layer", 0.005, "", 1.1), Estimate("dust", 0.005, "", 5.0)]
+    assert on(decide(equal, Effects(), tolerance=0.01)[0]) == {"layer"}
 
 
 @pytest.mark.parametrize("change", [np.nan, np.inf, -1e-9])

@@ -5,6 +5,7 @@ The state is the coupled one with point forces, approached from the uncoupled so
 change is that between two such states, with it and without.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,9 +28,10 @@ from contactimg.models.validity import close_pairs, contact_flags
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
-__all__ = ["MECHANICAL_EFFECTS", "estimate_mechanics"]
+__all__ = ["MECHANICAL_EFFECTS", "Weighing", "estimate_mechanics", "weigh_mechanics"]
 
 Values = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
 
@@ -37,6 +39,25 @@ PURPOSE = "planning the mechanical effects"
 
 ENGULFED = 0.2
 """Distance over contact radius below which two contacts are one; coupled, they are unstable from 0.64 on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Weighing:
+    """The mechanical effects of a scene, weighed.
+
+    Parameters
+    ----------
+    estimates : tuple of Estimate
+        In the order of `MECHANICAL_EFFECTS`.
+    flags : ndarray
+        Of the contacts of the cheap state.
+    contacts : callable
+        Makes their table.
+    """
+
+    estimates: tuple[Estimate, ...]
+    flags: NDArray[np.int64]
+    contacts: Callable[[], pd.DataFrame]
 
 
 def estimate_mechanics(
@@ -86,6 +107,12 @@ def estimate_mechanics(
     >>> len(contacts), [estimate.effect for estimate in estimates if estimate.change > 0.01]
     (2, ['sphere_profile'])
     """
+    weighing = weigh_mechanics(scene, asperities, load=load)
+    return weighing.contacts(), weighing.estimates
+
+
+def weigh_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Weighing:
+    """`estimate_mechanics`, the table of contacts left to be made where it is wanted."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     adheres = elastic.work_of_adhesion > 0 and scene.effects.adhesion != "off"
     if not (np.isfinite(load) and (load >= 0 or adheres)):
@@ -95,11 +122,11 @@ def estimate_mechanics(
     setting = Setting(indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, load, None)
     problem = pose_problem(asperities, setting)
     if load <= 0 or not problem.touches:
-        return CONTACTS.empty(), _unloaded(load, adheres=adheres)
+        return Weighing(_unloaded(load, adheres=adheres), np.zeros(0, dtype=np.int64), CONTACTS.empty)
     found = _Mechanics(scene, problem)
     found.refuse_engulfed()
     found.refuse_touching_planes()
-    return found.contacts(), found.estimates()
+    return Weighing(found.estimates(), found.flags, found.contacts)
 
 
 def _unloaded(load: float, *, adheres: bool) -> tuple[Estimate, ...]:
@@ -203,12 +230,22 @@ class _Mechanics:
         found = self.state.everywhere() if self.coupled else self.stage.everywhere_alone(HertzLaw())
         return self.adhered(found, p.radius) if self.adheres else found
 
+    @cached_property
+    def touching(self) -> Rows:
+        """Which of the candidates are in contact."""
+        return np.flatnonzero(self.everywhere.contact_radius)
+
+    @cached_property
+    def flags(self) -> NDArray[np.int64]:
+        """Flags of the contacts."""
+        p, rows = self.stage.candidates, self.touching
+        strain_radius = p.radius[rows] / self.aspect  # radii of curvature have a unit of their own
+        return contact_flags(p.x[rows], p.y[rows], self.everywhere.contact_radius[rows], strain_radius)
+
     def contacts(self) -> pd.DataFrame:
-        """Of all candidates in the state."""
-        p, found = self.stage.candidates, self.everywhere
-        rows = np.flatnonzero(found.contact_radius)
-        x, y, a, R = (v[rows] * self.problem.length for v in (p.x, p.y, found.contact_radius, p.radius))
-        R = R * self.problem.length / self.problem.depth  # radii of curvature have a unit of their own
+        """All contacts in the state."""
+        p, found, rows = self.stage.candidates, self.everywhere, self.touching
+        x, y, a = (v[rows] * self.problem.length for v in (p.x, p.y, found.contact_radius))
         return CONTACTS.conform(
             pd.DataFrame(
                 {
@@ -219,7 +256,7 @@ class _Mechanics:
                     "area_m2": np.pi * a**2,
                     "asperity": p.order[rows],
                     "force_N": found.force[rows] * self.problem.force_unit,
-                    "flags": contact_flags(x, y, a, R),
+                    "flags": self.flags,
                 }
             )
         )
@@ -246,9 +283,8 @@ class _Mechanics:
 
     def refuse_touching_planes(self) -> None:
         """`ModelRangeError` if the indenter reaches the plane between the asperities."""
-        p, found = self.stage.candidates, self.everywhere
-        touching = found.contact_radius > 0
-        gap = self.problem.height[p.order[touching]] - self.problem.depth * found.penetration[touching]
+        rows, depth = self.touching, self.problem.depth * self.everywhere.penetration
+        gap = self.problem.height[self.stage.candidates.order[rows]] - depth[rows]
         if gap.size and gap.min() < 0:
             load = float(self.problem.load or 0.0) * self.problem.force_unit
             raise ModelRangeError(

@@ -208,7 +208,9 @@ class State:
         system = self.stage.system(law, operator, gap=gap, radius=radius)
         # the indentation that bears the load takes up what a change does to all alike
         force, displacement = self.iterate.force, operator.displacement(self.iterate.force)
-        depth = solve_uncoupled(system, displacement, float(system.load or 0.0))
+        depth = solve_uncoupled(
+            system, displacement, float(system.load or 0.0), guess=self.iterate.indentation
+        )
         start = measure(system, force, depth, displacement)
         following = take_step(system, start, SETTLED) if start.residual > ROUNDING else None
         p = self.stage.problem

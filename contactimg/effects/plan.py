@@ -1,21 +1,21 @@
 """The plan: which effects are computed for a scene, decided by a number against the scene's tolerance.
 
 Everything that is left out by the plan's own decision changes the requested output, all together, by less
-than the tolerance: effects are dropped in the order of change over extra cost as long as the sum of the
-estimates, each a quarter larger because estimates err, stays below the tolerance. A sum that meets it exactly
-keeps the effect on.
+than the tolerance: the smallest effects are dropped first, as long as the sum of the estimates, each a
+quarter larger because estimates err, stays below the tolerance. A sum that meets it exactly keeps the effect
+on.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from contactimg.effects.estimate import Estimate
-from contactimg.effects.mechanics import estimate_mechanics
+from contactimg.effects.mechanics import weigh_mechanics
 from contactimg.errors import InputError
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
@@ -231,9 +231,9 @@ def _kept(
 
 
 def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
-    """Effects whose changes, least first for the time they cost, add up to less than the tolerance."""
+    """Effects whose changes, the smallest first, add up to less than the tolerance."""
     dropped: dict[str, float] = {}
-    for estimate in sorted(estimates, key=_price):
+    for estimate in sorted(estimates, key=_size):
         moot = {effect for effect, base in INCLUDED.items() if base == estimate.effect}
         others = sum(change for effect, change in dropped.items() if effect not in moot)
         change = 0.0 if INCLUDED.get(estimate.effect) in dropped else estimate.change
@@ -242,11 +242,9 @@ def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
     return set(dropped)
 
 
-def _price(estimate: Estimate) -> tuple[float, float, str]:
-    """Change over the time saved; free effects last; ties by change, then by name."""
-    saved = estimate.cost - 1
-    per_cost = estimate.change / saved if saved > 0 else math.inf
-    return (per_cost if estimate.change > 0 else 0.0, estimate.change, estimate.effect)
+def _size(estimate: Estimate) -> tuple[float, float, str]:
+    """Smallest first; of equal ones the dearest, then by name."""
+    return (estimate.change, -estimate.cost, estimate.effect)
 
 
 @stage("planning")
@@ -284,21 +282,20 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     >>> plan.coupling, plan.is_on("sphere_profile")
     ('none', False)
     """
-    contacts, estimates = estimate_mechanics(scene, asperities, load=load)
-    decisions, messages = decide(estimates, scene.effects, tolerance=scene.tolerance.relative)
+    mechanics = weigh_mechanics(scene, asperities, load=load)
+    decisions, messages = decide(mechanics.estimates, scene.effects, tolerance=scene.tolerance.relative)
     return Plan(
         decisions,
         output=scene.tolerance.output,
         relative=scene.tolerance.relative,
         load=float(load),
         messages=messages,
-        limits=tuple(_limits_reached(contacts)),
+        limits=tuple(_limits_reached(mechanics.flags)),
     )
 
 
-def _limits_reached(contacts: pd.DataFrame) -> list[str]:
+def _limits_reached(flags: NDArray[np.int64]) -> list[str]:
     """One sentence for each limit of the models that contacts exceed, and are computed beyond."""
-    flags = contacts["flags"].to_numpy(np.int64)
     sentences = {
         Flag.BEYOND_HERTZ: f"have a/R above {HERTZ_LIMIT}: beyond Hertz's law",
         Flag.OVERLAP: "overlap a neighbour: they would merge",
