@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from contactimg.effects.estimate import Estimate
 from contactimg.effects.mechanics import weigh_mechanics
+from contactimg.effects.optics import estimate_optics
 from contactimg.errors import InputError
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
@@ -255,7 +256,8 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ----------
     scene : Scene
         Sections ``[indenter]`` and ``[elastic]`` are needed; ``[tolerance]`` says what must be accurate and
-        how accurate, ``[effects]`` what is ordered.
+        how accurate, ``[effects]`` what is ordered. With ``[simulate]`` and ``[camera]`` the effects of optics
+        and sensor are weighed as well.
     asperities : DataFrame
         Columns ``x_m, y_m, height_m, radius_m``.
     load : float, N
@@ -283,7 +285,9 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ('none', False)
     """
     mechanics = weigh_mechanics(scene, asperities, load=load)
-    decisions, messages = decide(mechanics.estimates, scene.effects, tolerance=scene.tolerance.relative)
+    optics = estimate_optics(scene, mechanics.contacts()) if scene.simulate is not None else ()
+    estimates = (*mechanics.estimates, *optics)
+    decisions, messages = decide(estimates, scene.effects, tolerance=scene.tolerance.relative)
     return Plan(
         decisions,
         output=scene.tolerance.output,

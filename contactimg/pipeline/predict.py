@@ -137,7 +137,8 @@ def _predict_planned(
 ) -> Prediction:
     """Plan the effects at a load and predict the contacts with them."""
     scene = _ordered(scene, coupling)
-    plan = make_plan(scene, asperities, load=load)
+    mechanical = scene.model_copy(update={"simulate": None})  # no frames are rendered
+    plan = make_plan(mechanical, asperities, load=load)
     level: Coupling = "hertz" if coupling == "hertz" else "auto"
     prediction = predict_contacts(
         plan.apply(scene), asperities, load=load, coupling=level, annulus=annulus, tolerance=tolerance
