@@ -1,0 +1,206 @@
+"""How honest the plan of the mechanical effects is, and what it saves.
+
+    python benchmarks/effects_honesty.py scenes    # estimate against truth, every scene, output and effect
+    python benchmarks/effects_honesty.py patterns  # averages over patterns: coupling at small loads
+    python benchmarks/effects_honesty.py wide      # thousands of contacts: cells stand for the neighbours
+    python benchmarks/effects_honesty.py time      # auto against everything on, by turns in one process
+    python benchmarks/effects_honesty.py size      # cost of a plan over that of the solve, to 10^6 asperities
+
+The truth is the change of the output when one effect is switched off and all others are on; full coupling
+where there is no adhesion (the two are not solved together).
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from effect_scenes import SA_LENS, SCENES, mechanical_scene, pattern
+
+from contactimg import generate_asperities, solve_adhesive, solve_interacting
+from contactimg.effects.change import OUTPUTS, relative_change
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.plan import make_plan
+from contactimg.scene import scene_from_dict
+
+LOOK_FROM = 2e-3
+"""Changes below it, true and estimated, are not compared: single contacts decide them."""
+
+
+def solve(scene, table, load, effects):
+    """Forces and radii with these effects and no others."""
+    elastic = scene.elastic
+    level = "full" if "full_coupling" in effects else "asymptotic"
+    where = {
+        "indenter_radius": scene.indenter.radius,
+        "contact_modulus": elastic.contact_modulus,
+        "apex": scene.indenter.apex,
+        "load": load,
+        "coupling": level if "coupling" in effects else "none",
+        "law": "sphere" if "sphere_profile" in effects else "hertz",
+        "thickness": elastic.thickness if "layer" in effects else np.inf,
+    }
+    if "adhesion" in effects:
+        solution = solve_adhesive(table, work_of_adhesion=elastic.work_of_adhesion, **where)
+    else:
+        solution = solve_interacting(table, **where)
+    return solution.force, solution.radius
+
+
+def everything(scene):
+    """Effects that the scene can have and that are solved together."""
+    adheres = scene.elastic.work_of_adhesion > 0
+    left = {"full_coupling"} if adheres else {"adhesion"}
+    if scene.elastic.thickness is None:
+        left.add("layer")
+    return set(MECHANICAL_EFFECTS) - left
+
+
+def compare(scene, table, load):
+    """Rows of effect, output, truth and estimate."""
+    all_on = everything(scene)
+    complete = solve(scene, table, load, all_on)
+    without = {effect: solve(scene, table, load, all_on - {effect}) for effect in all_on}
+    for output in OUTPUTS:
+        tolerance = scene.tolerance.model_copy(update={"output": output})
+        asked = scene.model_copy(update={"tolerance": tolerance})
+        for estimate in estimate_mechanics(asked, table, load=load)[1]:
+            if estimate.effect in all_on:
+                truth = relative_change(output, without=without[estimate.effect], complete=complete)
+                yield estimate.effect, output, truth, estimate.change
+
+
+def factor(truth, estimate):
+    """By what factor an estimate is off, from one."""
+    return max(truth / estimate, estimate / truth) if truth > 0 and estimate > 0 else np.inf
+
+
+def scenes():
+    print("| scene, area | " + " | ".join(MECHANICAL_EFFECTS) + " | on at 1 % |")
+    print("|---|" + "---|" * (len(MECHANICAL_EFFECTS) + 1))
+    found = []
+    for name in SCENES:
+        scene, table, load = mechanical_scene(name)
+        rows = list(compare(scene, table, load))
+        found += [(factor(t, e), t, e, name, effect, output) for effect, output, t, e in rows]
+        cells = {effect: f"{100 * e:.2g} / {100 * t:.2g}" for effect, o, t, e in rows if o == "area"}
+        on = [d.effect for d in make_plan(scene, table, load=load).decisions if d.on]
+        print(
+            f"| {name} | "
+            + " | ".join(cells.get(e, "") for e in MECHANICAL_EFFECTS)
+            + f" | {', '.join(on)} |"
+        )
+    for least in (1e-2, 5e-3, LOOK_FROM, 1e-3):
+        counted = [row for row in found if max(row[1], row[2]) > least]
+        off, truth, estimate, *where = max(counted)
+        beyond = sum(row[0] > 3 for row in counted)
+        print(
+            f"above {least:g}: {len(counted)} comparisons, {beyond} off by more than 3, worst {off:.2f} "
+            f"({', '.join(where)}: {estimate:.2g} for {truth:.2g})"
+        )
+
+
+def patterns():
+    for load in (1e-3, 2e-3, 5e-3, 2e-2):
+        change = []
+        for seed in range(40):
+            scene = scene_from_dict({"indenter": {"radius_m": SA_LENS}, "elastic": {"young_modulus_Pa": 3e6}})
+            table = pattern("SA", side=4e-3, seed=seed)
+            change.append(estimate_mechanics(scene, table, load=load)[1][0].change)
+        print(
+            f"SA+ at {load:g} N: coupling changes the area by {100 * np.mean(change):.2f} % on the average "
+            f"of 40 patterns (largest {100 * np.max(change):.2f} %)"
+        )
+
+
+def wide():
+    for side, lens, load, thickness in (
+        (0.02, 0.4, 2.0, 0.02),
+        (0.02, 0.4, 0.2, 0.005),
+        (0.03, 2.0, 3.0, 0.03),
+    ):
+        table = generate_asperities("SA", side=side, coverage=0.4, rng=np.random.default_rng(1))
+        scene = scene_from_dict(
+            {
+                "indenter": {"radius_m": lens, "apex_m": [side / 2, side / 2]},
+                "elastic": {"young_modulus_Pa": 3e6, "thickness_m": thickness},
+            }
+        )
+        print(f"{len(table)} asperities, {load:g} N, lens {lens:g} m, layer {thickness:g} m")
+        for effect, output, truth, estimate in compare(scene, table, load):
+            off = factor(truth, estimate)
+            print(f"  {output:7s} {effect:15s} {estimate:.3g} for {truth:.3g}, factor {off:.2f}")
+
+
+def by_turns(functions, repeats=7):
+    """Best time of each function, called by turns (thread time)."""
+    best = [np.inf] * len(functions)
+    for _ in range(repeats):
+        for k, function in enumerate(functions):
+            start = time.thread_time()
+            function()
+            best[k] = min(best[k], time.thread_time() - start)
+    return best
+
+
+def planned(scene, table, load):
+    """Plan and solve as the plan says; the change against everything on follows from the answer."""
+    plan = make_plan(scene, table, load=load)
+    return solve(scene, table, load, {d.effect for d in plan.decisions if d.on})
+
+
+def time_saved():
+    print("| scene | auto / everything on | of which the plan | change of A |")
+    print("|---|---|---|---|")
+    totals = np.zeros(3)
+    for name in SCENES:
+        scene, table, load = mechanical_scene(name)
+        all_on = everything(scene)
+        planned(scene, table, load)
+        solve(scene, table, load, all_on)
+        took = by_turns(
+            [
+                lambda s=scene, t=table, p=load: planned(s, t, p),
+                lambda s=scene, t=table, p=load: make_plan(s, t, load=p),
+                lambda s=scene, t=table, p=load, e=all_on: solve(s, t, p, e),
+            ]
+        )
+        totals += took
+        change = relative_change(
+            "area", without=planned(scene, table, load), complete=solve(scene, table, load, all_on)
+        )
+        print(f"| {name} | {took[0] / took[2]:.2f} | {took[1] / took[2]:.2f} | {100 * change:.2f} % |")
+    print(f"| all together | {totals[0] / totals[2]:.2f} | {totals[1] / totals[2]:.2f} | |")
+
+
+def size():
+    for scale in (0.1, 1.0, 10.0):  # the same pressure and the same rise of the lens over the pattern
+        side, load, lens = 0.0736 * np.sqrt(scale), 4.5 * scale, 6.0 * scale
+        table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
+        scene = scene_from_dict(
+            {
+                "indenter": {"radius_m": lens, "apex_m": [side / 2, side / 2]},
+                "elastic": {"young_modulus_Pa": 3e6, "thickness_m": 0.2 * side},
+            }
+        )
+        estimate_mechanics(scene, table, load=load)
+        plan, point_forces = by_turns(
+            [
+                lambda s=scene, t=table, p=load: estimate_mechanics(s, t, load=p),
+                lambda s=scene, t=table, p=load: solve(s, t, p, {"coupling"}),
+            ],
+            repeats=3 if scale < 5 else 1,
+        )
+        print(
+            f"{len(table)} asperities: plan {plan:.3f} s, coupled solve {point_forces:.3f} s: "
+            f"{100 * plan / point_forces:.1f} %"
+        )
+
+
+if __name__ == "__main__":
+    parts = {"scenes": scenes, "patterns": patterns, "wide": wide, "time": time_saved, "size": size}
+    for part in sys.argv[1:] or parts:
+        parts[part]()
