@@ -256,7 +256,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     ----------
     scene : Scene
         Sections ``[indenter]`` and ``[elastic]`` are needed; ``[tolerance]`` says what must be accurate and
-        how accurate, ``[effects]`` what is ordered. With ``[simulate]`` and ``[camera]`` the effects of optics
+        how accurate, ``[effects]`` what is ordered. With ``[simulate]`` and ``[camera]`` optics
         and sensor are weighed as well.
     asperities : DataFrame
         Columns ``x_m, y_m, height_m, radius_m``.
