@@ -1,11 +1,15 @@
 """``contactimg simulate``: a scene to synthetic frames with their truth table."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from contactimg.cli.common import command_line, output_option, progress, quiet_option, verbose_option
 from contactimg.timings import stage
+
+if TYPE_CHECKING:
+    from contactimg.scene import Scene
 
 __all__ = ["simulate"]
 
@@ -22,6 +26,10 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     asperities.csv, truth.csv and scene.toml: a folder that `process` takes as it is. Without a section
     [asperities] the flat is smooth: one contact by JKR a frame, a folder for `calibrate jkr`.
 
+    Effects that [effects] leaves at "auto" are shown where leaving them out would change the output that
+    [tolerance] names by more than it allows; `contactimg effects SCENE` prints the numbers. The scene.toml
+    that is written says of each effect whether it is in the frames.
+
     \b
     Example:
       contactimg simulate scene.toml -o frames
@@ -32,6 +40,8 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
         from contactimg.files import OutputFolder, provenance, read_scene
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.simulate import write_simulation
+        from contactimg.pipeline.simulation_plan import plan_simulation
+        from contactimg.prediction import load_name
 
     description = read_scene(scene)
     smooth = description.asperities is None
@@ -41,10 +51,21 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
         command=command_line("simulate"), scene=description, inputs=model_inputs(scene, description)
     )
     count = 1 + len(description.need("simulate", "simulating frames").loads)
+    planned = plan_simulation(description, asperities)
+    record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
+    record["effects"] = planned.scene.effects.model_dump()
     with (
         OutputFolder(target, record, main_files=["truth.csv", "scene.toml"]) as out,
         progress("making frames", count, quiet=quiet) as advance,
     ):
-        write_simulation(description, asperities, out.folder, advance=advance)
+        write_simulation(planned.scene, asperities, out.folder, advance=advance)
     if not quiet:
+        click.echo(_shown(planned.scene))
         click.echo(f"{count - 1} frames and their truth in {target}")
+
+
+def _shown(scene: "Scene") -> str:
+    """One line on what the frames show and what was left out."""
+    switches = scene.effects.model_dump()
+    shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
+    return f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}"

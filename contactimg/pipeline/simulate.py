@@ -12,6 +12,7 @@ from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.pipeline.inputs import contact_sites
+from contactimg.pipeline.simulation_plan import explicit_switches
 from contactimg.prediction import predict_contacts
 from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
@@ -91,12 +92,14 @@ def write_simulation(
     Parameters
     ----------
     scene, asperities
-        As for `simulate_series`.
+        As for `simulate_series`; switches at "auto" are taken as there, and written as what they were taken
+        for. `contactimg.pipeline.simulation_plan.plan_simulation` sets them by what each effect changes.
     folder : Path
         Exists.
     advance : callable, optional
         Called once a frame.
     """
+    scene = explicit_switches(scene)
     loads, truth = [], [CONTACTS.empty()]
     for shot in simulate_series(scene, asperities):
         write_frame(shot.frame, folder / shot.frame.name)
@@ -121,6 +124,7 @@ def _measured_scene(scene: Scene) -> dict[str, Any]:
         data["asperities"] = kept | {"file": "asperities.csv"}
     images = {"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"}
     data["images"] = data.get("images", {}) | images
+    data["effects"] = scene.effects.model_dump()
     return data
 
 
