@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["find_pairs", "invert", "relax", "variances"]
+__all__ = ["find_pairs", "invert", "links", "relax", "variances"]
 
 INFLATION = (
     25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
@@ -67,19 +67,19 @@ def invert(matrix, out):
 
 
 @njit(cache=True)
-def _links(n, pairs):
-    """For each disk the pairs it belongs to, and on which side: start of its list, (pair, side)."""
+def links(n, pairs):
+    """For each disk the pairs it belongs to: start of its list, and (pair, side in it, the other disk)."""
     start = np.zeros(n + 1, np.int64)
     for p in range(len(pairs)):
         start[pairs[p, 0] + 1] += 1
         start[pairs[p, 1] + 1] += 1
     start = np.cumsum(start)
     fill = start[:-1].copy()
-    link = np.empty((2 * len(pairs), 2), np.int64)
+    link = np.empty((2 * len(pairs), 3), np.int64)
     for p in range(len(pairs)):
         for side in range(2):
             i = pairs[p, side]
-            link[fill[i], 0], link[fill[i], 1] = p, side
+            link[fill[i]] = p, side, pairs[p, 1 - side]
             fill[i] += 1
     return start, link
 
@@ -91,29 +91,14 @@ def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
     The matrix is symmetric positive definite, so every sweep comes closer; where many disks describe what is
     none it may not be, and if the sweeps run away the uncoupled solution stays.
     """
-    start, link = _links(len(right), pairs)
-    rest = np.empty(4)
+    start, link = links(len(right), pairs)
     limit = np.inf
     for sweep in range(sweeps):
         largest = 0.0
         for i in range(len(right)):
-            if not moving[i] or start[i] == start[i + 1]:
-                continue
-            rest[:] = right[i]
-            for q in range(start[i], start[i + 1]):
-                p, side = link[q]
-                other = pairs[p, 1 - side]
-                for u in range(4):
-                    for v in range(4):
-                        b = blocks[p, u, v] if side == 0 else blocks[p, v, u]
-                        rest[u] -= b * steps[other, v]
-            for u in range(4):
-                value = 0.0
-                for v in range(4):
-                    value += inverse[i, u, v] * rest[v]
-                if u < 3:
-                    largest = max(largest, abs(value - steps[i, u]))
-                steps[i, u] = value
+            if moving[i] and start[i] < start[i + 1]:
+                change = _relax_one(i, inverse, right, link[start[i] : start[i + 1]], blocks, steps)
+                largest = max(largest, change)
         if sweep == 0:
             limit = DIVERGED * largest
         if not largest <= limit:
@@ -123,6 +108,27 @@ def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
             break
         if largest < 1e-4:
             break
+
+
+@njit(cache=True)
+def _relax_one(i, inverse, right, linked, blocks, steps):
+    """Step of one disk given those of its neighbours; the largest change of a length."""
+    rest = right[i].copy()
+    for q in range(len(linked)):
+        p, side, other = linked[q]
+        for u in range(4):
+            for v in range(4):
+                b = blocks[p, u, v] if side == 0 else blocks[p, v, u]
+                rest[u] -= b * steps[other, v]
+    largest = 0.0
+    for u in range(4):
+        value = 0.0
+        for v in range(4):
+            value += inverse[i, u, v] * rest[v]
+        if u < 3:
+            largest = max(largest, abs(value - steps[i, u]))
+        steps[i, u] = value
+    return largest
 
 
 @njit(cache=True)

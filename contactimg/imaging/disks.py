@@ -1,6 +1,7 @@
 """Least-squares fit of blurred disks to an image, all contacts of a frame together.
 
-Each contact has a centre, a radius and a contrast; the model image is the sum of contrast x profile.
+Each contact has a centre, a radius and a contrast; the model image is the sum of contrast x profile, less
+what overlapping contacts share.
 Gauss-Newton: every contact accumulates its own 4 x 4 normal matrix over its rim and its interior, contacts
 whose windows overlap the 4 x 4 matrix between them, and the linear system is solved block by block. The blur
 is one more unknown shared by all. Contrasts carry a normal prior, whose mean and width come from the frame's
@@ -15,8 +16,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.coupled import find_pairs, invert, relax, variances
+from contactimg.imaging.coupled import find_pairs, invert, links, relax, variances
 from contactimg.imaging.edge import INNER, EdgeTable, disk_table
+from contactimg.imaging.lens import add_lens, overlaps
 from contactimg.imaging.noise import Noise
 from contactimg.imaging.normal import (
     CHI,
@@ -31,6 +33,7 @@ from contactimg.imaging.normal import (
     unpack,
     whole_disk_sums,
 )
+from contactimg.imaging.touching import visible_share
 from contactimg.timings import stage
 
 __all__ = [
@@ -117,7 +120,7 @@ class DiskFit:
     blur : float, px
         Standard deviation of the profile's Gaussian, pixel included.
     model : ndarray, shape (rows, columns)
-        Sum of all disks.
+        Union of all disks.
     iterations : int
     settled : ndarray of bool, shape (n,)
         Whether the last step was below tolerance.
@@ -140,7 +143,7 @@ class DiskFit:
 def render_disks(
     disks: NDArray[np.float64], blur: float, shape: tuple[int, int], *, table: EdgeTable | None = None
 ) -> NDArray[np.float32]:
-    """Sum of blurred disks.
+    """Blurred disks; where two overlap, their union.
 
     Parameters
     ----------
@@ -160,25 +163,22 @@ def render_disks(
     """
     table = table or disk_table()
     model = np.zeros(shape, np.float32)
-    for i in range(len(disks)):
-        add_disk(model, disks[i], blur, table.values, table.outer, 1.0)
+    everything = np.ones(len(disks), np.bool_)
+    _redraw(model, disks, blur, ~everything, everything, table.values, table.outer)
     return model
 
 
 def erase_disks(
-    model: NDArray[np.float32], disks: NDArray[np.float64], blur: float, *, table: EdgeTable | None = None
+    model: NDArray[np.float32],
+    disks: NDArray[np.float64],
+    gone: NDArray[np.bool_],
+    blur: float,
+    *,
+    table: EdgeTable | None = None,
 ) -> None:
-    """Take disks out of a model image, in place."""
+    """Take some of the disks of a model image out of it, in place."""
     table = table or disk_table()
-    _redraw(
-        model,
-        disks,
-        blur,
-        np.ones(len(disks), np.bool_),
-        np.zeros(len(disks), np.bool_),
-        table.values,
-        table.outer,
-    )
+    _redraw(model, disks, blur, np.ones(len(disks), np.bool_), ~gone, table.values, table.outer)
 
 
 @stage("fit")
@@ -258,7 +258,9 @@ def fit_disks(
         drawing is None or drawing.complete,
         np.full(n, np.inf) if largest is None else largest,
     )
-    return DiskFit(*result)
+    fit = DiskFit(*result)
+    # the derivatives are those of whole disks: what neighbours hide of a rim tells nothing about it
+    return fit.replace(std=fit.std / visible_share(fit.disks)[:, None])
 
 
 def wide_disks(fit: DiskFit) -> NDArray[np.bool_]:
@@ -359,11 +361,19 @@ def _iterate(
 
 @njit(cache=True)
 def _redraw(model, disks, s, drawn, wanted, table, outer):
-    """Add disks to the model image, or take them out, until those wanted are in it."""
-    for i in range(len(disks)):
-        if drawn[i] != wanted[i]:
-            add_disk(model, disks[i], s, table, outer, 1.0 if wanted[i] else -1.0)
-            drawn[i] = wanted[i]
+    """Add disks to the model image, or take them out, until those wanted are in it, each with its lenses."""
+    change = np.flatnonzero(drawn != wanted)
+    if not len(change):
+        return
+    start, link = links(len(disks), find_pairs(disks, 0.0))
+    for i in change:
+        sign = 1.0 if wanted[i] else -1.0
+        add_disk(model, disks[i], s, table, outer, sign)
+        for q in range(start[i], start[i + 1]):
+            j = link[q, 2]
+            if drawn[j] and overlaps(disks[i], disks[j]):
+                add_lens(model, disks[i], disks[j], s, -sign)
+        drawn[i] = wanted[i]
 
 
 @njit(cache=True)

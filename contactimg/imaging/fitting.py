@@ -252,7 +252,7 @@ def _misfit(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, blur: f
     table = rim_table(rim, blur)
     assembly = assemble_disks(
         field.image, field.weight, field.background, plateau=contrast.plateau, noise=noise,
-        brightness=field.brightness, blur=blur, free_blur=False, table=table,
+        brightness=field.brightness, blur=blur, free_blur=False, table=table, thorough=False,
     )  # fmt: skip
     return float(np.median(assembly.fit.chi_square)) if len(assembly.fit.disks) else 0.0
 

@@ -12,21 +12,23 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.coupled import find_pairs
 from contactimg.imaging.detect import find_inscribed, find_peaks, find_peaks_near
 from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, erase_disks, fit_disks
 from contactimg.imaging.edge import EdgeTable
 from contactimg.imaging.noise import Noise
+from contactimg.imaging.regroup import Regrouping, regroup_disks
+from contactimg.imaging.touching import DEEPEST, count_touching, overlapping
 from contactimg.timings import stage
 
 __all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping"]
 
-DEEPEST = 0.35  # of the smaller one's diameter: contacts that overlap more are one contact
 LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim ...
 RIM = 5.0  # blur widths: ... if they are as close to one as that
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk
+SETTLED = 1.1  # of a disk that was fitted before: what grows more runs away
 GROWTH = 1.3  # of an inscribed disk: one that grows more takes in its neighbours
 FAINTEST = 0.4  # of the contrast
+SPECK = 0.5  # px: what is smaller than a pixel and touches a contact is its rim
 QUIET = 12.0  # contrast/noise below which noise would make holes at half height
 ROUNDS = 4
 SUSPICIOUS = 1.3  # chi-square of a disk beside which another is looked for again
@@ -72,6 +74,15 @@ class _Start:
             np.concatenate([np.arange(len(fitted)), np.full(len(new), -1)]),
         )
 
+    def exchanged(self, fitted: NDArray, better: Regrouping) -> "_Start":
+        """The fitted disks but those gone, and in their place new ones, which grow little."""
+        kept, new = ~better.gone, better.new
+        return _Start(
+            np.vstack([fitted[kept], new]),
+            np.concatenate([self.largest[kept], SETTLED * new[:, RADIUS]]),
+            np.concatenate([np.flatnonzero(kept), np.full(len(new), -1)]),
+        )
+
 
 @stage("detection")
 def assemble_disks(
@@ -85,6 +96,7 @@ def assemble_disks(
     blur: float,
     free_blur: bool,
     table: EdgeTable | None = None,
+    thorough: bool = True,
 ) -> Assembly:
     """Find and fit the disks of an image.
 
@@ -102,6 +114,8 @@ def assemble_disks(
     blur : float, px
         Pixel included.
     free_blur : bool
+    thorough : bool
+        Look again at groups that fit badly.
 
     Returns
     -------
@@ -122,11 +136,11 @@ def assemble_disks(
     def prune(
         start: _Start, state: DiskFit, among: NDArray[np.bool_], *, last: bool
     ) -> tuple[_Start, DiskFit]:
-        gone = _unneeded(state, among, plateau, last=last)
+        gone = among & _unneeded(state, plateau, last=last)
         if not gone.any():
             return start, state
         dropped.append(state.disks[gone, :3])
-        erase_disks(state.model, state.disks[gone], state.blur, table=table)
+        erase_disks(state.model, state.disks, gone, state.blur, table=table)
         active = _near(state.disks, gone, state.blur)[~gone]
         kept = _Start(state.disks[~gone], start.largest[~gone], np.flatnonzero(~gone))
         return kept, fit(kept, state, active, 4)
@@ -153,6 +167,14 @@ def assemble_disks(
             break
         bad = state.disks[state.chi_square > SUSPICIOUS]
         peaks = find_peaks_near(image, state.model, bad, width=state.blur, lowest=lowest)
+    if thorough:
+        better = regroup_disks(
+            image, weight, state, plateau=plateau, noise=noise, brightness=brightness(state.disks),
+            keep=lambda found: ~_unneeded(found, plateau, last=True), table=table,
+        )  # fmt: skip
+        erase_disks(state.model, state.disks, better.gone, state.blur, table=table)
+        start = start.exchanged(state.disks, better)
+        state = fit(start, state, _near(start.disks, start.rows < 0, state.blur), 5)
     start, state = prune(start, state, np.ones(len(state.disks), np.bool_), last=True)
     return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
 
@@ -203,7 +225,7 @@ def _touched(disks, changed, space):
     return out
 
 
-def _unneeded(state: DiskFit, among: NDArray[np.bool_], plateau: float, *, last: bool) -> NDArray[np.bool_]:
+def _unneeded(state: DiskFit, plateau: float, *, last: bool) -> NDArray[np.bool_]:
     """Disks whose light is not significant, that are much too faint, or that lie inside a larger one.
 
     A faint disk that fits badly may be two that stand close; until the last time it stays to be looked at.
@@ -212,34 +234,5 @@ def _unneeded(state: DiskFit, among: NDArray[np.bool_], plateau: float, *, last:
     faint = state.disks[:, CONTRAST] < FAINTEST * plateau
     if not last:
         faint &= state.chi_square < SUSPICIOUS
-    return among & (weak | faint | overlapping(state.disks, DEEPEST))
-
-
-@njit(cache=True)
-def overlapping(disks, deepest):
-    """Whether each disk lies in a larger one by more than ``deepest`` of its own diameter."""
-    n = len(disks)
-    out = np.zeros(n, np.bool_)
-    order = np.argsort(disks[:, 0] - disks[:, 2])
-    for u in range(n):
-        i = order[u]
-        for v in range(u + 1, n):
-            j = order[v]
-            if disks[j, 0] - disks[j, 2] > disks[i, 0] + disks[i, 2]:
-                break
-            distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
-            small = min(disks[i, 2], disks[j, 2])
-            if disks[i, 2] + disks[j, 2] - distance > 2.0 * deepest * small:
-                out[i if disks[i, 2] <= disks[j, 2] else j] = True
-    return out
-
-
-@njit(cache=True)
-def count_touching(disks, space):
-    """Number of other disks whose rim comes closer than ``space`` to that of each disk."""
-    out = np.zeros(len(disks), np.int64)
-    pairs = find_pairs(disks, 0.5 * space)
-    for p in range(len(pairs)):
-        out[pairs[p, 0]] += 1
-        out[pairs[p, 1]] += 1
-    return out
+    speck = (state.disks[:, RADIUS] < SPECK) & (count_touching(state.disks, 2.0 * state.blur) > 0)
+    return np.asarray(weak | faint | speck | overlapping(state.disks, DEEPEST))

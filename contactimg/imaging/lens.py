@@ -1,0 +1,87 @@
+"""What two overlapping disks have in common, blurred (compiled).
+
+Light passes a contact once: where two disks overlap, a pixel is as bright as in one of them. The image of
+their union is the sum of the two minus that of the lens they share,
+
+    L(p, q) = int dt g(q - t) [Phi((hi(t) - p)/s) - Phi((lo(t) - p)/s)]
+
+with p along the line of centres, q across, ``lo`` and ``hi`` the ends of the lens at height t, g and Phi the
+Gaussian of width s and its integral. Sampled every 0.8 s the integral over t is exact to 1e-8 but for the
+ends of the lens. What three disks have in common counts twice; contacts leave room for little of it.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from scipy import special
+
+__all__ = ["add_lens", "overlaps"]
+
+EDGE_REACH = 5.0  # blur widths beyond which an edge is 0 or 1 to 3e-7
+EDGE_STEPS = 64  # linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6
+EDGE = special.ndtr(
+    np.arange(-EDGE_REACH * EDGE_STEPS, EDGE_REACH * EDGE_STEPS + 2) / EDGE_STEPS
+)  # straight edge
+SPACING = 0.8  # blur widths between nodes
+LEAST_NODES = 8  # midpoint rule on the parabola of a thin lens: area right to 1/(2 x 8^2) = 0.8 %
+THINNEST = 0.02  # px: depth of overlaps whose light, 4/3 sqrt(a) THINNEST^1.5 of a pixel's, cannot be seen
+
+
+@njit(cache=True)
+def overlaps(one, two):
+    """Whether two disks overlap visibly."""
+    dx, dy = two[0] - one[0], two[1] - one[1]
+    limit = one[2] + two[2] - THINNEST
+    return limit > 0.0 and dx * dx + dy * dy < limit * limit
+
+
+@njit(cache=True)
+def add_lens(model, one, two, s, sign):
+    """Add ``sign`` times the lens that two overlapping disks share, at the mean of their contrasts."""
+    dx, dy = two[0] - one[0], two[1] - one[1]
+    d = math.sqrt(dx * dx + dy * dy)
+    ex, ey = (dx / d, dy / d) if d > 0.0 else (1.0, 0.0)
+    a, b = one[2], two[2]
+    foot = 0.5 * (d + (a * a - b * b) / d) if d > 0.0 else -1.0
+    tall = math.sqrt(max(a * a - foot * foot, 0.0)) if 0.0 <= foot <= d else min(a, b)
+    count = max(math.ceil(2.0 * tall / (SPACING * s)), LEAST_NODES)
+    step = 2.0 * tall / count
+    low, high = np.empty(count), np.empty(count)
+    for k in range(count):
+        t = -tall + (k + 0.5) * step
+        u, v = math.sqrt(max(a * a - t * t, 0.0)), math.sqrt(max(b * b - t * t, 0.0))
+        low[k], high[k] = max(-u, d - v), max(min(u, d + v), -u, d - v)
+    height = sign * 0.5 * (one[3] + two[3]) * step / (s * math.sqrt(2.0 * math.pi))
+    _draw(model, (one[0], one[1], ex, ey), low, high, tall, s, height)
+
+
+@njit(cache=True)
+def _draw(model, frame, low, high, tall, s, height):
+    """The lens in the coordinates of its pair (origin and axis in ``frame``), over the pixels about it."""
+    x, y, ex, ey = frame
+    reach = EDGE_REACH * s
+    p0, p1, q1 = low.min() - reach, high.max() + reach, tall + reach
+    half_x, half_y = 0.5 * (p1 - p0) * abs(ex) + q1 * abs(ey), 0.5 * (p1 - p0) * abs(ey) + q1 * abs(ex)
+    cx, cy = x + 0.5 * (p0 + p1) * ex, y + 0.5 * (p0 + p1) * ey
+    step = 2.0 * tall / len(low)
+    for j in range(max(math.ceil(cy - half_y), 0), min(math.floor(cy + half_y), model.shape[0] - 1) + 1):
+        for i in range(max(math.ceil(cx - half_x), 0), min(math.floor(cx + half_x), model.shape[1] - 1) + 1):
+            p, q = (i - x) * ex + (j - y) * ey, (j - y) * ex - (i - x) * ey
+            if p < p0 or p > p1 or abs(q) > q1:
+                continue
+            first = max(int((q - reach + tall) / step), 0)
+            last = min(int((q + reach + tall) / step) + 1, len(low))
+            total = 0.0
+            for k in range(first, last):
+                z = (q + tall - (k + 0.5) * step) / s
+                total += math.exp(-0.5 * z * z) * (_edge((high[k] - p) / s) - _edge((low[k] - p) / s))
+            model[j, i] += height * total
+
+
+@njit(cache=True)
+def _edge(z):
+    """Integral of the normal distribution."""
+    t = min(max((z + EDGE_REACH) * EDGE_STEPS, 0.0), 2.0 * EDGE_REACH * EDGE_STEPS)
+    k = int(t)
+    return EDGE[k] + (t - k) * (EDGE[k + 1] - EDGE[k])
