@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from contactimg.effects.plan import APART, Plan, make_plan
+from contactimg.effects.plan import Plan, make_plan
 from contactimg.optics.recipe import read_recipe
 from contactimg.scene import Scene
 
@@ -60,19 +60,11 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
 
 
 def _with_any(scene: Scene, plans: Sequence[Plan]) -> Scene:
-    """The scene with what any of the plans has on; of effects that do not go together, the larger one."""
+    """The scene with what any of the plans has on."""
     on = {decision.effect for plan in plans for decision in plan.decisions if decision.on}
     known = {decision.effect for plan in plans for decision in plan.decisions}
-    if set(APART) <= on:
-        changes = {name: max(_change(plan, name) for plan in plans) for name in APART}
-        on.discard(min(APART, key=lambda name: changes[name]))
     switches = {name: "on" if name in on else "off" for name in known}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
-
-
-def _change(plan: Plan, effect: str) -> float:
-    """What a plan says an effect changes."""
-    return next(decision.change for decision in plan.decisions if decision.effect == effect)
 
 
 def explicit_switches(scene: Scene) -> Scene:
