@@ -5,10 +5,11 @@ import pandas as pd
 import pytest
 from contact_frames import Optics, expose, render, scatter, sub_pixel_shift, surface_texture
 
+from contactimg.imaging.background import estimate_background
 from contactimg.imaging.light import background_mode, block_means, fit_light
 from contactimg.imaging.move import shift_kernel, shift_whole_pixels
 from contactimg.imaging.noise import estimate_noise
-from contactimg.imaging.reference import estimate_background, subtract_reference
+from contactimg.imaging.reference import subtract_reference
 
 SHAPE = (400, 560)
 
@@ -128,7 +129,7 @@ def test_block_means_skip_holes():
 def test_background_is_estimated_without_reference():
     optics = Optics(shape=SHAPE, texture=0.0, dust=0)
     frame = render(some_disks(), optics, np.random.default_rng(0))[0].astype(np.float32)
-    difference = estimate_background(frame, prefer="low")
+    difference = estimate_background(frame)
     truth = some_disks()
     y, x = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
     far = np.ones(SHAPE, bool)

@@ -13,13 +13,23 @@ __all__ = ["absent_in_frame", "reject_disks"]
 LEAST_SEEN = (
     0.2  # of its area: a disk of which less lies in the image and not in a hole is not known to be one
 )
+ANGLES, STEEPEST = 32, 70.0  # places along a rim, percentile of the falls that tells whether there is one
+FALL = 0.35  # of the contrast
+WIDEST_BLUR = 8.0  # px: optics are not as blurred as uneven light
+WIDE = 4.0  # blur widths: narrower disks are all rim
 SHARE = 0.4  # of a contact's excess in the difference that the frame alone must show
 WIDEST = 10.0  # px: wider contacts are no dust, and the light varies across them
 POINTS = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)]) * 0.5  # of the radius, about the centre
 
 
 def reject_disks(
-    pixels: Pixels, signed: NDArray[np.float32], difference: Difference, disks: NDArray[np.float64]
+    pixels: Pixels,
+    signed: NDArray[np.float32],
+    difference: Difference,
+    disks: NDArray[np.float64],
+    *,
+    blur: float,
+    contrast: float,
 ) -> NDArray[np.str_]:
     """Why each disk is no contact; empty for contacts.
 
@@ -33,11 +43,47 @@ def reject_disks(
         Where it comes from.
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
+    blur : float, px
+        Standard deviation of the point spread function.
+    contrast : float
+        Of the contacts.
     """
     weight = NO_MASK if pixels.valid is None else pixels.valid
     hidden = share_seen(disks, signed.shape, weight) < LEAST_SEEN
     dust = absent_in_frame(pixels.frame, signed, difference, disks)
-    return np.select([hidden, dust], ["hardly any of it is in sight", "dust in the reference"], "")
+    vague = _without_rim(signed, weight, disks, blur, contrast)
+    reasons = ["hardly any of it is in sight", "dust in the reference", "without a rim"]
+    return np.select([hidden, dust, vague], reasons, "")
+
+
+def _without_rim(
+    signed: NDArray[np.float32],
+    weight: NDArray[np.uint8],
+    disks: NDArray[np.float64],
+    blur: float,
+    contrast: float,
+) -> NDArray[np.bool_]:
+    """Wide disks across whose rim the image hardly falls: uneven light, not contacts.
+
+    Over four blur widths a contact falls by 95 % of its contrast, wherever no neighbour touches it.
+    """
+    blur = min(blur, WIDEST_BLUR)
+    angles = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
+    place = disks[:, 0] + 1j * disks[:, 1]
+    levels = []
+    for offset in (-2.0 * blur, 2.0 * blur):
+        at = place[:, None] + (disks[:, 2] + offset)[:, None] * angles
+        x, y = np.rint(at.real).astype(int), np.rint(at.imag).astype(int)
+        seen = (x >= 0) & (x < signed.shape[1]) & (y >= 0) & (y < signed.shape[0])
+        x, y = np.where(seen, x, 0), np.where(seen, y, 0)
+        if weight.shape == signed.shape:
+            seen &= weight[y, x] > 0
+        levels.append(np.where(seen, signed[y, x], np.nan))
+    fall = levels[0] - levels[1]
+    wide = (disks[:, 2] > WIDE * blur) & (np.isfinite(fall).sum(axis=1) >= ANGLES // 8)
+    out = np.zeros(len(disks), np.bool_)
+    out[wide] = np.nanpercentile(fall[wide], STEEPEST, axis=1) < FALL * contrast
+    return out
 
 
 def absent_in_frame(

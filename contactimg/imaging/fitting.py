@@ -189,7 +189,10 @@ def _report(
 ) -> Fitted:
     """The tables of a trial, dirt sorted out."""
     field, contacts = trial.field, _tabulate(trial)
-    reasons = reject_disks(pixels, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy())
+    reasons = reject_disks(
+        pixels, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy(),
+        blur=trial.fit.blur * field.bin, contrast=contrast.plateau,
+    )  # fmt: skip
     bad = reasons != ""
     dropped = trial.assembly.dropped
     tried = pd.DataFrame(

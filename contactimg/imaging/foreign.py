@@ -42,6 +42,8 @@ class Objects:
         Largest value.
     long : ndarray of bool, shape (n,)
         Whether the shape is that of a bar or hair rather than of disks.
+    half_width : ndarray, shape (n,), px
+        Radius of the largest disk inside.
     x, y : ndarray, shape (n,), px
         Centroids.
     """
@@ -50,6 +52,7 @@ class Objects:
     area: NDArray[np.float64]
     peak: NDArray[np.float64]
     long: NDArray[np.bool_]
+    half_width: NDArray[np.float64]
     x: NDArray[np.float64]
     y: NDArray[np.float64]
 
@@ -98,7 +101,7 @@ def find_objects(image: NDArray[np.float32], level: float) -> Objects:
     length = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     filled = (mean - 0.5 > FILLED * half) | (half < THIN)
     long = filled & (area > LONG * np.pi * half**2) & (length > LENGTH * (half + SHORT))
-    return Objects(labels - 1, area[1:], peak[1:], long[1:], centroids[1:, 0], centroids[1:, 1])
+    return Objects(labels - 1, area[1:], peak[1:], long[1:], half[1:], centroids[1:, 0], centroids[1:, 1])
 
 
 def find_foreign(image: NDArray[np.float32], plateau: float) -> Foreign:

@@ -70,6 +70,10 @@ class LightField:
         u, v = 2.0 * np.asarray(x) / shape[1] - 1.0, 2.0 * np.asarray(y) / shape[0] - 1.0
         return np.asarray(np.polynomial.polynomial.polyval2d(v, u, self.coefficients))
 
+    def at_blocks(self, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
+        """The field at the centre of each block of an image of ``shape``."""
+        return _at_blocks(self.coefficients, blocks, shape)
+
     def subtract_from(self, image: NDArray[np.float32]) -> NDArray[np.float32]:
         """The image minus the field."""
         out = np.empty_like(image)

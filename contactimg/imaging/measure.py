@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from contactimg.errors import FrameError, InputError
+from contactimg.imaging.background import estimate_background, estimate_either_background
 from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
 from contactimg.imaging.fitting import Fitted, fit_contacts
 from contactimg.imaging.foreign import NOTHING_FOREIGN, find_foreign
@@ -16,7 +17,6 @@ from contactimg.imaging.noise import estimate_noise
 from contactimg.imaging.pixels import Pixels
 from contactimg.imaging.reference import (
     Difference,
-    estimate_background,
     subtract_reference,
     unregistered,
 )
@@ -262,9 +262,10 @@ def _subtract(pixels: Pixels, polarity: str) -> tuple[Difference, int]:
     if pixels.reference is not None:
         prefer = {"bright": "low", "dark": "high", "auto": "one"}[polarity]
         difference = subtract_reference(pixels.frame, pixels.reference, valid=pixels.valid, prefer=prefer)
+    elif polarity == "auto":
+        return estimate_either_background(pixels.frame, valid=pixels.valid)
     else:
-        prefer = {"bright": "low", "dark": "high", "auto": "common"}[polarity]
-        difference = estimate_background(pixels.frame, valid=pixels.valid, prefer=prefer)
+        difference = estimate_background(pixels.frame, valid=pixels.valid, dark=polarity == "dark")
     if polarity != "auto":
         return difference, 1 if polarity == "bright" else -1
     blocks = block_means(difference.image)

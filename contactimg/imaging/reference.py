@@ -15,21 +15,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.envelope import flatten_crowd
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
 from contactimg.imaging.move import Shift, move_reference, shift_kernel
 from contactimg.imaging.register import GOOD_STD, Found, estimate_shift, estimate_shift_closely
 from contactimg.imaging.search import search_shift
 from contactimg.timings import stage
 
-__all__ = ["Difference", "estimate_background", "subtract_reference", "unregistered"]
+__all__ = ["Difference", "subtract_reference", "unregistered"]
 
 SCALES = (0.7, 2.0)  # px, Gaussian widths that separate the bands
 # strips that tell the shares of the bands, their rows, and the rows that the filters need around them
 STRIPS, STRIP, REACH = 5, 24, 8
 NEGLIGIBLE = 0.03  # share of a band not worth filtering for
-CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
-GAP = 0.15  # of the height of the contacts: blocks darker than that lie between them
 CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
 FLOOR = 0.1  # of the median level: where the reference is darker there is no light to measure by
@@ -236,34 +233,6 @@ def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Dif
 
 
 @stage("light")
-def estimate_background(
-    frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None, prefer: str = "common"
-) -> Difference:
-    """Frame minus a slow background fitted to the frame itself, when there is no reference.
-
-    Parameters
-    ----------
-    frame, valid, prefer
-        As in `subtract_reference`.
-
-    Returns
-    -------
-    Difference
-        Texture and dirt stay in it.
-    """
-    blocks = block_means(frame, valid)
-    start, spread = background_mode(blocks, prefer=prefer)
-    light = fit_light(blocks, frame.shape, start=start, spread=spread)
-    image = light.subtract_from(frame)
-    ones = np.ones_like(blocks)
-    if np.mean(light.background) > CROWDED or not np.isfinite(blocks).all():
-        return Difference(image, start, ones, light, None)
-    sign = np.float32(-1.0 if prefer == "high" else 1.0)
-    image = sign * flatten_crowd(sign * frame, sign * blocks)
-    gaps = np.abs(block_means(image)) < GAP * np.percentile(np.abs(image[::8, ::8]), 90)
-    return Difference(image, start, ones, LightField(light.coefficients, gaps, light.spread), None)
-
-
 def unregistered(image: NDArray[np.float32]) -> Difference:
     """A plain difference in which nothing can be registered or corrected: all of it counts as background."""
     blocks = np.zeros_like(block_means(image))

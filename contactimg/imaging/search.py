@@ -125,6 +125,8 @@ def _slow(
 ) -> NDArray[np.float32]:
     """Light of the reference at each coarse pixel: a polynomial."""
     blocks = block_means(reference, valid)
+    if not np.isfinite(blocks).any():
+        return np.zeros(size[::-1], np.float32)
     level = float(np.nanmedian(blocks))
     spread = 1.4826 * float(np.nanmedian(np.abs(blocks - level)))
     light = fit_light(blocks, (reference.shape[0], reference.shape[1]), start=level, spread=2.0 * spread)
