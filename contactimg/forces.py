@@ -1,16 +1,26 @@
-"""From contact radii to local forces: Hertz's law contact by contact, and the sums over a frame."""
+"""From contact radii to local forces, contact by contact, and the sums over a frame.
+
+Errors are of three kinds: those of each contact alone; those that all contacts of a frame share because they
+share contrast and blur (``contrast_shift_px`` and ``blur_shift_px`` say how each radius follows them), which
+add up linearly in a sum; and those of the modulus and of the length of a pixel, common to everything.
+"""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from contactimg.mechanics import hertz
+from contactimg.errors import InputError
+from contactimg.mechanics import hertz, sphere
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.tables import Flag
 
-__all__ = ["Total", "assign_forces", "total_area", "total_force"]
+__all__ = ["ForceLaw", "Total", "assign_forces", "force_exponents", "total_area", "total_force"]
+
+ForceLaw = Literal["hertz", "sphere"]
+"""Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +37,11 @@ def assign_forces(
     *,
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
+    law: ForceLaw = "hertz",
 ) -> pd.DataFrame:
-    """Fill ``force_N`` and ``force_std_N`` by Hertz's law, ``p = 4 E* a^3/(3 R)``; flag ``BEYOND_HERTZ``.
+    """Fill ``force_N`` and ``force_std_N``; flag ``BEYOND_HERTZ``.
+
+    Hertz: ``p = 4 E* a^3/(3 R)``; sphere: ``p = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``.
 
     Parameters
     ----------
@@ -41,28 +54,47 @@ def assign_forces(
         E*, Pa.
     modulus_relative_std : float
         Relative standard uncertainty of E*; it enters every force alike.
+    law : {"hertz", "sphere"}
 
     Returns
     -------
     DataFrame
         The same table with forces.
 
+    Raises
+    ------
+    InputError
+        If there is no such law.
+
     Notes
     -----
-    Valid while a/R <= 0.33. The relative uncertainty is ``sqrt((3 std(a)/a)^2 + (std(E)/E)^2)``.
+    Hertz holds while a/R <= 0.33, the sphere's law for linear elasticity at a/R < 1; a contact as wide as its
+    sphere has no force by it. The relative uncertainty is ``sqrt((n std(a)/a)^2 + (std(E)/E)^2)`` with the
+    exponent ``n = d ln p/d ln a`` of `force_exponents`.
 
     References
     ----------
-    Yashima et al., eq. (1).
+    Yashima et al., eq. (1). Sneddon, doi:10.1016/0020-7225(65)90019-4, section 6.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"radius_m": [3e-5], "radius_std_m": [3e-7], "flags": [0]})
+    >>> assign_forces(table, 1e-4, contact_modulus=4e6)["force_N"].tolist()
+    [0.00144]
     """
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
-    known = np.isfinite(R) & np.isfinite(a)
+    exponent = force_exponents(a, R, law=law)
+    known = np.isfinite(exponent)
     force = np.full(a.shape, np.nan)
-    force[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
-    relative = np.hypot(3 * _relative_radius_std(contacts), modulus_relative_std)
+    if law == "sphere":
+        force[known] = contact_modulus * R[known] ** 2 * sphere.scaled_load(a[known] / R[known])
+    else:
+        force[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
+    relative = np.hypot(exponent * _relative_radius_std(contacts), modulus_relative_std)
     beyond = np.zeros(a.shape, bool)
-    beyond[known] = a[known] > HERTZ_LIMIT * R[known]
+    finite = np.isfinite(a) & np.isfinite(R)
+    beyond[finite] = a[finite] > HERTZ_LIMIT * R[finite]
     flags = contacts["flags"].to_numpy(np.int64) & ~int(Flag.BEYOND_HERTZ)
     return contacts.assign(
         force_N=force,
@@ -71,27 +103,127 @@ def assign_forces(
     )
 
 
-def total_area(contacts: pd.DataFrame) -> Total:
-    """Real contact area ``A = sum pi a_i^2`` (m^2); radius errors of different contacts are independent."""
+def force_exponents(
+    radius: ArrayLike, sphere_radius: ArrayLike, *, law: ForceLaw = "hertz"
+) -> NDArray[np.float64]:
+    """Exponent ``d ln p/d ln a`` of the force law at each contact: 3 for Hertz, more for the sphere.
+
+    Parameters
+    ----------
+    radius, sphere_radius : array_like, m
+        They broadcast.
+    law : {"hertz", "sphere"}
+
+    Returns
+    -------
+    ndarray
+        NaN where a radius is not known, or where the law gives no force (a contact as wide as its sphere).
+
+    Raises
+    ------
+    InputError
+        If there is no such law.
+
+    Examples
+    --------
+    >>> force_exponents([1e-6, 5e-5], 1e-4, law="sphere").round(3)
+    array([3.   , 3.258])
+    """
+    if law not in ("hertz", "sphere"):
+        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
+    a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
+    exponent = np.where(np.isfinite(a) & np.isfinite(R), 3.0, np.nan)
+    if law == "sphere":
+        ratio = np.where(np.isfinite(exponent), a, 0.0) / np.where(np.isfinite(exponent), R, 1.0)
+        inside = (ratio > 0) & (ratio < 1)
+        s = ratio[inside]
+        # dP/ddelta = 2 E* a and ddelta/da = atanh(s) + s/(1 - s^2), s = a/R
+        exponent[inside] = 2 * s**2 * (np.arctanh(s) + s / (1 - s**2)) / sphere.scaled_load(s)
+        exponent[ratio >= 1] = np.nan
+    return exponent
+
+
+def total_area(
+    contacts: pd.DataFrame, *, unseen_radius: float = 0.0, length_relative_std: float = 0.0
+) -> Total:
+    """Real contact area ``A = sum pi a_i^2`` (m^2).
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Contacts table of one frame.
+    unseen_radius : float, m
+        The uncertainty allows for one contact of this radius that was not seen.
+    length_relative_std : float
+        Relative standard uncertainty of the length of a pixel.
+
+    Returns
+    -------
+    Total
+        Zero if there is no contact.
+    """
     area = contacts["area_m2"].to_numpy(float)
-    return Total(float(area.sum()), float(np.sqrt(np.sum((2 * area * _relative_radius_std(contacts)) ** 2))))
+    value = float(area.sum())
+    parts = [_std_of_sum(contacts, 2 * area), np.pi * unseen_radius**2, 2 * length_relative_std * value]
+    return Total(value, float(np.linalg.norm(parts)))
 
 
-def total_force(contacts: pd.DataFrame, *, modulus_relative_std: float = 0.0) -> Total:
-    """Sum of the local forces (N); radius errors are independent, the modulus is common to all contacts.
+def total_force(
+    contacts: pd.DataFrame,
+    *,
+    exponent: ArrayLike = 3.0,
+    unseen_radius: float = 0.0,
+    modulus_relative_std: float = 0.0,
+    length_relative_std: float = 0.0,
+) -> Total:
+    """Sum of the local forces (N).
 
-    NaN if no contact has a force although there are contacts; zero if there is no contact.
+    Parameters
+    ----------
+    contacts : DataFrame
+        Contacts table of one frame.
+    exponent : array_like, shape (n,) or scalar
+        Of the force law, see `force_exponents`.
+    unseen_radius : float, m
+        The uncertainty allows for one contact of this radius that was not seen, where another shows what
+        force that is.
+    modulus_relative_std : float
+        Relative standard uncertainty of the modulus, common to all contacts.
+    length_relative_std : float
+        Relative standard uncertainty of the length of a pixel.
+
+    Returns
+    -------
+    Total
+        NaN if no contact has a force although there are contacts; zero if there is no contact.
     """
     force = contacts["force_N"].to_numpy(float)
     known = np.isfinite(force)
     if len(force) and not known.any():
         return Total(np.nan, np.nan)
     value = float(force[known].sum())
-    independent = np.sqrt(np.sum((3 * force * _relative_radius_std(contacts))[known] ** 2))
-    return Total(value, float(np.hypot(independent, modulus_relative_std * value)))
+    slope = (np.broadcast_to(np.asarray(exponent, float), force.shape) * force)[known]
+    radius = contacts["radius_m"].to_numpy(float)[known]
+    unseen = float(np.median(force[known] / radius**3)) * unseen_radius**3 if len(radius) else 0.0
+    parts = [unseen, modulus_relative_std * value, length_relative_std * float(slope.sum())]
+    return Total(value, float(np.linalg.norm([_std_of_sum(contacts[known], slope), *parts])))
 
 
-def _relative_radius_std(contacts: pd.DataFrame) -> np.ndarray:
+def _std_of_sum(contacts: pd.DataFrame, slope: NDArray[np.float64]) -> float:
+    """Standard uncertainty of a sum whose terms change by ``slope`` for a relative change of their radius."""
+    shared = _relative_shifts(contacts)
+    own = np.maximum(_relative_radius_std(contacts) ** 2 - np.sum(shared**2, axis=1), 0.0)
+    return float(np.sqrt(np.sum(slope**2 * own) + np.sum((slope @ shared) ** 2)))
+
+
+def _relative_radius_std(contacts: pd.DataFrame) -> NDArray[np.float64]:
     """Relative standard uncertainty of the radii; 0 where none is stated."""
     std = contacts["radius_std_m"].to_numpy(float) / contacts["radius_m"].to_numpy(float)
     return np.nan_to_num(std, nan=0.0)
+
+
+def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
+    """Relative change of the radii with the two errors that a frame's contacts share; 0 where not stated."""
+    columns = [name for name in ("contrast_shift_px", "blur_shift_px") if name in contacts]
+    shift = contacts[columns].to_numpy(float) / contacts[["radius_px"] * len(columns)].to_numpy(float)
+    return np.nan_to_num(shift, nan=0.0)

@@ -60,6 +60,8 @@ class PoseFit:
         RMS distance of the matched pairs, m (nan if none).
     chance : float
         Number of matches expected if the targets had nothing to do with the points.
+    length_relative_std : float
+        Relative standard uncertainty of a fitted pixel size; 0 for one that was given.
     """
 
     pose: Pose
@@ -68,6 +70,7 @@ class PoseFit:
     n_matched: int
     residual: float
     chance: float = 0.0
+    length_relative_std: float = 0.0
 
 
 def pair_points(
@@ -206,7 +209,7 @@ def fit_pose(
         if best.n_matched >= 0.9 * len(points):
             break
     significant = best.n_matched >= max(3.0, 0.5 * len(points), best.chance + 5 * np.sqrt(best.chance))
-    return best if significant else replace(best, pose=guess, fitted=False)
+    return best if significant else replace(best, pose=guess, fitted=False, length_relative_std=0.0)
 
 
 def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
@@ -327,5 +330,15 @@ def _refine(
         n_points=len(points),
         n_matched=len(i),
         residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
+        length_relative_std=_scale_std(oriented[i], distance) / float(abs(alpha)),
         chance=float(chance),
     )
+
+
+def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) -> float:
+    """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
+    n = len(points)
+    if n < 3:
+        return 0.0
+    variance = float(np.sum(distance**2)) / (2 * n - 4)
+    return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))

@@ -174,6 +174,7 @@ FRAMES = Schema(
         "shift_y_px": ("float64", "position in the frame minus position in the reference"),
         "indentation_m": ("float64", "model indentation"),
         "message": ("str", "what a person should know about this frame"),
+        "smallest_px": ("float64", "radius of a contact that just stands out; smaller ones are not seen"),
     },
 )
 

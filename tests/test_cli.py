@@ -167,8 +167,11 @@ def test_a_bad_frame_is_named_and_the_others_are_measured(series, tmp_path, spoi
     assert frames.loc["frame_2.tif", "status"] == "failed"
     assert "frame_2.tif" in frames.loc["frame_2.tif", "message"]
     contacts, good = (pd.read_csv(tmp_path / name / "contacts.csv") for name in ("out", "good"))
-    # the pose is fitted to the frame with most contacts, which is not the spoilt one
-    pd.testing.assert_frame_equal(contacts, good[good["frame"] != "frame_2.tif"].reset_index(drop=True))
+    good = good[good["frame"] != "frame_2.tif"].reset_index(drop=True)
+    names = ["frame", "label", "asperity"]
+    pd.testing.assert_frame_equal(contacts[names], good[names])
+    # a frame of small contacts takes its contrast from the others, so it may move by a part of its error
+    assert ((contacts["radius_px"] - good["radius_px"]).abs() < 0.2 * good["radius_std_px"]).all()
 
 
 def black(image):
@@ -365,7 +368,7 @@ def test_another_pattern_is_said_in_the_message(series, tmp_path):
 
 
 def test_a_frame_that_breaks_the_measurement_is_one_failed_row(series, tmp_path, monkeypatch):
-    import contactimg.pipeline.series as module
+    import contactimg.pipeline.frames as module
 
     measure = module.measure_image
 

@@ -258,8 +258,8 @@ def test_file_as_a_person_sees_it(folder):
     write_table(table, CONTACTS, folder / "c.csv")
     header, first, second = (folder / "c.csv").read_bytes().decode().splitlines()
     assert header == ",".join(CONTACTS.columns)
-    assert first == '"a,""1"".tif",1,0.1' + "," * 12
-    assert second == "b.tif" + "," * 14 + "EDGE|MERGED"
+    assert first == '"a,""1"".tif",1,0.1' + "," * 14
+    assert second == "b.tif" + "," * 14 + "EDGE|MERGED,,"
     assert [path.name for path in folder.iterdir() if path.suffix == ".part"] == []
 
 

@@ -68,12 +68,15 @@ class Fitted:
         Contrast and blur that the radii stand for.
     own : SharedOptics
         The same with the uncertainties that the frame alone would leave.
+    smallest_px : float
+        Radius of a contact that just stands out of the noise; NaN if that is not known.
     """
 
     contacts: pd.DataFrame
     rejected: pd.DataFrame
     optics: SharedOptics
     own: SharedOptics
+    smallest_px: float = float("nan")
 
 
 @stage("quality")
@@ -211,7 +214,8 @@ def _report(
             trial.settled.optics(covariance, binning=field.bin)
             for covariance in (trial.settled.covariance, trial.settled.own)
         )
-    return Fitted(contacts[~bad], pd.concat([tried, gone], ignore_index=True), optics, own)
+    rejected = pd.concat([tried, gone], ignore_index=True)
+    return Fitted(contacts[~bad], rejected, optics, own, trial.assembly.smallest * field.bin)
 
 
 def _without_halo(

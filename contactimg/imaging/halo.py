@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 __all__ = ["Halo", "estimate_halo", "remove_halo"]
 
 WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
 COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way
 DARK = 5e-4  # of the contrast: the core has ended where it is below
-SIGNIFICANT = 8.0  # standard deviations of the fraction, from means of blocks of the image
+CHANCE = 3e-6  # probability of a halo that is none: 8 standard deviations, if all strips tell about it
 LARGEST = 0.6  # of the light: more would be no halo but the point spread function
 LEAST = 0.01  # of the light: a smaller halo changes no radius by more than its error
 BANDS = 12  # strips of the image whose scatter gives the fraction's uncertainty
@@ -65,8 +66,8 @@ def _best(
     if np.count_nonzero(dark) < 20 * BANDS:
         return None
     fits = [(_regress(small, _spread(core, width / coarse), dark), width) for width in widths]
-    (fraction, std, _), width = min(fits, key=lambda item: item[0][2])
-    return None if fraction < max(LEAST, SIGNIFICANT * std) else Halo(min(fraction, LARGEST), width)
+    (fraction, least, _), width = min(fits, key=lambda item: item[0][2])
+    return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
 
 
 def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
@@ -86,7 +87,7 @@ def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 
 def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_]) -> tuple[float, float, float]:
-    """Slope of the data on the halo where the mask holds, its uncertainty, and the rest of the squares."""
+    """Slope of the data on the halo where the mask holds, its least significant value, and what is left."""
     x, y = wide[mask].astype(float), data[mask].astype(float)
     x, y = x - x.mean(), y - y.mean()
     power = float(x @ x)
@@ -96,4 +97,8 @@ def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_]) -> tuple[flo
     rest = y - slope * x
     # pixels share noise, so the uncertainty comes from the scatter between strips of the image
     bands = np.array([float(part.sum()) for part in np.array_split(x * rest, BANDS)])
-    return slope, float(np.sqrt(np.sum(bands**2))) / power, float(rest @ rest)
+    # strips without contacts say nothing: the scatter of the few that do is a scatter of few
+    shares = np.array([float(part.sum()) for part in np.array_split(x * x, BANDS)]) / power
+    freedom = max(1.0 / float(shares @ shares) - 1.0, 0.1)
+    least = float(stats.t.isf(CHANCE, freedom)) * float(np.sqrt(np.sum(bands**2))) / power
+    return slope, least, float(rest @ rest)

@@ -74,6 +74,8 @@ class ImageMeasurement:
         The same with the uncertainties that this frame alone leaves, without what was known beforehand.
     level : float
         Median grey level of the background; 0 where it was subtracted before.
+    smallest_px : float
+        Radius of a contact that just stands out: what is smaller is not seen. NaN if that is not known.
     measurable : bool
         False if nothing can be said about contacts: no contact found is then no measurement.
     """
@@ -93,6 +95,7 @@ class ImageMeasurement:
     optics: SharedOptics
     own_optics: SharedOptics
     level: float
+    smallest_px: float
     measurable: bool
 
     @property
@@ -158,17 +161,17 @@ def measure_image(
     """
     _check(image, reference, method, polarity)
     known = _known(optics, blur_px)
-    pixels = Pixels.of(image, reference, full_scale)
+    pixels = Pixels.of(image, _same_levels(image, reference), full_scale)
     difference, sign = _subtract(pixels, polarity)
     pixels = pixels if difference.valid is None else pixels.within(difference.valid)
     signed = difference.image if sign > 0 else -difference.image
     noise = estimate_noise(signed, difference.light.background)
-    unit = pixels.unit * _depth_ratio(image, reference, difference)
-    known = known.scaled(1.0 / unit)
-    contrast = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(signed, noise)
+    known = known.scaled(1.0 / pixels.unit)
+    shown = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(signed, noise)
+    contrast = shown
     if np.isfinite(known.contrast) and not pixels.trivial:
-        contrast = Contrast(known.contrast, contrast.resolved, known.contrast_std)
-    foreign = find_foreign(signed, contrast.plateau) if contrast.resolved else NOTHING_FOREIGN
+        contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
+    foreign = find_foreign(signed, contrast.plateau) if shown.resolved else NOTHING_FOREIGN
     pixels = pixels.without(foreign.mask)
     if pixels.valid is not None:
         signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
@@ -177,17 +180,18 @@ def measure_image(
     if contrast.plateau > 0:
         if method == "threshold":
             found = _count(signed, pixels, contrast, fraction, noise)
+            found = replace(found, own=SharedOptics(max(shown.plateau, 1e-9), shown.std, blur_std_px=np.nan))
         else:
             found = fit_contacts(
                 signed, pixels, difference, contrast=contrast, noise=noise, known=known, film=film
             )
     disks = _flagged(found.contacts, found.own).assign(label=np.arange(1, len(found.contacts) + 1))
-    status, message, measurable = _judge(pixels, difference, found, known, unit)
+    status, message, measurable = _judge(pixels, difference, found, known)
     return ImageMeasurement(
         disks=disks[list(DISKS)].astype(DISKS).reset_index(drop=True),
         rejected=pd.concat([foreign.rejected, found.rejected]).astype(REJECTED).reset_index(drop=True),
-        contrast=sign * found.optics.contrast * unit if contrast.plateau > 0 else 0.0,
-        noise=noise * unit,
+        contrast=sign * found.optics.contrast * pixels.unit if contrast.plateau > 0 else 0.0,
+        noise=noise * pixels.unit,
         threshold=fraction if method == "threshold" else float("nan"),
         blur_px=found.optics.blur_px,
         shift_x_px=difference.shift.x_px if difference.shift else float("nan"),
@@ -195,10 +199,11 @@ def measure_image(
         polarity="bright" if sign > 0 else "dark",
         status=status,
         message=message,
-        difference=difference.image if unit == 1.0 else difference.image * np.float32(unit),
-        optics=found.optics.scaled(unit),
-        own_optics=found.own.scaled(unit),
-        level=difference.level * unit,
+        difference=difference.image if pixels.unit == 1.0 else difference.image * np.float32(pixels.unit),
+        optics=found.optics.scaled(pixels.unit),
+        own_optics=found.own.scaled(pixels.unit),
+        level=difference.level * pixels.unit,
+        smallest_px=found.smallest_px,
         measurable=measurable,
     )
 
@@ -228,8 +233,10 @@ def _count(
     shift = np.full(len(contacts), -fraction * contrast.std / contrast.plateau / slope)
     std = combine_errors(contacts["radius_std_px"].to_numpy(float), shift[:, None])
     contacts = contacts.assign(radius_std_px=std, contrast_shift_px=shift, blur_shift_px=0.0)
-    optics = SharedOptics(contrast.plateau, contrast.std)
-    return Fitted(contacts, rejected, optics, optics)
+    optics = SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan)
+    # the middle of a blurred disk reaches 1 - exp(-a^2/(2 s^2)) of the contrast
+    smallest = TYPICAL_BLUR * np.sqrt(-2.0 * np.log1p(-fraction))
+    return Fitted(contacts, rejected, optics, optics, float(smallest))
 
 
 def _flagged(contacts: pd.DataFrame, own: SharedOptics) -> pd.DataFrame:
@@ -273,24 +280,30 @@ def _subtract(pixels: Pixels, polarity: str) -> tuple[Difference, int]:
     return difference, 1 if find_polarity(blocks, scatter) == "bright" else -1
 
 
-def _depth_ratio(image: NDArray, reference: NDArray | None, difference: Difference) -> float:
-    """Grey levels of the frame in one of the reference, whose depth may differ; 1 if both have one type."""
-    if reference is None or not difference.ratio or reference.dtype == image.dtype:
-        return 1.0
-    return float(difference.light.coefficients[0, 0])
+def _same_levels(image: NDArray, reference: NDArray | None) -> NDArray | None:
+    """The reference in grey levels about those of the frame, where it was stored with another depth."""
+    if reference is None or reference.dtype == image.dtype:
+        return reference
+    levels = [float(np.nanmedian(np.where(np.isfinite(part), part, np.nan))) for part in
+              (np.asarray(array[::8, ::8], float) for array in (image, reference))
+              if np.isfinite(part).any()]  # fmt: skip
+    if len(levels) < 2 or min(levels) <= 0 or 1 / LIGHT_CHANGE < levels[0] / levels[1] < LIGHT_CHANGE:
+        return reference
+    return np.asarray(reference, np.float32) * np.float32(levels[0] / levels[1])
 
 
 def _judge(
-    pixels: Pixels, difference: Difference, found: Fitted, known: SharedOptics, unit: float
+    pixels: Pixels, difference: Difference, found: Fitted, known: SharedOptics
 ) -> tuple[str, str, bool]:
     """Status and message of the frame, and whether it can be measured at all."""
     if pixels.trivial:
-        return pixels.defect, pixels.message, False
+        # a frame that is its own reference shows as little contact as that; the others show nothing at all
+        return pixels.defect, pixels.message, pixels.defect == "identical to reference"
     count, status = len(found.contacts), pixels.defect
     notes = [pixels.message, difference.remark]
     if pixels.reference is None and not pixels.defect:
         notes.append("no reference: the background was estimated from the frame")
-    ratio = float(difference.light.coefficients[0, 0]) * pixels.unit / unit
+    ratio = float(difference.light.coefficients[0, 0])
     changed = difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE
     if changed:
         status = status or "light changed"
@@ -304,7 +317,7 @@ def _judge(
     elif difference.unregistered:
         status = status or "not registered"
     if count and not found.own.contrast_relative_std < RESOLVED:
-        notes.append(_unresolved(found.optics.scaled(unit), np.isfinite(known.contrast)))
+        notes.append(_unresolved(found.optics.scaled(pixels.unit), np.isfinite(known.contrast)))
     return status or "ok", "; ".join(note for note in notes if note), bool(count or not changed)
 
 

@@ -44,10 +44,13 @@ class Assembly:
     fit : DiskFit
     dropped : ndarray, shape (m, 3)
         x, y, radius of disks that were tried and found insignificant.
+    smallest : float, px
+        Radius of a disk, away from others, that just stands out of the noise.
     """
 
     fit: DiskFit
     dropped: NDArray[np.float64]
+    smallest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +156,7 @@ def assemble_disks(
     state = fit(start, None, None, 3)
     start, state = prune(start, state, np.ones(len(start.disks), np.bool_), last=False)
     peaks, lowest = find_peaks(image - state.model, width=state.blur, height=0.0, background=background)
+    smallest = float(_disks_from_peaks(np.array([[0.0, 0.0, lowest]]), state.blur, plateau)[0, 2])
     lowest = max(lowest, LEAST_HEIGHT * plateau)
     peaks = peaks[(peaks[:, 2] > lowest) | ~_at_a_rim(peaks, state.disks, RIM * state.blur)]
     for _ in range(ROUNDS):
@@ -176,7 +180,7 @@ def assemble_disks(
         start = start.exchanged(state.disks, better)
         state = fit(start, state, _near(start.disks, start.rows < 0, state.blur), 5)
     start, state = prune(start, state, np.ones(len(state.disks), np.bool_), last=True)
-    return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]))
+    return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]), smallest)
 
 
 @njit(cache=True)

@@ -290,14 +290,22 @@ class _Terms:
         information[:, 1, 1] += normal[:, 4, 4]
         gradient = np.stack([tight * contrast * excess, right[:, 4]], axis=-1)
         gradient += np.einsum("nij,ni->nj", follow, down)
-        return cls(information, gradient, follow[:, RADIUS])
+        return cls(_without_negative(information), gradient, follow[:, RADIUS])
 
     def scatter(self, least: float) -> float:
         """Factor of the variances: how much more the disks disagree than their noise explains."""
         if len(self.gradient) < VOTES:
             return max(least, 1.0)
         total = np.linalg.inv(self.information.sum(axis=0))
-        return max(least, 0.5 * float(np.einsum("ni,ij,nj->", self.gradient, total, self.gradient)), 1.0)
+        # what each would still change after the step that suits them all
+        rest = self.gradient - self.information @ (total @ self.gradient.sum(axis=0))
+        return max(least, 0.5 * float(np.einsum("ni,ij,nj->", rest, total, rest)), 1.0)
+
+
+def _without_negative(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Symmetric matrices with the negative eigenvalues, which rounding leaves, set to zero."""
+    values, vectors = np.linalg.eigh(matrices)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
 
 
 @njit(cache=True)

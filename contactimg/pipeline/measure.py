@@ -1,5 +1,6 @@
 """Measure one frame: pixels to a contacts table."""
 
+from numbers import Real
 from typing import Literal
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.frame import Frame
 from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.imaging.shared_optics import SharedOptics
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, REJECTED
 
@@ -23,6 +25,7 @@ def measure_frame(
     method: Literal["threshold", "disk"] = "disk",
     polarity: Literal["bright", "dark", "auto"] = "auto",
     threshold: float | Literal["auto"] | None = None,
+    contrast: float | None = None,
     blur_px: float | None = None,
 ) -> pd.DataFrame:
     """Measure the contacts on one frame.
@@ -41,6 +44,9 @@ def measure_frame(
         Whether contacts are brighter or darker than the reference.
     threshold : float or "auto", optional
         Fraction of the contact contrast; default 0.5.
+    contrast : float, optional
+        Plateau of the contacts above the background, grey levels, where it is known (from frames with larger
+        contacts, say); default: estimated from the frame.
     blur_px : float, optional
         Standard deviation of the optical blur; default: estimated from the frame.
 
@@ -49,10 +55,16 @@ def measure_frame(
     DataFrame
         The contacts table, one row a contact; without contacts, an empty table with all its columns.
 
+    Notes
+    -----
+    Contacts as small as the blur do not show how bright they are, and their radii lean on the contrast: where
+    no contact is larger and it is not given, uncertainties are wide and contacts flagged ``NO_PLATEAU``. A
+    series (`contactimg.measure_series`) takes it from its other frames.
+
     Raises
     ------
     InputError
-        If the pixel size is not positive or an option has another value.
+        If the pixel size, the contrast or the blur is not a positive number, or an option has another value.
     FrameError
         If the reference has another shape than the frame.
 
@@ -66,6 +78,12 @@ def measure_frame(
     >>> len(table), round(float(table["radius_px"].iloc[0]), 1)
     (1, 9.5)
     """
+    pixel_size = _positive("pixel_size", pixel_size, "the sample length that one pixel covers, in m")
+    optics = SharedOptics()
+    if contrast is not None:
+        optics = SharedOptics(_positive("contrast", contrast, "plateau minus background in grey levels"))
+    if blur_px is not None:
+        blur_px = _positive("blur_px", blur_px, "the standard deviation of the blur in pixels")
     frame = frame if isinstance(frame, Frame) else Frame(np.asarray(frame))
     image = reference.image if isinstance(reference, Frame) else reference
     measurement = measure_image(
@@ -76,9 +94,18 @@ def measure_frame(
         threshold=threshold,
         full_scale=frame.full_scale,
         blur_px=blur_px,
+        optics=optics,
     )
     pose = Pose(frame.shape, pixel_size)
     return locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
+
+
+def _positive(name: str, value: object, hint: str) -> float:
+    """The value as a positive number, or one sentence on what it has to be."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not number or not (np.isfinite(value) and value > 0):  # type: ignore[operator, call-overload]
+        raise InputError(f"measure_frame: {name} must be a positive number, got {value!r}; give {hint}")
+    return float(value)  # type: ignore[arg-type]
 
 
 def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:

@@ -19,6 +19,7 @@ from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.imaging.half_height import disk_radius
 from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.pixels import NO_MASK
+from contactimg.imaging.rim import Rim
 from contactimg.imaging.threshold import Contrast
 from contactimg.scene import Scene
 
@@ -75,6 +76,7 @@ def measure_cheapest(
     scene: Scene,
     relative: float,
     full_scale: float | None,
+    film: Rim | None = None,
 ) -> tuple[ImageMeasurement, Choice]:
     """Count pixels above the threshold; fit disks if that is estimated to miss the tolerance.
 
@@ -86,6 +88,8 @@ def measure_cheapest(
     relative : float
         Tolerance of the output.
     full_scale : float or None
+    film : Rim or None
+        Bright rim around the contacts, for the fit.
 
     Returns
     -------
@@ -104,7 +108,7 @@ def measure_cheapest(
     measurement, method = measure(method="threshold"), "threshold"
     error = estimate_count_error(measurement, output=output, blur_px=scene.measure.blur_px)
     if error > relative:
-        measurement, method = measure(method="disk"), "disk"
+        measurement, method = measure(method="disk", film=film), "disk"
     disks = measurement.disks
     stated = _scatter(disks["radius_px"].to_numpy(float), disks["radius_std_px"].to_numpy(float), output)
     return measurement, Choice(method, error, stated, relative, output)
