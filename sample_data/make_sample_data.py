@@ -9,10 +9,12 @@ elsewhere and is left alone.
 import argparse
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.files import read_scene, read_table, write_scene, write_table
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
@@ -31,6 +33,13 @@ def make_sa_plus() -> None:
     folder = HERE / "sa_plus"
     folder.mkdir(exist_ok=True)
     write_simulation(scene, need_asperities(scene, "the sample data"), folder)
+    write_scene(_free_mechanics(read_scene(folder).source), folder / "scene.toml")
+
+
+def _free_mechanics(made: dict[str, Any]) -> dict[str, Any]:
+    """A scene that says what its frames show, and leaves the mechanics to who asks."""
+    shown = {name: switch for name, switch in made["effects"].items() if name not in MECHANICAL_EFFECTS}
+    return made | {"effects": shown}
 
 
 PLACES_M = [(3.5e-3, 3.5e-3), (6.5e-3, 3.5e-3), (3.5e-3, 6.5e-3), (6.5e-3, 6.5e-3)]
@@ -57,7 +66,7 @@ def make_sa_plus_places() -> None:
         (place / "asperities.csv").unlink()
         made = read_scene(place).source
         made["asperities"]["file"] = "../asperities.csv"
-        write_scene(made, place / "scene.toml")
+        write_scene(_free_mechanics(made), place / "scene.toml")
 
 
 def make_ra_plus() -> None:
@@ -71,7 +80,7 @@ def make_ra_plus() -> None:
     made = read_scene(folder).source
     density = len(asperities) / recipe.asperities.side**2
     made["asperities"] = {"textured": "rigid", "density_per_m2": density}
-    write_scene(made, folder / "scene.toml")
+    write_scene(_free_mechanics(made), folder / "scene.toml")
     rng = np.random.default_rng(recipe.asperities.seed + 1)
     _add_friction(folder, rng)
     write_table(_profilometry(119, rng), TOPOGRAPHY, folder / "topography.csv")
