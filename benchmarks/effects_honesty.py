@@ -6,8 +6,7 @@
     python benchmarks/effects_honesty.py time      # auto against everything on, by turns in one process
     python benchmarks/effects_honesty.py size      # cost of a plan over that of the solve, to 10^6 asperities
 
-The truth is the change of the output when one effect is switched off and all others are on; full coupling
-where there is no adhesion (the two are not solved together).
+The truth is the change of the output when one effect is switched off and all others are on.
 """
 
 import sys
@@ -51,12 +50,9 @@ def solve(scene, table, load, effects):
 
 
 def everything(scene):
-    """Effects that the scene can have and that are solved together."""
-    adheres = scene.elastic.work_of_adhesion > 0
-    left = {"full_coupling"} if adheres else {"adhesion"}
-    if scene.elastic.thickness is None:
-        left.add("layer")
-    return set(MECHANICAL_EFFECTS) - left
+    """Effects that the scene can have."""
+    able = {"adhesion": scene.elastic.work_of_adhesion > 0, "layer": scene.elastic.thickness is not None}
+    return {effect for effect in MECHANICAL_EFFECTS if able.get(effect, True)}
 
 
 def compare(scene, table, load):

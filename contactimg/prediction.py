@@ -269,10 +269,7 @@ def solve_scene(
     if effects.adhesion != "on":
         return solve_interacting(asperities, **where, **options)
     if coupling not in ADHESIVE_COUPLINGS:
-        raise InputError(
-            f'[effects] adhesion = "on" does not go with {coupling} coupling yet; '
-            'switch adhesion or full_coupling "off"'
-        )
+        raise InputError(f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"')
     return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where, **options)
 
 

@@ -31,13 +31,9 @@ def answer(scene, table, load):
 
 
 def applicable(scene):
-    """Effects that the scene can have, as far as they are solved together."""
+    """Effects that the scene can have."""
     elastic = scene.elastic
-    able = {
-        "adhesion": elastic.work_of_adhesion > 0,
-        "layer": elastic.thickness is not None,
-        "full_coupling": elastic.work_of_adhesion == 0,
-    }
+    able = {"adhesion": elastic.work_of_adhesion > 0, "layer": elastic.thickness is not None}
     return {name for name in MECHANICAL_EFFECTS if able.get(name, True)}
 
 
@@ -101,11 +97,7 @@ def test_all_that_the_plan_drops_changes_less_than_the_tolerance(truths, name, o
     scene, table, load = mechanical_scene(name, output=output, relative=relative)
     plan = make_plan(scene, table, load=load)
     planned = answer(plan.apply(scene), table, load)
-    complete = truths[name][""]
-    if scene.elastic.work_of_adhesion and plan.is_on("full_coupling"):  # not solved together with adhesion
-        assert plan.messages or not plan.is_on("adhesion")
-        complete = switched(name, applicable(scene) - {"adhesion"} | {"full_coupling"})
-    assert relative_change(output, without=planned, complete=complete) < relative
+    assert relative_change(output, without=planned, complete=truths[name][""]) < relative
 
 
 # what the scenes of the paper call for

@@ -114,24 +114,6 @@ def test_what_acts_through_coupling_goes_with_it():
     assert any("coupling is switched off although" in sentence for sentence in messages)
 
 
-def test_of_adhesion_and_full_coupling_the_larger_is_kept():
-    estimates = [
-        Estimate("coupling", 0.5, ""),
-        Estimate("full_coupling", 0.02, ""),
-        Estimate("adhesion", 0.03, ""),
-    ]
-    decisions, messages = decide(estimates, Effects(), tolerance=0.01)
-    assert on(decisions) == {"coupling", "adhesion"}
-    assert "full_coupling is left out because it does not go together with adhesion" in messages[0]
-    assert "about 0.02" in messages[0]
-    assert on(decide(estimates, Effects(full_coupling="on"), tolerance=0.01)[0]) == {
-        "coupling",
-        "full_coupling",
-    }
-    with pytest.raises(InputError, match="do not go together yet"):
-        decide(estimates, Effects(full_coupling="on", adhesion="on"), tolerance=0.01)
-
-
 # the plan and the scene
 
 
@@ -164,7 +146,7 @@ def test_table_and_record():
 @pytest.fixture
 def counted(monkeypatch):
     """How often the code of each effect runs."""
-    counts = dict.fromkeys(("matrix", "product", "full", "sphere", "layer", "adhesion"), 0)
+    counts = dict.fromkeys(("matrix", "product", "full", "full adhesive", "sphere", "layer", "adhesion"), 0)
 
     def count(owner, name, key):
         original = getattr(owner, name)
@@ -181,6 +163,7 @@ def counted(monkeypatch):
     count(SphereLaw, "respond", "sphere")
     count(layer, "deficit_table", "layer")
     count(adhesive._Contacts, "direction", "adhesion")
+    count(adhesive, "refine", "full adhesive")
     assert candidates.Refinement is Refinement
     assert interacting.local_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
@@ -202,6 +185,7 @@ EVERYTHING = {"matrix", "product", "full", "sphere", "layer"}
         ("layer of 1 mm", 1e-4, EVERYTHING),
         ("very adhesive, light", 0.05, {"adhesion"}),
         ("RA+ adhesive", 0.01, {"matrix", "product", "sphere", "adhesion"}),
+        ("RA+ adhesive", 0.002, {"matrix", "product", "sphere", "adhesion", "full adhesive"}),
     ],
 )
 def test_the_code_of_an_effect_that_is_off_is_not_run(counted, name, relative, run):

@@ -12,7 +12,9 @@ from contactimg import (
     solve_adhesive,
     solve_adhesive_path,
     solve_interacting,
+    sphere,
 )
+from contactimg.models.adhesive_laws import AdhesiveLaw
 
 ONE = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}
@@ -99,4 +101,78 @@ def test_refusals(patch):
     with pytest.raises(InputError, match="work_of_adhesion must be positive"):
         solve_adhesive(patch, load=0.1, work_of_adhesion=0.0, **LENS)
     with pytest.raises(InputError, match="coupling must be one of"):
-        solve_adhesive(patch, load=0.1, work_of_adhesion=0.1, coupling="full", **LENS)
+        solve_adhesive(patch, load=0.1, work_of_adhesion=0.1, coupling="hertz", **LENS)
+
+
+# adhesion together with the sphere's profile, a layer and full coupling
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"law": "sphere"},
+        {"thickness": 2e-3},
+        {"coupling": "full"},
+        {"law": "sphere", "thickness": 2e-3, "coupling": "full"},
+    ],
+    ids=["sphere", "layer", "full", "all"],
+)
+def test_every_combination_becomes_the_one_without_adhesion(patch, options):
+    without = solve_interacting(patch, load=0.05, **options, **LENS)
+    for w in (1e-6, 1e-10):
+        solution = solve_adhesive(patch, load=0.05, work_of_adhesion=w, **options, **LENS)
+        change = np.abs(solution.force - without.force).sum() / 0.05
+        # light contacts count: sqrt(6 pi w R p)/p <= 2e-2 for w = 1e-6 down to a thousandth of the mean force
+        # of 1 mN, and a hundredth of that for w = 1e-10; the forces hardly redistribute
+        assert change < 2e-2 * np.sqrt(w / 1e-6)
+        assert solution.residual <= 1e-11
+
+
+def test_adhesive_sphere():
+    """JKR on an exact sphere: load and indentation less those of the flat punch."""
+    a, R, w, E = 4e-5, 1e-4, 0.05, 4e6
+    load = float(sphere.load(a, sphere_radius=R, contact_modulus=E)) - np.sqrt(8 * np.pi * w * E * a**3)
+    depth = float(sphere.indentation_from_radius(a, sphere_radius=R)) - np.sqrt(2 * np.pi * w * a / E)
+    solution = solve_adhesive(ONE, load=load, work_of_adhesion=w, law="sphere", **FLAT)
+    assert solution.radius[0] == pytest.approx(a, rel=1e-9)
+    assert solution.indentation == pytest.approx(depth, rel=1e-9)
+
+
+@pytest.mark.parametrize("aspect", [0.0, 0.01, 0.5])
+@pytest.mark.parametrize("w", [1e-4, 1.0])
+def test_adhesive_law_is_consistent(w, aspect):
+    law, radius = AdhesiveLaw(w, aspect), np.array([0.5, 1.0, 2.0])
+    touch, fold = law.touch_radius(radius), law.fold(radius)
+    np.testing.assert_allclose(law.penetration(touch, radius), 0, atol=1e-13)
+    np.testing.assert_allclose(law.slopes(fold, radius)[1], 0, atol=1e-10)
+    np.testing.assert_array_less(fold, touch)
+    depth = np.array([0.1, 0.4, 0.2])
+    a = law.contact_radius(depth, radius)
+    np.testing.assert_allclose(law.penetration(a, radius), depth, rtol=1e-12)
+    step = 1e-5 * a
+    for function, slope in zip((law.force, law.penetration), law.slopes(a, radius), strict=True):
+        rise = (function(a + step, radius) - function(a - step, radius)) / (2 * step)
+        # central differences: third derivatives times step^2/6, and rounding over the step
+        np.testing.assert_allclose(rise, slope, rtol=1e-6)
+
+
+def test_far_neighbours_of_an_adhesive_contact():
+    """Full coupling over point forces at imposed indentation, to third order in a/r.
+
+    A neighbour with Hertz's part p and the punch's part t lowers the surface by
+    (p a^2/10 - t a^2/6)/(pi E* r^3) more than a point force; its field's curvature T = (p - t)/(2 pi E* r^3)
+    makes 1/R larger by T.
+    """
+    w, R, E, depth, r = 0.05, 1e-4, 4e6, 6e-6, 6e-4
+    pair = pd.DataFrame({"x_m": [0.0, r], "y_m": 0.0, "height_m": 4e-5, "radius_m": R})
+    where = {"indentation": depth, "work_of_adhesion": w, **FLAT}
+    point, full = (solve_adhesive(pair, coupling=c, **where) for c in ("asymptotic", "full"))
+    a = point.radius[0]
+    t = np.sqrt(8 * np.pi * w * E * a**3)
+    p = point.force[0] + t
+    lowering = (p * a**2 / 10 - t * a**2 / 6) / (np.pi * E * r**3) + a**2 * (p - t) / (2 * np.pi * E * r**3)
+    softness = 2 * a / R - np.sqrt(np.pi * w / (2 * a * E))
+    # the forces change too, and with them what point forces lower, by a/r of the effect itself; the shifts
+    # count to fourth order in a/r
+    assert full.radius[0] - point.radius[0] == pytest.approx(-lowering / softness, rel=3 * a / r)
+    assert full.radius[0] == pytest.approx(full.radius[1], rel=1e-12)

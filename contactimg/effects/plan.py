@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from contactimg.effects.estimate import Estimate
 from contactimg.effects.mechanics import weigh_mechanics
 from contactimg.effects.optics import estimate_optics
-from contactimg.errors import InputError
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
 from contactimg.tables import Flag, Schema
@@ -52,9 +51,6 @@ Not so the layer: where it matters, an uncoupled model is right only as far as t
 
 MARGIN = 1.25
 """Factor on estimates in the sum of what is dropped: they err by up to a quarter."""
-
-APART = ("adhesion", "full_coupling")
-"""Effects that no model computes together yet: the larger one is kept."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +173,7 @@ def decide(
     if not pulled <= on:
         on = _kept(estimates, order, needed | pulled, tolerance)
     moot = {effect: base for effect, base in REQUIRES.items() if base in order and base not in on}
-    given_up = _given_up(estimates, on - set(moot), order)
-    on -= {given_up, *moot}
+    on -= set(moot)
     decisions = tuple(
         Decision(
             e.effect,
@@ -191,29 +186,13 @@ def decide(
         )
         for e in estimates
     )
-    return decisions, tuple(_warnings(decisions, given_up))
+    return decisions, tuple(_warnings(decisions))
 
 
-def _given_up(estimates: Sequence[Estimate], on: set[str], order: dict[str, str]) -> str:
-    """Of effects that do not go together, the one to leave out: not ordered, or the smaller; else none."""
-    if not set(APART) <= on:
-        return ""
-    if all(order[name] == "on" for name in APART):
-        raise InputError(f'[effects] {" and ".join(APART)} do not go together yet; switch one "off"')
-    pair = [e for e in estimates if e.effect in APART]
-    return min(pair, key=lambda e: (order[e.effect] == "on", e.change, e.effect)).effect
-
-
-def _warnings(decisions: Sequence[Decision], given_up: str) -> Iterable[str]:
+def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
     """What is off against the plan's advice."""
     for d in decisions:
-        if d.effect == given_up:
-            kept = next(name for name in APART if name != given_up)
-            yield (
-                f"{d.effect} is left out because it does not go together with {kept} yet: that changes the "
-                f"requested output by about {d.change:.2g} (tolerance {d.tolerance:g})"
-            )
-        elif d.switch == "on" and not d.on:
+        if d.switch == "on" and not d.on:
             yield f"{d.effect} is switched on but {d.reason}"
         elif d.switch == "off" and d.change >= d.tolerance:
             yield (

@@ -7,14 +7,15 @@ indentation.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import InputError, ModelRangeError
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive_laws import AdhesiveLaw
+from contactimg.models.adhesive_refinement import refine
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.local_laws import LAWS
@@ -26,9 +27,14 @@ __all__ = ["COUPLINGS", "solve_adhesive", "solve_adhesive_path"]
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
-COUPLINGS = ("none", "asymptotic")
+COUPLINGS = ("none", "asymptotic", "full")
 
 _SHORTEST_STEP = 2.0**-30
+
+MAX_REFINEMENTS = 30
+
+REFINED = 1e-10
+"""Change of the radii, of the largest, below which the fields of full coupling have settled."""
 
 
 def solve_adhesive(
@@ -59,7 +65,8 @@ def solve_adhesive(
     load, indentation : float, N or m
         Exactly one of the two; the load may be a pull, the indentation negative, as long as contacts hold.
     apex : (float, float), m
-    coupling : {"none", "asymptotic"}
+    coupling : {"none", "asymptotic", "full"}
+        As in `solve_interacting`.
     law : {"hertz", "sphere"}
         Profile of an asperity: the paraboloid of JKR's law, or the exact sphere.
     thickness : float, m
@@ -83,6 +90,8 @@ def solve_adhesive(
         If an argument breaks its rule.
     ModelRangeError
         If the load is a stronger pull than the contacts bear.
+    ConvergenceError
+        If full coupling does not settle.
 
     Notes
     -----
@@ -132,6 +141,8 @@ def solve_adhesive(
         max_iterations,
     )
     state, steps = path.follow(before, first=start is None)
+    if coupling == "full":
+        state, steps = path.refined(state, steps)
     return problem.record(
         *state.scattered(problem.order.size),
         indentation=state.indentation * problem.depth,
@@ -211,7 +222,7 @@ def _without_adhesion(
         load=None if setting.load is None else max(setting.load, 0.0),
         indentation=setting.indentation,
         apex=setting.apex,
-        coupling=coupling,
+        coupling="none" if coupling == "none" else "asymptotic",
         law=law,
         thickness=setting.thickness,
     )
@@ -251,12 +262,46 @@ class _Path:
         At first loading under a load the highest asperity is in contact; under an indentation those that the
         indenter reaches are.
         """
-        p, steps = self.problem, 0
+        p = self.problem
         radius = before.radius[p.order] / p.length
         if first and not radius.any() and (p.load is not None or p.indentation >= 0):
             radius[0] = self.law.touch_radius(p.radius[:1])[0]
-        rows, guess, depth = np.flatnonzero(radius), radius, before.indentation / p.depth
-        broken = np.zeros(radius.size, dtype=bool)
+        return self._settle(radius, before.indentation / p.depth, first=first)
+
+    def refined(self, state: _State, steps: int) -> tuple[_State, int]:
+        """Full coupling, from the state with point forces: its fields and the contacts in turn."""
+        path, difference = self, np.inf
+        for _ in range(MAX_REFINEMENTS):
+            if not state.rows.size:
+                return state, steps
+            guess = np.zeros(self.problem.order.size)
+            guess[state.rows] = state.contact_radius
+            path = replace(self, problem=self._refine(path.problem, state, guess))
+            following, taken = path._settle(guess.copy(), state.indentation, first=False)
+            steps += taken
+            _, radius, _ = following.scattered(guess.size)
+            difference, state = float(np.abs(radius - guess).max() / guess.max()), following
+            if difference <= REFINED:
+                return state, steps
+        raise ConvergenceError(
+            f"full coupling of the adhesive contacts did not settle: the radii still change by "
+            f"{difference:.3g} of the largest after {MAX_REFINEMENTS} rounds, tolerance {REFINED:.3g}; "
+            'take coupling "asymptotic"'
+        )
+
+    def _refine(self, at: Problem, state: _State, contact_radius: Values) -> Problem:
+        """The problem in the fields of a state's contacts, whose summits are those of ``at``."""
+        force, _, _ = state.scattered(contact_radius.size)
+        near = np.flatnonzero((contact_radius > 0) | (state.indentation > self.problem.gap))
+        a = contact_radius[near]
+        pull = np.sqrt(8 * np.pi * self.law.adhesion * a**3)
+        kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
+        return refine(self.problem, at, kernel, near=near, force=force[near], pull=pull, contact_radius=a)
+
+    def _settle(self, guess: Values, depth: float, *, first: bool) -> tuple[_State, int]:
+        """Newton for one set of contacts after the other, from guessed radii and indentation."""
+        p, rows, steps = self.problem, np.flatnonzero(guess), 0
+        broken = np.zeros(guess.size, dtype=bool)
         while rows.size:
             if first:
                 guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.radius[rows]))
@@ -270,7 +315,7 @@ class _Path:
             forming[rows] = False
             if not forming.any():
                 return state, steps
-            guess, depth, first = np.zeros(self.problem.order.size), state.indentation, False
+            guess, depth, first = np.zeros(guess.size), state.indentation, False
             guess[rows] = state.contact_radius
             guess[forming] = self.law.touch_radius(p.radius[forming])
             rows = np.flatnonzero(guess)
