@@ -25,7 +25,7 @@ SHAPE = (760, 1100)
 CAMERA = Optics(level=120.0, contrast=0.6, camera=(40.0, 10.0))  # contrast/noise 36
 
 
-def compare_film(seed, *, frames=3):
+def compare_film(seed, *, frames=2):
     """Table of relative errors by contact radius and pixel size."""
     lines = []
     for pixel in CELL:
