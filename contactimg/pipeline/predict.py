@@ -1,6 +1,6 @@
 """Predictions of a scene at several loads, and their files."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS
-from contactimg.effects.plan import make_plan
+from contactimg.effects.plan import Decision, make_plan
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
@@ -117,13 +117,20 @@ def choice_sentence(prediction: Prediction, *, relative: float) -> str:
     plan = prediction.plan
     if plan is None:
         return str(prediction.frames["message"].iloc[0])
-    left = [d for d in plan.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0]
-    parts = ", ".join(f"{d.effect} ({100 * d.change:.2g} %)" for d in left) or "nothing that acts"
+    off = [d for d in plan.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0]
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
     return (
         f"{prediction.frames['frame'].iloc[0]}: {level[plan.coupling]} for {100 * relative:g} % of the "
-        f"{plan.output}, to a residual of {solver_tolerance(relative):.0e}; left out: {parts}"
+        f"{plan.output}, to a residual of {solver_tolerance(relative):.0e}"
+        + _listed("left out", (d for d in off if d.switch == "auto"))
+        + _listed("off by order", (d for d in off if d.switch == "off"))
     )
+
+
+def _listed(why: str, decisions: Iterable[Decision]) -> str:
+    """Effects with what they change; nothing of none."""
+    effects = ", ".join(f"{d.effect} ({100 * d.change:.2g} %)" for d in decisions)
+    return f"; {why}: {effects}" if effects else ""
 
 
 def _predict_planned(

@@ -26,6 +26,13 @@ TITLES = {
     "supersampling": "sampling of rendered frames",
 }
 
+MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
+    (1, {"marker": "o", "color": "tab:blue"}, "no other is cheaper and better"),
+    (0, {"marker": "o", "color": "grey", "markerfacecolor": "none"}, "another is cheaper and better"),
+    (-1, {"marker": "D", "color": "grey", "markerfacecolor": "none"}, "stored, not run here"),
+)
+"""Pareto mark (-1: none), its style, what it means."""
+
 PANEL = (5.2, 4.0)
 """Width and height of a panel, inches."""
 
@@ -55,10 +62,10 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     known = table[table["error"].notna() & table["time_s"].notna()].sort_values("time_s")
     x, error = known["time_s"].to_numpy(float), known["error"].to_numpy(float)
     y = np.where(error > 0, error, error.min(where=error > 0, initial=1.0) / 10)
-    front = (known["pareto"] == 1).to_numpy(bool)
-    ax.plot(x[front], y[front], "-", color="tab:blue", linewidth=1, alpha=0.4)
-    ax.plot(x[front], y[front], "o", color="tab:blue", label="none cheaper and better")
-    ax.plot(x[~front], y[~front], "o", color="grey", markerfacecolor="none", label="another is both")
+    mark = known["pareto"].fillna(-1).to_numpy(int)
+    ax.plot(x[mark == 1], y[mark == 1], "-", color="tab:blue", linewidth=1, alpha=0.4)
+    for value, style, label in MARKS:
+        ax.plot(x[mark == value], y[mark == value], linestyle="none", label=label, **style)  # type: ignore[arg-type]
     if relative is not None:
         ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=f"{100 * relative:g} %")
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))

@@ -22,7 +22,7 @@ TRADEOFF = Schema(
         "error": ("float64", "relative error of the output against the reference"),
         "time_s": ("float64", "best of several runs by turns"),
         "time_ratio": ("float64", "time over that of the knob's cheapest setting"),
-        "pareto": ("Int64", "1 where no other setting is both cheaper and more accurate"),
+        "pareto": ("Int64", "1 where no other setting is cheaper and better; empty if not run here"),
         "output": ("str", "what the error is of"),
         "reference": ("str", "the converged answer"),
         "load_N": ("float64", "applied normal load P; empty where none enters"),
@@ -179,7 +179,9 @@ def measure_knob(
     _repeat([run for run in runs if run.times], seconds)
     cheapest = min((run.best for run in runs), default=math.inf)
     table = pd.DataFrame([run.row(knob, cheapest) for run in runs])
-    front = mark_front(table["error"], table["time_s"].where([bool(run.times) for run in runs]))
+    ran = np.array([bool(run.times) for run in runs])
+    front = pd.array(mark_front(table["error"], table["time_s"].where(ran)), dtype="Int64")
+    front[~ran] = pd.NA
     return TRADEOFF.conform(table.assign(pareto=front))
 
 

@@ -37,7 +37,7 @@ TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 CONVERGED = 1e-13
 """Residual of the reference of the solver's tolerance."""
 
-RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 1000
+RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
 PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
 
 

@@ -94,5 +94,4 @@ def time_text(seconds: float) -> str:
 
 def _two_digits(value: float) -> str:
     """A number rounded to two digits, written out."""
-    digits = 1 - math.floor(math.log10(value)) if value > 0 else 0
-    return f"{round(value, digits):.{max(digits, 0)}f}".removesuffix(".0")
+    return f"{float(f'{value:.2g}'):g}"

@@ -1,0 +1,321 @@
+"""Knobs, fronts, sentences, averages, what a threshold makes of a blurred disk, figures."""
+
+import math
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from contactimg.errors import InputError, ModelRangeError
+from contactimg.imaging.edge import blurred_disk
+from contactimg.imaging.half_height import disk_radius, threshold_radius
+from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.greenwood_williamson import solve_greenwood_williamson
+from contactimg.models.heights import UniformHeights
+from contactimg.models.interacting import solve_interacting
+from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
+from contactimg.surfaces import generate_asperities
+from contactimg.tradeoff.averages import Average, average_change, average_contacts, average_rings
+from contactimg.tradeoff.boundary import _collect
+from contactimg.tradeoff.knobs import TRADEOFF, Knob, Setting, mark_front, measure_knob
+from contactimg.tradeoff.sentences import error_text, knob_sentence, time_text
+from contactimg.tradeoff.sums import _direct_sum
+
+positive = st.floats(1e-6, 1e3)
+
+
+@given(st.lists(st.tuples(positive, positive), min_size=1, max_size=12))
+def test_the_front_holds_exactly_what_nothing_beats(points):
+    errors, times = zip(*points, strict=True)
+    front = mark_front(errors, times)
+    assert any(front)
+    for k, (error, seconds) in enumerate(points):
+        beaten = any(e <= error and t <= seconds and (e, t) != (error, seconds) for e, t in points)
+        if front[k]:
+            assert not beaten
+        else:
+            # beaten, or one of several equal ones
+            assert beaten or points.count((error, seconds)) > 1
+
+
+def busy(seconds):
+    def run():
+        end = time.perf_counter() + seconds
+        while time.perf_counter() < end:
+            pass
+        return seconds
+
+    return run
+
+
+def fail():
+    raise ModelRangeError("beyond the model")
+
+
+SETTINGS = (
+    Setting("quick", busy(0.002), lambda answer: 10 * answer, "the truth"),
+    Setting("slow", busy(0.01), lambda _: 1e-4, "the truth"),
+    Setting("broken", fail, lambda _: 0.0, "the truth"),
+    Setting("stored", fail, lambda _: 1e-6, "elsewhere", stored_time=100.0, message="another machine"),
+)
+
+
+def measured():
+    return measure_knob(Knob("model", "test", "area", 0.1, SETTINGS), seconds=0.1).set_index("setting")
+
+
+def test_a_knob_gives_a_row_a_setting_with_error_and_time():
+    table = measured()
+    assert table.loc["quick", "error"] == pytest.approx(0.02)
+    # busy loops end no sooner than asked
+    assert table.loc["quick", "time_s"] >= 0.002
+    assert table.loc["slow", "time_s"] >= 0.01
+    assert table.loc["quick", "time_ratio"] == 1
+    assert table.loc["slow", "time_ratio"] == pytest.approx(
+        table.loc["slow", "time_s"] / table.loc["quick", "time_s"]
+    )
+    assert table.loc[["quick", "slow"], "pareto"].tolist() == [1, 1]
+    assert set(table["load_N"]) == {0.1}
+    assert (table["reference"] != "").all()
+
+
+def test_a_setting_that_fails_is_a_row_with_its_reason():
+    row = measured().loc["broken"]
+    assert math.isnan(row["error"])
+    assert math.isnan(row["time_s"])
+    assert row["message"] == "beyond the model"
+    assert row["pareto"] is pd.NA
+
+
+def test_a_stored_time_is_shown_but_not_compared():
+    table = measured()
+    assert table.loc["stored", "time_s"] == 100.0
+    assert table.loc["stored", "message"] == "another machine"
+    assert table.loc["stored", "pareto"] is pd.NA
+    assert table.loc["slow", "pareto"] == 1
+
+
+def test_repetitions_stop_with_their_time():
+    calls = []
+    settings = (Setting("one", lambda: calls.append(busy(0.02)()), lambda _: 0.0, "r"),)
+    measure_knob(Knob("k", "k", "area", math.nan, settings), seconds=0.05)
+    # the first run, then as many as fit into 0.05 s of 0.02 s each or longer: two at most
+    assert 2 <= len(calls) <= 3
+
+
+def front_table(*rows):
+    names, errors, times = zip(*rows, strict=True)
+    return pd.DataFrame({"setting": names, "error": errors, "time_s": times, "pareto": 1, "output": "area"})
+
+
+def test_the_sentence_names_the_cheapest_setting_that_serves():
+    table = front_table(("none", 0.2, 1e-3), ("point", 2e-3, 0.02), ("full", 1e-5, 0.2))
+    sentence = knob_sentence("model", table, relative=0.01)
+    assert sentence == (
+        "model: for 1 % on A take point (0.2 %, 20 ms); the next digit takes full (0.001 %, 200 ms), "
+        "10 times the time"
+    )
+
+
+def test_the_sentence_says_when_nothing_serves():
+    table = front_table(("none", 0.2, 1e-3))
+    assert "no setting serves; the best is none (20 %, 1 ms)" in knob_sentence("m", table, relative=0.01)
+
+
+def test_the_sentence_says_when_the_next_digit_is_not_to_be_had():
+    table = front_table(("one", 5e-3, 1e-3), ("many", 2e-3, 1.0))
+    sentence = knob_sentence("m", table, relative=0.01)
+    assert sentence.endswith("no setting gives the next digit, at best many (0.2 %, 1 s)")
+
+
+def test_the_next_digit_is_that_of_what_was_reached():
+    # the cheapest is already a hundred times better than asked: its own next digit counts
+    table = front_table(("a", 1e-4, 1e-3), ("b", 1e-5, 1.01e-3))
+    sentence = knob_sentence("m", table, relative=0.01)
+    assert sentence.endswith("the next digit takes b (0.001 %, 1 ms), at no extra time")
+
+
+def test_numbers_for_a_person():
+    assert [time_text(t) for t in (2.34e-6, 1e-3, 0.0321, 0.9999, 75.0)] == [
+        "2.3 us", "1 ms", "32 ms", "1 s", "1.2 min",
+    ]  # fmt: skip
+    assert [error_text(e) for e in (0.0, 3.14e-9, 0.01, 0.123)] == ["no error", "3e-09", "1 %", "12 %"]
+
+
+# --- averages -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pattern():
+    table = generate_asperities("SA", side=4e-3, rng=np.random.default_rng(4))
+    where = {"indenter_radius": 0.1288, "contact_modulus": 4e6, "load": 0.05, "apex": (2e-3, 2e-3)}
+    return solve_interacting(table, coupling="none", **where)
+
+
+def test_annuli_share_the_load(pattern):
+    edges = np.linspace(0.0, 5e-4, 5)  # contacts beyond count in the last
+    average = average_contacts(pattern, centre=(2e-3, 2e-3), edges=edges)
+    assert average.loads.sum() == pytest.approx(0.05, rel=1e-12)
+    assert average.area == pattern.area
+    near = np.hypot(pattern.x - 2e-3, pattern.y - 2e-3) < edges[1]
+    assert average.loads[0] == pytest.approx(pattern.force[near].sum(), rel=1e-12)
+
+
+def test_rings_give_the_loads_of_annuli():
+    law = UniformHeights(30e-6, 60e-6)
+    where = {"density": 18.45e6, "radius": 1e-4, "indenter_radius": 0.1288, "contact_modulus": 4e6}
+    rings = solve_greenwood_williamson(law, load=0.5, rings=2000, **where)
+    edges = np.array([0.0, 0.4, 1.0]) * rings.r[-1]
+    loads = average_rings(rings, edges=edges).loads
+    # D = 30.94 um stays within the width s, where p(x) = (2/5) K sqrt(R) eta0 x^(5/2)/s with
+    # x = D - r^2/(2 Rl): the load beyond r goes as x^(7/2)
+    outside = (1 - (edges[1] / rings.r[-1]) ** 2) ** 3.5
+    assert rings.depth[0] > law.width  # just above: the closed form is off by (x - s)^(5/2) at the very axis
+    # 2000 rings, second order: 1e-6; the axis: ((30.94 - 30)/30.94)^(7/2) = 5e-6
+    assert loads.sum() == pytest.approx(0.5, rel=2e-5)
+    assert loads[1] / loads.sum() == pytest.approx(outside, rel=3e-5)
+
+
+def test_changes_of_averages():
+    one = Average(2.0, np.array([1.0, 3.0]), 10.0)
+    other = Average(2.2, np.array([1.5, 2.5]), 9.0)
+    changes = [average_change(name, answer=other, reference=one) for name in ("area", "force", "radius")]
+    assert changes == pytest.approx([0.1, 0.25, 0.1])
+
+
+def test_direct_sums_are_those_of_the_matrix(rng):
+    x, y, force = rng.random((3, 30))
+    matrix = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
+    rows = np.array([0, 7, 29])
+    # both sum 29 terms in double precision
+    np.testing.assert_allclose(_direct_sum(x, y, force, rows), matrix.displacement(force)[rows], rtol=1e-13)
+
+
+def test_radii_from_the_second_moment_of_hertz_pressure():
+    a, h = 30e-6, 0.5e-6
+    axis = h * (np.arange(160) - 79.5) + 3e-6
+    x, y = np.meshgrid(axis, axis, indexing="ij")
+    r = np.hypot(x - 2e-6, y + 1e-6)
+    pressure = np.sqrt(np.maximum(1 - (r / a) ** 2, 0.0))
+    owner = np.where(r < 1.2 * a, 1, -1)
+    force, radius = _collect(x, y, owner, pressure * h**2, count=3)
+    assert radius[[0, 2]].tolist() == [0.0, 0.0]
+    # pixels at the rim are in or out: the second moment errs by about (h/a)^2 = 3e-4
+    assert radius[1] == pytest.approx(a, rel=3e-4)
+    assert force[1] == pytest.approx(2 / 3 * np.pi * a**2, rel=3e-4)
+
+
+# --- the threshold and the blurred disk -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fraction", [0.05, 0.3, 0.5, 0.7, 0.95])
+def test_the_threshold_radius_is_where_the_profile_crosses(fraction):
+    a = np.array([2.6, 4.0, 11.0, 40.0])
+    r = threshold_radius(a, blur_px=1.4, fraction=fraction)
+    crossed = r > 0
+    assert crossed[1:].all()
+    # bisection to rounding; the profile's slope is below 0.4/s
+    np.testing.assert_allclose(blurred_disk(r[crossed], a[crossed], 1.4), fraction, atol=1e-12)
+
+
+def test_a_wide_disk_loses_the_curvature_term_at_half_height():
+    a, s = np.array([20.0, 40.0]), 1.4
+    lost = a - threshold_radius(a, blur_px=s)
+    # s^2/(2 a), the next term is smaller by about (s/a)^2
+    np.testing.assert_allclose(lost, s**2 / (2 * a), rtol=2 * (s / 20) ** 2)
+
+
+def test_a_small_disk_does_not_reach_half_height():
+    # its centre reaches 1 - exp(-a^2/(2 s^2)): one half at a = 1.1774 s
+    assert threshold_radius(1.17, blur_px=1.0) == 0
+    assert threshold_radius(1.18, blur_px=1.0) > 0
+
+
+@pytest.mark.parametrize(("fraction", "error"), [(0.05, 3e-4), (0.5, 1e-5), (0.95, 3e-4)])
+def test_disk_radius_inverts_the_threshold(fraction, error):
+    smallest = math.sqrt(-2 * math.log1p(-fraction))
+    a = np.geomspace(1.01 * smallest, 500.0, 500)
+    found = disk_radius(threshold_radius(a, blur_px=1.0, fraction=fraction), blur_px=1.0, fraction=fraction)
+    np.testing.assert_allclose(found, a, atol=error)
+
+
+def test_lengths_scale_together():
+    a = np.array([2.0, 5.0, 100.0])
+    scaled = disk_radius(3 * a, blur_px=3 * 0.8)
+    np.testing.assert_allclose(scaled, 3 * disk_radius(a, blur_px=0.8), rtol=1e-13)
+
+
+@pytest.mark.parametrize(("blur", "fraction"), [(0.0, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.0)])
+def test_what_has_no_meaning_is_refused(blur, fraction):
+    with pytest.raises(InputError, match="must be"):
+        disk_radius(3.0, blur_px=blur, fraction=fraction)
+
+
+# --- figures --------------------------------------------------------------------------------------------
+
+
+def texts(ax):
+    return {text.get_text().replace("\n", " ") for text in ax.texts}
+
+
+def test_the_figure_shows_every_setting_that_has_numbers():
+    ax = plot_knob(measured().reset_index(), relative=0.01)
+    assert texts(ax) == {"quick", "slow", "stored"}
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
+    drawn = {(x, y) for line in ax.lines[1:4] for x, y in zip(*line.get_data(), strict=True)}
+    assert (100.0, 1e-6) in drawn
+    assert len(drawn) == 3
+
+
+def test_an_error_of_zero_is_drawn_below_the_others():
+    table = TRADEOFF.conform(
+        pd.DataFrame(
+            {
+                "knob": "rings",
+                "setting": ["a", "b"],
+                "error": [1e-3, 0.0],
+                "time_s": [1.0, 2.0],
+                "pareto": [1, 1],
+                "output": "area",
+            }
+        )
+    )
+    ax = plot_knob(table)
+    np.testing.assert_allclose(ax.lines[0].get_ydata(), [1e-3, 1e-4])
+
+
+def test_labels_do_not_overlap():
+    count = 6
+    table = TRADEOFF.conform(
+        pd.DataFrame(
+            {
+                "knob": "rings",
+                "setting": [f"setting {k}" for k in range(count)],
+                "error": 1e-3,
+                "time_s": 1.0,
+                "pareto": 1,
+                "output": "area",
+            }
+        )
+    )
+    ax = plot_knob(table)
+    heights = sorted(text.get_position()[1] for text in ax.texts)
+    assert len(heights) == count
+    assert np.diff(heights).min() > 0.03  # of the panel: a line of 7 points in 3 inches of height is 0.032
+
+
+def test_one_panel_a_knob_and_a_legend():
+    table = measured().reset_index()
+    two = pd.concat([table, table.assign(knob="rings"), table.assign(knob="sums")], ignore_index=True)
+    figure = plot_tradeoff(two, relative=0.01).get_figure()
+    titles = [ax.get_title() for ax in figure.axes if ax.axison]
+    assert titles == ["contact model", "rings of Greenwood-Tripp", "coupling sums over many contacts"]
+    assert any(ax.get_legend() for ax in figure.axes)
+
+
+def test_a_knob_without_numbers_gives_an_empty_panel():
+    table = measured().reset_index().query("setting == 'broken'")
+    assert texts(plot_knob(table)) == set()

@@ -1,0 +1,358 @@
+"""Trade-offs of whole scenes, and commands that choose the cheapest method for a tolerance."""
+
+import json
+import shutil
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_series import SCENE
+
+from contactimg import measure_image, measure_tradeoff, read_frames, read_scene, scene_from_dict
+from contactimg.cli import main
+from contactimg.effects.change import relative_change
+from contactimg.errors import InputError
+from contactimg.files import read_table, write_scene
+from contactimg.pipeline.inputs import need_asperities
+from contactimg.pipeline.tradeoff import pose_tradeoff, read_truth
+from contactimg.prediction import solve_scene
+from contactimg.tables import CONTACTS
+from contactimg.tradeoff.boundary import solve_boundary
+from contactimg.tradeoff.case import Case
+from contactimg.tradeoff.choice import estimate_count_error
+from contactimg.tradeoff.knobs import TRADEOFF
+from contactimg.tradeoff.measure import KNOBS, run_knobs
+
+NAMES = list(KNOBS)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scene_from_dict(SCENE)
+
+
+@pytest.fixture(scope="module")
+def found(scene):
+    """Every knob, each setting run twice, as without ContactMechanics."""
+    knobs, left_out = pose_tradeoff(scene)
+    assert not left_out
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "ContactMechanics", None)
+        return run_knobs(knobs, relative=0.01, seconds=0.0)
+
+
+def errors(found, knob):
+    part = found.table[found.table["knob"] == knob]
+    return dict(zip(part["setting"], part["error"], strict=True))
+
+
+def test_every_knob_has_rows_sentences_and_references(found):
+    assert list(dict.fromkeys(found.table["knob"])) == NAMES == list(found.sentences)
+    assert (found.table["reference"] != "").all()
+    assert set(found.table["load_N"].dropna()) == {0.05}
+    # what cannot be run says why, everything else has its numbers
+    missing = found.table["error"].isna()
+    assert found.table.loc[missing, "setting"].str.startswith("boundary elements").all()
+    assert found.table.loc[missing, "message"].str.contains("contactimg\\[bem\\]").all()
+    assert found.table.loc[~missing, "time_s"].gt(0).all()
+
+
+def test_models_come_closer_with_each_level(found):
+    model = errors(found, "model")
+    assert model["uncoupled"] > 2 * model["coupled by point forces"] > 0
+    # against boundary elements on a grid whose contact radii are known to 2.5e-4
+    assert model["fully coupled"] < 5e-4
+
+
+def test_the_reference_of_full_coupling_is_not_itself(found):
+    row = found.table.set_index("setting").loc["fully coupled"]
+    assert row["reference"].startswith("boundary elements")
+
+
+def test_the_error_of_the_solver_is_below_its_tolerance(found):
+    for setting, error in errors(found, "solver").items():
+        # the residual is an error of the forces; that of the area is smaller by the exponent, 2/3
+        assert error < float(setting.removeprefix("residual "))
+
+
+def test_sums_keep_the_accuracy_asked_of_them(found):
+    sums = errors(found, "sums")
+    for setting, error in sums.items():
+        assert error < float(setting.removeprefix("accuracy "))
+
+
+def test_rings_converge_with_second_order(found):
+    rings = errors(found, "rings")
+    assert rings["200 rings"] < rings["50 rings"] < rings["10 rings"]
+    # second order: a sixteenth from 50 to 200; the mesh moves a little with their number
+    assert rings["200 rings"] < rings["50 rings"] / 5
+
+
+def test_the_mean_of_patterns_converges_as_one_over_the_root(found):
+    patterns = errors(found, "patterns")
+    assert patterns["16 patterns"] == pytest.approx(patterns["1 pattern"] / 4, rel=1e-12)
+
+
+def test_the_image_methods_are_compared_with_the_truth(found):
+    image = errors(found, "image")
+    assert set(found.table.loc[found.table["knob"] == "image", "reference"]) == {"truth of the frame"}
+    # small contacts lose s^2/a^2 at half height; the radius of the blurred disk takes that back
+    assert image["threshold at half height"] > 0.05
+    assert image["threshold, radius of the blurred disk"] < 0.5 * image["threshold at half height"]
+    assert image["fit of blurred disks"] < 0.01
+
+
+def test_sampling_converges(found):
+    sampling = errors(found, "supersampling")
+    assert sampling["8 a pixel"] <= sampling["1 a pixel"]
+    assert sampling["4 a pixel"] < 1e-3
+
+
+def test_the_output_can_be_forces_or_radii(scene):
+    for output in ("force", "radius"):
+        asked = scene.model_copy(update={"tolerance": scene.tolerance.model_copy(update={"output": output})})
+        knobs, _ = pose_tradeoff(asked, knobs=["model", "image"])
+        result = run_knobs(knobs, relative=0.01, seconds=0.0)
+        assert set(result.table["output"]) == {output}
+        model = errors(result, "model")
+        assert model["uncoupled"] > model["coupled by point forces"]
+    # forces of the stored boundary elements are right to 1e-5; radii to 2.5e-4
+    assert errors(result, "model")["fully coupled"] < 5e-4
+
+
+def test_a_single_setting_that_fails_leaves_the_others(scene):
+    crowded = pd.DataFrame({"x_m": [1e-3, 1.02e-3], "y_m": [1e-3, 1e-3], "height_m": 5e-5, "radius_m": 1e-4})
+    case = Case(scene, crowded, 0.05, read_truth(0.05))
+    table = run_knobs([KNOBS["model"][0](case)], relative=0.01, seconds=0.0).table.set_index("setting")
+    assert "would overlap" in table.loc["coupled by point forces", "message"]
+    assert "would overlap" in table.loc["uncoupled", "message"]  # its reference fails
+    assert np.isfinite(table.loc["boundary elements, 8192 x 8192 (stored)", "error"])
+
+
+def test_zero_load_is_a_sentence(scene):
+    with pytest.raises(InputError, match="needs a load above 0"):
+        pose_tradeoff(scene, load=0.0)
+
+
+def test_a_load_must_be_finite(scene):
+    with pytest.raises(InputError, match="load must be finite"):
+        pose_tradeoff(scene, load=float("nan"))
+
+
+def test_without_a_camera_the_models_remain():
+    data = {name: part for name, part in SCENE.items() if name not in ("camera", "simulate")}
+    knobs, left_out = pose_tradeoff(scene_from_dict(data), load=0.05)
+    assert [knob.name for knob in knobs] == ["model", "solver", "sums", "rings", "patterns"]
+    assert left_out["supersampling"] == "needs [camera] and [simulate]"
+    assert left_out["image"] == "needs [camera] and [simulate] or frames of its own"
+
+
+def test_parameters_of_a_height_law_serve_for_rings():
+    data = {
+        "indenter": SCENE["indenter"],
+        "elastic": SCENE["elastic"],
+        "asperities": {
+            "density_per_m2": 18e6, "radius_m": 1e-4, "height_law": "uniform",
+            "height_min_m": 3e-5, "height_max_m": 6e-5,
+        },
+    }  # fmt: skip
+    knobs, left_out = pose_tradeoff(scene_from_dict(data), load=0.1)
+    assert [knob.name for knob in knobs] == ["rings"]
+    assert left_out["model"] == "needs [asperities] with a file or a generator"
+    assert np.isfinite(knobs[0].settings[0].error(knobs[0].settings[0].run()))
+
+
+def test_a_scene_without_anything_is_a_sentence():
+    with pytest.raises(InputError, match="nothing to trade accuracy against time on: it needs"):
+        measure_tradeoff(scene_from_dict({}))
+
+
+def test_an_unknown_knob_is_named(scene):
+    with pytest.raises(InputError, match=r"knob must be one of 'image', .*, got 'colour'"):
+        pose_tradeoff(scene, knobs=["colour"])
+
+
+def test_own_frames_take_the_fit_as_the_converged_answer(small_series, tmp_path):
+    folder = tmp_path / "bare"
+    shutil.copytree(small_series, folder)
+    (folder / "scene.toml").write_text(
+        '[camera]\npixel_size_m = 6e-6\n[images]\nreference = "reference.tif"\nframes = "frame_*.tif"\n'
+        "[measure]\nblur_px = 1.4\n"
+    )
+    found = measure_tradeoff(read_scene(folder), load=0.02)
+    table = found.table.set_index("setting")
+    assert set(table["knob"]) == {"image"}
+    assert set(table["load_N"]) == {0.02}
+    assert table.loc["threshold at half height", "reference"] == "fit of blurred disks, no truth known"
+    assert table.loc["fit of blurred disks", "reference"] == "its own stated uncertainty"
+    assert 0 < table.loc["fit of blurred disks", "error"] < table.loc["threshold at half height", "error"]
+
+
+# --- boundary elements ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("load", [0.02, 0.5])
+def test_the_stored_boundary_elements_bear_the_load_and_full_coupling_meets_them(load):
+    truth = read_truth(load)
+    assert truth.load == load
+    # forces of pixels, written with nine digits
+    assert truth.force.sum() == pytest.approx(load, rel=1e-6)
+    solution = solve_scene(truth.scene, truth.asperities, load=load, coupling="full")
+    change = relative_change(
+        "force", without=(solution.force, solution.radius), complete=(truth.force, truth.radius)
+    )
+    assert change < 3e-5  # 1e-5 of the grid, 1e-5 of full coupling
+
+
+def test_the_stored_load_next_to_the_asked_one_is_taken():
+    assert [read_truth(load).load for load in (1e-3, 0.05, 0.07, 9.0)] == [0.02, 0.02, 0.2, 0.5]
+    assert read_truth(0.0) is None
+    assert read_truth(float("nan")) is None
+
+
+def test_boundary_elements_refuse_what_they_do_not_have(scene):
+    pytest.importorskip("ContactMechanics")
+    on = scene.model_copy(update={"effects": scene.effects.model_copy(update={"sphere_profile": "on"})})
+    table = need_asperities(scene, "a test")
+    full = solve_scene(scene, table, load=0.02, coupling="full")
+    with pytest.raises(InputError, match="no sphere_profile"):
+        solve_boundary(Case(on, table, 0.02), full, points=64)
+
+
+def test_boundary_elements_approach_full_coupling(scene):
+    pytest.importorskip("ContactMechanics")
+    table = need_asperities(scene, "a test")
+    full = solve_scene(scene, table, load=0.02, coupling="full")
+    changes = [
+        relative_change(
+            "force",
+            without=solve_boundary(Case(scene, table, 0.02), full, points=points),
+            complete=(full.force, full.radius),
+        )
+        for points in (64, 256)
+    ]
+    assert changes[1] < changes[0] / 2
+    assert changes[1] < 0.05
+
+
+# --- the command ----------------------------------------------------------------------------------------
+
+
+def test_the_command_writes_table_and_figures(small_series, tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ["tradeoff", str(small_series), "-o", str(out), "--knob", "solver", "--load-N", "0.02"]
+    assert main(arguments) == 0
+    printed = " ".join(capsys.readouterr().out.split())  # tables fold at the width of the terminal
+    assert "solver: error of the area against the same equations" in printed
+    assert "for 1 % on A take residual" in printed
+    table = read_table(out / "tradeoff.csv", TRADEOFF)
+    assert set(table["knob"]) == {"solver"}
+    assert table["pareto"].sum() >= 1
+    assert (out / "tradeoff.png").stat().st_size > 1000
+    assert (out / "tradeoff.svg").exists()
+    assert "solver" in json.loads((out / "provenance.json").read_text())["sentences"]
+
+
+def test_the_command_says_why_nothing_applies(small_series, tmp_path, capsys):
+    assert main(["tradeoff", str(small_series), "-o", str(tmp_path / "out"), "--load-N", "0"]) == 2
+    assert "needs a load above 0" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+# --- the cheapest for a tolerance -----------------------------------------------------------------------
+
+
+def test_the_error_of_a_count_is_told_from_the_frame(small_series):
+    reference = read_frames(small_series / "reference.tif")[0].image
+    truth = read_table(small_series / "truth.csv", CONTACTS)
+    frame = read_frames(small_series / "frame_3.tif")[0]
+    measured = measure_image(frame.image, reference, method="threshold", polarity="bright")
+    true = truth.loc[truth["frame"] == frame.name, "radius_px"].to_numpy(float)
+    counted = measured.disks["radius_px"].to_numpy(float)
+    for output, power in (("area", 2), ("force", 3)):
+        actual = abs(np.sum(counted**power) / np.sum(true**power) - 1)
+        estimate = estimate_count_error(measured, output=output)
+        # the blur is good to 10 %, which is 20 % of the bias; scatter and the contrast's error come on top
+        assert 0.75 * actual < estimate < 1.5 * actual
+
+
+def test_nothing_counted_has_no_known_error():
+    blank = np.full((60, 80), 50, np.uint8)
+    measured = measure_image(blank, blank, method="threshold")
+    assert estimate_count_error(measured, output="area") == float("inf")
+
+
+def process(small_series, tmp_path, tolerance):
+    out = tmp_path / f"out_{tolerance}"
+    arguments = ["process", str(small_series), "-o", str(out), "--no-pictures", "--workers", "1"]
+    assert main([*arguments, "--tolerance", str(tolerance)]) == 0
+    record = json.loads((out / "provenance.json").read_text())
+    return pd.read_csv(out / "frames.csv"), record["methods"]
+
+
+@pytest.mark.parametrize(("tolerance", "method"), [(0.5, "threshold"), (0.02, "disk")])
+def test_process_takes_the_cheapest_method_that_serves(small_series, tmp_path, capsys, tolerance, method):
+    frames, methods = process(small_series, tmp_path, tolerance)
+    truth = pd.read_csv(small_series / "truth.csv").groupby("frame")["area_m2"].sum()
+    for row in frames.to_dict("records"):
+        assert abs(row["area_m2"] / truth[row["frame"]] - 1) < tolerance
+        choice = methods[row["frame"]]
+        if (
+            choice["error"] is None
+        ):  # no contact is wide enough to show the contrast: the count is not trusted
+            assert row["load_N"] < 0.05
+            assert choice["method"] == "disk"
+        else:
+            assert choice["method"] == method
+            assert (choice["error"] <= tolerance) == (method == "threshold")
+    assert f"{100 * tolerance:g} %" in capsys.readouterr().out
+
+
+def test_process_refuses_a_method_beside_a_tolerance(small_series, tmp_path, capsys):
+    arguments = ["process", str(small_series), "-o", str(tmp_path / "out"), "--tolerance", "0.1"]
+    assert main([*arguments, "--method", "disk"]) == 2
+    assert "keep one of the two" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def planned_series(small_series, tmp_path_factory):
+    """The series with a scene that orders no effect, so that the plan decides."""
+    folder = tmp_path_factory.mktemp("planned")
+    shutil.copy(small_series / "asperities.csv", folder)
+    data = {name: part for name, part in read_scene(small_series).source.items() if name != "effects"}
+    write_scene(data, folder / "scene.toml")
+    return folder
+
+
+def predict(series, tmp_path, tolerance):
+    out = tmp_path / f"out_{tolerance}"
+    arguments = ["predict", str(series), "--load-N", "0.05", "-o", str(out)]
+    assert main([*arguments, "--tolerance", str(tolerance)]) == 0
+    return float(pd.read_csv(out / "frames.csv")["area_m2"].iloc[0])
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "level"),
+    [(0.3, "no coupling"), (0.002, "coupling by point forces"), (1e-6, "full coupling")],
+)
+def test_predict_takes_the_cheapest_model_that_serves(planned_series, tmp_path, capsys, tolerance, level):
+    area = predict(planned_series, tmp_path, tolerance)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"{level} for {100 * tolerance:g} % of the area" in printed
+    # converged: everything of the mechanics that this scene can have, solved to rounding
+    scene = read_scene(planned_series)
+    on = scene.effects.model_copy(update={"sphere_profile": "on"})
+    converged = solve_scene(
+        scene.model_copy(update={"effects": on}),
+        need_asperities(scene, "a test"),
+        load=0.05,
+        coupling="full",
+    ).area
+    assert abs(area / converged - 1) < tolerance
+
+
+def test_predict_gives_averages_no_tolerance(planned_series, tmp_path, capsys):
+    arguments = ["predict", str(planned_series), "--load-N", "0.05", "-o", str(tmp_path / "out")]
+    assert main([*arguments, "--model", "gt", "--tolerance", "0.1"]) == 2
+    assert "no cheaper method" in capsys.readouterr().err
