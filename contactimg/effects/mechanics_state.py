@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.models.candidates import lowering_of_the_first
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
 from contactimg.models.local_laws import HertzLaw, LocalLaw
 from contactimg.models.mean_field import Cells
@@ -81,7 +82,7 @@ class Stage:
         still = np.zeros_like(problem.gap)
         system = System(problem.gap, problem.radius, HertzLaw(), NoCoupling(), problem.load)
         depth = solve_uncoupled(system, still, float(problem.load or 0.0))
-        reach = depth + _lowering_of_the_first(problem, system.response(depth - problem.gap)[0])
+        reach = depth + lowering_of_the_first(problem, system.response(depth - problem.gap)[0])
         candidates = problem.part(slice(int(np.searchsorted(problem.gap, reach, side="right"))))
         single = candidates.gap.size <= SINGLE and candidates.duplicates() is None
         cells = None if single else Cells.over(candidates, CELLS)
@@ -225,11 +226,3 @@ class State:
         """Of the sampled asperities in an iterate."""
         penetration = iterate.indentation - gap - self.stage.at_sample(iterate.displacement)
         return Response(*law.respond(penetration, radius), penetration)
-
-
-def _lowering_of_the_first(problem: Problem, force: Values) -> float:
-    """What point forces on a half-space lower the surface by under the largest of them."""
-    top, others = int(np.argmax(force)), np.flatnonzero(force)
-    distance = np.hypot(problem.x[others] - problem.x[top], problem.y[others] - problem.y[top])
-    apart = distance > 0
-    return float(np.sum(force[others[apart]] / distance[apart]) / np.pi)

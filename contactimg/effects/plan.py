@@ -10,16 +10,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
-import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from contactimg.effects.estimate import Estimate
 from contactimg.effects.mechanics import weigh_mechanics
 from contactimg.effects.optics import estimate_optics
-from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Effects, Scene
-from contactimg.tables import Flag, Schema
+from contactimg.tables import Schema
 from contactimg.timings import stage
 
 __all__ = ["EFFECTS", "Decision", "Plan", "decide", "make_plan"]
@@ -273,17 +270,5 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         relative=scene.tolerance.relative,
         load=float(load),
         messages=messages,
-        limits=tuple(_limits_reached(mechanics.flags)),
+        limits=mechanics.limits,
     )
-
-
-def _limits_reached(flags: NDArray[np.int64]) -> list[str]:
-    """One sentence for each limit of the models that contacts exceed, and are computed beyond."""
-    sentences = {
-        Flag.BEYOND_HERTZ: f"have a/R above {HERTZ_LIMIT}: beyond Hertz's law",
-        Flag.OVERLAP: "overlap a neighbour: they would merge",
-    }
-    counts = {flag: int(np.count_nonzero(flags & flag)) for flag in sentences}
-    return [
-        f"about {counts[f]} of {flags.size} contacts {text}" for f, text in sentences.items() if counts[f]
-    ]

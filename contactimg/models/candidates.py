@@ -23,7 +23,7 @@ from contactimg.models.refinement import Refinement
 from contactimg.models.validity import Pairs, close_pairs, overlapping, unstable_pair
 from contactimg.timings import stage
 
-__all__ = ["METHODS", "CandidateSolver"]
+__all__ = ["METHODS", "CandidateSolver", "lowering_of_the_first"]
 
 Values = NDArray[np.float64]
 
@@ -156,13 +156,7 @@ class CandidateSolver:
         """Upper estimate of the indentation: the uncoupled forces lower the surface under the largest one."""
         if self.problem.load is None:
             return alone.indentation
-        top = int(np.argmax(alone.force))
-        others = np.flatnonzero(alone.force)
-        others = others[others != top]
-        x, y = self.problem.x, self.problem.y
-        distance = np.hypot(x[others] - x[top], y[others] - y[top])
-        apart = distance > 0
-        return alone.indentation + float(np.sum(alone.force[others[apart]] / distance[apart]) / np.pi)
+        return alone.indentation + lowering_of_the_first(self.problem, alone.force)
 
     def _dense(self, candidates: Problem) -> bool:
         """Whether a stored matrix serves these candidates."""
@@ -209,6 +203,14 @@ class CandidateSolver:
                 else "start from the solution at a smaller load, or allow a larger tolerance"
             )
         )
+
+
+def lowering_of_the_first(problem: Problem, force: Values) -> float:
+    """What point forces on a half-space lower the surface by under the largest of them."""
+    top, others = int(np.argmax(force)), np.flatnonzero(force)
+    distance = np.hypot(problem.x[others] - problem.x[top], problem.y[others] - problem.y[top])
+    apart = distance > 0
+    return float(np.sum(force[others[apart]] / distance[apart]) / np.pi)
 
 
 def _refuse_duplicates(problem: Problem) -> None:
