@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.imaging.segment import label_components
+from contactimg.imaging.split import split_components
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
 from contactimg.timings import stage
@@ -16,6 +17,7 @@ SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noi
 HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp
 TYPICAL_BLUR = 1.4  # px, for the slope of the rim in the uncertainty
 SMALLEST = 4  # pixels
+QUIET = 12.0  # contrast/noise below which noise notches the components
 
 
 @stage("counting")
@@ -28,6 +30,8 @@ def count_contacts(
     saturated: NDArray[np.uint8],
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
+
+    Components that are several contacts share their pixels among them.
 
     Parameters
     ----------
@@ -51,7 +55,12 @@ def count_contacts(
     The uncertainty is that of counting (each pixel of the rim is in or out, variance 1/12 px^2 of its
     position) and of the noise on the slope of a rim blurred by 1.4 px; not the bias of the threshold.
     """
-    found = label_components(image, fraction * contrast.plateau, marks=saturated)
+    level = fraction * contrast.plateau
+    found = label_components(image, level, marks=saturated)
+    noisy = contrast.plateau < QUIET * noise
+    found, split = split_components(
+        image, level, found, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0
+    )
     hot = (found["area"] <= 2) & (_surroundings(image, found) < HOT * found["peak"])
     weak = found["flux"] < SIGNIFICANT * noise * np.sqrt(found["area"])
     radius = np.sqrt(found["area"] / np.pi)
@@ -76,6 +85,7 @@ def count_contacts(
         np.where(edge, int(Flag.EDGE), 0)
         | np.where(kept["marked"] > 0, int(Flag.SATURATED), 0)
         | np.where(kept["area"] < SMALLEST, int(Flag.TOO_SMALL), 0)
+        | np.where(split[~bad], int(Flag.MERGED), 0)
     )
     slope = contrast.plateau / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
     std = np.sqrt((PIXEL_VARIANCE + (noise / slope) ** 2) / (2 * np.pi * radius[~bad]))

@@ -15,6 +15,7 @@ LEAST_SEEN = (
 )
 ANGLES, STEEPEST = 32, 70.0  # places along a rim, percentile of the falls that tells whether there is one
 FALL = 0.35  # of the contrast
+SHARPEST_BLUR = 1.0  # px: the image is looked at on whole pixels
 WIDEST_BLUR = 8.0  # px: optics are not as blurred as uneven light
 WIDE = 4.0  # blur widths: narrower disks are all rim
 SHARE = 0.4  # of a contact's excess in the difference that the frame alone must show
@@ -67,7 +68,7 @@ def _without_rim(
 
     Over four blur widths a contact falls by 95 % of its contrast, wherever no neighbour touches it.
     """
-    blur = min(blur, WIDEST_BLUR)
+    blur = min(max(blur, SHARPEST_BLUR), WIDEST_BLUR)
     angles = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
     place = disks[:, 0] + 1j * disks[:, 1]
     levels = []

@@ -22,7 +22,7 @@ from contactimg.imaging.disks import RADIUS, DiskFit
 from contactimg.imaging.edge import EdgeTable
 from contactimg.imaging.noise import Noise
 from contactimg.imaging.patch import Patch, Surroundings
-from contactimg.imaging.touching import DEEPEST
+from contactimg.imaging.touching import hidden
 
 __all__ = ["Regrouping", "regroup_disks"]
 
@@ -173,17 +173,7 @@ def _outlined(patch: Patch) -> Iterator[Fitted]:
         arcs[:, RADIUS] += shrunk * patch.frame.blur
         arcs[:, 3] = patch.frame.plateau
         if len(arcs):
-            yield _completed(patch, arcs[~_hidden(arcs)])
-
-
-def _hidden(disks: NDArray) -> NDArray[np.bool_]:
-    """Disks that overlap one before them too deeply."""
-    out = np.zeros(len(disks), np.bool_)
-    for i in range(1, len(disks)):
-        before = disks[:i][~out[:i]]
-        gap = np.hypot(*(before[:, :2] - disks[i, :2]).T) - before[:, RADIUS] - disks[i, RADIUS]
-        out[i] = np.any(-gap > 2.0 * DEEPEST * np.minimum(before[:, RADIUS], disks[i, RADIUS]))
-    return out
+            yield _completed(patch, arcs[~hidden(arcs)])
 
 
 def _completed(patch: Patch, disks: NDArray) -> Fitted:

@@ -4,13 +4,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["COMPONENT", "label_components"]
+__all__ = ["COMPONENT", "add_pixel", "finish_component", "label_components"]
 
 COMPONENT = np.dtype(
     [
         ("area", np.int64),  # pixels
         ("x", np.float64),  # centroid of the pixels
         ("y", np.float64),
+        ("moment", np.float64),  # sum of the squared distances of the pixels from their centroid
         ("flux", np.float64),  # sum of the image over the pixels
         ("peak", np.float64),  # largest value
         ("peak_x", np.int64),
@@ -130,22 +131,32 @@ def _measure(image, runs, numbers, marks, out):
     marked = marks.shape == image.shape
     for i in range(len(runs)):
         y, first, last = runs[i]
-        c = out[numbers[i]]
-        length = last - first + 1
-        c["area"] += length
-        c["x"] += 0.5 * (first + last) * length
-        c["y"] += y * length
-        c["left"] = min(c["left"], first)
-        c["right"] = max(c["right"], last)
-        c["top"] = min(c["top"], y)
-        c["bottom"] = max(c["bottom"], y)
         for x in range(first, last + 1):
-            value = image[y, x]
-            c["flux"] += value
-            if value > c["peak"]:
-                c["peak"], c["peak_x"], c["peak_y"] = value, x, y
-            if marked and marks[y, x]:
-                c["marked"] += 1
+            add_pixel(out[numbers[i]], x, y, image[y, x], marked and marks[y, x] > 0)
     for c in out:
-        c["x"] /= c["area"]
-        c["y"] /= c["area"]
+        finish_component(c)
+
+
+@njit(cache=True)
+def add_pixel(c, x, y, value, marked):
+    """Add one pixel to the sums of a component."""
+    c["area"] += 1
+    c["x"] += x
+    c["y"] += y
+    c["moment"] += float(x * x + y * y)
+    c["left"] = min(c["left"], x)
+    c["right"] = max(c["right"], x)
+    c["top"] = min(c["top"], y)
+    c["bottom"] = max(c["bottom"], y)
+    c["flux"] += value
+    if value > c["peak"]:
+        c["peak"], c["peak_x"], c["peak_y"] = value, x, y
+    c["marked"] += marked
+
+
+@njit(cache=True)
+def finish_component(c):
+    """Make means of the sums of a component."""
+    c["x"] /= c["area"]
+    c["y"] /= c["area"]
+    c["moment"] -= c["area"] * (c["x"] ** 2 + c["y"] ** 2)

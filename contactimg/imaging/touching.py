@@ -5,7 +5,7 @@ from numba import njit
 
 from contactimg.imaging.coupled import find_pairs
 
-__all__ = ["DEEPEST", "count_touching", "overlapping", "visible_share"]
+__all__ = ["DEEPEST", "count_touching", "hidden", "overlapping", "visible_share"]
 
 DEEPEST = 0.35
 """Of the smaller one's diameter: contacts that overlap more are one contact."""
@@ -29,6 +29,19 @@ def overlapping(disks, deepest):
             small = min(disks[i, 2], disks[j, 2])
             if disks[i, 2] + disks[j, 2] - distance > 2.0 * deepest * small:
                 out[i if disks[i, 2] <= disks[j, 2] else j] = True
+    return out
+
+
+@njit(cache=True)
+def hidden(disks):
+    """Whether each disk overlaps one before it, itself not hidden, by more than `DEEPEST`."""
+    out = np.zeros(len(disks), np.bool_)
+    for i in range(len(disks)):
+        for j in range(i):
+            distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
+            deep = disks[i, 2] + disks[j, 2] - distance
+            if not out[j] and deep > 2.0 * DEEPEST * min(disks[i, 2], disks[j, 2]):
+                out[i] = True
     return out
 
 
