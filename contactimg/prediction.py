@@ -268,6 +268,8 @@ def solve_scene(
     }
     if effects.adhesion != "on":
         return solve_interacting(asperities, **where, **options)
+    if elastic.work_of_adhesion == 0:
+        raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
     if coupling not in ADHESIVE_COUPLINGS:
         raise InputError(f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"')
     return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where, **options)

@@ -212,7 +212,10 @@ def test_without_load_there_is_nothing_unless_contacts_adhere():
     assert set(changes(plan_of(table, 0.0)).values()) == {0.0}
     sticky = plan_of(table, 0.0, work_of_adhesion_J_m2=0.05)
     assert [d.effect for d in sticky.decisions if d.on] == ["adhesion"]
-    assert plan_of(table, -1e-6, work_of_adhesion_J_m2=0.05).is_on("adhesion")
+    # a^3 = 6 pi w R^2/K gives a = 12.1 um: the sphere's area is smaller by 0.5 (a/R)^2
+    assert changes(sticky)["sphere_profile"] == pytest.approx(0.5 * 0.121**2, rel=0.2)
+    for output in OUTPUTS:
+        assert plan_of(table, -1e-6, output=output, work_of_adhesion_J_m2=0.05).is_on("adhesion")
     with pytest.raises(InputError, match="load must be finite, and positive unless the contacts adhere"):
         plan_of(table, -1e-6)
     with pytest.raises(InputError, match="load must be finite"):

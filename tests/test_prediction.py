@@ -100,6 +100,8 @@ def test_effects_that_do_not_go_together_are_refused(asperities):
     adhesive = scene_with(elastic={"work_of_adhesion_J_m2": 0.05}, effects={"adhesion": "on"})
     with pytest.raises(InputError, match='does not go with the coupling "hertz"'):
         predict_contacts(adhesive, asperities, load=0.1, coupling="hertz")
+    with pytest.raises(InputError, match="needs the work_of_adhesion_J_m2"):
+        predict_contacts(scene_with(effects={"adhesion": "on"}), asperities, load=0.1)
     with pytest.raises(InputError, match="needs the thickness_m"):
         predict_contacts(scene_with(effects={"layer": "on"}), asperities, load=0.1)
 

@@ -6,7 +6,7 @@ change is that between two such states, with it and without.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from contactimg.effects.estimate import Estimate
 from contactimg.effects.mechanics_cost import solve_cost
 from contactimg.effects.mechanics_scene import PURPOSE, LoadedScene
 from contactimg.errors import InputError
+from contactimg.mechanics import jkr
 from contactimg.models.local_laws import SphereLaw
 from contactimg.models.problem import Setting, pose_problem
 from contactimg.scene import Scene
@@ -23,6 +24,10 @@ from contactimg.tables import CONTACTS
 __all__ = ["MECHANICAL_EFFECTS", "Weighing", "estimate_mechanics", "weigh_mechanics"]
 
 MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
+
+
+HARDLY_PRESSED = 1e-3
+"""Load at which adhesive contacts without a load, or under a pull, are weighed; of the pull-off force."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +62,8 @@ def estimate_mechanics(
     asperities : DataFrame
         Columns ``x_m, y_m, height_m, radius_m``.
     load : float, N
-        Negative only where the contacts adhere.
+        Negative only where the contacts adhere; without a load or under a pull these are weighed as if they
+        were hardly pressed.
 
     Returns
     -------
@@ -103,22 +109,26 @@ def weigh_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> W
         raise InputError(
             f"load must be finite, and positive unless the contacts adhere, got {load!r} N; give another"
         )
-    setting = Setting(indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, load, None)
+    pressed = load
+    if load <= 0 and adheres and len(asperities):
+        radius = float(np.median(asperities["radius_m"]))
+        pull = jkr.pull_off_load(sphere_radius=radius, work_of_adhesion=elastic.work_of_adhesion)
+        pressed = -HARDLY_PRESSED * pull
+    setting = Setting(indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, pressed, None)
     problem = pose_problem(asperities, setting)
-    if load <= 0 or not problem.touches:
-        return Weighing(_unloaded(load, adheres=adheres), (), CONTACTS.empty)
+    if not problem.touches:
+        none = tuple(Estimate(name, 0.0, f"at {load:g} N there is no contact") for name in MECHANICAL_EFFECTS)
+        return Weighing(none, (), CONTACTS.empty)
     loaded = LoadedScene(scene, problem)
     loaded.refuse_engulfed()
     loaded.refuse_touching_planes()
-    return Weighing(_estimates(loaded), tuple(loaded.limits()), loaded.contacts)
-
-
-def _unloaded(load: float, *, adheres: bool) -> tuple[Estimate, ...]:
-    """Estimates without a load: only adhesion makes contacts."""
-    reason = f"at {load:g} N there is no contact"
-    changes = dict.fromkeys(MECHANICAL_EFFECTS, 0.0) | {"adhesion": 1.0 if adheres else 0.0}
-    reasons = {"adhesion": "only adhesion makes contacts at this load"} if adheres else {}
-    return tuple(Estimate(name, changes[name], reasons.get(name, reason)) for name in MECHANICAL_EFFECTS)
+    estimates = _estimates(loaded)
+    if load <= 0:
+        alone = "without adhesion there is no contact at this load"
+        estimates = tuple(
+            replace(e, change=1.0, reason=alone) if e.effect == "adhesion" else e for e in estimates
+        )
+    return Weighing(estimates, tuple(loaded.limits()), loaded.contacts)
 
 
 def _estimates(loaded: LoadedScene) -> tuple[Estimate, ...]:
