@@ -81,10 +81,10 @@ def _without_rim(
             seen &= weight[y, x] > 0
         levels.append(np.where(seen, signed[y, x], np.nan))
     fall = levels[0] - levels[1]
-    wide = (disks[:, 2] > WIDE * blur) & (np.isfinite(fall).sum(axis=1) >= ANGLES // 8)
-    out = np.zeros(len(disks), np.bool_)
-    out[wide] = np.nanpercentile(fall[wide], STEEPEST, axis=1) < FALL * contrast
-    return out
+    count = np.isfinite(fall).sum(axis=1)
+    rank = np.rint(STEEPEST / 100.0 * np.maximum(count - 1, 0)).astype(int)
+    steep = np.take_along_axis(np.sort(fall, axis=1), rank[:, None], axis=1)[:, 0]  # NaN sorts last
+    return (disks[:, 2] > WIDE * blur) & (count >= ANGLES // 8) & ~(steep >= FALL * contrast)
 
 
 def absent_in_frame(
