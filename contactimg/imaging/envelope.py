@@ -39,7 +39,7 @@ def flatten_crowd(image: NDArray[np.float32], blocks: NDArray[np.float32]) -> ND
     low = _smooth(cv2.morphologyEx(blocks, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE), side)
     high = _smooth(cv2.morphologyEx(blocks, cv2.MORPH_CLOSE, window, borderType=cv2.BORDER_REPLICATE), side)
     height = high - low
-    usual = float(np.median(height[height > 0.5 * height.max()]))
+    usual = max(float(np.median(height[height >= 0.5 * height.max()])), 1e-6)
     gain = usual / np.maximum(height, DIMMEST * usual)
     size = (blocks.shape[1] * BLOCK, blocks.shape[0] * BLOCK)
     full = [

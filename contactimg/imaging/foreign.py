@@ -12,7 +12,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.imaging.dust import absent_in_frame
 from contactimg.imaging.pixels import NO_MASK
+from contactimg.imaging.reference import Difference
 from contactimg.imaging.segment import label_components
 
 __all__ = ["BRIGHTER", "FAINTER", "NOTHING_FOREIGN", "Foreign", "Objects", "find_foreign", "find_objects"]
@@ -26,6 +28,13 @@ THIN = 1.0  # px: half width of a region whose distances from the rim tell nothi
 SKIRT = 3  # coarse pixels of blur about an object
 LEVEL = 0.3  # of the contrast: blurred hairs do not reach half of it all along
 COARSE = 2  # px
+HOT = 0.25  # of the highest pixel: no optics let its neighbours on both sides be darker
+REASONS = [
+    "dust in the reference",
+    "hot pixel or streak: sharper than the optics",
+    "brighter than the contacts",
+    "long: no disk and no group of disks",
+]
 BRIGHT_PIXELS = 4  # coarse pixels
 
 
@@ -104,7 +113,9 @@ def find_objects(image: NDArray[np.float32], level: float) -> Objects:
     return Objects(labels - 1, area[1:], peak[1:], long[1:], half[1:], centroids[1:, 0], centroids[1:, 1])
 
 
-def find_foreign(image: NDArray[np.float32], plateau: float) -> Foreign:
+def find_foreign(
+    image: NDArray[np.float32], plateau: float, *, frame: NDArray[np.float32], difference: Difference
+) -> Foreign:
     """Objects of a difference image that are no contacts.
 
     Parameters
@@ -113,36 +124,84 @@ def find_foreign(image: NDArray[np.float32], plateau: float) -> Foreign:
         Difference image, contacts positive, holes 0.
     plateau : float
         Contrast of the contacts.
+    frame : ndarray, shape (rows, columns)
+        The frame itself.
+    difference : Difference
+        Where the image comes from.
     """
     size = (max(image.shape[1] // COARSE, 1), max(image.shape[0] // COARSE, 1))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    if not _suspicious(small, plateau):
+    scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
+    regions = label_components(small, LEVEL * plateau, marks=NO_MASK)
+    disks = _full(scale, regions["x"], regions["y"], regions["area"])
+    absent = absent_in_frame(frame, image, difference, disks)
+    sharp = _too_sharp(image, regions, scale, plateau)
+    if not (absent.any() or sharp.any() or _suspicious(regions, plateau)):
         return NOTHING_FOREIGN
     found = find_objects(small, LEVEL * plateau)
+    number = found.labels[regions["peak_y"], regions["peak_x"]]
     bright = np.bincount(found.labels[small > BRIGHTER * plateau], minlength=len(found.area)) > np.maximum(
         BRIGHT_PIXELS, 0.1 * found.area
     )
-    bad = np.flatnonzero(found.long | bright)
-    reasons = np.where(
-        bright[bad], "brighter than the contacts", "long: no disk and no group of disks"
-    ).tolist()
-    scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
-    places = np.column_stack([found.x[bad], found.y[bad]]) * scale + (scale - 1) / 2
-    radii = np.sqrt(found.area[bad] * scale.prod() / np.pi)
+    thin = found.half_width <= THIN
+    conditions = [_among(number[absent], found), _among(number[sharp], found) & thin, bright, found.long]
+    reasons = np.select(conditions, REASONS, "")
+    bad = np.flatnonzero(reasons != "")
     if not len(bad):
         return NOTHING_FOREIGN
     mask = np.isin(found.labels, bad).astype(np.uint8)
     mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SKIRT + 1, 2 * SKIRT + 1)))
     mask = cv2.resize(mask, image.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    return Foreign(_rows(np.column_stack([places, radii]), reasons), np.asarray(mask))
+    places = _full(scale, found.x[bad], found.y[bad], found.area[bad])
+    return Foreign(_rows(places, reasons[bad].tolist()), np.asarray(mask))
 
 
-def _suspicious(small: NDArray[np.float32], plateau: float) -> bool:
+def _full(scale: NDArray, x: NDArray, y: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """x, y, radius of equal area in pixels of the image, from coarse ones."""
+    places = np.column_stack([x, y]) * scale + (scale - 1) / 2
+    return np.column_stack([places, np.sqrt(area * scale.prod() / np.pi)])
+
+
+def _among(numbers: NDArray[np.int32], found: Objects) -> NDArray[np.bool_]:
+    """Which objects have one of some numbers."""
+    out = np.zeros(len(found.area), np.bool_)
+    out[numbers] = True
+    return out
+
+
+def _too_sharp(
+    image: NDArray[np.float32], regions: NDArray[np.void], scale: NDArray, plateau: float
+) -> NDArray[np.bool_]:
+    """Regions whose highest pixel stands far above both its sides: hot pixels, cosmic streaks."""
+    rows, columns = image.shape
+    j, i = (np.arange(-1, COARSE + 1)[:, None], np.arange(-1, COARSE + 1)[None, :])
+    y0, x0 = (regions["peak_y"] * scale[1]).astype(int), (regions["peak_x"] * scale[0]).astype(int)
+    y = np.clip(y0[:, None, None] + j, 0, rows - 1) + 0 * i
+    x = np.clip(x0[:, None, None] + i, 0, columns - 1) + 0 * j
+    highest = image[y, x].reshape(len(regions), -1).argmax(axis=1)
+    y, x = (axis.reshape(len(regions), -1)[np.arange(len(regions)), highest] for axis in (y, x))
+    value = image[y, x]
+    out = np.zeros(len(regions), np.bool_)
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        sides = [
+            image[np.clip(y + k * dy, 0, rows - 1), np.clip(x + k * dx, 0, columns - 1)] for k in (-1, 1)
+        ]
+        out |= np.maximum(*sides) < HOT * value
+    # a contact is not one the less for a hot pixel on it
+    return np.asarray(
+        out & (value > LEVEL * plateau) & ((regions["area"] <= BRIGHT_PIXELS) | _sprawling(regions))
+    )
+
+
+def _suspicious(regions: NDArray[np.void], plateau: float) -> bool:
     """Whether a region sprawls or is too bright: the quick look that most frames end with."""
-    found = label_components(small, LEVEL * plateau, marks=NO_MASK)
-    wide = (found["right"] - found["left"] + 1.0) ** 2 + (found["bottom"] - found["top"] + 1.0) ** 2
-    sprawling = (wide > SPRAWLING * found["area"]) & (found["area"] > BRIGHT_PIXELS)
-    return bool(sprawling.any()) or bool((found["peak"] > BRIGHTER * plateau).any())
+    return bool(_sprawling(regions).any()) or bool((regions["peak"] > BRIGHTER * plateau).any())
+
+
+def _sprawling(regions: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Regions that are no disk and no pair of disks."""
+    wide = (regions["right"] - regions["left"] + 1.0) ** 2 + (regions["bottom"] - regions["top"] + 1.0) ** 2
+    return np.asarray((wide > SPRAWLING * regions["area"]) & (regions["area"] > BRIGHT_PIXELS))
 
 
 def _rows(places: NDArray[np.float64], reasons: list[str]) -> pd.DataFrame:

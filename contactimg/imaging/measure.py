@@ -10,6 +10,7 @@ from scipy.special import ndtri
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background import estimate_background, estimate_either_background
 from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
+from contactimg.imaging.dust import absent_in_frame
 from contactimg.imaging.fitting import Fitted, fit_contacts
 from contactimg.imaging.foreign import NOTHING_FOREIGN, find_foreign
 from contactimg.imaging.light import block_means
@@ -171,7 +172,9 @@ def measure_image(
     contrast = shown
     if np.isfinite(known.contrast) and not pixels.trivial:
         contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
-    foreign = find_foreign(signed, contrast.plateau) if shown.resolved else NOTHING_FOREIGN
+    foreign = NOTHING_FOREIGN
+    if shown.resolved:
+        foreign = find_foreign(signed, contrast.plateau, frame=pixels.frame, difference=difference)
     pixels = pixels.without(foreign.mask)
     if pixels.valid is not None:
         signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
@@ -179,7 +182,7 @@ def measure_image(
     found = Fitted(pd.DataFrame(columns=list(DISKS)), pd.DataFrame(columns=list(REJECTED)), known, known)
     if contrast.plateau > 0:
         if method == "threshold":
-            found = _count(signed, pixels, contrast, fraction, noise)
+            found = _count(signed, pixels, difference, contrast, fraction=fraction, noise=noise)
             found = replace(found, own=SharedOptics(max(shown.plateau, 1e-9), shown.std, blur_std_px=np.nan))
         else:
             found = fit_contacts(
@@ -220,7 +223,13 @@ def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
 
 
 def _count(
-    image: NDArray[np.float32], pixels: Pixels, contrast: Contrast, fraction: float, noise: float
+    image: NDArray[np.float32],
+    pixels: Pixels,
+    difference: Difference,
+    contrast: Contrast,
+    *,
+    fraction: float,
+    noise: float,
 ) -> Fitted:
     """The paper's measurement, with what an error of the contrast does to it."""
     contacts, rejected = count_contacts(
@@ -228,6 +237,13 @@ def _count(
     )
     cut = pixels.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
     contacts["flags"] |= np.where(cut, int(Flag.EDGE), 0)
+    places = ["x_px", "y_px", "radius_px"]
+    dust = absent_in_frame(pixels.frame, image, difference, contacts[places].to_numpy(float))
+    gone = contacts.loc[dust, places].assign(reason="dust in the reference")
+    contacts, rejected = (
+        contacts[~dust].reset_index(drop=True),
+        pd.concat([rejected, gone], ignore_index=True),
+    )
     # the threshold is a fraction of the contrast: where it cuts the rim of a wide contact moves with it
     slope = np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
     shift = np.full(len(contacts), -fraction * contrast.std / contrast.plateau / slope)
