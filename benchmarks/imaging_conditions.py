@@ -22,7 +22,7 @@ CONDITIONS = {
 }
 
 
-def tabulate_conditions(seed, *, frames=4, pooled=12):
+def tabulate_conditions(seed, *, frames=3, pooled=10):
     """Tables of the conditions; the first, as assumed, over ``pooled`` frames and in detail."""
     summaries = {}
     for k, (name, optics) in enumerate(CONDITIONS.items()):
