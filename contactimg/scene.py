@@ -51,7 +51,14 @@ Fraction = Annotated[Number, Field(ge=0, le=1)]
 OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
 Point = tuple[Number, Number]
 FilePath = Annotated[str, Field(min_length=1)]
+Side = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Switch = Literal["auto", "on", "off"]
+
+MOST_PIXELS = 200_000_000
+"""Of a synthetic frame: 1.6 GB in double precision."""
+
+FEWEST_ELECTRONS = 1e-3
+"""To a grey level of a synthetic frame."""
 
 
 class _Section(BaseModel):
@@ -206,27 +213,28 @@ class Simulate(_Section):
 
     Grey levels are those of the camera; ``contrast_levels`` is contact minus background at the image centre.
     An optical or sensor effect under ``"auto"`` is rendered when its parameter here is not zero; the air film
-    only when it is switched on. Loads may be negative, a pull, where adhesion bears it.
+    only when it is switched on. Loads may be negative, a pull, where adhesion bears it. The bounds lie far
+    beyond any camera: they keep a slip of the pen from asking for a frame that no memory holds.
     """
 
     loads: list[Number] = Field([], alias="loads_N")
-    shape: tuple[CountFrom1, CountFrom1] = (1200, 1600)
-    background_levels: Positive = 80.0
-    contrast_levels: Number = 100.0
-    brightness_spread: NonNegative = 0.0
-    blur_px: NonNegative = 1.4
+    shape: tuple[Side, Side] = (1200, 1600)
+    background_levels: Annotated[Positive, Field(le=1e6)] = 80.0
+    contrast_levels: Annotated[Number, Field(ge=-1e6, le=1e6)] = 100.0
+    brightness_spread: Fraction = 0.0
+    blur_px: Annotated[NonNegative, Field(le=100)] = 1.4
     psf: Literal["gaussian", "halo", "airy"] = "gaussian"
     halo_fraction: Fraction = 0.2
-    halo_sigma_px: Positive = 8.0
-    edge_softness_px: NonNegative = 0.0
-    edge_roughness_px: NonNegative = 0.0
+    halo_sigma_px: Annotated[Positive, Field(le=500)] = 8.0
+    edge_softness_px: Annotated[NonNegative, Field(le=100)] = 0.0
+    edge_roughness_px: Annotated[NonNegative, Field(le=1000)] = 0.0
     vignetting: Fraction = 0.0
-    texture: NonNegative = 0.0
-    dust_count: Count = 0
-    light_drift: Number = 0.0
-    position_drift_px: NonNegative = 0.0
-    electrons_per_level: NonNegative = 0.0
-    read_noise_electrons: NonNegative = 0.0
+    texture: Fraction = 0.0
+    dust_count: Annotated[Count, Field(le=100_000)] = 0
+    light_drift: Annotated[Number, Field(gt=-1, le=100)] = 0.0
+    position_drift_px: Annotated[NonNegative, Field(le=1e5)] = 0.0
+    electrons_per_level: Annotated[NonNegative, Field(le=1e9)] = 0.0
+    read_noise_electrons: Annotated[NonNegative, Field(le=1e9)] = 0.0
     bit_depth: Literal[8, 10, 12, 14, 16] = 8
     supersampling: Annotated[CountFrom1, Field(le=16)] = 4
     film_index_indenter: Positive = 1.52
@@ -235,6 +243,20 @@ class Simulate(_Section):
     film_bandwidth_nm: Positive = 70.0
     film_range_nm: tuple[Positive, Positive] = (450.0, 680.0)
     seed: Count = 0
+
+    @field_validator("electrons_per_level", mode="after")
+    @classmethod
+    def _electrons(cls, value: float) -> float:
+        if 0 < value < FEWEST_ELECTRONS:
+            raise ValueError(f"must be 0 (no noise) or at least {FEWEST_ELECTRONS:g}, got {value:g}")
+        return value
+
+    @field_validator("shape", mode="after")
+    @classmethod
+    def _shape(cls, value: tuple[int, int]) -> tuple[int, int]:
+        if math.prod(value) > MOST_PIXELS:
+            raise ValueError(f"must have no more than {MOST_PIXELS:.0e} pixels, got {math.prod(value):.1e}")
+        return value
 
 
 _SectionType = TypeVar("_SectionType", bound=_Section)
