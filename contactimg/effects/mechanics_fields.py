@@ -15,7 +15,7 @@ __all__ = ["field_terms"]
 
 Values = NDArray[np.float64]
 
-ALL_PAIRS = 600
+ALL_PAIRS = 200
 """Contacts up to which every pair counts."""
 
 NEIGHBOURS = 20
