@@ -10,9 +10,9 @@ OURS, OTHERS, LIMIT = "#c1121f", "#33658a", "#666666"
 FOUND = ((0.95, "full", "F1 ≥ 0.95"), (0.9, "left", "0.90-0.95"), (0.0, "none", "< 0.90"))
 # where a label stands about its marker: horizontal and vertical alignment
 BESIDE = {
-    "OpenCV threshold": ("center", "top"),
+    "OpenCV threshold": ("left", "top"),
     "scikit-image watershed": ("left", "center"),
-    "scikit-image regions": ("left", "top"),
+    "scikit-image regions": ("left", "bottom"),
     "OpenCV SimpleBlob": ("left", "bottom"),
     "photutils deblend": ("left", "bottom"),
     "SEP": ("right", "center"),
@@ -21,7 +21,7 @@ BESIDE = {
     "LoG blobs": ("right", "bottom"),
     "DoG blobs": ("left", "bottom"),
     "trackpy": ("right", "bottom"),
-    "contactimg threshold": ("left", "bottom"),
+    "contactimg threshold": ("center", "bottom"),
 }
 
 
@@ -54,7 +54,7 @@ def plot_methods(table, *, name="imaging_methods.png"):
             (row.time, row.ratio),
             xytext=(
                 {"left": 8, "center": 0, "right": -8}[across],
-                {"top": -5, "center": 0, "bottom": 4}[along],
+                {"top": -5, "center": 0, "bottom": 5}[along],
             ),
             textcoords="offset points",
             ha=across,
