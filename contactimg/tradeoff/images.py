@@ -34,7 +34,7 @@ HALF = 0.5
 SAME_PX = 2.0
 """Disks whose centres are closer than this, or than the radius, are the same contact."""
 
-DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 6, 8), 16
+DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
 
 QUIET_LEVELS = 1.0
 """Noise of the frames that compare samplings: the estimator wants some, and it is the same in all."""

@@ -89,7 +89,8 @@ def _full_setting(case: Case) -> Setting:
         lambda: _solve(case, "full"),
         error,
         _stored_reference(truth),
-        message=f"an upper limit: the reference is good to {RESOLUTION[case.output]:.0e}",
+        message=f"on the stored pattern, not on this one; an upper limit: the reference is good to "
+        f"{RESOLUTION[case.output]:.0e}",
     )
 
 
@@ -112,7 +113,7 @@ def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution])
             return relative_change(case.output, without=answer, complete=(full.force, full.radius))
 
         yield Setting(
-            f"boundary elements, {points} x {points}",
+            f"boundary elements, {points}²",
             run,
             error,
             f"the same asperities {LEVELS['full']}",
@@ -120,7 +121,7 @@ def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution])
         )
     if case.truth is not None:
         yield Setting(
-            "boundary elements, 8192 x 8192 (stored)",
+            "boundary elements, 8192² (stored)",
             lambda: None,
             lambda _: RESOLUTION[case.output],
             "what its grid of 1 um resolves",

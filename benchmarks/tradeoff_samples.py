@@ -1,0 +1,70 @@
+"""What accuracy costs on the sample scenes: the figures and tables of docs/tradeoff.md.
+
+python benchmarks/tradeoff_samples.py [--fine]
+
+Times are processor times of one core, by turns in this process. Boundary elements run if ContactMechanics is
+installed.
+"""
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = os.environ["NUMBA_NUM_THREADS"] = "1"
+
+import sys
+import time
+from pathlib import Path
+
+import cv2
+from imaging_scores import markdown, put_table
+
+from contactimg import read_scene
+from contactimg.files import write_figure
+from contactimg.pipeline.tradeoff import SECONDS, pose_tradeoff
+from contactimg.plots.tradeoff import plot_tradeoff
+from contactimg.tradeoff.measure import run_knobs
+from contactimg.tradeoff.sentences import error_text, time_text
+
+ROOT = Path(__file__).parents[1]
+SCENES = {"sa_plus": "sa_plus", "ra_plus": "ra_plus.toml"}
+HEADER = ("knob", "setting", "error of A", "time", "ratio", "against")
+
+
+def measure(name, *, fine):
+    """All knobs of a sample scene, its figures and its table."""
+    scene = read_scene(ROOT / "sample_data" / SCENES[name])
+    knobs, _ = pose_tradeoff(scene, fine=fine)
+    found = run_knobs(
+        knobs, relative=scene.tolerance.relative, seconds=2 * SECONDS[fine], clock=time.process_time
+    )
+    figures = ROOT / "docs" / "figures"
+    write_figure(plot_tradeoff(found.table, relative=found.relative), figures / f"tradeoff_{name}.png")
+    page = ROOT / "docs" / "tradeoff.md"
+    put_table(f"{name} settings", markdown(HEADER, rows(found.table)), page=page)
+    put_table(f"{name} sentences", [f"- {text}" for text in found.sentences.values()], page=page)
+    return found
+
+
+def rows(table):
+    """Cells of the settings that have numbers, the front in bold."""
+    for row in table[table["error"].notna()].to_dict("records"):
+        star = "**" if row["pareto"] == 1 else ""
+        yield (
+            row["knob"],
+            f"{star}{row['setting']}{star}",
+            error_text(row["error"]),
+            time_text(row["time_s"]),
+            f"{row['time_ratio']:.3g}",
+            row["reference"],
+        )
+
+
+def main():
+    cv2.setNumThreads(1)
+    found = {name: measure(name, fine="--fine" in sys.argv) for name in SCENES}
+    table = found["sa_plus"].table
+    two = table[table["knob"].isin(["image", "model"])]
+    write_figure(plot_tradeoff(two, relative=0.01), ROOT / "docs" / "figures" / "tradeoff.png")
+
+
+if __name__ == "__main__":
+    main()
