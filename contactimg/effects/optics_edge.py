@@ -4,6 +4,7 @@ import numpy as np
 
 from contactimg.effects.optics_trial import Trial
 from contactimg.optics.film import Light, thick_transmission, transmission
+from contactimg.optics.outlines import ROUGHEST
 from contactimg.optics.psf import FINEST
 from contactimg.optics.recipe import lamp
 from contactimg.scene import Simulate
@@ -16,6 +17,9 @@ __all__ = [
     "roughness_change",
     "supersampling_change",
 ]
+
+HARMLESS = 0.1
+"""Of the tolerance: bounds below that need not be looked at more closely."""
 
 LIKE_THE_FILM = 2.0
 """A contrast within this factor of the film's own is the film's; another one is made by other light."""
@@ -84,12 +88,16 @@ def film_change(trial: Trial) -> tuple[float, str]:
 
 def roughness_change(trial: Trial) -> tuple[float, str]:
     """A rough edge of unchanged area: its mean radius, which a disk fit finds, is smaller."""
-    rms = trial.simulate.edge_roughness_px
-    relative = min(rms / trial.mean_radius, 1 / 6)
-    return trial.change("edge_roughness"), (
-        f"edges wander by {100 * relative:.2g} % of the radius; areas kept, mean radii less by "
-        f"{100 * relative**2 / 2:.1g} %"
+    radius, weight = trial.strip.radius_px, trial.strip.weight
+    relative = np.minimum(trial.simulate.edge_roughness_px / radius, ROUGHEST)
+    # sqrt(<r^2>) is kept, so <r> is less by <(r - <r>)^2>/(2 r)
+    most = trial.power / 2 * float(np.average(relative**2, weights=weight * radius**trial.power))
+    reason = (
+        f"edges wander by up to {100 * relative.max():.2g} % of the radius; areas are kept, mean radii less "
+        f"by {100 * relative.max() ** 2 / 2:.1g} %"
     )
+    matters = most > HARMLESS * trial.scene.tolerance.relative
+    return trial.change("edge_roughness") if matters else most, reason
 
 
 def supersampling_change(trial: Trial) -> tuple[float, str]:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from contactimg.effects.optics_reading import POWER
-from contactimg.effects.optics_sensor import reaches_full_scale
+from contactimg.effects.optics_sensor import noise_shares, reaches_full_scale
 from contactimg.effects.optics_trial import Trial
 from contactimg.optics.static import DUST_OPACITY, DUST_RADIUS_PX
 
@@ -20,22 +20,30 @@ DUST_LEFT = 0.25  # of the light that dust takes from a contact: what the refere
 
 def vignetting_change(trial: Trial) -> tuple[float, str]:
     """Uneven light: darker corners are noisier, a darker contact saturates less."""
-    darkest = 1 - trial.simulate.vignetting
-    light = 1 - trial.simulate.vignetting * trial.strip.off_axis
-    reason = f"the light falls to {darkest:.2g} in the corners, {light.min():.2g} at a contact; divided out"
-    if reaches_full_scale(trial) or light.min() < FAINT:
-        return trial.change("vignetting"), reason + ", full scale apart"
-    noisier = float(np.average(1 / light - 1, weights=trial.strip.weight))
-    return trial.noise_bias * min(noisier, 1.0), reason
+    corner, light = 1 - trial.simulate.vignetting, 1 - trial.simulate.vignetting * trial.strip.off_axis
+    reason = f"the light falls to {corner:.2g} in the corners, {light.min():.2g} at a contact"
+    if reaches_full_scale(trial):
+        return trial.change("vignetting"), reason + "; full scale is reached"
+    if light.min() < FAINT:
+        return trial.change("vignetting"), reason + ": hardly seen"
+    return _by_noise(trial, float(np.average(light, weights=trial.strip.weight))), reason + "; divided out"
 
 
 def light_drift_change(trial: Trial) -> tuple[float, str]:
     """Another exposure than the reference's: divided out, up to noise and full scale."""
     drift = trial.simulate.light_drift
-    reason = f"{100 * drift:.2g} % more light than in the reference; divided out"
+    reason = f"{100 * drift:.2g} % more light than in the reference"
     if reaches_full_scale(trial):
-        return trial.change("light_drift"), reason + ", full scale apart"
-    return trial.noise_bias * min(abs(1 / (1 + drift) - 1), 1.0), reason
+        return trial.change("light_drift"), reason + "; full scale is reached"
+    return _by_noise(trial, 1 + drift), reason + "; divided out"
+
+
+def _by_noise(trial: Trial, light: float) -> float:
+    """Change of the output because so much light, relative, carries another relative noise: shots alone."""
+    shares = noise_shares(trial)
+    if not shares.get("shot_noise"):
+        return 0.0
+    return trial.noise_change(shares, shares["shot_noise"] * min(abs(1 / light - 1), 1.0), scatter=0.0)
 
 
 def position_drift_change(trial: Trial) -> tuple[float, str]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.effects.optics_strip import Strip, expose_strip, strip_light
+from contactimg.effects.optics_strip import REALISATIONS, Strip, expose_strip, strip_light
 from contactimg.imaging.measure import measure_image
 from contactimg.optics.recipe import Recipe
 from contactimg.scene import Scene
@@ -48,40 +48,47 @@ class Reading:
 
         Sums of areas and forces are compared, radii contact by contact, in the mean square.
         """
-        count = min(len(self.amount), len(other.amount))
-        step = other.amount[:count] - self.amount[:count]
-        chance = step.var(axis=0, ddof=1) / count if count > 1 else np.zeros(step.shape[1])
-        return self._relative(step.mean(axis=0), -chance if self.power == 1 else np.zeros_like(chance))
+        step = other.amount - self.amount
+        return self._relative(step.mean(axis=0), chance=_chance(step), scatter=np.zeros(step.shape[1]))
 
-    def noise_change(self, still: "Reading", *, share: float) -> float:
-        """Change of the output, root mean square, by a part of the noise with this share of its variance.
+    def noise_change(self, other: "Reading", *, bias: float, scatter: float) -> float:
+        """Change of the output by a part of the noise, root mean square over realisations.
 
-        ``still`` is the reading without noise: it gives the bias, contacts lost included, and the
-        realisations give the scatter.
+        ``other`` is the reading without the largest source of noise: that part has ``bias`` times its bias,
+        contacts lost included, and ``scatter`` times the variance of this reading.
         """
-        bias = self.amount.mean(axis=0) - still.amount.mean(axis=0)
-        return self._relative(share * bias, share * self.amount.var(axis=0, ddof=1))
+        step = other.amount - self.amount
+        return self._relative(
+            bias * step.mean(axis=0),
+            chance=bias**2 * _chance(step),
+            scatter=scatter * self.amount.var(axis=0, ddof=1),
+        )
 
-    def noise_bias(self, still: "Reading") -> float:
-        """Change of the output in expectation by all noise, relative."""
-        bias = self.amount.mean(axis=0) - still.amount.mean(axis=0)
-        return self._relative(bias, np.zeros_like(bias))
+    def _relative(self, bias: Values, *, chance: Values, scatter: Values) -> float:
+        """A change of each contact's amount in terms of the output.
 
-    def _relative(self, bias: Values, variance: Values) -> float:
-        """A change of each contact's amount, and the variance of it, in terms of the output."""
+        ``chance`` is the variance of the bias as the strip gives it, ``scatter`` that of each contact of the
+        frame.
+        """
         weight, mean = self.strip.weight, self.amount.mean(axis=0)
         if self.power == POWER["radius"]:
-            square = float(weight @ (bias**2 + variance))
+            square = float(weight @ (bias**2 - chance + scatter))
             return _ratio(np.sqrt(max(square, 0.0)), float(np.sqrt(weight @ mean**2)))
-        value = self._value
-        square = float((weight * value) @ bias) ** 2 + float((weight * value**2) @ variance)
-        return _ratio(np.sqrt(square), float((weight * value) @ mean))
+        value = weight * self._value
+        systematic = float(value @ bias) ** 2 - float(value**2 @ chance)
+        square = max(systematic, 0.0) + float((value * self._value) @ scatter)
+        return _ratio(np.sqrt(square), float(value @ mean))
 
     @property
     def _value(self) -> Values:
         """What a unit of each contact's amount counts in the output: forces go as a^3/R."""
         known = self.power == POWER["force"] and bool(np.isfinite(self.strip.sphere_radius).all())
         return 1 / self.strip.sphere_radius if known else np.ones(self.strip.weight.size)
+
+
+def _chance(step: Values) -> Values:
+    """Variance of the mean over realisations."""
+    return np.asarray(step.var(axis=0, ddof=1) / len(step))
 
 
 def _ratio(change: float, size: float) -> float:
@@ -102,17 +109,16 @@ class Reader:
     def __init__(self, scene: Scene, strip: Strip) -> None:
         self.scene, self.strip = scene, strip
         self._lights: dict[frozenset[str], Values] = {}
-        self._amount: dict[tuple[frozenset[str], int], Values] = {}
+        self._readings: dict[frozenset[str], Reading] = {}
 
-    def read(self, effects: frozenset[str], *, realisations: int) -> Reading:
-        """Measure the strip with these effects of the optics and the sensor, under so much chance."""
-        power = POWER[self.scene.tolerance.output]
-        recipe = Recipe(self.scene.need("simulate", "a test strip"), effects)
-        keys = [(effects, k) for k in range(realisations)]
-        for key in keys:
-            if key not in self._amount:
-                self._amount[key] = self._amounts(recipe, key[1], power)
-        return Reading(self.strip, np.array([self._amount[key] for key in keys]), power)
+    def read(self, effects: frozenset[str]) -> Reading:
+        """Measure the strip with these effects of optics and sensor, each realisation of the noise."""
+        if effects not in self._readings:
+            power = POWER[self.scene.tolerance.output]
+            recipe = Recipe(self.scene.need("simulate", "a test strip"), effects)
+            amounts = [self._amounts(recipe, k, power) for k in range(REALISATIONS)]
+            self._readings[effects] = Reading(self.strip, np.array(amounts), power)
+        return self._readings[effects]
 
     def _amounts(self, recipe: Recipe, realisation: int, power: int) -> Values:
         """Measured ``a^power`` of each contact of the strip."""

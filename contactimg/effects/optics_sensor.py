@@ -4,7 +4,14 @@ import numpy as np
 
 from contactimg.effects.optics_trial import Trial
 
-__all__ = ["noise_change", "quantisation_change", "reaches_full_scale", "saturation_change", "variances"]
+__all__ = [
+    "noise_change",
+    "noise_shares",
+    "quantisation_change",
+    "reaches_full_scale",
+    "saturation_change",
+    "variances",
+]
 
 ROUNDING = 1 / 12  # variance of rounding to whole levels
 DITHERED = 0.5  # levels of other noise that make rounding one more noise; below, it is a distortion
@@ -31,7 +38,7 @@ def noise_change(trial: Trial, effect: str) -> tuple[float, str]:
         return noise_change(trial.with_effect(effect), effect)
     total = sum(found.values())
     contrast = abs(trial.simulate.contrast_levels)
-    change = trial.noise_change(found[effect] / total)
+    change = trial.noise_change(noise_shares(trial), found[effect] / total)
     lost = trial.reading().lost
     return change, (
         f"{np.sqrt(found[effect]):.2g} of {np.sqrt(total):.2g} levels of noise at a contrast of "
@@ -49,7 +56,14 @@ def quantisation_change(trial: Trial) -> tuple[float, str]:
     reason = f"a contrast of {contrast:.3g} levels, {other:.2g} of other noise"
     if other < DITHERED:
         return trial.change("quantisation"), reason + ": too little to blur the steps"
-    return trial.noise_change(ROUNDING / (other**2 + ROUNDING)), reason
+    return trial.noise_change(noise_shares(trial), ROUNDING / (other**2 + ROUNDING)), reason
+
+
+def noise_shares(trial: Trial) -> dict[str, float]:
+    """Share of each source of noise in the variance; empty without noise."""
+    found = variances(trial)
+    total = sum(found.values())
+    return {name: value / total for name, value in found.items()} if total else {}
 
 
 def reaches_full_scale(trial: Trial) -> bool:

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.effects.optics_reading import POWER, Reader, Reading
-from contactimg.effects.optics_strip import REALISATIONS, Strip
+from contactimg.effects.optics_strip import Strip
 from contactimg.scene import Scene, Simulate
 
 __all__ = ["NOISE", "Trial"]
@@ -15,7 +15,6 @@ __all__ = ["NOISE", "Trial"]
 Values = NDArray[np.float64]
 
 NOISE = frozenset({"shot_noise", "read_noise", "quantisation"})
-PAIRS = 2  # realisations of the noise, the same with and without, that show a systematic change
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,26 +64,24 @@ class Trial:
 
     def reading(self, *, without: str = "") -> Reading:
         """The strip with all that the frame shows, or with one effect left out."""
-        realisations = PAIRS if without else REALISATIONS
-        return self.reader.read(self.base - {without}, realisations=realisations)
+        return self.reader.read(self.base - {without})
 
     def change(self, effect: str) -> float:
         """Relative change of the output, in expectation, if a systematic effect is left out."""
-        complete = self.reader.read(self.base | {effect}, realisations=PAIRS)
-        return complete.change(self.reader.read(self.base - {effect}, realisations=PAIRS))
+        return self.with_effect(effect).reading().change(self.reading(without=effect))
 
-    def noise_change(self, share: float) -> float:
-        """Root-mean-square change of the output by a part of the noise."""
-        return self.reading().noise_change(self._still, share=share)
+    def noise_change(self, shares: dict[str, float], share: float, *, scatter: float | None = None) -> float:
+        """Root-mean-square change of the output by a part of the noise.
 
-    @property
-    def noise_bias(self) -> float:
-        """Relative change of the output by all noise, in expectation."""
-        return self.reading().noise_bias(self._still)
-
-    @property
-    def _still(self) -> Reading:
-        return self.reader.read(self.base - NOISE, realisations=1)
+        ``shares`` are those of the variance that each source of noise has, ``share`` that of the part.
+        Contacts lost and a plateau misread go with the variance; so does the scatter of fits, while pixels
+        that noise takes across a threshold go with its standard deviation; 0 for ``scatter`` leaves the bias.
+        """
+        largest = max(shares, key=lambda name: shares[name])
+        if scatter is None:
+            scatter = np.sqrt(share) if self.scene.measure.method == "threshold" else share
+        without = self.reading(without=largest)
+        return self.reading().noise_change(without, bias=share / shares[largest], scatter=scatter)
 
     def with_effect(self, effect: str) -> "Trial":
         """The same trial of a frame that shows one effect more."""
