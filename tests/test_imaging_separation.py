@@ -180,7 +180,7 @@ def test_one_contact_of_any_shape_is_one(name, mask, noise):
             assert int(odd["flags"]) & Flag.POOR_FIT
 
 
-@pytest.mark.parametrize("radius", [1.5, 4.0, 10.0, 30.0])
+@pytest.mark.parametrize("radius", [2.5, 4.0, 10.0, 30.0])
 @pytest.mark.parametrize("offset", [0.0, 0.3])
 def test_a_disk_of_whole_pixels_is_one(radius, offset):
     y, x = np.mgrid[0:150, 0:270]

@@ -24,14 +24,12 @@ from contactimg.imaging.normal import (
     CHI,
     COUNT,
     CROSS,
-    REACH,
     RIGHT,
     SUMS,
     add_disk,
     disk_sums,
     pair_sums,
     unpack,
-    whole_disk_sums,
 )
 from contactimg.imaging.touching import visible_share
 from contactimg.timings import stage
@@ -50,6 +48,7 @@ __all__ = [
     "erase_disks",
     "fit_disks",
     "render_disks",
+    "stand_alone",
     "wide_disks",
 ]
 
@@ -322,7 +321,7 @@ def _iterate(
     done = 0
     for iteration in range(iterations):
         done += 1
-        alone = _alone(disks, SEPARATE * s if outer <= INNER else 2.0 * outer * s)
+        alone = stand_alone(disks, s, outer)
         _redraw(model, disks, s, drawn, ~(alone & moving), table, outer)
         pairs = find_pairs(disks, coupling * s)
         blocks = np.zeros((len(pairs), 4, 4))
@@ -377,8 +376,9 @@ def _redraw(model, disks, s, drawn, wanted, table, outer):
 
 
 @njit(cache=True)
-def _alone(disks, space):
-    """Disks whose rim no other comes closer to than ``space``."""
+def stand_alone(disks, s, outer):
+    """Disks whose pixels no other reaches; ``outer`` as in `contactimg.imaging.edge.EdgeTable`."""
+    space = SEPARATE * s if outer <= INNER else 2.0 * outer * s
     alone = np.ones(len(disks), np.bool_)
     pairs = find_pairs(disks, 0.5 * space)
     for p in range(len(pairs)):
@@ -397,16 +397,8 @@ def _linearise(
     """
     variance, slope, expected, spread = level
     out = np.empty(SUMS)
-    half = disk[2] + (REACH if outer <= INNER else outer) * s
-    whole = (
-        disk[0] - half > 0 and disk[0] + half < image.shape[1] - 1
-        and disk[1] - half > 0 and disk[1] + half < image.shape[0] - 1
-    )  # fmt: skip
-    if whole and weight.shape != image.shape:
-        every = 1 if robust else 2
-        whole_disk_sums(image, model, disk, s, variance, slope, alone, robust, every, table, outer, out)
-    else:
-        disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, table, outer, out)
+    every = 1 if robust else 2
+    disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, every, table, outer, out)
     unpack(out, normal, right)
     normal[3, 3] += 1.0 / spread**2
     right[3] += (expected - disk[3]) / spread**2

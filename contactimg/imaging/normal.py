@@ -19,7 +19,6 @@ __all__ = [
     "disk_sums",
     "pair_sums",
     "unpack",
-    "whole_disk_sums",
 ]
 
 REACH = 3.6  # blur widths about the rim that enter the fit: beyond, the profile is 0 or 1 to 2e-4
@@ -85,13 +84,28 @@ def add_disk(model, disk, s, table, outer, sign):
                 model[j, i] += height * (row[k, 0] + f * (row[k + 1, 0] - row[k, 0]))
 
 
-@njit(cache=True, fastmath=FAST)
-def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, table, outer, out):
+@njit(cache=True)
+def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, every, table, outer, out):
     """Normal matrix, right side and chi-square of one disk into ``out`` (see `SUMS`).
 
     ``variance (1 + slope m)`` is the variance of a pixel of model level m. A disk that stands ``alone``
-    is its own model, and the model image is not looked at.
+    is its own model, and the model image is not looked at. Of a disk wider than a few pixels, one row in
+    ``every`` tells enough while a fit is still far off.
     """
+    half = disk[2] + (REACH if outer <= INNER else outer) * s
+    whole = (
+        disk[0] - half > 0 and disk[0] + half < image.shape[1] - 1
+        and disk[1] - half > 0 and disk[1] + half < image.shape[0] - 1
+    )  # fmt: skip
+    if whole and weight.shape != image.shape:
+        _whole_disk_sums(image, model, disk, s, variance, slope, alone, robust, every, table, outer, out)
+    else:
+        _cut_disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, table, outer, out)
+
+
+@njit(cache=True, fastmath=FAST)
+def _cut_disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, table, outer, out):
+    """`disk_sums` of any disk, pixel by pixel."""
     out[:] = 0.0
     x, y, a, c = disk
     row = table_row(table, a, s)
@@ -148,13 +162,12 @@ def _accumulate(out, jac, w, residual):
 
 
 @njit(cache=True, fastmath=FAST)
-def whole_disk_sums(image, model, disk, s, variance, slope, alone, robust, every, table, outer, out):
+def _whole_disk_sums(image, model, disk, s, variance, slope, alone, robust, every, table, outer, out):
     """`disk_sums` of a disk whose window lies inside the image and has no masked pixel.
 
     Its normal matrix then follows from its profile (the expected information, by radial quadrature), and only
     the right side needs the pixels. The weights of a pixel come from the nearest node of the profile, which
-    costs no accuracy: they decide how residuals are averaged, not what is subtracted. Of a disk wider than a
-    few pixels, one row in ``every`` tells enough while the fit is still far off.
+    costs no accuracy: they decide how residuals are averaged, not what is subtracted.
     """
     x, y, a, c = disk
     row = table_row(table, a, s)

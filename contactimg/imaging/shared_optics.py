@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks, render_disks
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks, render_disks, stand_alone
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.imaging.noise import Noise
 from contactimg.imaging.normal import CROSS, RIGHT, SUMS, disk_sums, unpack
@@ -270,10 +270,11 @@ class _Terms:
         table: EdgeTable,
     ) -> "_Terms":
         """From the normal equations of each disk; ``noise`` grows with its slope a grey level."""
-        model = render_disks(fit.disks, fit.blur, image.shape, table=table)
+        alone = stand_alone(fit.disks, fit.blur, table.outer)
+        model = render_disks(fit.disks[~alone], fit.blur, image.shape, table=table)
         normal, right = _normal_equations(
-            image, model, weight, fit.disks, fit.blur, noise.variance / brightness, noise.slope, table.values,
-            table.outer,
+            image, model, weight, fit.disks, alone, fit.blur, noise.variance / brightness, noise.slope,
+            table.values, table.outer,
         )  # fmt: skip
         tight = 1.0 / (relative * contrast) ** 2
         excess = fit.disks[:, CONTRAST] - contrast
@@ -309,13 +310,15 @@ def _without_negative(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @njit(cache=True)
-def _normal_equations(image, model, weight, disks, s, variance, slope, table, outer):
+def _normal_equations(image, model, weight, disks, alone, s, variance, slope, table, outer):
     """Normal matrix and right side of (x, y, radius, contrast, blur) for each disk."""
     n = len(disks)
     normal, right, out = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.empty(SUMS)
     for i in range(n):
-        alone, robust = False, True
-        disk_sums(image, model, weight, disks[i], s, variance[i], slope, alone, robust, table, outer, out)
+        robust, every = True, 1
+        disk_sums(
+            image, model, weight, disks[i], s, variance[i], slope, alone[i], robust, every, table, outer, out
+        )
         unpack(out, normal[i, :4, :4], right[i, :4])
         for u in range(5):
             normal[i, u, 4] = normal[i, 4, u] = out[CROSS + u]
