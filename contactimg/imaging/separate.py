@@ -6,7 +6,8 @@ ragged rim, no contact.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -124,37 +125,12 @@ def assemble_disks(
     -------
     Assembly
     """
-
-    def fit(start: _Start, state: DiskFit | None, active: NDArray | None, iterations: int) -> DiskFit:
-        n = len(start.disks)
-        drawing = None if state is None else Drawing(state.model, start.rows >= 0)
-        found = fit_disks(
-            image, weight, start.disks, blur=blur if state is None else state.blur, noise=noise,
-            prior=Prior(np.full(n, plateau), np.full(n, LOOSE * plateau)), brightness=brightness(start.disks),
-            free_blur=free_blur and state is None and n > 0, robust=False, active=active, table=table,
-            iterations=iterations, drawing=drawing, largest=start.largest,
-        )  # fmt: skip
-        return found if state is None or active is None else _carry(found, state, active, start.rows)
-
-    def prune(
-        start: _Start, state: DiskFit, among: NDArray[np.bool_], *, last: bool
-    ) -> tuple[_Start, DiskFit]:
-        gone = among & _unneeded(state, plateau, last=last)
-        if not gone.any():
-            return start, state
-        dropped.append(state.disks[gone, :3])
-        erase_disks(state.model, state.disks, gone, state.blur, table=table)
-        active = _near(state.disks, gone, state.blur)[~gone]
-        kept = _Start(state.disks[~gone], start.largest[~gone], np.flatnonzero(~gone))
-        return kept, fit(kept, state, active, 4)
-
-    dropped: list[NDArray] = []
+    fits = _Fits(image, weight, plateau, noise, brightness, blur, free_blur, table)
     width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.0
     start = _Start.inscribed(
         find_inscribed(image, 0.5 * plateau, smoothing=width, weight=weight), image.shape, plateau, blur
     )
-    state = fit(start, None, None, 3)
-    start, state = prune(start, state, np.ones(len(start.disks), np.bool_), last=False)
+    start, state = fits.pruned(start, fits.first(start))
     peaks, lowest = find_peaks(image - state.model, width=state.blur, height=0.0, background=background)
     smallest = float(_disks_from_peaks(np.array([[0.0, 0.0, lowest]]), state.blur, plateau)[0, 2])
     lowest = max(lowest, LEAST_HEIGHT * plateau)
@@ -166,21 +142,78 @@ def assemble_disks(
         before = len(state.disks)
         start = start.extended(state.disks, new)
         active = _near(start.disks, start.rows < 0, state.blur)
-        start, state = prune(start, fit(start, state, active, 5), active, last=False)
+        start, state = fits.pruned(start, fits.again(start, state, active, 5), active)
         if len(state.disks) <= before:
             break
         bad = state.disks[state.chi_square > SUSPICIOUS]
         peaks = find_peaks_near(image, state.model, bad, width=state.blur, lowest=lowest)
     if thorough:
-        better = regroup_disks(
-            image, weight, state, plateau=plateau, noise=noise, brightness=brightness(state.disks),
-            keep=lambda found: ~_unneeded(found, plateau, last=True), table=table,
+        start, state = fits.regrouped(start, state)
+    start, state = fits.pruned(start, state, last=True)
+    return Assembly(state, np.vstack([np.empty((0, 3)), *fits.dropped]), smallest)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fits:
+    """Fits of one image, each from the one before; and the disks dropped on the way."""
+
+    image: NDArray[np.float32]
+    weight: NDArray[np.uint8]
+    plateau: float
+    noise: Noise
+    brightness: Callable[[NDArray], NDArray]
+    blur: float
+    free_blur: bool
+    table: EdgeTable | None
+    dropped: list[NDArray] = field(default_factory=list)
+
+    def first(self, start: _Start) -> DiskFit:
+        """A fit of all disks."""
+        return self._fit(start, self.blur, free_blur=self.free_blur and len(start.disks) > 0, iterations=3)
+
+    def again(self, start: _Start, state: DiskFit, active: NDArray[np.bool_], iterations: int) -> DiskFit:
+        """A fit of the active disks, the others as they were."""
+        drawing = Drawing(state.model, start.rows >= 0)
+        found = self._fit(
+            start, state.blur, free_blur=False, iterations=iterations, active=active, drawing=drawing
+        )
+        return _carry(found, state, active, start.rows)
+
+    def _fit(self, start: _Start, blur: float, **options: Any) -> DiskFit:
+        n = len(start.disks)
+        return fit_disks(
+            self.image, self.weight, start.disks, blur=blur, noise=self.noise,
+            prior=Prior(np.full(n, self.plateau), np.full(n, LOOSE * self.plateau)),
+            brightness=self.brightness(start.disks), robust=False, table=self.table, largest=start.largest,
+            **options,
         )  # fmt: skip
-        erase_disks(state.model, state.disks, better.gone, state.blur, table=table)
+
+    def pruned(
+        self, start: _Start, state: DiskFit, among: NDArray[np.bool_] | None = None, *, last: bool = False
+    ) -> tuple[_Start, DiskFit]:
+        """Without the disks (all, or among some) that are not needed."""
+        gone = _unneeded(state, self.plateau, last=last)
+        gone = gone if among is None else among & gone
+        if not gone.any():
+            return start, state
+        self.dropped.append(state.disks[gone, :3])
+        erase_disks(state.model, state.disks, gone, state.blur, table=self.table)
+        active = _near(state.disks, gone, state.blur)[~gone]
+        kept = _Start(state.disks[~gone], start.largest[~gone], np.flatnonzero(~gone))
+        return kept, self.again(kept, state, active, 4)
+
+    def regrouped(self, start: _Start, state: DiskFit) -> tuple[_Start, DiskFit]:
+        """With better covers of the groups that fit badly."""
+        better = regroup_disks(
+            self.image, self.weight, state, plateau=self.plateau, noise=self.noise,
+            brightness=self.brightness(state.disks), table=self.table,
+            keep=lambda found: ~_unneeded(found, self.plateau, last=True),
+        )  # fmt: skip
+        if not better.gone.any():
+            return start, state
+        erase_disks(state.model, state.disks, better.gone, state.blur, table=self.table)
         start = start.exchanged(state.disks, better)
-        state = fit(start, state, _near(start.disks, start.rows < 0, state.blur), 5)
-    start, state = prune(start, state, np.ones(len(state.disks), np.bool_), last=True)
-    return Assembly(state, np.vstack([np.empty((0, 3)), *dropped]), smallest)
+        return start, self.again(start, state, _near(start.disks, start.rows < 0, state.blur), 5)
 
 
 @njit(cache=True)
