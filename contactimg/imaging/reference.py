@@ -187,7 +187,7 @@ def _register(
         better = estimate_shift_closely(frame, nearer.reference, nearer.light, nearer.valid)
         if better.shift.std_px < found.shift.std_px:
             view, found = nearer, better
-    return *_approach(frame, reference, valid, prefer, view, found, estimate_shift_closely), True
+    return *_approach(frame, reference, valid, prefer, view, found, estimate_shift_closely), search.rich
 
 
 def _moved(

@@ -48,11 +48,14 @@ class Search:
         Whether one peak of the correlation stands out.
     textured : bool
         Whether the reference has anything to show that a shift would move.
+    rich : bool
+        Whether it has so all over, not only in a few grains of dirt.
     """
 
     shift: Shift
     found: bool
     textured: bool
+    rich: bool = False
 
 
 NOWHERE = Shift(0.0, 0.0, np.inf)
@@ -82,11 +85,13 @@ def search_shift(
     details = _details(frame, reference, light, valid)
     if details is None:
         return Search(NOWHERE, found=False, textured=False)
+    rich = _shared(details[1], np.ones(details[1].shape, np.bool_)) > SHARED
     peak = (near.x_px / COARSE, near.y_px / COARSE) if near.known else _highest(*details)
     if peak is None:
-        return Search(NOWHERE, found=False, textured=True)
+        return Search(NOWHERE, found=False, textured=True, rich=rich)
     turned = _turned(*details, round(peak[0]), round(peak[1]))
-    return Search(turned or Shift(COARSE * peak[0], COARSE * peak[1], np.inf), found=True, textured=True)
+    shift = turned or Shift(COARSE * peak[0], COARSE * peak[1], np.inf)
+    return Search(shift, found=True, textured=True, rich=rich)
 
 
 def _details(
@@ -225,6 +230,10 @@ def _textured(detail: NDArray, good: NDArray[np.bool_], spread: float) -> bool:
     if len(product) < SMALLEST**2:
         return False
     grains = np.count_nonzero((np.abs(one) > GRAIN * spread) & (one * other > (GRAIN / 2 * spread) ** 2))
-    return bool(grains >= GRAINS) or float(product.mean()) > SHARED * float(product.std()) / np.sqrt(
-        len(product)
-    )
+    return bool(grains >= GRAINS) or _shared(detail, good) > SHARED
+
+
+def _shared(detail: NDArray, good: NDArray[np.bool_]) -> float:
+    """Covariance of neighbours in its standard deviations."""
+    product = (detail[:, 1:] * detail[:, :-1])[good[:, 1:] & good[:, :-1]]
+    return float(product.mean()) * np.sqrt(len(product)) / max(float(product.std()), 1e-30)
