@@ -83,13 +83,3 @@ class Case:
     def output(self) -> str:
         """What must be accurate."""
         return self.scene.tolerance.output
-
-    @property
-    def has_mechanics(self) -> bool:
-        """Whether a contact problem can be posed."""
-        return (
-            self.asperities is not None
-            and self.scene.indenter is not None
-            and self.scene.elastic is not None
-            and self.load > 0
-        )
