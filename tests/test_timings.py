@@ -159,6 +159,16 @@ def test_predict_prints_its_stages(small_series, tmp_path, capsys):
     assert not is_collecting()
 
 
+def test_every_command_has_the_option(capsys):
+    from contactimg.cli import commands
+
+    for name, command in commands.commands.items():
+        subcommands = getattr(command, "commands", {"": command})
+        for sub in subcommands:
+            assert main([name, *([sub] if sub else []), "--help"]) == 0
+            assert "--timings" in capsys.readouterr().out
+
+
 def test_without_the_option_nothing_is_printed(small_series, tmp_path, capsys):
     main(["predict", str(small_series), "--load-N", "0.02", "-o", str(tmp_path / "out"), "--quiet"])
     assert capsys.readouterr().err == ""

@@ -130,6 +130,13 @@ def test_a_single_setting_that_fails_leaves_the_others(scene):
     assert np.isfinite(table.loc["boundary elements, 8192² (stored)", "error"])
 
 
+def test_a_load_beyond_the_models_is_a_reason(scene):
+    knobs, _ = pose_tradeoff(scene, load=3.0, knobs=["solver"])
+    table = run_knobs(knobs, relative=0.01, seconds=0.0).table
+    assert table["error"].isna().all()
+    assert table["message"].str.contains("lower the load").all()
+
+
 def test_zero_load_is_a_sentence(scene):
     with pytest.raises(InputError, match="needs a load above 0"):
         pose_tradeoff(scene, load=0.0)

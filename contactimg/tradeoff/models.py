@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.effects.change import relative_change
-from contactimg.errors import InputError
+from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
 from contactimg.prediction import solve_average, solve_scene
@@ -44,7 +44,7 @@ PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
 def model_knob(case: Case) -> Knob:
     """Which contact model: averages, levels of coupling, boundary elements."""
     best = "asymptotic" if case.scene.effects.adhesion == "on" else "full"
-    reference = cache(lambda: _solve(case, best))
+    reference = cache(lambda: _in_range(_solve(case, best)))
     converged = f"the same asperities {LEVELS[best]}"
 
     def against_best(answer: InteractingSolution) -> float:
@@ -158,9 +158,16 @@ def _solve(case: Case, coupling: str, **options: float) -> InteractingSolution:
     return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling, **options)
 
 
+def _in_range(solution: InteractingSolution) -> InteractingSolution:
+    """The solution, if the model has one to give: the planes between the asperities must not touch."""
+    if solution.validity.planes_touch:
+        raise ModelRangeError(f"{solution.validity.messages()[-1]}; lower the load")
+    return solution
+
+
 def solver_knob(case: Case) -> Knob:
     """The solver's tolerance, on the coupling by point forces."""
-    reference = cache(lambda: _solve(case, "asymptotic", tolerance=CONVERGED))
+    reference = cache(lambda: _in_range(_solve(case, "asymptotic", tolerance=CONVERGED)))
     settings = tuple(
         Setting(
             f"residual {tolerance:.0e}",
