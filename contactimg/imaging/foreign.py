@@ -24,7 +24,8 @@ FILLED = 0.42  # mean over largest distance from the rim: 1/3 for disks and squa
 LONG = 4.0  # disks of the largest width that fill the object: shorter ones may be anything
 LENGTH, SHORT = 6.0, 3.0  # half widths, px on top: a few small contacts that touch are shorter than that
 SPRAWLING = 4.0  # squared diagonal of the bounding box over the area: 2.5 for a disk, 3.2 for two that touch
-THIN = 1.0  # px: half width of a region whose distances from the rim tell nothing
+THIN = 1.6  # px: half width of a region whose distances from the rim are too coarse to tell
+NARROW = 1.0  # px: half width of a streak
 SKIRT = 3  # coarse pixels of blur about an object
 LEVEL = 0.3  # of the contrast: blurred hairs do not reach half of it all along
 COARSE = 2  # px
@@ -143,7 +144,7 @@ def find_foreign(
     bright = np.bincount(found.labels[small > BRIGHTER * plateau], minlength=len(found.area)) > np.maximum(
         BRIGHT_PIXELS, 0.1 * found.area
     )
-    thin = found.half_width <= THIN
+    thin = found.half_width <= NARROW
     conditions = [_among(number[absent], found), _among(number[sharp], found) & thin, bright, found.long]
     reasons = np.select(conditions, REASONS, "")
     bad = np.flatnonzero(reasons != "")
