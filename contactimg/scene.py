@@ -207,6 +207,10 @@ class Effects(_Section):
     edge_roughness: Switch = "auto"
     supersampling: Switch = "auto"
 
+    def switched_off(self, *names: str) -> frozenset[str]:
+        """Those of the named effects that are "off"."""
+        return frozenset(name for name in names if getattr(self, name) == "off")
+
 
 class Simulate(_Section):
     """Optics and sensor of synthetic frames.

@@ -102,12 +102,12 @@ def absent_in_frame(
     signed : ndarray
         Difference image, contacts positive.
     difference : Difference
-        Where it comes from; without a ratio to a reference nothing is absent.
+        Where it comes from; without a ratio to a reference, or on a clean one, nothing is absent.
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     """
     absent = np.zeros(len(disks), np.bool_)
-    if not difference.ratio or not len(disks):
+    if difference.clean or not difference.ratio or not len(disks):
         return absent
     # the median over blocks does not see a speck
     slow = cv2.medianBlur(difference.illumination, 5) * difference.level

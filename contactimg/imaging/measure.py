@@ -1,5 +1,6 @@
 """Measure the contacts of one frame: background, contrast, detection, disks, quality."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +27,10 @@ from contactimg.imaging.shared_optics import SharedOptics, combine_errors
 from contactimg.imaging.threshold import Contrast, choose_threshold, find_polarity, measure_contrast
 from contactimg.tables import Flag
 
-__all__ = ["ImageMeasurement", "measure_image"]
+__all__ = ["CORRECTIONS", "ImageMeasurement", "measure_image"]
+
+CORRECTIONS = ("position_drift", "dust")
+"""What a frame need not be searched for where it is known to be absent."""
 
 DISKS = {"label": "int64", "x_px": "float64", "y_px": "float64", "radius_px": "float64",
          "radius_std_px": "float64", "flags": "int64", "contrast_shift_px": "float64",
@@ -116,6 +120,7 @@ def measure_image(
     blur_px: float | None = None,
     optics: SharedOptics | None = None,
     film: Rim | None = None,
+    absent: Collection[str] = (),
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
 
@@ -140,6 +145,9 @@ def measure_image(
     film : Rim or None
         Bright rim that the air film draws around the contacts, for ``"disk"``:
         `contactimg.imaging.rim.FilmRim` or `contactimg.imaging.rim.PlainRim`; None: the edge is sharp.
+    absent : collection of str
+        Of `CORRECTIONS`, what the frame is known not to show and is not looked for: ``"position_drift"`` (the
+        reference is taken where it lies), ``"dust"`` (nothing is rejected as dirt).
 
     Returns
     -------
@@ -160,10 +168,11 @@ def measure_image(
     >>> [float(found[name].iloc[0].round(0)) for name in ("x_px", "y_px", "radius_px")]
     [30.0, 33.0, 8.0]
     """
-    _check(image, reference, method, polarity)
+    _check(image, reference, method, polarity, absent)
     known = _known(optics, blur_px)
     pixels = Pixels.of(image, _same_levels(image, reference), full_scale)
-    difference, sign = _subtract(pixels, polarity)
+    difference, sign = _subtract(pixels, polarity, still="position_drift" in absent)
+    difference = replace(difference, clean="dust" in absent)
     pixels = pixels if difference.valid is None else pixels.within(difference.valid)
     signed = difference.image if sign > 0 else -difference.image
     noise = estimate_noise(signed, difference.light.background)
@@ -173,7 +182,7 @@ def measure_image(
     if np.isfinite(known.contrast) and not pixels.trivial:
         contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
     foreign = NOTHING_FOREIGN
-    if shown.resolved:
+    if shown.resolved and not difference.clean:
         foreign = find_foreign(signed, contrast.plateau, frame=pixels.frame, difference=difference)
     pixels = pixels.without(foreign.mask)
     if pixels.valid is not None:
@@ -262,8 +271,12 @@ def _flagged(contacts: pd.DataFrame, own: SharedOptics) -> pd.DataFrame:
     return contacts.assign(flags=contacts["flags"].astype("int64") | int(Flag.NO_PLATEAU))
 
 
-def _check(image: NDArray, reference: NDArray | None, method: str, polarity: str) -> None:
+def _check(
+    image: NDArray, reference: NDArray | None, method: str, polarity: str, absent: Collection[str]
+) -> None:
     """Refuse what cannot be measured."""
+    if not set(absent) <= set(CORRECTIONS):
+        raise InputError(f"absent must name some of {', '.join(CORRECTIONS)}, got {sorted(absent)}")
     if image.ndim != 2 or image.size == 0:
         raise FrameError(f"an image must have two dimensions and at least one pixel, got shape {image.shape}")
     if reference is not None and reference.shape != image.shape:
@@ -277,14 +290,16 @@ def _check(image: NDArray, reference: NDArray | None, method: str, polarity: str
         raise InputError(f'polarity must be "bright", "dark" or "auto", got {polarity!r}')
 
 
-def _subtract(pixels: Pixels, polarity: str) -> tuple[Difference, int]:
+def _subtract(pixels: Pixels, polarity: str, *, still: bool) -> tuple[Difference, int]:
     """Difference image and the sign that makes contacts positive."""
     if pixels.trivial:
         plain = pixels.frame - (pixels.frame if pixels.reference is None else pixels.reference)
         return unregistered(plain), -1 if polarity == "dark" else 1
     if pixels.reference is not None:
         prefer = {"bright": "low", "dark": "high", "auto": "one"}[polarity]
-        difference = subtract_reference(pixels.frame, pixels.reference, valid=pixels.valid, prefer=prefer)
+        difference = subtract_reference(
+            pixels.frame, pixels.reference, valid=pixels.valid, prefer=prefer, still=still
+        )
     elif polarity == "auto":
         return estimate_either_background(pixels.frame, valid=pixels.valid)
     else:

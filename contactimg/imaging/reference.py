@@ -34,7 +34,7 @@ BRIGHT = 98.0  # percentile of the blocks of the reference that is lit in any ca
 RIM = 3  # px: width of the rim of a field stop
 NEAR = 0.75  # px: shifts beyond are taken in whole pixels first
 ROUNDS = 5
-NO_SHIFT, UNKNOWN = Shift(0.0, 0.0, np.inf), Shift(np.nan, np.nan, np.inf)
+NO_SHIFT, UNKNOWN, STILL = Shift(0.0, 0.0, np.inf), Shift(np.nan, np.nan, np.inf), Shift(0.0, 0.0, 0.0)
 DUST_FROM, DUST_FULL = 4.0, 6.0  # robust standard deviations of the middle band between which detail is dirt
 
 
@@ -60,6 +60,8 @@ class Difference:
         0 where the frame or the registered reference has no pixel, or no light; None if nowhere.
     unregistered : bool
         Whether the reference shows a texture that was not found in the frame.
+    clean : bool
+        Whether frame and reference are known to be free of dust.
     """
 
     image: NDArray[np.float32]
@@ -70,6 +72,7 @@ class Difference:
     ratio: bool = False
     valid: NDArray[np.uint8] | None = None
     unregistered: bool = False
+    clean: bool = False
 
     @property
     def remark(self) -> str:
@@ -93,6 +96,7 @@ def subtract_reference(
     *,
     valid: NDArray[np.uint8] | None = None,
     prefer: str = "one",
+    still: bool = False,
 ) -> Difference:
     """Frame minus registered, light-corrected reference.
 
@@ -104,6 +108,8 @@ def subtract_reference(
         0 where either image has a hole.
     prefer : str
         Which level is background, see `contactimg.imaging.light.background_mode`.
+    still : bool
+        Nothing has moved: the reference is taken where it lies.
 
     Returns
     -------
@@ -112,7 +118,9 @@ def subtract_reference(
     view = _View.of(frame, reference, valid, prefer, NO_SHIFT)
     if view is None:
         return _subtract_offset(frame, reference, block_means(frame, valid) - block_means(reference, valid))
-    view, rest, textured = _register(frame, reference, valid, prefer, view)
+    rest, textured = STILL, False
+    if not still:
+        view, rest, textured = _register(frame, reference, valid, prefer, view)
     image = _divide(frame, view, rest)
     if view.valid is not None:
         image[view.valid == 0] = 0.0

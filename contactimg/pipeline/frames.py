@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource
 from contactimg.frame import Frame
-from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.rim import FilmRim
 from contactimg.imaging.shared_optics import SharedOptics
@@ -238,9 +238,10 @@ def _measure_frame(
     optics: SharedOptics | None,
 ) -> tuple[ImageMeasurement, Choice | None]:
     """Measure one frame by the scene's method, or by the cheapest that meets a tolerance."""
+    full_scale = np.inf if scene.effects.saturation == "off" else frame.full_scale
     if relative is not None:
         return measure_cheapest(
-            frame.image, reference, scene=scene, relative=relative, full_scale=frame.full_scale, film=film
+            frame.image, reference, scene=scene, relative=relative, full_scale=full_scale, film=film
         )
     measurement = measure_image(
         frame.image,
@@ -248,10 +249,11 @@ def _measure_frame(
         method=scene.measure.method if optics is None else "disk",
         polarity=scene.images.polarity,
         threshold=scene.measure.threshold,
-        full_scale=frame.full_scale,
+        full_scale=full_scale,
         blur_px=scene.measure.blur_px,
         optics=optics,
         film=film,
+        absent=scene.effects.switched_off(*CORRECTIONS),
     )
     return measurement, None
 

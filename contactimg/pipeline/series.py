@@ -15,6 +15,7 @@ from contactimg.pipeline.frames import film_rim, measure_frames
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.local_forces import fill_forces
 from contactimg.pipeline.measure import locate_contacts
+from contactimg.pipeline.measured_effects import resolve_measurement
 from contactimg.pose import Pose
 from contactimg.prediction import FAILED
 from contactimg.scene import Scene
@@ -109,9 +110,10 @@ def measure_experiment(
     scene = experiment.scene
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
+    experiment = replace(experiment, scene=resolve_measurement(scene, sites))
     parts, shape = measure_frames(
         experiment,
-        film=film_rim(scene, sites),
+        film=film_rim(experiment.scene, sites),
         relative=relative,
         workers=workers,
         advance=advance or (lambda: None),

@@ -17,7 +17,7 @@ from contactimg.imaging.counting import count_contacts
 from contactimg.imaging.detect import estimate_blur, find_inscribed
 from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.imaging.half_height import disk_radius
-from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.pixels import NO_MASK
 from contactimg.imaging.rim import Rim
 from contactimg.imaging.threshold import Contrast
@@ -103,6 +103,7 @@ def measure_cheapest(
         threshold=scene.measure.threshold,
         full_scale=full_scale,
         blur_px=scene.measure.blur_px,
+        absent=scene.effects.switched_off(*CORRECTIONS),
     )
     output = scene.tolerance.output
     measurement, method = measure(method="threshold"), "threshold"
