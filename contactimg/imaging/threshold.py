@@ -22,6 +22,7 @@ DETECTABLE = 6.0  # noise standard deviations
 MEDIAN = 1.2533  # sqrt(pi/2): error of a median over that of a mean
 SHARED = 4.0  # neighbouring values that texture gives the same error
 FAINT = 0.15  # of the plateau: the faintest contacts that something bright does not hide
+LEVEL = 0.7  # of a pixel that all its surroundings have where something is level
 WIDE = 12  # pixels of a region that shows how bright it is
 GUESS = 0.66  # relative uncertainty of the brightest spots as plateau: anything up to ten times as bright
 
@@ -116,8 +117,12 @@ def _mixed(
     """Whether wide things of quite another brightness than the plateau stand in the image."""
     if np.count_nonzero(image[inside > 0] > BRIGHTER * plateau) >= ENOUGH:
         return True
-    wide = cv2.erode((image > max(FAINT * plateau, floor)).view(np.uint8), window) > 0
-    return bool(np.count_nonzero(image[wide] < FAINTER * plateau) >= ENOUGH)
+    low = np.flatnonzero((image > max(FAINT * plateau, floor)) & (image < FAINTER * plateau))
+    if len(low) < ENOUGH:
+        return False
+    # not the slope of something bright, nor something too small to show how bright it is: level all around
+    around = cv2.erode(image, window).ravel()[low]
+    return bool(np.count_nonzero(around > LEVEL * image.ravel()[low]) >= ENOUGH)
 
 
 def _usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
