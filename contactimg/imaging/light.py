@@ -20,7 +20,7 @@ ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
 FIT_CLIP = 2.0  # the same for the fit, in which the rims of contacts would count on one side only
-ENOUGH_BLOCKS = 6000  # blocks that determine the field; more are left out in turn
+ENOUGH_BLOCKS = 3000  # blocks that determine the field; more are left out in turn
 LEAST_RATIO = 0.05  # of the ratio in the middle: where the field extrapolates to less, it is that
 MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread of its own
 

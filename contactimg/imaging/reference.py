@@ -153,8 +153,11 @@ class _View:
         """Of the unmoved reference and its holes; None if it is too dark to divide by."""
         moved, valid = move_reference(reference, valid, shift)
         blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
-        brightest = float(np.nanmax(np.abs(blocks_f)) + np.nanmax(np.abs(blocks_r)))
-        lit = blocks_r[blocks_r > FLOOR * np.nanpercentile(blocks_r, BRIGHT)]
+        known = blocks_r if valid is None else blocks_r[np.isfinite(blocks_r)]
+        if not known.size:
+            return None
+        brightest = float(np.nanmax(np.abs(blocks_f)) + np.abs(known).max())
+        lit = known[known > FLOOR * np.percentile(known, BRIGHT)]
         level = float(np.median(lit)) if len(lit) else 0.0
         if level < FAINTEST * brightest:
             return None
