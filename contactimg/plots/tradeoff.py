@@ -39,6 +39,7 @@ PANEL = (5.2, 4.0)
 COLUMNS = 2
 LABEL_WIDTH = 24  # characters
 LABEL_HEIGHT = 0.042  # of the panel's height, a line
+LETTER = 0.0135  # of the panel's width
 MOST_PLAIN = 2.5  # decades of time below which 1, 2 and 5 are labelled, not the powers of ten
 
 
@@ -121,16 +122,19 @@ def _leave_room(ax: Axes, x: Values, y: Values) -> None:
 
 
 def _label(ax: Axes, x: Values, y: Values, names: list[str]) -> None:
-    """Names right of the points, from the top down, below each other where they would overlap."""
+    """Names right of the points, from the top down, below those that they would overlap."""
     texts = [textwrap.fill(name, LABEL_WIDTH) for name in names]
     places = ax.transAxes.inverted().transform(ax.transData.transform(np.column_stack([x, y])))
-    above = np.inf
+    taken: list[tuple[float, float, float]] = []  # left, right, lower end
     for k in np.lexsort((x, -y)):
-        height = LABEL_HEIGHT * (1 + texts[k].count("\n"))
+        lines = texts[k].split("\n")
+        left, height = places[k, 0] + 0.02, LABEL_HEIGHT * len(lines)
+        right = left + LETTER * max(map(len, lines))
+        above = min((end for low, high, end in taken if low < right and left < high), default=np.inf)
         middle = max(min(places[k, 1] + 0.3 * LABEL_HEIGHT, above - height / 2), height / 2)
-        above = middle - height / 2
+        taken.append((left, right, middle - height / 2))
         ax.text(
-            places[k, 0] + 0.02,
+            left,
             middle,
             texts[k],
             transform=ax.transAxes,
