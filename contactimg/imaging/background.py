@@ -83,7 +83,9 @@ def _level_out(frame: NDArray, light: LightField, level: float, seen: NDArray[np
     at_blocks = light.at_blocks(seen.shape, frame.shape)
     field = light.rows(np.arange(frame.shape[0]), frame.shape)
     image = frame - field
-    if not at_blocks.min() >= LEAST_LIGHT * level > 0:  # a background that was subtracted before, or hardly any light
+    if (
+        not at_blocks.min() >= LEAST_LIGHT * level > 0
+    ):  # a background that was subtracted before, or hardly any light
         return Difference(image, level, np.ones(seen.shape, np.float32), light, None)
     image *= np.float32(level) / np.maximum(field, np.float32(0.5 * LEAST_LIGHT * level))
     return Difference(image, level, (at_blocks / level).astype(np.float32), light, None)

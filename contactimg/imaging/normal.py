@@ -41,7 +41,11 @@ def table_row(table, a, s):
     position = s / (s + a) * (rows - 1)
     k = min(int(position), rows - 2)
     f = np.float32(position - k)
-    return table[k] * (np.float32(1.0) - f) + table[k + 1] * f
+    row = np.empty(table.shape[1:], np.float32)
+    one, other, out = table[k].ravel(), table[k + 1].ravel(), row.ravel()
+    for j in range(len(out)):
+        out[j] = one[j] + f * (other[j] - one[j])
+    return row
 
 
 @njit(cache=True)
@@ -264,31 +268,50 @@ def _rim_row(
 def _expected(row, terms, a, c, s, inner, reach, variance, slope, out):
     """Weighted derivatives at each node of the profile, and the information they carry together."""
     out[:] = 0.0
-    g = c / s
-    step = s / STEPS_PER_WIDTH
+    g, near = np.float32(c / s), np.float32(0.25 * s / STEPS_PER_WIDTH)
+    plain, growth = np.float32(1.0 / variance), np.float32(slope * c)
+    radius, step, zero = np.float32(a), np.float32(s / STEPS_PER_WIDTH), np.float32(0.0)
+    first = np.float32(a - INNER * s)
     margin = max(int((INNER - reach) * STEPS_PER_WIDTH) - 2, 0)  # nodes that no pixel of the window falls on
     for k in range(margin, row.shape[0] - margin):
-        u = k / STEPS_PER_WIDTH - INNER
-        r = a + u * s
+        r = first + np.float32(k) * step
         p, pa, pr = row[k, 0], row[k, 1], row[k, 2]
-        w = 1.0 / (variance * (1.0 + slope * c * max(p, 0.0)))
-        js = -g / s * (a * pa + r * pr)
+        w = plain / (np.float32(1.0) + growth * max(p, zero))
         terms[k, 0] = w
-        terms[k, 1] = -w * g * pr / max(abs(r), 0.25 * step)
+        terms[k, 1] = -w * g * pr / max(abs(r), near)
         terms[k, 2] = w * g * pa
         terms[k, 3] = w * p
-        terms[k, 4] = w * js
-        if r > inner and abs(u) <= reach:
-            ring = 2.0 * np.pi * r * step * w
-            out[0] += 0.5 * ring * g * g * pr * pr
-            out[7] += ring * g * g * pa * pa
-            out[8] += ring * g * pa * p
-            out[9] += ring * p * p
-            out[12] += ring * g * pa * js
-            out[13] += ring * p * js
-            out[14] += ring * js * js
+        terms[k, 4] = -w * g * (radius * pa + r * pr) / np.float32(s)
+    low = max(-reach, (inner - a) / s)
+    start = int(np.ceil((low + INNER) * STEPS_PER_WIDTH))
+    _add_information(row, terms, g, first, step, start, row.shape[0] - margin - 2, out)
     out[4] = out[0]
     out[9] += np.pi * inner * inner / (variance * (1.0 + slope * c))
+
+
+@njit(cache=True, fastmath=FAST)
+def _add_information(row, terms, g, first, step, start, end, out):
+    """Add the information of the rings from node ``start`` to ``end`` by their weighted derivatives."""
+    xx = aa = ac = cc = at = ct = tt = 0.0
+    for k in range(start, end):
+        r = first + np.float32(k) * step
+        ring = np.float32(2.0 * np.pi) * r * step
+        w, by_a, by_c, by_s = terms[k, 0], terms[k, 2], terms[k, 3], terms[k, 4]
+        slope, a, c = g * row[k, 2], g * row[k, 1], row[k, 0]
+        xx += ring * w * slope * slope
+        aa += ring * by_a * a
+        ac += ring * by_a * c
+        cc += ring * by_c * c
+        at += ring * by_s * a
+        ct += ring * by_s * c
+        tt += ring * by_s * by_s / w
+    out[0] += 0.5 * xx
+    out[7] += aa
+    out[8] += ac
+    out[9] += cc
+    out[12] += at
+    out[13] += ct
+    out[14] += tt
 
 
 @njit(cache=True)
