@@ -93,7 +93,7 @@ def test_all_that_the_plan_leaves_out_changes_less_than_the_tolerance(tried, nam
 def test_half_height_moves_by_the_square_of_the_blur(tried):
     photographed, estimates = tried("plain, counted")
     radius = photographed.contacts["radius_m"].to_numpy() / photographed.scene.camera.pixel_size
-    # half height lies s^2/(2 a) inside the edge, s^2 = 1.4^2 + 1/12; without blur the pixel's 1/12 stays: each
+    # half height lies s^2/(2 a) inside the edge, s^2 = 1.4^2 + 1/12; without blur the pixel's 1/12: each
     # contact loses 2 pi a 1.4^2/(2 a) to first order, those below 1.2 s all that they have
     expected = len(radius) * np.pi * 1.4**2 / np.sum(np.pi * radius**2)
     assert estimates["blur"].change == pytest.approx(expected, rel=0.25)
