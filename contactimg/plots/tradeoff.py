@@ -111,7 +111,7 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
 
 def _leave_room(ax: Axes, x: Values, y: Values) -> None:
     """Limits with room for the labels right of the points."""
-    wide = max(np.log10(x.max() / x.min()), 0.5)
+    wide = max(np.log10(x.max() / x.min()), 0.8)  # less than a decade of axis has no plain labels
     high = max(np.log10(y.max() / y.min()), 0.5)
     ax.set_xlim(x.min() / 10 ** (0.1 * wide), x.max() * 10 ** (0.55 * wide))
     ax.set_ylim(y.min() / 10 ** (0.12 * high), y.max() * 10 ** (0.12 * high))
