@@ -1,26 +1,103 @@
-"""Every notebook runs from top to bottom, and is stored without outputs."""
+"""Every notebook runs from top to bottom, defines nothing, and its stored full results belong to it."""
 
+import ast
+import importlib.util
+import re
 from pathlib import Path
 
 import nbformat
+import numpy as np
+import pandas as pd
 import pytest
 from nbclient import NotebookClient
 
-NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
+import contactimg
+
+ROOT = Path(__file__).parents[1]
+RESULTS = ROOT / "notebooks" / "results"
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+WITH_RESULTS = [path for path in NOTEBOOKS if "CONTACTIMG_FULL" in path.read_text(encoding="utf-8")]
+
+every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+every_result = pytest.mark.parametrize("path", WITH_RESULTS, ids=lambda path: path.stem)
+
+
+def code_of(path):
+    return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+
+
+def tree_of(path):
+    return ast.parse("\n".join(cell.source for cell in code_of(path)))
+
+
+def stored_bytes():
+    return {path.name: path.read_bytes() for path in RESULTS.iterdir()}
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebook_runs(path):
+@every_notebook
+def test_notebook_runs(path, monkeypatch):
+    """With its small ensembles; that its rows are those of the stored table, the notebook itself asserts."""
+    monkeypatch.delenv("CONTACTIMG_FULL", raising=False)
+    before = stored_bytes()
     notebook = nbformat.read(path, as_version=4)
     NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(path.parent)}}).execute()
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-1]
     assert last.execution_count is not None
+    assert stored_bytes() == before
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@every_notebook
 def test_notebook_is_stored_without_outputs_and_defines_no_function(path):
-    cells = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
-    assert not any(cell.outputs for cell in cells)
-    assert not any(line.startswith("def ") for cell in cells for line in cell.source.splitlines())
+    assert not any(cell.outputs or cell.execution_count for cell in code_of(path))
+    kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
+    assert not [node for node in ast.walk(tree_of(path)) if isinstance(node, kinds)]
+
+
+@every_notebook
+def test_notebook_uses_the_public_names_only(path):
+    public = {*contactimg.__all__, "plots"}
+    for node in ast.walk(tree_of(path)):
+        if isinstance(node, ast.Import):
+            assert not any(alias.name.startswith("contactimg.") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module.startswith("contactimg"):
+            assert node.module == "contactimg"
+            assert {alias.name for alias in node.names} <= public
+        elif isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "contactimg":
+            assert node.attr in public
+
+
+def test_notebooks_with_ensembles_are_found():
+    assert len(WITH_RESULTS) == 8
+
+
+@every_result
+def test_stored_results_hold_what_the_notebook_shows(path):
+    table = pd.read_csv(RESULTS / f"{path.stem}.csv")
+    assert list(table.columns) == ["quantity", "ours", "std", "paper", "note"]
+    assert np.isfinite(table["ours"]).all()
+    assert table["paper"].notna().any()
+    text = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells)
+    assert "10.1039/C4SM02346C" in text
+    named = re.findall(r"results/([\w.]+\.(?:csv|png))", text)
+    assert f"{path.stem}.csv" in named
+    assert any(name.endswith(".png") for name in named)
+    for name in named:
+        assert 0 < (RESULTS / name).stat().st_size < 400_000  # a repository is no store of pictures
+
+
+def test_nothing_is_stored_that_no_notebook_names():
+    text = "".join(path.read_text(encoding="utf-8") for path in NOTEBOOKS)
+    stored = {path.name for path in RESULTS.iterdir()} - {"README.md", "runs.csv"}
+    assert {name for name in stored if name not in text} == set()
+
+
+def test_listed_tables_are_the_stored_ones():
+    spec = importlib.util.spec_from_file_location("notebook_results", ROOT / "benchmarks/notebook_results.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert [path.stem for path in script.with_results()] == [path.stem for path in WITH_RESULTS]
+    listed = set(pd.read_csv(RESULTS / "runs.csv")["notebook"])
+    assert listed == {path.stem for path in WITH_RESULTS}
+    assert (RESULTS / "README.md").read_text(encoding="utf-8") == script.page()
