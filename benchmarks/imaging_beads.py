@@ -28,7 +28,7 @@ def show_beads(*, name="imaging_beads.png"):
         "beads", [*markdown(["beads", "seen", "found"], rows), "", f"Disks where no bead is: {len(extra)}."]
     )
 
-    figure, axes = plt.subplots(figsize=(8.0, 6.05), layout="constrained")
+    figure, axes = plt.subplots(figsize=(6.4, 4.84), layout="constrained")
     axes.imshow(image, cmap="gray")
     for group, colour in ((disks.iloc[found], OTHERS), (extra, OURS)):
         for disk in group.itertuples():
