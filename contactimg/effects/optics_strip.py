@@ -24,8 +24,8 @@ __all__ = ["REALISATIONS", "Strip", "arrange_strip", "expose_strip", "strip_ligh
 
 Values = NDArray[np.float64]
 
-MOST_CONTACTS = 64
-MOST_PIXELS = 100_000
+MOST_CONTACTS = 36
+MOST_PIXELS = 60_000
 FEWEST_CONTACTS = 4
 REALISATIONS = 2  # of the noise; some dozens of contacts each have their own
 REACH = 4.0  # blur widths around a contact that its cell holds
