@@ -124,6 +124,9 @@ def main() -> None:
         for number, (name, changes) in enumerate(RENDERED.items()):
             folder = Path(top) / str(number)
             render(folder, changes, seed)
+            if "film" in changes:
+                results[f"{name}, rim in the edge model"] = judge(folder)
+                write_scene(read_scene(folder).source | {"effects": {"film": "off"}}, folder / "scene.toml")
             results[name] = judge(folder)
         folder = Path(top) / "0"
         scene = read_scene(folder).source

@@ -32,6 +32,7 @@ from .files import read_scene as read_scene
 from .forces import assign_forces as assign_forces
 from .frame import Frame as Frame
 from .imaging.measure import measure_image as measure_image
+from .imaging.shared_optics import SharedOptics as SharedOptics
 from .matching import PoseFit as PoseFit
 from .matching import PoseSearch as PoseSearch
 from .matching import fit_pose as fit_pose

@@ -168,6 +168,7 @@ FOREIGN = {
     "airy": ({"psf": "airy"}, {}, 0.02, 0.04),
     "spread": ({"brightness_spread": 0.05}, {}, 0.02, 0.03),
     "film": ({}, {"film": "on"}, 0.06, 0.08),
+    "film with its rim": ({}, {"film": "on"}, 0.01, 0.015),
 }
 
 
@@ -176,6 +177,9 @@ def test_frames_foreign_to_the_estimator(name, tmp_path):
     optics, effects, area_limit, force_limit = FOREIGN[name]
     scene = scene_from_dict(SCENE | {"simulate": SCENE["simulate"] | optics, "effects": effects})
     write_simulation(scene, need_asperities(scene, "a test"), tmp_path)
+    if name == "film":
+        source = read_scene(tmp_path).source
+        write_scene(source | {"effects": {"film": "off"}}, tmp_path / "scene.toml")
     run = measure_series(read_scene(tmp_path), workers=1)
     truth = pd.read_csv(tmp_path / "truth.csv")
     _, true, _, j = pairs_with_truth(run, truth, "frame_1.tif")

@@ -123,7 +123,7 @@ def test_a_contact_as_wide_as_its_sphere_has_no_force_by_the_spheres_law():
 
 
 def moment_ratio(ratio):
-    """``sqrt(5/2 <r^2>)`` over a, with the force's mean of r^2 under a sphere at ``a/R``; 1 under a paraboloid.
+    """``sqrt(5/2 <r^2>)`` over a, with the mean of r^2 by force, of a sphere at ``a/R``; 1 for a paraboloid.
 
     The pressure under a profile whose indentation at contact radius s is g(s) is that of flat punches of
     radii s, weighed by g'(s) ds, each with <r^2> = 2/3 s^2: <r^2> = 2/3 int g' s^3 ds/int g' s ds.

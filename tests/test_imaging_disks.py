@@ -149,11 +149,13 @@ def test_halo_is_found_and_taken_out():
         np.float32
     )
     model = clean - 80.0
-    halo = estimate_halo(hazy - 80.0, model, contrast=100.0)
+    halo = estimate_halo(hazy - 80.0, model, contrast=100.0, contacts=12)
     # pixels beyond the core tell the fraction to a per cent or two of itself
     assert halo.sigma_px == 8.0
     assert halo.fraction == pytest.approx(0.2, abs=0.01)
-    assert estimate_halo(model, model, contrast=100.0) is None
+    assert estimate_halo(model, model, contrast=100.0, contacts=12) is None
+    # the scatter of two contacts says nothing about that of more
+    assert estimate_halo(hazy - 80.0, model, contrast=100.0, contacts=2) is None
     left = remove_halo(hazy - 80.0, model, halo) - model
     # 5 % for the fraction, and half a step, 10 %, for the width
     assert np.sqrt(np.mean(left**2)) < 0.15 * np.sqrt(np.mean((hazy - clean) ** 2))

@@ -176,7 +176,7 @@ def test_film_switched_on_takes_its_rim_out_of_the_radii(tmp_path):
     _, truth = simulated(tmp_path / "film", {"film": "on"}, electrons_per_level=200)
     a = truth.groupby("frame")["radius_m"]
     with_rim = switched(tmp_path / "film", film="on")
-    without = switched(tmp_path / "film", film="auto")
+    without = switched(tmp_path / "film", film="off")
     # at 6 um a pixel and a blur of 1.4 px a disk exceeds the contact by this much of its radius
     excess = a.transform(
         lambda r: np.interp(1e6 * r, [5, 10, 20, 30, 45], [0.106, 0.048, 0.019, 0.011, 0.007])

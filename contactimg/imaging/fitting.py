@@ -23,7 +23,7 @@ from contactimg.imaging.disks import (
 )
 from contactimg.imaging.dust import reject_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
-from contactimg.imaging.halo import estimate_halo, remove_halo
+from contactimg.imaging.halo import Halo, estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.pixels import NO_MASK, Pixels
@@ -48,6 +48,7 @@ ATTEMPTS = 3
 LEAST_SPREAD = 1e-4  # of the contrast
 SAME_CONTRAST = 0.1  # change of ln contrast from which on disks are told apart again
 HALO_SETTLED = 2e-3  # of the light
+KNOWN_ROUNDS = 3  # of a halo that is known: each leaves a fifth of what the fit takes for edge
 HALO_ROUNDS = 5  # the fit takes halo for edge at first; each round leaves a fifth of that
 POOR_CHI_SQUARE = 1.5
 FAINT = 10.0  # standard deviations of the light of a contact
@@ -122,18 +123,23 @@ def fit_contacts(
     free_blur = guess is None
     level = max(difference.level, 0.1 * contrast.plateau)
     before = Known.of(known, contrast=contrast.plateau, blur=blur, binning=field.bin)
+    best: _Trial | None = None
+    anchor = float("nan")
     for _ in range(ATTEMPTS):
         trial = _attempt(
             field, contrast=contrast, noise=noise, level=level, blur=blur, before=before,
-            spread=known.spread, film=film, free_blur=free_blur,
+            known=known, film=film, free_blur=free_blur, anchor=anchor,
         )  # fmt: skip
-        found = trial.settled
+        if best is not None and 2 * len(trial.fit.disks) < len(best.fit.disks):
+            break  # at a contrast at which most contacts vanish, the contacts are not disks
+        best, found = trial, trial.settled
         if found is None or abs(np.log(found.contrast / contrast.plateau)) < SAME_CONTRAST:
             break
         # disks were told apart at another contrast: look again
         contrast, blur = replace(contrast, plateau=found.contrast), found.fit.blur
+        anchor = found.shown
         free_blur = free_blur and film is not None
-    return _report(trial, pixels, image, difference, contrast)
+    return _report(best or trial, pixels, image, difference, contrast)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,6 +149,7 @@ class _Trial:
     assembly: Assembly
     field: "_Field"
     fit: DiskFit
+    halo: Halo | None
     settled: Settled | None
 
 
@@ -154,9 +161,10 @@ def _attempt(
     level: float,
     blur: float,
     before: Known,
-    spread: float,
+    known: SharedOptics,
     film: Rim | None,
     free_blur: bool,
+    anchor: float,
 ) -> _Trial:
     """Tell the disks apart and fit them, with the frame's own noise, halo, contrast and blur."""
     gain = 1.0 + contrast.plateau / level
@@ -169,18 +177,18 @@ def _attempt(
         field.image, field.weight, field.background, plateau=contrast.plateau, noise=first,
         brightness=field.brightness, blur=blur, free_blur=free_blur, table=table,
     )  # fmt: skip
-    start = assembly.fit
-    if film is None:
-        field, start = _without_halo(field, start, contrast, first, free_blur=free_blur)
+    start, halo = assembly.fit, None
     if not len(start.disks):
-        return _Trial(assembly, field, start, None)
+        return _Trial(assembly, field, start, halo, None)
+    if film is None:
+        field, start, halo = _without_halo(field, start, contrast, first, known, free_blur=free_blur)
     if film is not None:
         before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
     settled = _refine(
-        field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=spread,
-        free_blur=free_blur, table=table,
+        field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=known.spread,
+        free_blur=free_blur, table=table, anchor=anchor,
     )  # fmt: skip
-    return _Trial(assembly, field, settled.fit, settled)
+    return _Trial(assembly, field, settled.fit, halo, settled)
 
 
 def _report(
@@ -211,7 +219,7 @@ def _report(
         optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
     else:
         optics, own = (
-            trial.settled.optics(covariance, binning=field.bin)
+            replace(trial.settled.optics(covariance, binning=field.bin), halo=trial.halo)
             for covariance in (trial.settled.covariance, trial.settled.own)
         )
     rejected = pd.concat([tried, gone], ignore_index=True)
@@ -219,15 +227,29 @@ def _report(
 
 
 def _without_halo(
-    field: "_Field", fit: DiskFit, contrast: Contrast, noise: Noise, *, free_blur: bool
-) -> tuple["_Field", DiskFit]:
-    """Take the wide part of the point spread function out of the image, in turn with the fit."""
-    image, before = field.image, 0.0
-    for _ in range(HALO_ROUNDS):
-        halo = estimate_halo(field.image, fit.model, contrast=contrast.plateau) if len(fit.disks) else None
-        if halo is None or abs(halo.fraction - before) < HALO_SETTLED:
+    field: "_Field",
+    fit: DiskFit,
+    contrast: Contrast,
+    noise: Noise,
+    known: SharedOptics,
+    *,
+    free_blur: bool,
+) -> tuple["_Field", DiskFit, Halo | None]:
+    """Take the wide part of the point spread function out of the image, in turn with the fit.
+
+    Where contrast and blur are known, so is the halo: there is the one that is known, or none.
+    """
+    image, before, found = field.image, 0.0, None
+    told = np.isfinite([known.contrast, known.blur_px]).all()
+    for turn in range(HALO_ROUNDS):
+        halo = (
+            known.halo
+            if told
+            else estimate_halo(field.image, fit.model, contrast=contrast.plateau, contacts=len(fit.disks))
+        )
+        if halo is None or (abs(halo.fraction - before) < HALO_SETTLED and turn >= told * KNOWN_ROUNDS):
             break
-        before = halo.fraction
+        before, found = halo.fraction, halo
         image = remove_halo(field.image, fit.model, halo)
         n = len(fit.disks)
         prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
@@ -235,7 +257,7 @@ def _without_halo(
             image, field.weight, fit.disks, blur=fit.blur, noise=noise, prior=prior,
             brightness=field.brightness(fit.disks), free_blur=free_blur, robust=False, iterations=4,
         )  # fmt: skip
-    return replace(field, image=image), fit
+    return replace(field, image=image), fit, found
 
 
 def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, guess: float) -> float:
@@ -275,6 +297,7 @@ def _refine(
     spread: float,
     free_blur: bool,
     table: EdgeTable | None,
+    anchor: float,
 ) -> Settled:
     """Last fit, with noise, background, contrast and spread of contrasts as the first one shows them."""
     residual, image = _level(field, start)
@@ -286,6 +309,7 @@ def _refine(
     radius = start.disks[:, RADIUS]
     shared = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
     prior = contrast_prior(start, plateau=contrast.plateau, inflation=shared)
+    shown = float(prior.mean[0]) if np.count_nonzero(wide_disks(start)) >= ENOUGH else anchor
     if np.isfinite(spread):
         prior = Prior(prior.mean, np.maximum(spread, LEAST_SPREAD * prior.mean))
     brightness = field.brightness(start.disks)
@@ -297,7 +321,7 @@ def _refine(
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
     settled = settle_optics(
         image, field.weight, fit, noise=model, prior=prior, brightness=brightness, known=before,
-        inflation=inflation, shown=int(np.count_nonzero(wide_disks(start))) >= ENOUGH, table=table,
+        inflation=inflation, shown=shown, table=table,
     )  # fmt: skip
     fit = settled.fit
     # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in

@@ -18,10 +18,10 @@ __all__ = ["Halo", "estimate_halo", "remove_halo"]
 WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
 COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way
 DARK = 5e-4  # of the contrast: the core has ended where it is below
-CHANCE = 3e-6  # probability of a halo that is none: 8 standard deviations, if all strips tell about it
+CHANCE = 3e-6  # probability of a halo that is none: 8 standard deviations of 12 parts
 LARGEST = 0.6  # of the light: more would be no halo but the point spread function
 LEAST = 0.01  # of the light: a smaller halo changes no radius by more than its error
-BANDS = 12  # strips of the image whose scatter gives the fraction's uncertainty
+PARTS, FEWEST = 12, 3  # parts of the image, one contact each at least, whose scatter gives the uncertainty
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ class Halo:
     sigma_px: float
 
 
-def estimate_halo(image: NDArray[np.float32], model: NDArray[np.float32], *, contrast: float) -> Halo | None:
+def estimate_halo(
+    image: NDArray[np.float32], model: NDArray[np.float32], *, contrast: float, contacts: int
+) -> Halo | None:
     """Halo of a frame, or None if it has no significant one.
 
     Parameters
@@ -51,21 +53,24 @@ def estimate_halo(image: NDArray[np.float32], model: NDArray[np.float32], *, con
         Fitted disks through the core of the point spread function.
     contrast : float
         Of the contacts.
+    contacts : int
+        How many there are: fewer than three say nothing.
     """
-    if _best(image, model, contrast, 2 * COARSE, WIDTHS[::3]) is None:
+    parts = min(contacts, PARTS)
+    if parts < FEWEST or _best(image, model, contrast, 2 * COARSE, WIDTHS[::3], parts=parts) is None:
         return None
-    return _best(image, model, contrast, COARSE, WIDTHS)
+    return _best(image, model, contrast, COARSE, WIDTHS, parts=parts)
 
 
 def _best(
-    image: NDArray, model: NDArray, contrast: float, coarse: int, widths: tuple[float, ...]
+    image: NDArray, model: NDArray, contrast: float, coarse: int, widths: tuple[float, ...], *, parts: int
 ) -> Halo | None:
     """The halo of one of some widths that explains most, on means of so many pixels each way."""
     small, core = _means(image, coarse), _means(model, coarse)
     dark = np.abs(core) < DARK * contrast
-    if np.count_nonzero(dark) < 20 * BANDS:
+    if np.count_nonzero(dark) < 20 * PARTS:
         return None
-    fits = [(_regress(small, _spread(core, width / coarse), dark), width) for width in widths]
+    fits = [(_regress(small, _spread(core, width / coarse), dark, parts), width) for width in widths]
     (fraction, least, _), width = min(fits, key=lambda item: item[0][2])
     return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
 
@@ -86,19 +91,17 @@ def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
 
 
-def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_]) -> tuple[float, float, float]:
+def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_], parts: int) -> tuple[float, float, float]:
     """Slope of the data on the halo where the mask holds, its least significant value, and what is left."""
     x, y = wide[mask].astype(float), data[mask].astype(float)
     x, y = x - x.mean(), y - y.mean()
-    power = float(x @ x)
-    if power <= 1e-9 * len(x):
+    power = np.cumsum(x * x)
+    if power[-1] <= 1e-9 * len(x):
         return 0.0, np.inf, float(y @ y)
-    slope = float(x @ y) / power
+    slope = float(x @ y) / float(power[-1])
     rest = y - slope * x
-    # pixels share noise, so the uncertainty comes from the scatter between strips of the image
-    bands = np.array([float(part.sum()) for part in np.array_split(x * rest, BANDS)])
-    # strips without contacts say nothing: the scatter of the few that do is a scatter of few
-    shares = np.array([float(part.sum()) for part in np.array_split(x * x, BANDS)]) / power
-    freedom = max(1.0 / float(shares @ shares) - 1.0, 0.1)
-    least = float(stats.t.isf(CHANCE, freedom)) * float(np.sqrt(np.sum(bands**2))) / power
-    return slope, least, float(rest @ rest)
+    # pixels share noise, so the uncertainty comes from the scatter between parts of the image that tell as
+    # much as each other
+    starts = np.searchsorted(power, power[-1] * np.arange(parts) / parts)
+    scatter = np.sqrt(np.sum(np.add.reduceat(x * rest, starts) ** 2)) / float(power[-1])
+    return slope, float(stats.t.isf(CHANCE, parts - 1) * scatter), float(rest @ rest)

@@ -60,6 +60,7 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
         blur_px=blur.value,
         blur_std_px=blur.std,
         correlation=best.correlation * contrast.shared * blur.shared,
+        halo=best.halo,
     )
 
 

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks, render_disks, stand_alone
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable, disk_table
+from contactimg.imaging.halo import Halo
 from contactimg.imaging.noise import Noise
 from contactimg.imaging.normal import CROSS, RIGHT, SUMS, disk_sums, unpack
 
@@ -52,6 +53,8 @@ class SharedOptics:
         Its standard uncertainty.
     correlation : float
         Of the errors of contrast and blur.
+    halo : Halo or None
+        Wide part of the point spread function; None if there is none, or if it is not known.
 
     Examples
     --------
@@ -65,6 +68,7 @@ class SharedOptics:
     blur_px: float = np.nan
     blur_std_px: float = 0.0
     correlation: float = 0.0
+    halo: Halo | None = None
 
     def scaled(self, factor: float) -> "SharedOptics":
         """The same in grey levels ``factor`` times as fine."""
@@ -90,6 +94,8 @@ class Settled:
     fit : DiskFit
     contrast, spread : float
         Grey levels.
+    shown : float
+        Contrast that wide contacts show; NaN if there are none.
     covariance : ndarray, shape (2, 2)
         Of (ln contrast, blur in px of the fit, pixel included), what was known before included.
     own : ndarray, shape (2, 2)
@@ -102,6 +108,7 @@ class Settled:
     fit: DiskFit
     contrast: float
     spread: float
+    shown: float
     covariance: NDArray[np.float64]
     own: NDArray[np.float64]
     modes: NDArray[np.float64]
@@ -172,7 +179,7 @@ def settle_optics(
     brightness: NDArray[np.float64],
     known: Known,
     inflation: NDArray[np.float64],
-    shown: bool,
+    shown: float,
     table: EdgeTable | None = None,
 ) -> Settled:
     """Find the common contrast and blur that explain an image best, and the disks with them.
@@ -188,8 +195,8 @@ def settle_optics(
     known : Known
     inflation : ndarray, shape (n,)
         Factor of the variances for what the noise model leaves out.
-    shown : bool
-        Whether the prior's mean is what wide contacts show.
+    shown : float
+        Contrast that wide contacts show; NaN if there are none.
 
     Returns
     -------
@@ -207,10 +214,10 @@ def settle_optics(
         )  # fmt: skip
         scatter = terms.scatter(least)
         # where contacts disagree, edges are not those assumed; the plateau of wide contacts does not care
-        plateau = shown * max(1.0 - DISAGREE / scatter, 0.0) / PLATEAU**2
+        plateau = np.isfinite(shown) * max(1.0 - DISAGREE / scatter, 0.0) / PLATEAU**2
         own = terms.information.sum(axis=0) / scatter + np.diag([plateau, 0.0])
         gradient = terms.gradient.sum(axis=0) / scatter
-        gradient[0] += plateau * np.log(prior.mean[0] / contrast)
+        gradient[0] += plateau * np.log(shown / contrast) if plateau else 0.0
         gradient += known.information @ (known.mean - np.array([np.log(contrast), blur]))
         covariance = np.linalg.inv(own + known.information)
         step = covariance @ gradient
@@ -231,7 +238,7 @@ def settle_optics(
     least_information = np.diag(1e-6 / np.array([1.0, blur]) ** 2)
     modes = terms.response @ np.linalg.cholesky(covariance)
     return Settled(
-        fit, contrast, relative * contrast, covariance, np.linalg.inv(own + least_information), modes
+        fit, contrast, relative * contrast, shown, covariance, np.linalg.inv(own + least_information), modes
     )
 
 
