@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import pandas as pd
+from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.dust import absent_in_frame
@@ -98,20 +99,30 @@ def find_objects(image: NDArray[np.float32], level: float) -> Objects:
     # what the border cuts goes on beyond it
     around = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    distance = np.minimum(distance, max(image.shape))
-    inside = mask > 0
-    which = labels[inside]
-    widest, peak = np.zeros(count), np.full(count, -np.inf)
-    np.maximum.at(widest, which, distance[inside])
-    np.maximum.at(peak, which, image[inside])
+    widest, mean, peak = _inside(labels, np.minimum(distance, max(image.shape)), image, count)
     area = stats[:, cv2.CC_STAT_AREA].astype(float)
-    mean = np.bincount(which, distance[inside], minlength=count) / np.maximum(area, 1.0)
     # pixels lie up to half a pixel beyond the rim that distances count from
     half = np.maximum(widest - 0.5, 0.5)
     length = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
     filled = (mean - 0.5 > FILLED * half) | (half < THIN)
     long = filled & (area > LONG * np.pi * half**2) & (length > LENGTH * (half + SHORT))
     return Objects(labels - 1, area[1:], peak[1:], long[1:], half[1:], centroids[1:, 0], centroids[1:, 1])
+
+
+@njit(cache=True)
+def _inside(labels, distance, image, count):
+    """Largest and mean distance to the rim, and brightest pixel, of each label but 0."""
+    widest, total, peak = np.zeros(count), np.zeros(count), np.full(count, -np.inf)
+    pixels = np.zeros(count)
+    for row in range(labels.shape[0]):
+        for column in range(labels.shape[1]):
+            label = labels[row, column]
+            if label:
+                pixels[label] += 1.0
+                total[label] += distance[row, column]
+                widest[label] = max(widest[label], distance[row, column])
+                peak[label] = max(peak[label], image[row, column])
+    return widest, total / np.maximum(pixels, 1.0), peak
 
 
 def find_foreign(

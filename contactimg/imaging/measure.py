@@ -200,8 +200,8 @@ def measure_image(
     disks = _flagged(found.contacts, found.own).assign(label=np.arange(1, len(found.contacts) + 1))
     status, message, measurable = _judge(pixels, difference, found, known)
     return ImageMeasurement(
-        disks=disks[list(DISKS)].astype(DISKS).reset_index(drop=True),
-        rejected=pd.concat([foreign.rejected, found.rejected]).astype(REJECTED).reset_index(drop=True),
+        disks=_table(disks, DISKS),
+        rejected=_table(pd.concat([foreign.rejected, found.rejected]), REJECTED),
         contrast=sign * found.optics.contrast * pixels.unit if contrast.plateau > 0 else 0.0,
         noise=noise * pixels.unit,
         threshold=fraction if method == "threshold" else float("nan"),
@@ -218,6 +218,11 @@ def measure_image(
         smallest_px=found.smallest_px,
         measurable=measurable,
     )
+
+
+def _table(rows: pd.DataFrame, dtypes: dict[str, str]) -> pd.DataFrame:
+    """The columns with their dtypes, rows numbered from 0."""
+    return pd.DataFrame({name: pd.Series(rows[name].to_numpy(), dtype=dtypes[name]) for name in dtypes})
 
 
 def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
