@@ -63,7 +63,8 @@ def judge(name, seeds):
             factors[effect] = max(factor, 1 / max(factor, 1e-9))
             mark = f"factor {factors[effect]:.2f}"
         print(
-            f"  {effect:15s} true {100 * truth:6.2f} +- {100 * error:.2f} %  estimated {100 * guess:6.2f} % {mark}"
+            f"  {effect:15s} true {100 * truth:6.2f} +- {100 * error:.2f} %"
+            f"  estimated {100 * guess:6.2f} % {mark}"
         )
     decisions, _ = decide(
         [estimates[e] for e in OPTICS if e in everything], scene.effects, tolerance=tolerance
