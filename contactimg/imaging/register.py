@@ -90,10 +90,12 @@ def estimate_shift_closely(
     light: LightField,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
-    """`estimate_shift` from all rows, and from nothing but dirt where that tells more."""
+    """`estimate_shift` from all rows; if that is not enough, from nothing but dirt where that tells more."""
     rows = np.arange(frame.shape[0])
-    tries = [_estimate(frame, reference, light, valid, rows, dirt=dirt) for dirt in (False, True)]
-    found = min(tries, key=lambda one: one.shift.std_px)
+    found = _estimate(frame, reference, light, valid, rows)
+    if found.shift.std_px >= GOOD_STD:
+        dirty = _estimate(frame, reference, light, valid, rows, dirt=True)
+        found = min(found, dirty, key=lambda one: one.shift.std_px)
     return found if found.shift.std_px < LARGEST_STD else NOTHING
 
 
