@@ -111,7 +111,7 @@ def markdown(header, rows):
     ]
 
 
-def put_table(name, lines, *, page=ROOT / "docs" / "imaging.md"):
+def put_table(name, lines, *, page=ROOT / "docs/imaging.md"):
     """Print a table and put it between the marks of that name on the page."""
     print("\n".join(["", name, *lines]), flush=True)
     text = page.read_text(encoding="utf-8")

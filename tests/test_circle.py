@@ -9,10 +9,10 @@ from contactimg.imaging.circle_fit import EdgeModel, choose_opening, fit_circle
 from contactimg.mechanics import hertz, jkr
 from contactimg.optics.film import Light, excess_table, hertz_gap
 from contactimg.optics.psf import gaussian_psf
+from contactimg.optics.spots import Spots, spots_image
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
 from contactimg.render import render_smooth_contact
 from contactimg.render.smooth import SmoothSpot
-from contactimg.optics.spots import Spots, spots_image
 from contactimg.scene import scene_from_dict
 
 LED = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))

@@ -29,6 +29,7 @@ __all__ = ["Known", "Settled", "SharedOptics", "combine_errors", "settle_optics"
 EXACT = 1e-4  # relative width of a prior that is said to be exact
 STEPS = 20
 LONGEST = 0.4, 0.25  # step of ln C, and of the blur relative to it
+LINEAR = 0.003  # relative step up to which disks follow in proportion: what that leaves is its square
 SIGNIFICANT = 0.2  # of the uncertainty of the sum of a^3: a smaller step is not worth another fit
 PLATEAU = 0.02  # relative: error of the contrast that wide contacts show where edges are not those assumed
 DISAGREE = 2.0  # factor of the variance of the votes from which on edges are not those assumed
@@ -226,6 +227,9 @@ def settle_optics(
         step *= 0.5 if step @ before < 0 else 1.0
         before = step = np.clip(step, [-LONGEST[0], -LONGEST[1] * blur], [LONGEST[0], LONGEST[1] * blur])
         contrast, blur = contrast * float(np.exp(step[0])), blur + float(step[1])
+        if abs(step[0]) < LINEAR and abs(step[1]) < LINEAR * blur:
+            fit = fit.replace(disks=fit.disks + terms.follow @ step, blur=blur)
+            break
         disks = fit.disks.copy()
         disks[:, RADIUS] = np.maximum(disks[:, RADIUS] + terms.response @ step, 0.3 * disks[:, RADIUS])
         disks[:, CONTRAST] *= np.exp(step[0])
@@ -257,11 +261,16 @@ def _matters(step: NDArray, fit: DiskFit, terms: "_Terms", covariance: NDArray) 
 
 @dataclass(frozen=True, eq=False)
 class _Terms:
-    """What each disk tells about (ln contrast, blur), and how its radius follows them."""
+    """What each disk tells about (ln contrast, blur), and how its parameters follow them."""
 
     information: NDArray[np.float64]  # (n, 2, 2)
     gradient: NDArray[np.float64]  # (n, 2)
-    response: NDArray[np.float64]  # (n, 2)
+    follow: NDArray[np.float64]  # (n, 4, 2)
+
+    @property
+    def response(self) -> NDArray[np.float64]:
+        """How the radius follows, shape (n, 2)."""
+        return self.follow[:, RADIUS]
 
     @classmethod
     def of(
@@ -298,7 +307,7 @@ class _Terms:
         information[:, 1, 1] += normal[:, 4, 4]
         gradient = np.stack([tight * contrast * excess, right[:, 4]], axis=-1)
         gradient += np.einsum("nij,ni->nj", follow, down)
-        return cls(_without_negative(information), gradient, follow[:, RADIUS])
+        return cls(_without_negative(information), gradient, follow)
 
     def scatter(self, least: float) -> float:
         """Factor of the variances: how much more the disks disagree than their noise explains."""

@@ -163,9 +163,10 @@ def _count_corrected(
         blur = scene.simulate.blur_px
     if not blur:
         raise InputError("the blur is not known: give blur_px in [measure]")
-    found = _count(scene, image, reference, full_scale)
-    found[:, 2] = disk_radius(found[:, 2], blur_px=float(np.hypot(blur, np.sqrt(PIXEL_VARIANCE))))
-    return found
+    x, y, radius = _count(scene, image, reference, full_scale).T
+    return np.column_stack(
+        [x, y, disk_radius(radius, blur_px=float(np.hypot(blur, np.sqrt(PIXEL_VARIANCE))))]
+    )
 
 
 def _count_split(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
