@@ -17,7 +17,15 @@ from contactimg.mechanics import hertz, sphere
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.tables import Flag
 
-__all__ = ["ForceLaw", "Total", "assign_forces", "force_exponents", "total_area", "total_force"]
+__all__ = [
+    "ForceLaw",
+    "Total",
+    "adhesive_pull",
+    "assign_forces",
+    "force_exponents",
+    "total_area",
+    "total_force",
+]
 
 ForceLaw = Literal["hertz", "sphere"]
 """Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
@@ -38,10 +46,12 @@ def assign_forces(
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
     law: ForceLaw = "hertz",
+    work_of_adhesion: float = 0.0,
 ) -> pd.DataFrame:
     """Fill ``force_N`` and ``force_std_N``; flag ``BEYOND_HERTZ``.
 
-    Hertz: ``p = 4 E* a^3/(3 R)``; sphere: ``p = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``.
+    Hertz: ``p = 4 E* a^3/(3 R)``; sphere: ``p = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``; a contact
+    that adheres (JKR) bears ``sqrt(8 pi w E* a^3)`` less.
 
     Parameters
     ----------
@@ -55,11 +65,13 @@ def assign_forces(
     modulus_relative_std : float
         Relative standard uncertainty of E*; it enters every force alike.
     law : {"hertz", "sphere"}
+    work_of_adhesion : float, J/m^2
+        w; 0 for contacts that do not adhere.
 
     Returns
     -------
     DataFrame
-        The same table with forces.
+        The same table with forces, negative where adhesion outweighs the pressure.
 
     Raises
     ------
@@ -70,11 +82,13 @@ def assign_forces(
     -----
     Hertz holds while a/R <= 0.33, the sphere's law for linear elasticity at a/R < 1; a contact as wide as its
     sphere has no force by it. The relative uncertainty is ``sqrt((n std(a)/a)^2 + (std(E)/E)^2)`` with the
-    exponent ``n = d ln p/d ln a`` of `force_exponents`.
+    exponent ``n = d ln p/d ln a`` of `force_exponents`; with adhesion the two parts of the force, of
+    exponents n and 3/2, are taken apart, and the modulus counts as for the first.
 
     References
     ----------
-    Yashima et al., eq. (1). Sneddon, doi:10.1016/0020-7225(65)90019-4, section 6.
+    Yashima et al., eq. (1). Sneddon, doi:10.1016/0020-7225(65)90019-4, section 6. Johnson, Kendall, Roberts,
+    doi:10.1098/rspa.1971.0141.
 
     Examples
     --------
@@ -86,21 +100,41 @@ def assign_forces(
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
     exponent = force_exponents(a, R, law=law)
     known = np.isfinite(exponent)
-    force = np.full(a.shape, np.nan)
+    pressed = np.full(a.shape, np.nan)
     if law == "sphere":
-        force[known] = contact_modulus * R[known] ** 2 * sphere.scaled_load(a[known] / R[known])
+        pressed[known] = contact_modulus * R[known] ** 2 * sphere.scaled_load(a[known] / R[known])
     else:
-        force[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
-    relative = np.hypot(exponent * _relative_radius_std(contacts), modulus_relative_std)
+        pressed[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
+    pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
+    slope = exponent * pressed - 1.5 * pulled
     beyond = np.zeros(a.shape, bool)
     finite = np.isfinite(a) & np.isfinite(R)
     beyond[finite] = a[finite] > HERTZ_LIMIT * R[finite]
     flags = contacts["flags"].to_numpy(np.int64) & ~int(Flag.BEYOND_HERTZ)
     return contacts.assign(
-        force_N=force,
-        force_std_N=force * relative,
+        force_N=pressed - pulled,
+        force_std_N=np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed),
         flags=flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0),
     )
+
+
+def adhesive_pull(
+    radius: ArrayLike, *, contact_modulus: float, work_of_adhesion: float
+) -> NDArray[np.float64]:
+    """What adhesion takes from the force of a contact of given radius (N): ``sqrt(8 pi w E* a^3)`` (JKR).
+
+    Parameters
+    ----------
+    radius : array_like, m
+    contact_modulus : float, Pa
+    work_of_adhesion : float, J/m^2
+
+    Examples
+    --------
+    >>> adhesive_pull([2e-5], contact_modulus=4e6, work_of_adhesion=0.05).round(7)
+    array([0.0002005])
+    """
+    return np.sqrt(8 * np.pi * work_of_adhesion * contact_modulus * np.asarray(radius, float) ** 3)
 
 
 def force_exponents(

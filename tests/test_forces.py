@@ -1,11 +1,12 @@
 """Forces: Hertz's law row by row, and the sums with their uncertainties."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from contactimg.errors import InputError
 from contactimg.forces import assign_forces, force_exponents, total_area, total_force
-from contactimg.mechanics import sphere
+from contactimg.mechanics import hertz, jkr, sphere
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
@@ -163,3 +164,18 @@ def test_hertz_on_the_radii_of_spheres_misses_what_it_is_known_to_miss(load, sha
     # patterns differ by 0.3 %
     assert sums["hertz"].sum() == pytest.approx(of_edge, abs=4e-3)
     assert sums["hertz"] @ np.power(wider, 3) == pytest.approx(share, abs=4e-3)
+
+
+def test_contacts_that_adhere_bear_jkr_loads():
+    """a = 20 um, R = 100 um, E* = 4 MPa, w = 50 mJ/m2: 4 E* a^3/(3 R) - sqrt(8 pi w E* a^3)."""
+    a, R, modulus, w = 2e-5, 1e-4, 4e6, 0.05
+    table = pd.DataFrame({"radius_m": [a], "radius_std_m": [1e-3 * a], "flags": [0]})
+    found = assign_forces(table, R, contact_modulus=modulus, work_of_adhesion=w)
+    expected = jkr.load(a, sphere_radius=R, contact_modulus=modulus, work_of_adhesion=w)
+    assert found["force_N"][0] == pytest.approx(float(expected), rel=1e-12)
+    around = [
+        float(jkr.load(s * a, sphere_radius=R, contact_modulus=modulus, work_of_adhesion=w))
+        for s in (0.9995, 1.0005)
+    ]
+    assert found["force_std_N"][0] == pytest.approx(around[1] - around[0], rel=1e-6)
+    assert found["force_N"][0] < 0.6 * hertz.load(a, sphere_radius=R, contact_modulus=modulus)

@@ -195,6 +195,23 @@ def test_film_switched_on_takes_its_rim_out_of_the_radii(tmp_path):
         assert error.iloc[-1] < plain.iloc[-1] - 0.5 * predicted.iloc[-1]
 
 
+def test_adhesion_switched_on_gives_the_forces_of_contacts_that_adhere(tmp_path):
+    data = {section: dict(keys) for section, keys in SCENE.items()} | {"effects": {"adhesion": "on"}}
+    data["elastic"] |= {"work_of_adhesion_J_m2": 0.03}
+    scene = scene_from_dict(data)
+    write_simulation(scene, need_asperities(scene, "a test"), tmp_path)
+    adhering, hertzian = (switched(tmp_path, adhesion=switch) for switch in ("on", "auto"))
+    error = adhering["force_sum_N"] - adhering["load_N"]
+    assert (error.abs() < 3 * adhering["force_sum_std_N"]).all()
+    # Hertz takes no account of the pull, sqrt(8 pi w E* a^3) a contact, and reads that much more
+    truth = pd.read_csv(tmp_path / "truth.csv")
+    pull = np.sqrt(8 * np.pi * 0.03 * scene.elastic.contact_modulus * truth["radius_m"] ** 3)
+    expected = pull.groupby(truth["frame"]).sum()
+    found = hertzian["force_sum_N"] - adhering["force_sum_N"]
+    np.testing.assert_allclose(found, expected[found.index], rtol=0.03)
+    assert (found > 0.1 * hertzian["load_N"]).all()
+
+
 def test_film_needs_the_radius_of_the_asperities(small_series):
     data = {section: dict(keys) for section, keys in read_scene(small_series).source.items()}
     data |= {"effects": {"film": "on"}}

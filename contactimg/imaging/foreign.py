@@ -145,6 +145,8 @@ def find_foreign(
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
     regions = label_components(small, LEVEL * plateau, marks=NO_MASK)
+    if not len(regions):
+        return NOTHING_FOREIGN
     disks = _full(scale, regions["x"], regions["y"], regions["area"])
     absent = absent_in_frame(frame, image, difference, disks)
     sharp = _too_sharp(image, regions, scale, plateau)

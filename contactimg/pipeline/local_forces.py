@@ -4,7 +4,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.forces import ForceLaw, assign_forces, force_exponents, total_area, total_force
+from contactimg.forces import (
+    ForceLaw,
+    adhesive_pull,
+    assign_forces,
+    force_exponents,
+    total_area,
+    total_force,
+)
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES
 
@@ -25,7 +32,8 @@ def fill_forces(
     Parameters
     ----------
     scene : Scene
-        Its effect ``sphere_profile`` switched on means the sphere's exact law instead of Hertz's.
+        Its effect ``sphere_profile`` switched on means the sphere's exact law instead of Hertz's,
+        ``adhesion`` contacts that adhere.
     contacts, frames : DataFrame
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.
     sites : DataFrame or None
@@ -42,15 +50,19 @@ def fill_forces(
     if scene.elastic is not None:
         law: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
         relative = scene.elastic.young_modulus_std / scene.elastic.young_modulus
-        radii = _sphere_radii(contacts, scene, sites)
-        exponent = force_exponents(contacts["radius_m"], radii, law=law)
+        work = scene.elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
+        modulus, radii = scene.elastic.contact_modulus, _sphere_radii(contacts, scene, sites)
         contacts = assign_forces(
             contacts,
             radii,
-            contact_modulus=scene.elastic.contact_modulus,
+            contact_modulus=modulus,
             modulus_relative_std=relative,
             law=law,
+            work_of_adhesion=work,
         )
+        pulled = adhesive_pull(contacts["radius_m"], contact_modulus=modulus, work_of_adhesion=work)
+        share = pulled / contacts["force_N"].to_numpy(float)
+        exponent = force_exponents(contacts["radius_m"], radii, law=law) * (1 + share) - 1.5 * share
     groups = contacts.groupby("frame").indices
     rows = []
     for row in frames.to_dict("records"):
