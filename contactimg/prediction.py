@@ -149,7 +149,7 @@ def predict_average(
         Asperity table; what ``[asperities]`` does not state of density, radius and heights is derived from
         it, the density with ``side_m``.
     load : float
-        N, positive.
+        N, not negative.
     model : {"gw", "gt"}
         Greenwood-Williamson on the rings of an undeformed sphere, or Greenwood-Tripp.
 
@@ -162,13 +162,27 @@ def predict_average(
     ------
     InputError
         If something the model needs is neither stated nor derivable, or an argument breaks its rule.
+    ModelRangeError
+        If contacts would be wider than the asperities.
     ConvergenceError
         If the rings do not converge.
     """
-    rings = solve_average(scene, asperities, load=load, model=model)
     name = load_name(load)
+    if load == 0:
+        return Prediction(CONTACTS.empty(), FRAMES.conform(_row(name, load, 0.0, 0.0, 0.0)), PROFILE.empty())
+    rings = solve_average(scene, asperities, load=load, model=model)
+    profile = rings.profile(name)
+    widest, radius = (
+        profile["mean_radius_m"].max(),
+        _mean_radius(scene.need("asperities", PURPOSE), asperities),
+    )
+    if widest > radius:
+        raise ModelRangeError(
+            f"at {load:g} N the contacts would have a mean radius of {widest * 1e6:.3g} um on asperities of "
+            f"{radius * 1e6:.3g} um, outside every asperity model; lower the load"
+        )
     row = _row(name, load, rings.area, rings.load, rings.indentation)
-    return Prediction(CONTACTS.empty(), FRAMES.conform(row), rings.profile(name))
+    return Prediction(CONTACTS.empty(), FRAMES.conform(row), profile)
 
 
 def solve_average(

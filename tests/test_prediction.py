@@ -200,3 +200,12 @@ def test_a_level_of_coupling_asks_for_the_papers_model():
 
     assert areas("asymptotic") == areas("asymptotic", sphere_profile="off")
     assert areas("auto") == areas("asymptotic", sphere_profile="on") < 0.99 * areas("asymptotic")
+
+
+@pytest.mark.parametrize("model", ["gw", "gt"])
+def test_averages_without_a_load_and_beyond_any_model(asperities, model):
+    nothing = predict_average(scene_with(), asperities, load=0.0, model=model)
+    assert nothing.frames[["status", "area_m2", "force_sum_N"]].iloc[0].tolist() == ["ok", 0.0, 0.0]
+    assert nothing.profile.empty
+    with pytest.raises(ModelRangeError, match=r"on asperities of 100 um, outside every asperity model"):
+        predict_average(scene_with(), asperities, load=1e5, model=model)
