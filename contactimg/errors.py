@@ -1,6 +1,15 @@
 """The exceptions of contactimg, each carrying one sentence a physicist can act on."""
 
-__all__ = ["ContactimgError", "ConvergenceError", "FrameError", "InputError", "ModelRangeError"]
+from typing import Any
+
+__all__ = [
+    "ContactimgError",
+    "ConvergenceError",
+    "FrameError",
+    "InputError",
+    "ModelRangeError",
+    "finite_number",
+]
 
 
 class ContactimgError(Exception):
@@ -21,3 +30,25 @@ class ModelRangeError(InputError):
 
 class ConvergenceError(ContactimgError, RuntimeError):
     """An iterative solver stopped above its tolerance; the message names residual, tolerance and remedy."""
+
+
+def finite_number(value: Any, name: str, unit: str) -> float:
+    """The value as a finite float.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+
+    Examples
+    --------
+    >>> finite_number("0.5", "load", "N")
+    0.5
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number of {unit}, got {value!r}") from None
+    if not -float("inf") < number < float("inf"):
+        raise InputError(f"{name} must be finite, got {value!r} {unit}")
+    return number

@@ -14,7 +14,11 @@ from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
-from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
+from contactimg.models.greenwood_williamson import (
+    RingSolution,
+    ring_weights,
+    solve_greenwood_williamson,
+)
 from contactimg.models.heights import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.solution import InteractingSolution
@@ -28,6 +32,7 @@ __all__ = [
     "Model",
     "Prediction",
     "asperity_density",
+    "check_effects",
     "hertz_circle",
     "load_name",
     "predict_average",
@@ -40,6 +45,9 @@ __all__ = [
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
 PURPOSE = "a contact model"
+
+FEW = 10.0
+"""Contacts below which an average over random patterns says little of a single one."""
 
 FAILED = "failed"
 """Status of a frame or load without an answer."""
@@ -181,8 +189,19 @@ def predict_average(
             f"at {load:g} N the contacts would have a mean radius of {widest * 1e6:.3g} um on asperities of "
             f"{radius * 1e6:.3g} um, outside every asperity model; lower the load"
         )
-    row = _row(name, load, rings.area, rings.load, rings.indentation)
+    row = _row(name, load, rings.area, rings.load, rings.indentation).assign(message=_scatter_remark(rings))
     return Prediction(CONTACTS.empty(), FRAMES.conform(row), profile)
+
+
+def _scatter_remark(rings: RingSolution) -> str:
+    """What to say of averages that stand for a few contacts; empty for many."""
+    count = float(ring_weights(rings.r) @ rings.density)
+    if count >= FEW:
+        return ""
+    return (
+        f"an average over random patterns in which only about {count:.2g} asperities touch: a single pattern "
+        f"scatters about it by {100 / np.sqrt(count):.0f} % or more"
+    )
 
 
 def solve_average(
@@ -264,13 +283,12 @@ def solve_scene(
     ConvergenceError
         If the solver stops above its tolerance.
     """
+    check_effects(scene)
     indenter, elastic, effects = (
         scene.need("indenter", PURPOSE),
         scene.need("elastic", PURPOSE),
         scene.effects,
     )
-    if effects.layer == "on" and elastic.thickness is None:
-        raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
     where = {
         "indenter_radius": indenter.radius,
         "contact_modulus": elastic.contact_modulus,
@@ -282,11 +300,24 @@ def solve_scene(
     }
     if effects.adhesion != "on":
         return solve_interacting(asperities, **where, **options)
-    if elastic.work_of_adhesion == 0:
-        raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
     if coupling not in ADHESIVE_COUPLINGS:
         raise InputError(f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"')
     return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where, **options)
+
+
+def check_effects(scene: Scene) -> None:
+    """Refuse effects that are switched on without the parameter they act by.
+
+    Raises
+    ------
+    InputError
+        Naming the effect and the key that is missing.
+    """
+    elastic, effects = scene.need("elastic", PURPOSE), scene.effects
+    if effects.layer == "on" and elastic.thickness is None:
+        raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
+    if effects.adhesion == "on" and elastic.work_of_adhesion == 0:
+        raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
 
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:

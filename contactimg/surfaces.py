@@ -143,7 +143,8 @@ def composite_apexes(
     Raises
     ------
     InputError
-        If the table breaks a rule (`check_asperities`) or the indenter's radius is not positive.
+        If the table breaks a rule (`check_asperities`), the indenter's radius is not positive, or all
+        asperities lie farther from the apex than that radius.
 
     Notes
     -----
@@ -165,8 +166,15 @@ def composite_apexes(
         raise InputError(f"apex must be two finite coordinates, got {apex!r} m")
     R = table["radius_m"].to_numpy()
     dx, dy = table["x_m"].to_numpy() - x0, table["y_m"].to_numpy() - y0
+    squared = dx**2 + dy**2
+    if squared.size and squared.min() > indenter_radius**2:
+        raise InputError(
+            f"no asperity lies under the indenter: the nearest is {np.sqrt(squared.min()):.3g} m from its "
+            f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
+            "check x_m, y_m and the apex"
+        )
     nearness = R / indenter_radius  # R/Rl: zero under a flat
-    drop = (dx**2 + dy**2) / (2 * R) * (nearness / (1 + nearness))
+    drop = squared / (2 * R) * (nearness / (1 + nearness))
     return pd.DataFrame(
         {
             "x_m": x0 + dx / (1 + nearness),

@@ -318,6 +318,15 @@ def test_every_frame_bad_is_nothing_done(series, tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_frames_that_show_nothing_are_not_success(series, tmp_path, capsys):
+    for path in series.glob("frame_*.tif"):
+        tifffile.imwrite(path, np.full_like(tifffile.imread(path), 77))
+    assert process(series, "-o", tmp_path / "out") == 1
+    frames = frames_of(tmp_path / "out")
+    assert set(frames["status"]) == {"constant"}
+    assert frames["area_m2"].isna().all()
+
+
 def test_overlay_of_no_run(tmp_path, capsys):
     assert "holds no run" in failure(capsys, main(["overlay", str(tmp_path)]))
 
@@ -327,6 +336,12 @@ def test_predict_negative_and_repeated_load(series, tmp_path, capsys):
     assert "load" in failure(capsys, main(["predict", str(series), "--load-N", "-1", "-o", out]))
     repeated = ["predict", str(series), "--load-N", "1", "--load-N", "1", "-o", out]
     assert "more than once" in failure(capsys, main(repeated))
+
+
+def test_a_pull_on_contacts_whose_adhesion_is_left_out_says_so(series, tmp_path, capsys):
+    edit(series / "scene.toml", "[elastic]", "[elastic]\nwork_of_adhesion_J_m2 = 0.05")
+    pull = ["predict", str(series), "--load-N", "-1e-4", "-o", str(tmp_path / "out"), "--coupling", "full"]
+    assert "adhesion is left out here" in failure(capsys, main(pull))
 
 
 def test_unknown_option_is_a_usage_error(capsys):

@@ -244,6 +244,13 @@ def test_a_smooth_contact_shows_all_that_the_scene_states():
     assert planned.scene.effects.read_noise == "on"
 
 
+def test_an_effect_without_its_parameter_stops_before_the_first_frame(tmp_path, capsys):
+    write_scene(small_scene(layer="on").source, tmp_path / "scene.toml")
+    assert main(["simulate", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out")]) == 2
+    assert "needs the thickness_m of [elastic]" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_simulate_writes_what_the_frames_show(tmp_path):
     write_scene(small_scene(shot_noise="on").source, tmp_path / "scene.toml")
     assert main(["simulate", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out"), "--quiet"]) == 0

@@ -203,6 +203,16 @@ def test_a_level_of_coupling_asks_for_the_papers_model():
 
 
 @pytest.mark.parametrize("model", ["gw", "gt"])
+def test_averages_over_few_contacts_say_how_little_they_tell(asperities, model):
+    few, many = (
+        predict_average(scene_with(), asperities, load=load, model=model).frames["message"].iloc[0]
+        for load in (1e-5, 0.5)
+    )
+    assert "a single pattern scatters about it" in few
+    assert many == ""
+
+
+@pytest.mark.parametrize("model", ["gw", "gt"])
 def test_averages_without_a_load_and_beyond_any_model(asperities, model):
     nothing = predict_average(scene_with(), asperities, load=0.0, model=model)
     assert nothing.frames[["status", "area_m2", "force_sum_N"]].iloc[0].tolist() == ["ok", 0.0, 0.0]

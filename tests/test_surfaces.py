@@ -153,6 +153,14 @@ def test_composite_is_the_highest_point_of_cap_minus_lens():
         np.testing.assert_allclose(height - np.array(around), step**2 / (2 * top.radius_m), rtol=1e-10)
 
 
+def test_asperities_beside_the_indenter_are_refused():
+    caps = pd.DataFrame({"x_m": [1.4, 1.5], "y_m": 0.0, "height_m": 4e-5, "radius_m": 1e-4})
+    with pytest.raises(InputError, match=r"nearest is 1.4 m from its apex .* check x_m, y_m and the apex"):
+        composite_apexes(caps, indenter_radius=0.1288)
+    assert len(composite_apexes(caps, indenter_radius=np.inf)) == 2
+    assert len(composite_apexes(caps, indenter_radius=0.1288, apex=(1.4, 0.0))) == 2
+
+
 def test_composite_under_a_flat_is_the_cap():
     caps = table()
     pd.testing.assert_frame_equal(composite_apexes(caps, indenter_radius=np.inf, apex=(3.0, 4.0)), caps)

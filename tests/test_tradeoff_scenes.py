@@ -9,7 +9,14 @@ import pandas as pd
 import pytest
 from small_series import SCENE
 
-from contactimg import measure_image, measure_tradeoff, read_frames, read_scene, scene_from_dict
+from contactimg import (
+    measure_image,
+    measure_tradeoff,
+    plan_effects,
+    read_frames,
+    read_scene,
+    scene_from_dict,
+)
 from contactimg.cli import main
 from contactimg.effects.change import relative_change
 from contactimg.errors import InputError
@@ -131,10 +138,23 @@ def test_a_single_setting_that_fails_leaves_the_others(scene):
 
 
 def test_a_load_beyond_the_models_is_a_reason(scene):
-    knobs, _ = pose_tradeoff(scene, load=3.0, knobs=["solver"])
-    table = run_knobs(knobs, relative=0.01, seconds=0.0).table
-    assert table["error"].isna().all()
-    assert table["message"].str.contains("lower the load").all()
+    knobs, _ = pose_tradeoff(scene, load=3.0, knobs=["solver", "rings"])
+    table = run_knobs(knobs, relative=0.01, seconds=0.0).table.set_index("knob")
+    assert table.loc["solver", "error"].isna().all()
+    assert table.loc["solver", "message"].str.contains("lower the load").all()
+    assert table.loc["rings", "error"].notna().any()
+
+
+def test_failures_alone_are_an_error(scene):
+    with pytest.raises(InputError, match=r"no setting of solver could be run: .* lower the load"):
+        measure_tradeoff(scene, load=3.0, knobs="solver")
+
+
+def test_a_load_is_a_number(scene):
+    with pytest.raises(InputError, match="load must be a number of N, got 'a'"):
+        measure_tradeoff(scene, load="a")
+    with pytest.raises(InputError, match="load must be a number of N, got 'a'"):
+        plan_effects(scene, load="a")
 
 
 def test_zero_load_is_a_sentence(scene):
@@ -171,7 +191,7 @@ def test_parameters_of_a_height_law_serve_for_rings():
 
 
 def test_a_scene_without_anything_is_a_sentence():
-    with pytest.raises(InputError, match="nothing to trade accuracy against time on: it needs"):
+    with pytest.raises(InputError, match="nothing to trade accuracy against time on; image: needs"):
         measure_tradeoff(scene_from_dict({}))
 
 
@@ -347,6 +367,7 @@ def test_predict_takes_the_cheapest_model_that_serves(planned_series, tmp_path, 
     area = predict(planned_series, tmp_path, tolerance)
     printed = " ".join(capsys.readouterr().out.split())
     assert f"{level} for {100 * tolerance:g} % of the area" in printed
+    assert ("within about 0.025 % of boundary elements" in printed) == (tolerance < 2.5e-4)
     # converged: everything of the mechanics that this scene can have, solved to rounding
     scene = read_scene(planned_series)
     on = scene.effects.model_copy(update={"sphere_profile": "on"})

@@ -94,7 +94,8 @@ def process(
     if not quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, tolerance)}")
         click.echo(f"results in {target}")
-    return 1 if (run.frames["status"] == FAILED).any() else 0
+    nothing = run.frames["area_m2"].isna().all() and run.frames["n_contacts"].isna().all()
+    return int(nothing or (run.frames["status"] == FAILED).any())
 
 
 def _method(scene: "Scene", tolerance: float | None) -> str:

@@ -106,8 +106,10 @@ def weigh_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> W
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     adheres = elastic.work_of_adhesion > 0 and scene.effects.adhesion != "off"
     if not (np.isfinite(load) and (load >= 0 or adheres)):
+        left_out = "; adhesion is left out here" if elastic.work_of_adhesion > 0 and not adheres else ""
         raise InputError(
-            f"load must be finite, and positive unless the contacts adhere, got {load!r} N; give another"
+            f"load must be finite, and positive unless the contacts adhere, got {load!r} N{left_out}; "
+            "give another"
         )
     pressed = load
     if load <= 0 and adheres and len(asperities):

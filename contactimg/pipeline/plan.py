@@ -1,7 +1,7 @@
 """The plan of a scene: its asperities and loads read, its effects weighed."""
 
 from contactimg.effects.plan import Plan, make_plan
-from contactimg.errors import InputError
+from contactimg.errors import InputError, finite_number
 from contactimg.files import read_scene_loads
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.scene import Scene
@@ -47,7 +47,8 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     ('asymptotic', False)
     """
     asperities = need_asperities(scene, "planning the effects")
-    return make_plan(scene, asperities, load=largest_load(scene) if load is None else load)
+    chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
+    return make_plan(scene, asperities, load=chosen)
 
 
 def largest_load(scene: Scene) -> float:

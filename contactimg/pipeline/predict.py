@@ -29,6 +29,9 @@ __all__ = ["choice_sentence", "plan_records", "predict_loads", "solver_tolerance
 SOLVER_SHARE = 0.01
 """Share of a tolerance that the solver's residual may take; the plan's effects have the rest."""
 
+MODEL_ERROR = 2.5e-4
+"""Relative difference of the area with full coupling from boundary elements (pattern SA+ at 0.5 N)."""
+
 ROUNDING = 1e-11
 """Least residual asked for, that every solver reaches."""
 
@@ -119,11 +122,17 @@ def choice_sentence(prediction: Prediction, *, relative: float) -> str:
         return str(prediction.frames["message"].iloc[0])
     off = [d for d in plan.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0]
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
+    beyond = (
+        f"; full coupling itself is within about {100 * MODEL_ERROR:g} % of boundary elements"
+        if plan.coupling == "full" and relative < MODEL_ERROR
+        else ""
+    )
     return (
         f"{prediction.frames['frame'].iloc[0]}: {level[plan.coupling]} for {100 * relative:g} % of the "
         f"{plan.output}, to a residual of {solver_tolerance(relative):.0e}"
         + _listed("left out", (d for d in off if d.switch == "auto"))
         + _listed("off by order", (d for d in off if d.switch == "off"))
+        + beyond
     )
 
 

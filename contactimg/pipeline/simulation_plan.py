@@ -7,6 +7,7 @@ import pandas as pd
 
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.optics.recipe import read_recipe
+from contactimg.prediction import check_effects
 from contactimg.scene import Scene
 
 __all__ = ["SimulationPlan", "explicit_switches", "plan_simulation"]
@@ -51,6 +52,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
     """
     simulate = scene.need("simulate", "simulating frames")
     scene.need("camera", "simulating frames")
+    check_effects(scene)
     read_recipe(scene)
     if asperities is None or not simulate.loads:
         return SimulationPlan(explicit_switches(scene), ())
@@ -70,17 +72,17 @@ def _with_any(scene: Scene, plans: Sequence[Plan]) -> Scene:
 def explicit_switches(scene: Scene) -> Scene:
     """The scene with its "auto" switches as a single call of the solver and the renderer takes them.
 
-    Coupling is on, what refines it off; an effect of optics or sensor is on when its parameter is not zero;
-    the air film is off.
+    Coupling is on where there are asperities, what refines it off; an effect of optics or sensor is on when
+    its parameter is not zero; the air film is off.
 
     Examples
     --------
     >>> from contactimg.scene import scene_from_dict
-    >>> scene = explicit_switches(scene_from_dict({"simulate": {"vignetting": 0.2, "blur_px": 0.0}}))
-    >>> scene.effects.vignetting, scene.effects.blur, scene.effects.coupling, scene.effects.film
+    >>> scene = explicit_switches(scene_from_dict({"simulate": {"vignetting": 0.2}, "asperities": {}}))
+    >>> scene.effects.vignetting, scene.effects.dust, scene.effects.coupling, scene.effects.film
     ('on', 'off', 'on', 'off')
     """
-    shown = read_recipe(scene).effects | {"coupling"}
+    shown = read_recipe(scene).effects | ({"coupling"} if scene.asperities is not None else set())
     stated = scene.effects.model_dump()
     switches = {name: "on" if name in shown else "off" for name in stated if stated[name] == "auto"}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})

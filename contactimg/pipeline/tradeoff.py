@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from contactimg.errors import InputError
+from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, read_asperities, read_table, write_figure, write_table
 from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.plan import largest_load
@@ -43,7 +43,7 @@ def measure_tradeoff(
     scene: Scene,
     *,
     load: float | None = None,
-    knobs: Sequence[str] = (),
+    knobs: str | Sequence[str] = (),
     fine: bool = False,
     advance: Callable[[], None] | None = None,
 ) -> Tradeoff:
@@ -55,7 +55,7 @@ def measure_tradeoff(
         ``[tolerance] output`` says what the errors are of, ``relative`` what the sentences are for.
     load : float, optional, N
         By default the largest of the scene.
-    knobs : sequence of str
+    knobs : str or sequence of str
         Of ``image`` (measurement of a frame), ``model`` (contact model), ``solver`` (its tolerance), ``sums``
         (accuracy of coupling sums over many contacts), ``rings`` (of Greenwood-Tripp), ``patterns`` (of an
         ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
@@ -73,7 +73,7 @@ def measure_tradeoff(
     Raises
     ------
     InputError
-        If no knob applies to the scene, with the reasons.
+        If no knob applies to the scene, with the reasons, or no setting can be run.
 
     Notes
     -----
@@ -91,7 +91,8 @@ def measure_tradeoff(
     >>> set(found.table["reference"])
     {'the same equations to a residual of 1e-13'}
     """
-    chosen, left_out = pose_tradeoff(scene, load=load, knobs=knobs, fine=fine)
+    names = [knobs] if isinstance(knobs, str) else knobs
+    chosen, left_out = pose_tradeoff(scene, load=load, knobs=names, fine=fine)
     return run_knobs(
         chosen,
         relative=scene.tolerance.relative,
@@ -115,8 +116,8 @@ def pose_tradeoff(
         load = nan
         with suppress(InputError):
             load = largest_load(scene)
-    elif not -inf < load < inf:
-        raise InputError(f"load must be finite, got {load!r} N")
+    else:
+        load = finite_number(load, "load", "N")
     asperities = scene_asperities(scene)
     case = Case(scene, asperities, load, truth=read_truth(load), measured=_own_frame(scene, load), fine=fine)
     return applicable_knobs(case, knobs)

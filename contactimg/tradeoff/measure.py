@@ -110,9 +110,18 @@ def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob],
     wanted = {name: KNOBS[name] for name in KNOBS if not names or name in names}
     left_out = {name: lacks for name, (_, need) in wanted.items() if (lacks := need(case))}
     if len(left_out) == len(wanted):
-        reasons = dict.fromkeys(left_out.values())
-        raise InputError(f"the scene has nothing to trade accuracy against time on: it {'; '.join(reasons)}")
+        by_reason = {lacks: [k for k in left_out if left_out[k] == lacks] for lacks in left_out.values()}
+        reasons = (f"{', '.join(names)}: {lacks}" for lacks, names in by_reason.items())
+        raise InputError(f"nothing to trade accuracy against time on; {'; '.join(reasons)}")
     return [build(case) for name, (build, _) in wanted.items() if name not in left_out], left_out
+
+
+def _need_any(tables: Sequence[pd.DataFrame]) -> None:
+    """`InputError` if every setting failed: a table of nothing but failures tells nobody anything."""
+    rows = pd.concat(tables, ignore_index=True)
+    if rows["time_s"].isna().all():
+        knobs = ", ".join(dict.fromkeys(rows["knob"]))
+        raise InputError(f"no setting of {knobs} could be run: {rows['message'].iloc[0]}")
 
 
 def run_knobs(
@@ -139,9 +148,15 @@ def run_knobs(
         Called once a setting.
     clock : callable
         As for `measure_knob`.
+
+    Raises
+    ------
+    InputError
+        If no setting can be run.
     """
     each = seconds / len(knobs)
     tables = [measure_knob(knob, seconds=each, advance=advance, clock=clock) for knob in knobs]
+    _need_any(tables)
     sentences = {
         knob.name: knob_sentence(knob.title, table, relative=relative)
         for knob, table in zip(knobs, tables, strict=True)
