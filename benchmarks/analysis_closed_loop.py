@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pattern_scene import pattern_scene
 
 from contactimg.analysis.annuli import annulus_moments
 from contactimg.analysis.area import fit_area_law, frame_areas
@@ -26,30 +27,13 @@ from contactimg.analysis.topography import describe_topography
 from contactimg.cli import main as contactimg
 from contactimg.models.interacting import solve_loads
 from contactimg.pipeline.analyse import Analysis, AnalysisOptions, analyse_places
+from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.places import open_place
 from contactimg.pipeline.simulate import write_simulation
-from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
 
 LOADS_N = [0.02, 0.05, 0.1, 0.2, 0.35, 0.5]
 SIDE = 0.01
-SCENE = {
-    "indenter": {"radius_m": 0.1288, "apex_m": [SIDE / 2, SIDE / 2]},
-    "elastic": {"young_modulus_Pa": 3.0e6},
-    "asperities": {"side_m": SIDE},
-    "camera": {"pixel_size_m": 6.0e-6},
-    "simulate": {
-        "loads_N": LOADS_N,
-        "blur_px": 1.4,
-        "vignetting": 0.15,
-        "texture": 0.02,
-        "dust_count": 30,
-        "light_drift": 0.02,
-        "position_drift_px": 0.3,
-        "electrons_per_level": 20,
-        "read_noise_electrons": 10,
-    },
-}
 SURFACES = {"SA+": 0.4, "SA-": 0.1}
 
 
@@ -57,14 +41,10 @@ def measured_places(folder: Path, coverage: float, count: int, seed: int) -> lis
     """Render and measure places of a surface; their runs."""
     runs = []
     for number in range(count):
-        data = {section: dict(keys) for section, keys in SCENE.items()}
-        data["simulate"]["seed"] = seed + number
-        asperities = generate_asperities(
-            "SA", side=SIDE, coverage=coverage, rng=np.random.default_rng(seed + number)
-        )
+        scene = pattern_scene(seed + number, side=SIDE, coverage=coverage, loads_N=LOADS_N)
         frames, run = folder / f"frames_{number}", folder / f"run_{number}"
         frames.mkdir(parents=True)
-        write_simulation(scene_from_dict(data), asperities, frames)
+        write_simulation(scene, need_asperities(scene, "a benchmark"), frames)
         command = ["process", str(frames), "-o", str(run), "--no-pictures", "--quiet", "--workers", "1"]
         if contactimg(command) != 0:
             raise RuntimeError(f"{frames} could not be measured")

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 import pandas as pd
+from pattern_scene import PIXEL, pattern_scene
 
 from contactimg.calibration.estimate import Estimate
 from contactimg.calibration.threshold import load_slope
@@ -37,28 +38,15 @@ def make_sample(folder: Path, modulus: float, seed: int, side: float, changes: d
     """Render a sample's frames."""
     changes = dict(changes)
     film = changes.pop("film", False)
-    columns = min(1600, int(side / 6e-6 * 1.1))
-    scene = scene_from_dict(
-        {
-            "indenter": {"radius_m": 0.1288, "apex_m": [side / 2, side / 2]},
-            "elastic": {"young_modulus_Pa": modulus},
-            "asperities": {"generate": "SA", "coverage": 0.4, "side_m": side, "seed": seed},
-            "camera": {"pixel_size_m": 6.0e-6},
-            "effects": {"film": "on" if film else "auto"},
-            "simulate": {
-                "loads_N": [0.02, 0.05, 0.1, 0.2, 0.4],
-                "shape": [min(1200, columns), columns],
-                "vignetting": 0.15,
-                "texture": 0.02,
-                "dust_count": 30,
-                "light_drift": 0.02,
-                "position_drift_px": 0.3,
-                "electrons_per_level": 20,
-                "read_noise_electrons": 10,
-                "seed": seed,
-            }
-            | changes,
-        }
+    columns = min(1600, int(side / PIXEL * 1.1))
+    scene = pattern_scene(
+        seed,
+        side=side,
+        modulus=modulus,
+        effects={"film": "on" if film else "auto"},
+        loads_N=[0.02, 0.05, 0.1, 0.2, 0.4],
+        shape=[min(1200, columns), columns],
+        **changes,
     )
     folder.mkdir()
     write_simulation(scene, need_asperities(scene, "a benchmark"), folder)

@@ -13,6 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
+from pattern_scene import pattern_scene
 
 from contactimg.files import list_frames, read_scene, write_frame, write_scene
 from contactimg.frame import Frame
@@ -21,25 +22,8 @@ from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.overlay import compare_run
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation
-from contactimg.scene import scene_from_dict
 
-SCENE = {
-    "indenter": {"radius_m": 0.1288, "apex_m": [0.005, 0.005]},
-    "elastic": {"young_modulus_Pa": 3.0e6},
-    "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.01},
-    "camera": {"pixel_size_m": 6.0e-6},
-    "simulate": {
-        "loads_N": [0.02, 0.2, 0.5],
-        "blur_px": 1.4,
-        "vignetting": 0.15,
-        "texture": 0.02,
-        "dust_count": 30,
-        "light_drift": 0.02,
-        "position_drift_px": 0.3,
-        "electrons_per_level": 20,
-        "read_noise_electrons": 10,
-    },
-}
+LOADS_N = [0.02, 0.2, 0.5]
 RENDERED = {
     "matched": {},
     "20 % of the light in a wide halo": {"psf": "halo"},
@@ -59,13 +43,9 @@ WRONG_POSE = {
 
 def render(folder: Path, changes: dict, seed: int) -> None:
     """Write the frames of the scene with some changes."""
-    data = {section: dict(keys) for section, keys in SCENE.items()}
-    data["asperities"]["seed"] = data["simulate"]["seed"] = seed
     changes = dict(changes)
-    if changes.pop("film", False):
-        data["effects"] = {"film": "on"}
-    data["simulate"] |= changes
-    scene = scene_from_dict(data)
+    effects = {"film": "on"} if changes.pop("film", False) else {}
+    scene = pattern_scene(seed, effects=effects, loads_N=LOADS_N, **changes)
     folder.mkdir()
     write_simulation(scene, need_asperities(scene, "a test"), folder)
 

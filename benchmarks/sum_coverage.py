@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from pattern_scene import PIXEL, pattern_scene
 
 from contactimg.files import read_scene
 from contactimg.forces import assign_forces, total_area, total_force
@@ -21,24 +22,7 @@ from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.prediction import predict_contacts
 from contactimg.render import render_contacts, render_reference
-from contactimg.scene import Scene, scene_from_dict
 
-SCENE = {
-    "indenter": {"radius_m": 0.1288, "apex_m": [0.005, 0.005]},
-    "elastic": {"young_modulus_Pa": 3.0e6},
-    "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.01},
-    "camera": {"pixel_size_m": 6.0e-6},
-    "simulate": {
-        "blur_px": 1.4,
-        "vignetting": 0.15,
-        "texture": 0.02,
-        "dust_count": 30,
-        "light_drift": 0.02,
-        "position_drift_px": 0.3,
-        "electrons_per_level": 20,
-        "read_noise_electrons": 10,
-    },
-}
 LOADS = [0.02, 0.2, 0.5]
 SERIES = [1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.2, 0.5]
 RENDERED = {
@@ -50,17 +34,9 @@ RENDERED = {
 }
 
 
-def scene_with(seed: int, **changes: object) -> Scene:
-    """The scene of a seed with some changes of its optics."""
-    data = {section: dict(keys) for section, keys in SCENE.items()}
-    data["asperities"]["seed"] = data["simulate"]["seed"] = seed
-    data["simulate"] |= changes
-    return scene_from_dict(data)
-
-
 def pulls(seed: int, load: float, changes: dict) -> dict[str, float]:
     """Error over stated uncertainty, and relative error, of the two sums of one frame measured alone."""
-    scene = scene_with(seed, **changes)
+    scene = pattern_scene(seed, **changes)
     asperities = need_asperities(scene, "a benchmark")
     truth = predict_contacts(scene, asperities, load=load).contacts
     radii = contact_sites(asperities, scene)["radius_m"].to_numpy()
@@ -72,7 +48,7 @@ def pulls(seed: int, load: float, changes: dict) -> dict[str, float]:
         sphere_radius=radii[truth["asperity"].to_numpy(int)],
     ).frame
     reference = render_reference(scene, rng=np.random.default_rng(seeds[1]))
-    contacts = measure_frame(frame, reference, pixel_size=6e-6, polarity="bright")
+    contacts = measure_frame(frame, reference, pixel_size=PIXEL, polarity="bright")
     found = assign_forces(contacts, float(radii.mean()), contact_modulus=scene.elastic.contact_modulus)
     sums = {"area": (total_area(found), truth["area_m2"].sum()), "force": (total_force(found), load)}
     return {"load": load} | {
@@ -103,7 +79,7 @@ def coverage(seeds: range, load: float, changes: dict) -> dict[str, float]:
 
 def series(seed: int, blur: float) -> pd.DataFrame:
     """A series over five decades of load: errors of the sums and what is stated."""
-    scene = scene_with(seed, blur_px=blur, loads_N=SERIES)
+    scene = pattern_scene(seed, blur_px=blur, loads_N=SERIES)
     with tempfile.TemporaryDirectory() as top:
         folder = Path(top) / "series"
         folder.mkdir()
