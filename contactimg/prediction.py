@@ -24,6 +24,7 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.scene import Asperities, Scene
+from contactimg.surfaces import base_radius
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
 __all__ = [
@@ -32,9 +33,9 @@ __all__ = [
     "Model",
     "Prediction",
     "asperity_density",
-    "check_effects",
     "hertz_circle",
     "load_name",
+    "pattern_sides",
     "predict_average",
     "predict_contacts",
     "see_contacts",
@@ -48,6 +49,11 @@ PURPOSE = "a contact model"
 
 FEW = 10.0
 """Contacts below which an average over random patterns says little of a single one."""
+
+WIDER = 1.15
+"""Factor between the stated side of a pattern and the span of its table from which one of them is wrong."""
+ENOUGH = 20
+"""Asperities that fill their rectangle well enough to tell its sides."""
 
 FAILED = "failed"
 """Status of a frame or load without an answer."""
@@ -155,7 +161,7 @@ def predict_average(
         Sections ``[indenter]``, ``[elastic]`` and ``[asperities]`` are needed.
     asperities : DataFrame or None
         Asperity table; what ``[asperities]`` does not state of density, radius and heights is derived from
-        it, the density with ``side_m``.
+        it, the density with `pattern_sides`.
     load : float
         N, not negative.
     model : {"gw", "gt"}
@@ -283,7 +289,7 @@ def solve_scene(
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    check_effects(scene)
+    scene.check_effects()
     indenter, elastic, effects = (
         scene.need("indenter", PURPOSE),
         scene.need("elastic", PURPOSE),
@@ -305,21 +311,6 @@ def solve_scene(
     return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where, **options)
 
 
-def check_effects(scene: Scene) -> None:
-    """Refuse effects that are switched on without the parameter they act by.
-
-    Raises
-    ------
-    InputError
-        Naming the effect and the key that is missing.
-    """
-    elastic, effects = scene.need("elastic", PURPOSE), scene.effects
-    if effects.layer == "on" and elastic.thickness is None:
-        raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
-    if effects.adhesion == "on" and elastic.work_of_adhesion == 0:
-        raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
-
-
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
     """The table that a missing statistical parameter is derived from."""
     if asperities is None:
@@ -335,16 +326,46 @@ def _mean_radius(section: Asperities, asperities: pd.DataFrame | None) -> float:
 
 
 def asperity_density(section: Asperities, asperities: pd.DataFrame | None) -> float:
-    """Asperities per unit area (1/m^2): as the section states it, or those of the table on its square.
+    """Asperities per unit area (1/m^2): as the section states it, or those of the table on its rectangle.
 
     Raises
     ------
     InputError
-        If neither is there.
+        If neither is there, or `pattern_sides` has no answer.
     """
     if section.density is not None:
         return section.density
-    return len(_table(asperities, "density_per_m2")) / section.side**2
+    table = _table(asperities, "density_per_m2")
+    return len(table) / float(np.prod(pattern_sides(section, table)))
+
+
+def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float, float]:
+    """Sides of the rectangle that a table of asperities fills, along x and y (m).
+
+    That is ``side_m`` where it is stated or the pattern generated, else what the caps of the table span.
+
+    Raises
+    ------
+    InputError
+        If a table of a few asperities has to tell, or it spans something else than what is stated.
+    """
+    base = base_radius(asperities["height_m"], asperities["radius_m"])
+    spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]
+    sides = [float(np.ptp([asperities[name] - base, asperities[name] + base])) for name in ("x_m", "y_m")]
+    if section.generate is None and "side" not in section.model_fields_set:
+        if len(asperities) < ENOUGH or not min(spans) > 0:
+            raise InputError(
+                f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
+                "density_per_m2 in [asperities]"
+            )
+        return sides[0], sides[1]
+    missed = len(asperities) >= ENOUGH and max(sides) < section.side / WIDER
+    if max(spans) > WIDER * section.side or missed:
+        raise InputError(
+            f"[asperities] side_m is {section.side:g} m but the table spans {spans[0]:.3g} x "
+            f"{spans[1]:.3g} m; correct it, leave it out, or state density_per_m2"
+        )
+    return section.side, section.side
 
 
 def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightLaw:

@@ -61,6 +61,10 @@ FEWEST_ELECTRONS = 1e-3
 """To a grey level of a synthetic frame."""
 
 
+INCOMPRESSIBLE = 0.49
+"""Poisson's ratio from which on a body counts as incompressible."""
+
+
 class _Section(BaseModel):
     """Common rules of all sections: unknown keys are errors, values do not change."""
 
@@ -216,8 +220,9 @@ class Simulate(_Section):
     """Optics and sensor of synthetic frames.
 
     Grey levels are those of the camera; ``contrast_levels`` is contact minus background at the image centre.
-    An optical or sensor effect under ``"auto"`` is rendered when its parameter here is not zero; the air film
-    only when it is switched on. Loads may be negative, a pull, where adhesion bears it. The bounds lie far
+    `contactimg.render` shows an optical or sensor effect under ``"auto"`` when its parameter here is not
+    zero, the air film only when it is switched on; ``contactimg simulate`` shows what the plan of the effects
+    calls for. Loads may be negative, a pull, where adhesion bears it. The bounds lie far
     beyond any camera: they keep a slip of the pen from asking for a frame that no memory holds.
     """
 
@@ -303,6 +308,31 @@ class Scene(_Section):
         if value is None:
             raise InputError(f"{purpose} needs a section [{section}] in the scene; add it")
         return value
+
+    def check_effects(self) -> None:
+        """Refuse mechanical effects without the parameter they act by, or outside their range.
+
+        Raises
+        ------
+        InputError
+            Naming the effect and the key.
+        """
+        elastic, effects = self.elastic, self.effects
+        if elastic is None:
+            return
+        if effects.layer == "on" and elastic.thickness is None:
+            raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
+        if effects.adhesion == "on" and elastic.work_of_adhesion == 0:
+            raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
+        if (
+            elastic.thickness is not None
+            and effects.layer != "off"
+            and elastic.poisson_ratio < INCOMPRESSIBLE
+        ):
+            raise InputError(
+                "[elastic] thickness_m: the layer is that of an incompressible body, poisson_ratio = 0.5, "
+                f'got {elastic.poisson_ratio:g}; leave the thickness out, or set [effects] layer = "off"'
+            )
 
     def pose(self, shape: tuple[int, int]) -> Pose:
         """The camera's pose for images of ``shape`` (rows, columns)."""

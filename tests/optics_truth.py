@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from contactimg.effects.change import POWER
 from contactimg.effects.optics import OPTICS
 from contactimg.effects.optics_edge import film_makes_the_contrast
-from contactimg.effects.optics_trial import NOISE
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.prediction import predict_contacts
 from contactimg.render import render_contacts, render_reference
 from contactimg.scene import Scene
 
-POWER = {"radius": 1, "area": 2, "force": 3}
+NOISE = {"shot_noise", "read_noise", "quantisation"}
 
 
 @dataclass(frozen=True)

@@ -292,6 +292,21 @@ def test_statistical_models_know_no_level_of_coupling(folder, capsys):
     assert 'model "gt" knows no level of coupling' in capsys.readouterr().err
 
 
+def test_statistical_models_refuse_effects_that_they_do_not_know(folder, capsys):
+    scene = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(scene + '\n[effects]\nsphere_profile = "on"\n')
+    assert main(["predict", str(folder), "--load-N", "0.05", "--model", "gt", "-o", str(folder / "gt")]) == 2
+    assert 'model "gt" knows no sphere_profile' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("load", ["1e-300", "1e-30"])
+def test_the_smallest_loads_are_planned(folder, load):
+    scene = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(scene.replace("[elastic]", "[elastic]\nwork_of_adhesion_J_m2 = 0.05"))
+    out = folder / "least"
+    assert main(["predict", str(folder), "--load-N", load, "-o", str(out), "--quiet"]) in (0, 2)
+
+
 @pytest.mark.parametrize(
     ("coupling", "level"), [("none", "none"), ("asymptotic", "asymptotic"), ("full", "full")]
 )

@@ -7,7 +7,14 @@ import pytest
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
 from contactimg.pipeline.predict import predict_loads
-from contactimg.prediction import hertz_circle, load_name, predict_average, predict_contacts, see_contacts
+from contactimg.prediction import (
+    asperity_density,
+    hertz_circle,
+    load_name,
+    predict_average,
+    predict_contacts,
+    see_contacts,
+)
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
 
@@ -104,6 +111,31 @@ def test_effects_that_do_not_go_together_are_refused(asperities):
         predict_contacts(scene_with(effects={"adhesion": "on"}), asperities, load=0.1)
     with pytest.raises(InputError, match="needs the thickness_m"):
         predict_contacts(scene_with(effects={"layer": "on"}), asperities, load=0.1)
+
+
+def test_the_layer_is_that_of_an_incompressible_body(asperities):
+    layer = {"young_modulus_Pa": 3e6, "thickness_m": 3e-4, "poisson_ratio": 0.3}
+    with pytest.raises(InputError, match=r"thickness_m: the layer is that of an incompressible body"):
+        predict_contacts(scene_with(elastic=layer, effects={"layer": "on"}), asperities, load=0.01)
+    half_space = predict_contacts(
+        scene_with(elastic=layer, effects={"layer": "off"}), asperities, load=0.01, coupling="none"
+    )
+    # E* is all that Poisson's ratio enters: a^2 goes as (1/E*)^(2/3) for each force
+    assert area(half_space) > 0
+
+
+def test_the_area_of_a_pattern_comes_from_its_table(asperities):
+    unstated = scene_from_dict(
+        {name: keys for name, keys in SCENE.items() if name != "asperities"} | {"asperities": {}}
+    )
+    # hundreds of caps reach to within a hundredth of each side of their square
+    density = asperity_density(unstated.asperities, asperities)
+    assert density == pytest.approx(len(asperities) / 0.004**2, rel=0.02)
+    for side in (0.01, 0.003):
+        with pytest.raises(InputError, match="but the table spans"):
+            asperity_density(scene_with(asperities={"side_m": side}).asperities, asperities)
+    with pytest.raises(InputError, match="state side_m or density_per_m2"):
+        asperity_density(unstated.asperities, asperities.iloc[:1])
 
 
 def test_adhesion_goes_with_all_others(asperities):

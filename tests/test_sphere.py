@@ -44,3 +44,9 @@ def test_hertz_for_small_contacts():
 def test_equator_is_refused():
     with pytest.raises(ModelRangeError, match="below the sphere's radius"):
         sphere.load(1e-4, **WHERE)
+
+
+@pytest.mark.parametrize("exponent", [0, 1, 2, 5, 20, 100])
+def test_any_load_has_a_radius_within_the_sphere(exponent):
+    found = float(sphere.radius(10.0**exponent, sphere_radius=1.0, contact_modulus=1.0))
+    assert 0.7 < found <= 1.0

@@ -71,7 +71,7 @@ def fit_shear_stress(
 
     References
     ----------
-    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eq. (7), Fig. 8.
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eq. (4), Fig. 8.
 
     Examples
     --------

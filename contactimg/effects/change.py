@@ -5,12 +5,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
-__all__ = ["OUTPUTS", "relative_change"]
+__all__ = ["OUTPUTS", "POWER", "relative_change", "stated_change"]
 
 Values = NDArray[np.float64]
 Contacts = tuple[ArrayLike, ArrayLike]
 
 OUTPUTS = ("area", "force", "radius")
+
+POWER = {"radius": 1, "area": 2, "force": 3}
+"""Power of the radius that each output is."""
 
 
 def relative_change(output: str, *, without: Contacts, complete: Contacts) -> float:
@@ -54,3 +57,32 @@ def relative_change(output: str, *, without: Contacts, complete: Contacts) -> fl
 def _ratio(change: float, size: float) -> float:
     """A change over a size; nothing over nothing is no change."""
     return change / size if size > 0 else float(change > 0)
+
+
+def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
+    """Relative standard uncertainty of an output that independent uncertainties of the radii amount to.
+
+    Parameters
+    ----------
+    output : {"area", "force", "radius"}
+        Forces count as ``a^3``.
+    radius, std : array_like, shape (n,)
+        In one unit.
+
+    Returns
+    -------
+    float
+        Infinite without contacts.
+
+    Examples
+    --------
+    >>> round(stated_change("area", radius=[3.0, 4.0], std=[0.03, 0.04]), 6)
+    0.013482
+    """
+    a, s = np.asarray(radius, float), np.asarray(std, float)
+    if not a.size:
+        return float("inf")
+    power = POWER[output]
+    if output == "radius":
+        return float(np.sqrt(np.sum(s**2) / np.sum(a**2)))
+    return float(np.sqrt(np.sum((power * a ** (power - 1) * s) ** 2)) / np.sum(a**power))

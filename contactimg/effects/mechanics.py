@@ -104,6 +104,7 @@ def estimate_mechanics(
 def weigh_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Weighing:
     """`estimate_mechanics`, the table of contacts left to be made where it is wanted."""
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
+    scene.check_effects()
     adheres = elastic.work_of_adhesion > 0 and scene.effects.adhesion != "off"
     if not (np.isfinite(load) and (load >= 0 or adheres)):
         left_out = "; adhesion is left out here" if elastic.work_of_adhesion > 0 and not adheres else ""

@@ -88,9 +88,8 @@ class LoadedScene:
     def adhesion(self) -> float:
         """Work of adhesion without dimension."""
         elastic = self.scene.need("elastic", PURPOSE)
-        return float(
-            elastic.work_of_adhesion * self.problem.length / (elastic.contact_modulus * self.problem.depth**2)
-        )
+        depth = self.problem.depth
+        return float(elastic.work_of_adhesion / (elastic.contact_modulus * depth) / self.aspect)
 
     @property
     def adheres(self) -> bool:

@@ -5,6 +5,7 @@ from functools import partial
 
 import pandas as pd
 
+from contactimg.effects.change import POWER
 from contactimg.effects.estimate import Estimate
 from contactimg.effects.optics_cost import render_cost
 from contactimg.effects.optics_edge import (
@@ -20,7 +21,7 @@ from contactimg.effects.optics_light import (
     position_drift_change,
     vignetting_change,
 )
-from contactimg.effects.optics_reading import POWER, Reader
+from contactimg.effects.optics_reading import Reader
 from contactimg.effects.optics_sensor import noise_change, quantisation_change, saturation_change
 from contactimg.effects.optics_strip import arrange_strip
 from contactimg.effects.optics_trial import Trial

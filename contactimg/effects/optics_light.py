@@ -7,7 +7,7 @@ picture; what stays is what they do to the noise, to the end of the scale, and a
 import numpy as np
 from scipy import special
 
-from contactimg.effects.optics_reading import POWER
+from contactimg.effects.change import POWER
 from contactimg.effects.optics_sensor import noise_shares, reaches_full_scale
 from contactimg.effects.optics_trial import Trial
 from contactimg.optics.static import DUST_OPACITY, DUST_RADIUS_PX

@@ -5,17 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.effects.change import POWER
 from contactimg.effects.optics_strip import REALISATIONS, Strip, expose_strip, strip_light
 from contactimg.imaging.measure import measure_image
 from contactimg.optics.recipe import Recipe
 from contactimg.scene import Scene
 
-__all__ = ["POWER", "Reader", "Reading"]
+__all__ = ["Reader", "Reading"]
 
 Values = NDArray[np.float64]
-
-POWER = {"radius": 1, "area": 2, "force": 3}
-"""Power of the radius that each output is."""
 
 GEOMETRY = {"blur", "film", "edge_roughness", "supersampling"}
 """Effects that the light itself shows, before the sensor."""

@@ -6,15 +6,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.optics_reading import POWER, Reader, Reading
+from contactimg.effects.change import POWER
+from contactimg.effects.optics_reading import Reader, Reading
 from contactimg.effects.optics_strip import Strip
 from contactimg.scene import Scene, Simulate
 
-__all__ = ["NOISE", "Trial"]
+__all__ = ["Trial"]
 
 Values = NDArray[np.float64]
-
-NOISE = frozenset({"shot_noise", "read_noise", "quantisation"})
 
 
 @dataclass(frozen=True, eq=False)

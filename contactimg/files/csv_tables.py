@@ -22,6 +22,9 @@ _BLOCK = 50_000  # rows converted at once: text takes some twenty times the memo
 _SEPARATORS = (",", ";", "\t")
 _SIZE_SHOWN = 60
 
+HIGHEST = 0.01
+"""Height, m, that no asperity under a microscope reaches."""
+
 
 @stage("reading")
 def read_table(
@@ -242,8 +245,8 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        For a missing column, a cell that is no finite number, a radius that is not positive, an empty
-        table, or two asperities in the same place.
+        For a missing column, a cell that is no finite number, a radius that is not positive, a height that
+        only another unit explains, an empty table, or two asperities in the same place.
     """
     table = read_table(path, ASPERITIES, required=tuple(ASPERITIES.columns))
     if table.empty:
@@ -252,6 +255,12 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
         check_asperities(table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    high = table.index[table["height_m"].abs() > HIGHEST]
+    if len(high):
+        raise InputError(
+            f"{path}: asperities: row {high[0]}, column 'height_m' must be metres, at most {HIGHEST:g}, got "
+            f"{float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
+        )
     _check_unique(path, table, ["x_m", "y_m"])
     return table
 

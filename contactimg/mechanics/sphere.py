@@ -195,8 +195,8 @@ def radius(load: ArrayLike, *, sphere_radius: float, contact_modulus: float) -> 
     # in the depth delta/R the load is convex with slope 2 a/R: Newton from Hertz's depth
     depth = (0.75 * target) ** (2 / 3)
     for _ in range(60):
-        s = scaled_radius(depth)
-        step = (scaled_load(s) - target) / np.where(s > 0, 2 * s, 1.0)
+        reached, s = scaled_response(depth)
+        step = (reached - target) / np.where(s > 0, 2 * s, 1.0)
         depth = np.maximum(depth - step, 0.0)
         if np.all(np.abs(step) <= 4e-16 * depth):
             break

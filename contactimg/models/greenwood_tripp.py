@@ -88,7 +88,7 @@ def solve_greenwood_tripp(
     References
     ----------
     Greenwood, Tripp, J. Appl. Mech. 34 (1967) 153, doi:10.1115/1.3607616; Yashima et al.,
-    doi:10.1039/C4SM02346C, eq. (6) of the model section.
+    doi:10.1039/C4SM02346C, section "Multi-asperity contact models".
 
     Examples
     --------

@@ -90,7 +90,7 @@ def solve_interacting(
 
     References
     ----------
-    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eqs. (3) and (4); Ciavarella,
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, eqs. (2) and (3); Ciavarella,
     Delfine, Demelio, J. Mech. Phys. Solids 54 (2006) 2569, doi:10.1016/j.jmps.2006.05.006.
 
     Examples

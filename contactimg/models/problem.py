@@ -15,6 +15,9 @@ __all__ = ["Problem", "Setting", "pose_problem"]
 
 Values = NDArray[np.float64]
 
+LEAST_LOAD = 1e-100
+"""Load, N, below which powers of its indentation leave the range of numbers."""
+
 
 @dataclass(frozen=True)
 class Setting:
@@ -52,6 +55,8 @@ class Setting:
         for name, value in (("load", self.load), ("indentation", self.indentation)):
             if value is not None and not np.isfinite(value):
                 raise InputError(f"{name} must be finite, got {value!r}")
+        if self.load and abs(self.load) < LEAST_LOAD:
+            raise InputError(f"load must be 0 or above {LEAST_LOAD:g} N, got {self.load!r} N")
 
 
 @dataclass(frozen=True, eq=False)

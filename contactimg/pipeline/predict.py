@@ -32,6 +32,9 @@ SOLVER_SHARE = 0.01
 MODEL_ERROR = 2.5e-4
 """Relative difference of the area with full coupling from boundary elements (pattern SA+ at 0.5 N)."""
 
+BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
+"""Effects that the statistical models do not know."""
+
 ROUNDING = 1e-11
 """Least residual asked for, that every solver reaches."""
 
@@ -73,8 +76,8 @@ def predict_loads(
     Raises
     ------
     InputError
-        If a load is given twice, the scene lacks what the model needs or a statistical model is given a level
-        of coupling.
+        If a load is given twice, the scene lacks what the model needs, or a statistical model is given a
+        level of coupling or an effect that it does not know.
     ContactimgError
         If no load has an answer: the reason of the first.
     """
@@ -96,6 +99,12 @@ def predict_loads(
             raise InputError(
                 f'model "{model}" knows no level of coupling, got coupling "{coupling}"; leave it out, or '
                 'take the model "interacting"'
+            )
+        ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
+        if ordered:
+            raise InputError(
+                f'model "{model}" knows no {", ".join(ordered)}, which [effects] switches on; take the model '
+                '"interacting", or switch it off'
             )
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     predictions, errors = [], []
@@ -123,7 +132,8 @@ def choice_sentence(prediction: Prediction, *, relative: float) -> str:
     off = [d for d in plan.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0]
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
     beyond = (
-        f"; full coupling itself is within about {100 * MODEL_ERROR:g} % of boundary elements"
+        f"; full coupling itself is within about {100 * MODEL_ERROR:g} % of boundary elements "
+        "(area of SA+ at 0.5 N)"
         if plan.coupling == "full" and relative < MODEL_ERROR
         else ""
     )

@@ -7,7 +7,6 @@ import pandas as pd
 
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.optics.recipe import read_recipe
-from contactimg.prediction import check_effects
 from contactimg.scene import Scene
 
 __all__ = ["SimulationPlan", "explicit_switches", "plan_simulation"]
@@ -52,7 +51,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
     """
     simulate = scene.need("simulate", "simulating frames")
     scene.need("camera", "simulating frames")
-    check_effects(scene)
+    scene.check_effects()
     read_recipe(scene)
     if asperities is None or not simulate.loads:
         return SimulationPlan(explicit_switches(scene), ())

@@ -28,7 +28,7 @@ class Truth:
     force, radius : ndarray, shape (n,), N and m
         Of each asperity.
     seconds : float
-        What it took on one core of another machine.
+        What it took on one core.
     """
 
     scene: Scene

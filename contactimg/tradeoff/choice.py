@@ -12,7 +12,7 @@ from math import hypot, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.effects.change import relative_change
+from contactimg.effects.change import relative_change, stated_change
 from contactimg.imaging.counting import count_contacts
 from contactimg.imaging.detect import estimate_blur, find_inscribed
 from contactimg.imaging.edge import PIXEL_VARIANCE
@@ -29,8 +29,6 @@ Values = NDArray[np.float64]
 
 FAINT = 0.4
 """Of the threshold: where contacts that do not reach it are looked for."""
-
-POWERS = {"radius": 1, "area": 2, "force": 3}
 
 
 @dataclass(frozen=True)
@@ -111,7 +109,7 @@ def measure_cheapest(
     if error > relative:
         measurement, method = measure(method="disk", film=film), "disk"
     disks = measurement.disks
-    stated = _scatter(disks["radius_px"].to_numpy(float), disks["radius_std_px"].to_numpy(float), output)
+    stated = stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"])
     return measurement, Choice(method, error, stated, relative, output)
 
 
@@ -155,7 +153,7 @@ def estimate_count_error(
     radius = np.concatenate([radius, np.zeros(missed.size)])
     complete = np.concatenate([complete, missed])
     bias = relative_change(output, without=(radius**3, radius), complete=(complete**3, complete))
-    return hypot(bias, _scatter(counted[:, 2], disks["radius_std_px"].to_numpy(float), output))
+    return hypot(bias, stated_change(output, radius=counted[:, 2], std=disks["radius_std_px"]))
 
 
 def _parted(counted: Values, inscribed: Values) -> tuple[Values, Values]:
@@ -195,13 +193,3 @@ def _missed(signed: NDArray[np.float32], measurement: ImageMeasurement, counted:
     apart = np.hypot(places[:, None, 0] - counted[None, :, 0], places[:, None, 1] - counted[None, :, 1])
     alone = (apart > places[:, None, 2] + 1).all(axis=1)
     return places[alone, 2]
-
-
-def _scatter(radius: Values, std: Values, output: str) -> float:
-    """Relative standard uncertainty of the output from those of the radii; infinite without contacts."""
-    if not radius.size:
-        return inf
-    power = POWERS[output]
-    if power == 1:
-        return float(np.sqrt(np.sum(std**2) / np.sum(radius**2)))
-    return float(np.sqrt(np.sum((power * radius ** (power - 1) * std) ** 2)) / np.sum(radius**power))

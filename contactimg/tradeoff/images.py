@@ -11,7 +11,7 @@ from scipy import ndimage
 from skimage.feature import peak_local_max
 from skimage.segmentation import watershed
 
-from contactimg.effects.change import relative_change
+from contactimg.effects.change import relative_change, stated_change
 from contactimg.errors import InputError
 from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.imaging.half_height import disk_radius
@@ -96,11 +96,7 @@ def _stated_error(case: Case, frames: tuple[NDArray, NDArray | None, float | Non
     disks = _measure(case.scene, "disk", *frames).disks
     if not len(disks):
         raise InputError("no contact was found")
-    a, std = disks["radius_px"].to_numpy(float), disks["radius_std_px"].to_numpy(float)
-    power = {"area": 2, "force": 3, "radius": 1}[case.output]
-    if power == 1:
-        return float(np.sqrt(np.sum(std**2) / np.sum(a**2)))
-    return float(np.sqrt(np.sum((power * a ** (power - 1) * std) ** 2)) / np.sum(a**power))
+    return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
 
 
 def _disk_change(output: str, found: Disks, known: Disks, sphere_radius: Values) -> float:

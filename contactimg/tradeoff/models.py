@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from contactimg.effects.change import relative_change
 from contactimg.errors import InputError, ModelRangeError
+from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
-from contactimg.prediction import solve_average, solve_scene
+from contactimg.prediction import pattern_sides, solve_average, solve_scene
 from contactimg.surfaces import generate_asperities
 from contactimg.tradeoff.averages import Average, average_change, average_contacts, average_rings
 from contactimg.tradeoff.boundary import GRIDS, RESOLUTION, solve_boundary
@@ -43,9 +44,8 @@ PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
 
 def model_knob(case: Case) -> Knob:
     """Which contact model: averages, levels of coupling, boundary elements."""
-    best = "asymptotic" if case.scene.effects.adhesion == "on" else "full"
-    reference = cache(lambda: _in_range(_solve(case, best)))
-    converged = f"the same asperities {LEVELS[best]}"
+    reference = cache(lambda: _in_range(_solve(case, "full")))
+    converged = f"the same asperities {LEVELS['full']}"
 
     def against_best(answer: InteractingSolution) -> float:
         return contact_change(case.output, answer, reference())
@@ -63,10 +63,11 @@ def model_knob(case: Case) -> Knob:
         )
         for model in ("gw", "gt")
     ]
+    levels = ADHESIVE_COUPLINGS if case.scene.effects.adhesion == "on" else tuple(LEVELS)
     settings += [
         Setting(name, partial(_solve, case, level), against_best, converged)
         for level, name in LEVELS.items()
-        if level not in (best, "full")
+        if level in levels and level != "full"
     ]
     settings.append(_full_setting(case))
     settings += _boundary_settings(case, reference)
@@ -126,7 +127,7 @@ def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution])
             lambda _: RESOLUTION[case.output],
             "what its grid of 1 um resolves",
             stored_time=case.truth.seconds,
-            message=f"{_stored_reference(case.truth)}; time of one core of another machine",
+            message=f"{_stored_reference(case.truth)}; time on one core",
         )
 
 
@@ -243,9 +244,16 @@ def _pattern_average(case: Case, index: int) -> Average:
     indenter = case.scene.need("indenter", "averages")
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
     solution = solve_scene(case.scene, _draw_pattern(case, rng), load=case.load, coupling="asymptotic")
-    side = case.scene.need("asperities", "averages").side
-    edges = np.linspace(0.0, side / 2, 4 * ANNULI + 1)
+    edges = np.linspace(0.0, max(_sides(case)) / 2, 4 * ANNULI + 1)
     return average_contacts(solution, centre=indenter.apex, edges=edges)
+
+
+def _sides(case: Case) -> tuple[float, float]:
+    """Sides of the pattern, m."""
+    section = case.scene.need("asperities", "averages")
+    if section.generate is not None or case.asperities is None:
+        return section.side, section.side
+    return pattern_sides(section, case.asperities)
 
 
 def _draw_pattern(case: Case, rng: np.random.Generator) -> pd.DataFrame:
@@ -256,9 +264,9 @@ def _draw_pattern(case: Case, rng: np.random.Generator) -> pd.DataFrame:
     if case.asperities is None:
         raise InputError("the scene has neither a table nor a generator of asperities")
     table = case.asperities.copy()
-    for name, shift in zip(("x_m", "y_m"), rng.random(2), strict=True):
-        low = min(0.0, float(table[name].min()))
-        table[name] = low + (table[name] - low + shift * section.side) % section.side
+    for name, side, shift in zip(("x_m", "y_m"), _sides(case), rng.random(2), strict=True):
+        low = float(table[name].min() + table[name].max() - side) / 2
+        table[name] = low + (table[name] - low + shift * side) % side
     caps = ["height_m", "radius_m"]
     table[caps] = table[caps].to_numpy()[rng.permutation(len(table))]
     return table

@@ -71,8 +71,9 @@ def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
 
 
 def _described(row: pd.Series) -> str:
-    """A setting with its error and its time."""
-    return f"{row['setting']} ({error_text(row['error'])}, {time_text(row['time_s'])})"
+    """A setting with its error, where that is of another pattern with it, and its time."""
+    where = " on the stored pattern" if "stored" in str(row.get("reference", "")) else ""
+    return f"{row['setting']} ({error_text(row['error'])}{where}, {time_text(row['time_s'])})"
 
 
 def error_text(error: float) -> str:
