@@ -164,6 +164,13 @@ def test_cell_without_end(tmp_path):
             "x_m,y_m,height_m,radius_m\n0,0.5,1e-5,1e-4\n0,0.5,2e-5,1e-4\n",
             "x_m, y_m 0.0, 0.5 is there more than once; keep one row",
         ),
+        (
+            "x_m,y_m,height_m,radius_m\n0,0,4e-5,1e-4\n1,1,40,100\n",
+            (
+                "asperities: row 1, column 'height_m' must be metres, at most 0.01, got 40.0; "
+                "is it in another unit?"
+            ),
+        ),
     ],
 )
 def test_asperities_that_are_refused(tmp_path, content, sentence):

@@ -68,4 +68,6 @@ def _shown(scene: "Scene") -> str:
     """One line on what the frames show and what was left out."""
     switches = scene.effects.model_dump()
     shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
-    return f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}"
+    sensor = {"shot_noise", "read_noise", "quantisation"}
+    ideal = "; the frames are floating-point numbers without noise" if sensor <= set(left_out) else ""
+    return f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
