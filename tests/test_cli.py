@@ -376,6 +376,40 @@ def test_a_scene_from_elsewhere_is_for_the_frames_of_the_folder(series, small_se
     assert pd.read_csv(out / "contacts.csv")["force_N"].notna().all()
 
 
+def test_a_scene_from_elsewhere_takes_a_page_of_the_folders_stack_as_reference(series, tmp_path):
+    pages = np.stack(
+        [tifffile.imread(series / f"{name}.tif") for name in ("reference", "frame_1", "frame_2")]
+    )
+    folder, other = tmp_path / "stacks", tmp_path / "scenes"
+    for place in (folder, other):
+        place.mkdir()
+    tifffile.imwrite(folder / "stack.tif", pages, photometric="minisblack")
+    (other / "scene.toml").write_text(
+        '[camera]\npixel_size_m = 6e-6\n[images]\nreference = "stack.tif[0]"\nframes = "stack.tif"\n'
+    )
+    out = tmp_path / "out"
+    assert process(folder, "--scene", other / "scene.toml", "-o", out) == 0
+    frames = frames_of(out)
+    assert frames.index.tolist() == ["stack.tif[1]", "stack.tif[2]"]
+    assert frames["message"].isna().all()  # or it would say that there is no reference
+
+
+@pytest.mark.parametrize("scene", ["[camera]\npixel_size_m = 6e-6\n", None])
+def test_a_file_called_reference_is_never_a_frame(series, tmp_path, scene):
+    for name in ("scene.toml", "loads.csv"):
+        (series / name).unlink()
+    for path in series.glob("frame_*.tif"):
+        path.rename(series / path.name.replace("frame", "img"))
+    if scene is not None:
+        (series / "scene.toml").write_text(scene)
+    assert process(series, "-o", tmp_path / "out") == 0
+    frames = frames_of(tmp_path / "out")
+    assert frames.index.tolist() == ["img_1.tif", "img_2.tif", "img_3.tif"]
+    # a scene that names no reference has none; without a scene, the file's name says what it is
+    said = frames["message"].astype(str).str.contains("no reference")
+    assert (said if scene is not None else ~said).all()
+
+
 def test_another_pattern_is_said_in_the_message(series, tmp_path):
     edit(series / "scene.toml", "6e-06", "9e-06")
     assert process(series, "-o", tmp_path / "out") == 0
