@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.errors import ContactimgError
+from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
 from contactimg.pipeline.parallel import in_parallel
@@ -78,7 +78,7 @@ def compare_run(
     Raises
     ------
     InputError
-        If the run has no pose, or the scene lacks what the models need.
+        If the run has no pose, the scene lacks what the models need, or no measured frame has a load.
     """
     pose = run.need_pose()
     for section in ("indenter", "elastic"):
@@ -87,7 +87,7 @@ def compare_run(
     scores: list[dict[str, Any]] = []
     predicted: dict[str, dict[str, pd.DataFrame]] = {}
     left_out: dict[str, str] = {}
-    for row in run.frames[run.frames["load_N"].notna() & (run.frames["status"] != FAILED)].to_dict("records"):
+    for row in _comparable(run.frames).to_dict("records"):
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         predicted[frame], reasons = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
@@ -104,6 +104,20 @@ def compare_run(
             advance()
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
     return Comparison(MATCHES.conform(pd.concat(matches, ignore_index=True)), table, predicted, left_out)
+
+
+def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
+    """The frames that were measured at a known load."""
+    loaded = frames["load_N"].notna()
+    if not loaded.any():
+        raise InputError(
+            "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
+            "of loads, loads.csv or [images] loads"
+        )
+    good = loaded & (frames["status"] != FAILED)
+    if not good.any():
+        raise InputError("there is nothing to compare: no frame with a load could be measured")
+    return frames[good]
 
 
 def _predicted(
