@@ -27,7 +27,6 @@ __all__ = [
     "Flag",
     "Schema",
     "flag_names",
-    "parse_flags",
 ]
 
 
@@ -58,14 +57,6 @@ class Flag(enum.IntFlag):
 def flag_names(flags: Iterable[int]) -> list[str]:
     """Flag names joined by ``|`` for each row, as in the CSV files."""
     return ["|".join(str(flag.name) for flag in Flag if flag & int(value)) for value in flags]
-
-
-def parse_flags(names: Iterable[str]) -> list[int]:
-    """Inverse of `flag_names`; an empty cell is no flag."""
-    return [
-        int(sum(Flag[name] for name in str(cell).split("|") if name)) if isinstance(cell, str) else 0
-        for cell in names
-    ]
 
 
 @dataclass(frozen=True)

@@ -100,8 +100,10 @@ def test_two_places_alike_are_one_place_twice(run, tmp_path):
 
 
 def test_a_run_given_twice_is_refused(run, tmp_path, capsys):
-    assert analyse(run, run, "-o", tmp_path / "out") == 2
-    assert "more than once" in capsys.readouterr().err
+    (tmp_path / "link").symlink_to(run)
+    for again in (run, f"{run}/", run / ".." / run.name, tmp_path / "link"):
+        assert analyse(run, again, "-o", tmp_path / "out") == 2
+        assert "more than once" in capsys.readouterr().err
     assert analyse() == 2
     assert "RUN" in capsys.readouterr().err
 

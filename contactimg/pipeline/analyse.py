@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.load_averages import LoadAverage, Surface, average_load
 from contactimg.pipeline.load_groups import group_frames, joined, usable_frames
-from contactimg.pipeline.model_places import COUPLINGS, has_models, predict_places
+from contactimg.pipeline.model_places import MODEL_COUPLINGS, has_models, predict_places
 from contactimg.pipeline.places import Place
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
@@ -126,8 +127,8 @@ def analyse_places(
     InputError
         If a place is there twice, or no place has a frame with a load above zero and an area.
     """
-    names = [place.name for place in places]
-    if len(set(names)) < len(names):
+    folders = {Path(place.name).resolve() for place in places}
+    if len(folders) < len(places):
         raise InputError("a run is given more than once; its contacts would count as those of another place")
     notes = [note for place in places for note in _left_out(place)]
     groups = group_frames(places, tolerance=options.load_tolerance)
@@ -137,7 +138,7 @@ def analyse_places(
     if options.models and not all(has_models(place) for place in places):
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
     elif options.models:
-        for model in COUPLINGS:
+        for model in MODEL_COUPLINGS:
             seen[model], left_out = predict_places(places, model, workers=workers, advance=advance)
             notes += left_out
     surface = Surface.of(places[0])

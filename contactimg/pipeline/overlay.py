@@ -11,20 +11,18 @@ import pandas as pd
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
+from contactimg.pipeline.model_places import MODEL_COUPLINGS
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted
 from contactimg.pipeline.process import picture_name
 from contactimg.pipeline.series import FAILED, Run, shift_of
 from contactimg.pose import Pose
-from contactimg.prediction import Coupling, hertz_circle, predict_contacts, see_contacts
+from contactimg.prediction import hertz_circle, predict_contacts, see_contacts
 from contactimg.scene import Scene
 from contactimg.tables import MATCHES, SCORES
 from contactimg.timings import stage
 
 __all__ = ["Comparison", "compare_frame", "compare_run", "draw_comparison", "write_comparison"]
-
-MODELS: dict[str, Coupling] = {"coupled": "asymptotic", "uncoupled": "none"}
-"""Model name in the tables -> level of coupling."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ def _predicted(
     """The contacts each model predicts in the camera's view, and why a model has no answer."""
     seen: dict[str, pd.DataFrame] = {}
     reasons: dict[str, str] = {}
-    for model, coupling in MODELS.items():
+    for model, coupling in MODEL_COUPLINGS.items():
         try:
             prediction = predict_contacts(
                 scene, asperities, load=row["load_N"], coupling=coupling, frame=row["frame"]

@@ -93,7 +93,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
     loads = _optional(lambda: open_experiment(scene).loads, run.folder, "no friction forces")
     return Place(
-        name=str(folder),
+        name=str(run.folder),
         contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
         frames=run.frames,
         scene=_moved(scene, centre),
