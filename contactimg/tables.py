@@ -22,12 +22,17 @@ __all__ = [
     "PROFILE",
     "REJECTED",
     "RESULTS",
+    "RUN_MODELS",
     "SCORES",
     "TOPOGRAPHY",
     "Flag",
     "Schema",
     "flag_names",
 ]
+
+
+RUN_MODELS = ("measured", "predicted")
+"""What an analysis calls the contacts of the runs themselves, those of `process` and those of `predict`."""
 
 
 class Flag(enum.IntFlag):
@@ -223,7 +228,7 @@ PROFILE = Schema(
     "profile",
     {
         "frame": ("str", "file name of the frame, or name of the load"),
-        "model": ("str", "coupled, uncoupled, gw, gt, hertz or measured"),
+        "model": ("str", "coupled, uncoupled, gw, gt, hertz, measured or predicted"),
         "r_m": ("float64", "distance from the centre of the apparent contact"),
         "pressure_Pa": ("float64", "contact pressure p"),
         "density_per_m2": ("float64", "contacts per unit area eta"),
@@ -237,7 +242,7 @@ NORMALISED = Schema(
     "profile_normalised",
     {
         "frame": ("str", "file name of the frame, or name of the load"),
-        "model": ("str", "coupled, uncoupled, gw, gt, hertz or measured"),
+        "model": ("str", "coupled, uncoupled, gw, gt, hertz, measured or predicted"),
         "load_N": ("float64", "applied normal load P, mean of the places"),
         "hertz_radius_m": ("float64", "contact radius aH of the smooth sphere at this load"),
         "hertz_pressure_Pa": ("float64", "its largest pressure p0"),
@@ -250,7 +255,7 @@ NORMALISED = Schema(
 AREA = Schema(
     "area",
     {
-        "model": ("str", "coupled, uncoupled, gt or measured"),
+        "model": ("str", "coupled, uncoupled, gt, measured or predicted"),
         "load_N": ("float64", "applied normal load P, mean of the frames"),
         "load_std_N": ("float64", "its standard uncertainty"),
         "n_frames": ("Int64", "frames at this load"),
@@ -273,7 +278,7 @@ PRESSURE_LAW = Schema(
     "pressure_law",
     {
         "frame": ("str", "file name of the frame, or name of the load"),
-        "model": ("str", "coupled, gt or measured"),
+        "model": ("str", "coupled, gt, measured or predicted"),
         "load_N": ("float64", "applied normal load P, mean of the places"),
         "r_m": ("float64", "distance of the annulus from the centre"),
         "n_contacts": ("float64", "contacts in it, all places together"),
@@ -316,7 +321,10 @@ RESULTS = Schema(
     "results",
     {
         "quantity": ("str", "what was found"),
-        "model": ("str", "measured, or the model whose contacts were analysed in the same way"),
+        "model": (
+            "str",
+            "measured, predicted (by `predict`), or the model whose contacts were analysed in the same way",
+        ),
         "value": ("float64", "its value"),
         "std": ("float64", "its standard uncertainty"),
         "low": ("float64", "lower limit of the confidence interval"),

@@ -90,7 +90,7 @@ def analyse(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Analyse RUNs, outputs of `process`: places of one surface under one lens.
+    """Analyse RUNs, outputs of `process` (or of `predict`): places of one surface under one lens.
 
     Writes area.csv (A against P, L/a, a/R), profile.csv and profile_normalised.csv (p against r),
     pressure_law.csv (density and mean radius against p), friction.csv, results.csv (exponents and other
