@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 from pattern_scene import PIXEL, pattern_scene
 
-from contactimg.calibration.estimate import Estimate
+from contactimg.calibration.estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.calibrate import run_modulus, run_threshold
@@ -67,7 +67,7 @@ def closed_loop(top: Path, seed: int, side: float, changes: dict) -> dict[str, f
     make_sample(second, TRUE[1], seed + 1000, side, changes)
     known = scene_with(first, TRUE[0], 0.01 * TRUE[0], method="threshold")
     found = run_threshold(open_experiment(known)).record["threshold"]
-    threshold = Estimate(found["value"], found["std"], found["low_95"], found["high_95"])
+    threshold = CoverageEstimate(found["value"], found["std"], found["low_95"], found["high_95"])
     result = {"threshold": found["value"], "std": found["std"]}
     for shift in (0.0, 0.1):
         level = threshold.value + shift

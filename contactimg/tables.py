@@ -22,13 +22,17 @@ __all__ = [
     "PROFILE",
     "REJECTED",
     "RESULTS",
+    "RUN_MODELS",
     "SCORES",
     "TOPOGRAPHY",
     "Flag",
     "Schema",
     "flag_names",
-    "parse_flags",
 ]
+
+
+RUN_MODELS = ("measured", "predicted")
+"""What an analysis calls the contacts of the runs themselves, those of `process` and those of `predict`."""
 
 
 class Flag(enum.IntFlag):
@@ -58,14 +62,6 @@ class Flag(enum.IntFlag):
 def flag_names(flags: Iterable[int]) -> list[str]:
     """Flag names joined by ``|`` for each row, as in the CSV files."""
     return ["|".join(str(flag.name) for flag in Flag if flag & int(value)) for value in flags]
-
-
-def parse_flags(names: Iterable[str]) -> list[int]:
-    """Inverse of `flag_names`; an empty cell is no flag."""
-    return [
-        int(sum(Flag[name] for name in str(cell).split("|") if name)) if isinstance(cell, str) else 0
-        for cell in names
-    ]
 
 
 @dataclass(frozen=True)
@@ -232,7 +228,7 @@ PROFILE = Schema(
     "profile",
     {
         "frame": ("str", "file name of the frame, or name of the load"),
-        "model": ("str", "coupled, uncoupled, gw, gt, hertz or measured"),
+        "model": ("str", "coupled, uncoupled, gw, gt, hertz, measured or predicted"),
         "r_m": ("float64", "distance from the centre of the apparent contact"),
         "pressure_Pa": ("float64", "contact pressure p"),
         "density_per_m2": ("float64", "contacts per unit area eta"),
@@ -246,7 +242,7 @@ NORMALISED = Schema(
     "profile_normalised",
     {
         "frame": ("str", "file name of the frame, or name of the load"),
-        "model": ("str", "coupled, uncoupled, gw, gt, hertz or measured"),
+        "model": ("str", "coupled, uncoupled, gw, gt, hertz, measured or predicted"),
         "load_N": ("float64", "applied normal load P, mean of the places"),
         "hertz_radius_m": ("float64", "contact radius aH of the smooth sphere at this load"),
         "hertz_pressure_Pa": ("float64", "its largest pressure p0"),
@@ -259,7 +255,7 @@ NORMALISED = Schema(
 AREA = Schema(
     "area",
     {
-        "model": ("str", "coupled, uncoupled, gt or measured"),
+        "model": ("str", "coupled, uncoupled, gt, measured or predicted"),
         "load_N": ("float64", "applied normal load P, mean of the frames"),
         "load_std_N": ("float64", "its standard uncertainty"),
         "n_frames": ("Int64", "frames at this load"),
@@ -282,7 +278,7 @@ PRESSURE_LAW = Schema(
     "pressure_law",
     {
         "frame": ("str", "file name of the frame, or name of the load"),
-        "model": ("str", "coupled, gt or measured"),
+        "model": ("str", "coupled, gt, measured or predicted"),
         "load_N": ("float64", "applied normal load P, mean of the places"),
         "r_m": ("float64", "distance of the annulus from the centre"),
         "n_contacts": ("float64", "contacts in it, all places together"),
@@ -325,7 +321,10 @@ RESULTS = Schema(
     "results",
     {
         "quantity": ("str", "what was found"),
-        "model": ("str", "measured, or the model whose contacts were analysed in the same way"),
+        "model": (
+            "str",
+            "measured, predicted (by `predict`), or the model whose contacts were analysed in the same way",
+        ),
         "value": ("float64", "its value"),
         "std": ("float64", "its standard uncertainty"),
         "low": ("float64", "lower limit of the confidence interval"),

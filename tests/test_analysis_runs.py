@@ -100,8 +100,10 @@ def test_two_places_alike_are_one_place_twice(run, tmp_path):
 
 
 def test_a_run_given_twice_is_refused(run, tmp_path, capsys):
-    assert analyse(run, run, "-o", tmp_path / "out") == 2
-    assert "more than once" in capsys.readouterr().err
+    (tmp_path / "link").symlink_to(run)
+    for again in (run, f"{run}/", run / ".." / run.name, tmp_path / "link"):
+        assert analyse(run, again, "-o", tmp_path / "out") == 2
+        assert "more than once" in capsys.readouterr().err
     assert analyse() == 2
     assert "RUN" in capsys.readouterr().err
 
@@ -265,8 +267,33 @@ def test_a_prediction_can_be_analysed_like_a_measurement(small_series, tmp_path)
     assert main(["predict", str(small_series), *loads, "-o", str(tmp_path / "model"), "--quiet"]) == 0
     found = analyse_places([open_place(tmp_path / "model")], AnalysisOptions(), workers=1)
     for name in ("exponent", "amplitude"):
-        measured, own = (getattr(found.area_laws[model], name).value for model in ("measured", "coupled"))
-        assert measured == pytest.approx(own, rel=1e-9)
+        predicted, own = (getattr(found.area_laws[model], name).value for model in ("predicted", "coupled"))
+        assert predicted == pytest.approx(own, rel=1e-9)
+
+
+def test_what_was_predicted_is_not_called_measured(run, small_series, tmp_path, capsys):
+    loads = [part for load in (0.005, 0.02, 0.05) for part in ("--load-N", str(load))]
+    model, out = tmp_path / "model", tmp_path / "out"
+    assert main(["predict", str(small_series), *loads, "-o", str(model), "--quiet"]) == 0
+    assert analyse(model, "-o", out, "--no-models") == 0
+    assert (out / "profile_1.png").exists()
+    for name in ("area", "profile", "profile_normalised", "pressure_law", "results"):
+        models = set(pd.read_csv(out / f"{name}.csv")["model"])
+        assert "predicted" in models
+        assert models <= {"predicted", "hertz"}
+    assert analyse(model, run, "-o", tmp_path / "both") == 2
+    assert "measured and predicted runs are given together" in capsys.readouterr().err
+
+
+def test_averages_of_a_statistical_model_are_predicted_areas(small_series, tmp_path):
+    loads = [part for load in (0.02, 0.05) for part in ("--load-N", str(load))]
+    model, out = tmp_path / "model", tmp_path / "out"
+    words = ["predict", str(small_series), *loads, "--model", "gt", "-o", str(model), "--quiet"]
+    assert main(words) == 0
+    assert analyse(model, "-o", out, "--no-models") == 0
+    areas = pd.read_csv(out / "area.csv")
+    assert areas["model"].tolist() == ["predicted", "predicted"]
+    np.testing.assert_allclose(areas["area_m2"], pd.read_csv(model / "frames.csv")["area_m2"], rtol=1e-12)
 
 
 @pytest.mark.slow

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from contactimg.analysis.estimates import student_estimate
 from contactimg.calibration.branches import tell_branches
-from contactimg.calibration.estimate import student_estimate
+from contactimg.calibration.estimate import coverage_estimate
 from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import find_plateau
@@ -164,9 +165,18 @@ def test_of_one_load_only_the_modulus_is_uncertain():
 
 
 def test_student_and_known_parts_add_in_quadrature():
-    found = student_estimate(2.0, 0.1, freedom=3, known_std=0.2)
+    found = coverage_estimate(2.0, 0.1, freedom=3, known_std=0.2)
     half = np.hypot(0.1 * stats.t.ppf(0.975, 3), 0.2 * stats.norm.ppf(0.975))
     assert (found.low, found.high) == pytest.approx((2 - half, 2 + half), rel=1e-12)
+
+
+def test_a_calibrated_std_is_that_of_a_normal_distribution_with_the_same_interval():
+    calibrated, analysed = coverage_estimate(5.0, 2.0, freedom=3), student_estimate(5.0, 2.0, freedom=3)
+    assert (calibrated.low, calibrated.high) == pytest.approx((analysed.low, analysed.high), rel=1e-12)
+    assert analysed.std == 2.0
+    # t(0.975, 3) = 3.182446, z(0.975) = 1.959964
+    assert calibrated.std == pytest.approx(2.0 * 3.182446 / 1.959964, rel=1e-6)
+    assert calibrated.record("1")["std"] == calibrated.std
 
 
 def curve(t, load):

@@ -7,11 +7,24 @@ import pandas as pd
 import pytest
 from small_series import copy_of
 
+import contactimg.pipeline.circles as circles_module
+import contactimg.pipeline.frames as frames_module
+import contactimg.pipeline.thresholds as thresholds_module
 from contactimg.cli import main
-from contactimg.files import list_frames, read_calibration, read_scene, write_frame, write_scene
+from contactimg.errors import InputError
+from contactimg.files import (
+    list_frames,
+    open_experiment,
+    read_calibration,
+    read_scene,
+    write_frame,
+    write_scene,
+)
 from contactimg.frame import Frame
-from contactimg.pipeline.circles import mean_centre
+from contactimg.pipeline.circles import mean_centre, measure_circles
+from contactimg.pipeline.series import measure_experiment
 from contactimg.pipeline.simulate import write_simulation
+from contactimg.pipeline.thresholds import measure_thresholds
 from contactimg.scene import scene_from_dict
 
 E, W = 2.83e6, 0.043
@@ -105,6 +118,77 @@ def test_one_bad_frame_is_named_and_the_others_count(smooth_frames, tmp_path, ca
     record = read_calibration(tmp_path / "out")
     assert record["young_modulus"]["value"] == pytest.approx(E, rel=2e-3)
     assert record["quality"]["frames_used"] == 5
+
+
+def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "frames")
+    with_scene(folder, measure={"method": "threshold", "threshold": 0.5})
+    found = []
+    for effects in ({}, {"position_drift": "off", "dust": "off", "saturation": "off"}):
+        with_scene(folder, effects=effects)
+        experiment = open_experiment(read_scene(folder))
+        frames = measure_experiment(experiment, workers=1).frames
+        series = measure_thresholds(experiment, [0.5], workers=1)
+        columns = ["contrast", "noise", "shift_x_px", "shift_y_px", "n_contacts"]
+        pd.testing.assert_frame_equal(series.frames[columns], frames[columns])
+        np.testing.assert_allclose(series.areas[0], frames["area_m2"], rtol=1e-12)
+        np.testing.assert_allclose(series.forces[0], frames["force_sum_N"], rtol=1e-12)
+        found.append(frames)
+    assert (found[0]["shift_x_px"] != 0).all()
+    assert (found[1]["shift_x_px"] == 0).all()  # the switch changes what is measured
+
+
+def test_circles_are_measured_on_frames_prepared_as_process_does(smooth_frames, tmp_path):
+    folder = copy_of(smooth_frames, tmp_path / "frames")
+    loads = pd.read_csv(folder / "loads.csv").iloc[[0, 3, 4]]
+    loads.to_csv(folder / "loads.csv", index=False)
+    with_scene(folder, images={"frames": loads["frame"].tolist()})
+    with_scene(folder, effects={"position_drift": "off"}, measure={"method": "threshold"})
+    experiment = open_experiment(read_scene(folder))
+    circles = measure_circles(experiment, workers=1).table
+    frames = measure_experiment(experiment, workers=1).frames
+    columns = ["frame", "shift_x_px", "shift_y_px"]
+    pd.testing.assert_frame_equal(circles[columns], frames[columns])
+    assert (frames["shift_x_px"] == 0).all()
+
+
+@pytest.mark.parametrize("module", [circles_module, thresholds_module, frames_module])
+def test_full_scale_is_that_of_the_scene_in_every_command(module, monkeypatch, tmp_path):
+    seen = []
+    monkeypatch.setattr(module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
+    write_frame(Frame(np.zeros((20, 30), np.uint8)), tmp_path / "frame_1.tif")
+    base = {"camera": {"pixel_size_m": 6e-6}, "indenter": {"radius_m": 0.1, "apex_m": [0.0, 0.0]}}
+    for switch, full_scale in (("auto", 255), ("off", np.inf)):
+        scene = scene_from_dict(base | {"effects": {"saturation": switch}}, folder=str(tmp_path))
+        measure = {
+            circles_module: measure_circles,
+            thresholds_module: measure_thresholds,
+            frames_module: measure_experiment,
+        }[module]
+        with pytest.raises(InputError, match=r"frame_1.tif: cannot be measured \(ZeroDivisionError: "):
+            measure(open_experiment(scene), workers=1)
+        assert seen.pop()["full_scale"] == full_scale
+
+
+@pytest.mark.parametrize(
+    ("kind", "frames", "module"),
+    [("jkr", "smooth_frames", circles_module), ("plateau", "small_series", thresholds_module)],
+)
+def test_a_frame_that_breaks_a_calibration_is_one_failed_row(request, monkeypatch, kind, frames, module):
+    tmp_path, capsys = (request.getfixturevalue(name) for name in ("tmp_path", "capsys"))
+    folder = copy_of(request.getfixturevalue(frames), tmp_path / "frames")
+    measure = module.measure_image
+
+    def breaking(image, *arguments, **options):
+        if image.max() == 7:
+            raise np.linalg.LinAlgError("singular")
+        return measure(image, *arguments, **options)
+
+    monkeypatch.setattr(module, "measure_image", breaking)
+    bad = next(source for source in list_frames(folder) if source.name == "frame_2.tif")
+    write_frame(Frame(np.full(bad.read().shape, 7, np.uint8)), bad.path)
+    assert run("calibrate", kind, folder, "-o", tmp_path / "out", "--workers", 1) == 1
+    assert "frame_2.tif: cannot be measured (LinAlgError: singular)" in capsys.readouterr().out
 
 
 def test_jkr_refusals_say_why(smooth_frames, tmp_path, capsys):

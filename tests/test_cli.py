@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 
@@ -325,6 +326,42 @@ def test_frames_that_show_nothing_are_not_success(series, tmp_path, capsys):
     frames = frames_of(tmp_path / "out")
     assert set(frames["status"]) == {"constant"}
     assert frames["area_m2"].isna().all()
+    capsys.readouterr()
+    assert main(["process", "--help"]) == 0
+    assert "exit code is 1 if a frame failed, and also if no frame shows anything" in " ".join(
+        capsys.readouterr().out.split()
+    )
+
+
+def test_overlay_without_a_load_is_nothing_done(series, tmp_path, capsys):
+    (series / "loads.csv").unlink()
+    assert 'loads = "loads.csv"\n' in (series / "scene.toml").read_text()
+    edit(series / "scene.toml", 'loads = "loads.csv"\n', "")
+    run, out = tmp_path / "run", tmp_path / "out"
+    assert process(series, "-o", run) == 0
+    capsys.readouterr()
+    sentence = failure(capsys, main(["overlay", str(run), "-o", str(out), "--quiet"]))
+    assert "there is nothing to compare: no frame of the run has a load" in sentence
+    assert not out.exists()
+
+
+def test_names_with_the_signs_of_formulae_are_names(series, tmp_path):
+    name = "a$_{b$.tif"  # between the signs, what mathtext refuses
+    (series / "frame_2.tif").rename(series / name)
+    edit(series / "scene.toml", 'frames = "frame_*.tif"', f'frames = ["{name}", "frame_3.tif"]')
+    edit(series / "loads.csv", "frame_2.tif", name)
+    run, out = tmp_path / "run", tmp_path / "out"
+    assert main(["process", str(series), "-o", str(run), "--workers", "1", "--quiet"]) == 0
+    assert main(["overlay", str(run), "-o", str(out), "--workers", "1", "--quiet"]) == 0
+    for folder in (run, out):
+        assert (folder / "overlays" / f"{name}.png").stat().st_size > 0
+
+
+def test_the_provenance_holds_the_command_as_a_shell_reads_it(series, tmp_path):
+    words = ["process", str(series), "-o", str(tmp_path / "two words"), "--no-pictures", "--quiet"]
+    assert main(words) == 0
+    record = json.loads((tmp_path / "two words" / "provenance.json").read_text())
+    assert shlex.split(record["command"]) == ["contactimg", *words]
 
 
 def test_overlay_of_no_run(tmp_path, capsys):
@@ -374,6 +411,40 @@ def test_a_scene_from_elsewhere_is_for_the_frames_of_the_folder(series, small_se
     assert process(series, "--scene", small_series / "scene.toml", "-o", out) == 0
     assert frames_of(out).index.tolist() == ["frame_1.tif", "frame_2.tif"]
     assert pd.read_csv(out / "contacts.csv")["force_N"].notna().all()
+
+
+def test_a_scene_from_elsewhere_takes_a_page_of_the_folders_stack_as_reference(series, tmp_path):
+    pages = np.stack(
+        [tifffile.imread(series / f"{name}.tif") for name in ("reference", "frame_1", "frame_2")]
+    )
+    folder, other = tmp_path / "stacks", tmp_path / "scenes"
+    for place in (folder, other):
+        place.mkdir()
+    tifffile.imwrite(folder / "stack.tif", pages, photometric="minisblack")
+    (other / "scene.toml").write_text(
+        '[camera]\npixel_size_m = 6e-6\n[images]\nreference = "stack.tif[0]"\nframes = "stack.tif"\n'
+    )
+    out = tmp_path / "out"
+    assert process(folder, "--scene", other / "scene.toml", "-o", out) == 0
+    frames = frames_of(out)
+    assert frames.index.tolist() == ["stack.tif[1]", "stack.tif[2]"]
+    assert frames["message"].isna().all()  # or it would say that there is no reference
+
+
+@pytest.mark.parametrize("scene", ["[camera]\npixel_size_m = 6e-6\n", None])
+def test_a_file_called_reference_is_never_a_frame(series, tmp_path, scene):
+    for name in ("scene.toml", "loads.csv"):
+        (series / name).unlink()
+    for path in series.glob("frame_*.tif"):
+        path.rename(series / path.name.replace("frame", "img"))
+    if scene is not None:
+        (series / "scene.toml").write_text(scene)
+    assert process(series, "-o", tmp_path / "out") == 0
+    frames = frames_of(tmp_path / "out")
+    assert frames.index.tolist() == ["img_1.tif", "img_2.tif", "img_3.tif"]
+    # a scene that names no reference has none; without a scene, the file's name says what it is
+    said = frames["message"].astype(str).str.contains("no reference")
+    assert (said if scene is not None else ~said).all()
 
 
 def test_another_pattern_is_said_in_the_message(series, tmp_path):

@@ -155,6 +155,35 @@ def test_reference_is_no_frame_even_if_the_glob_matches_it(folder, reference, fr
     assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
 
 
+@pytest.mark.parametrize("frames", [".", "*.tif", ["frame_1.tif", "frame_2.tif", "frame_10.tif", "R*.tif"]])
+def test_a_file_called_reference_is_no_frame_even_if_no_reference_is_named(folder, frames, caplog):
+    (folder / "reference.tif").rename(folder / "Reference.tif")
+    experiment = experiment_of(folder, images={"frames": frames})
+    assert experiment.reference is None
+    assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
+    assert "Reference.tif is not measured as a frame; name the reference in the scene" in caplog.text
+
+
+def test_a_file_called_reference_is_a_frame_where_it_is_named_as_one(folder):
+    experiment = experiment_of(folder, images={"frames": ["reference.tif", "frame_1.tif"]})
+    assert experiment.reference is None
+    assert names(experiment) == ["reference.tif", "frame_1.tif"]
+
+
+def test_a_folder_with_nothing_but_a_reference(folder):
+    for path in folder.glob("frame_*"):
+        path.unlink()
+    assert refusal(folder) == f"{folder}: there is no frame besides the reference reference.tif"
+
+
+def test_tables_called_frame_are_no_frames(folder):
+    for path in folder.glob("frame_*"):
+        path.rename(folder / path.name.replace("frame", "img"))
+    (folder / "loads.csv").rename(folder / "frame_times.csv")
+    experiment = experiment_of(folder, images={"reference": "reference.tif"})
+    assert names(experiment) == ["img_1.tif", "img_2.tif", "img_10.tif"]
+
+
 def test_page_of_a_stack_as_reference(folder):
     with_pages = folder / "s.tif"
     import tifffile

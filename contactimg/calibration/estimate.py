@@ -1,4 +1,9 @@
-"""An estimated number with its uncertainty, as every calibration states it."""
+"""An estimated number with its uncertainty, as every calibration states it.
+
+Its ``std`` is not that of `contactimg.analysis.estimates.Estimate`, a standard deviation: it is what a normal
+distribution would need for the same 95 % interval, because whoever takes a calibrated number on has only its
+``std``, not the degrees of freedom behind it.
+"""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-__all__ = ["COVERAGE", "NORMAL_95", "Estimate", "estimate_from_draws", "student_estimate"]
+__all__ = ["COVERAGE", "NORMAL_95", "CoverageEstimate", "coverage_estimate", "estimate_from_draws"]
 
 COVERAGE = 0.95
 NORMAL_95 = float(stats.norm.ppf(0.5 + COVERAGE / 2))
@@ -15,15 +20,16 @@ NORMAL_95 = float(stats.norm.ppf(0.5 + COVERAGE / 2))
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A number and how well it is known.
+class CoverageEstimate:
+    """A number and its 95 % interval, which ``std`` stands for.
 
     Parameters
     ----------
     value : float
     std : float
         Standard uncertainty, stated such that ``value +- 1.96 std`` covers 95 %: half the width of the
-        interval over 1.96, which with few data exceeds the standard deviation.
+        interval over 1.96, which with few data exceeds the standard deviation that
+        `contactimg.analysis.estimates.Estimate` states.
     low, high : float
         Ends of the 95 % interval.
     """
@@ -38,7 +44,7 @@ class Estimate:
 
         Examples
         --------
-        >>> Estimate(3e6, 1e4, 2.98e6, 3.02e6).record("Pa")["std"]
+        >>> CoverageEstimate(3e6, 1e4, 2.98e6, 3.02e6).record("Pa")["std"]
         10000.0
         """
         return {
@@ -49,23 +55,23 @@ class Estimate:
             "high_95": self.high,
         }
 
-    def scaled(self, factor: float) -> "Estimate":
-        """The estimate times a positive factor."""
-        return Estimate(self.value * factor, self.std * factor, self.low * factor, self.high * factor)
 
-
-def estimate_from_draws(draws: NDArray[np.float64]) -> Estimate:
+def estimate_from_draws(draws: NDArray[np.float64]) -> CoverageEstimate:
     """Median and central 95 % interval of draws from a distribution."""
     low, value, high = np.quantile(draws, [0.5 - COVERAGE / 2, 0.5, 0.5 + COVERAGE / 2])
-    return Estimate(float(value), float((high - low) / 2 / NORMAL_95), float(low), float(high))
+    return CoverageEstimate(float(value), float((high - low) / 2 / NORMAL_95), float(low), float(high))
 
 
-def student_estimate(value: float, std: float, *, freedom: float, known_std: float = 0.0) -> Estimate:
+def coverage_estimate(
+    value: float, std: float, *, freedom: float, known_std: float = 0.0
+) -> CoverageEstimate:
     """An estimate whose standard deviation was itself estimated, plus an independent known part.
 
     Parameters
     ----------
-    value, std : float
+    value : float
+    std : float
+        Standard deviation; the estimate's ``std`` is larger, by Student's quantile over 1.96.
     freedom : float
         Degrees of freedom of ``std``.
     known_std : float
@@ -73,14 +79,14 @@ def student_estimate(value: float, std: float, *, freedom: float, known_std: flo
 
     Returns
     -------
-    Estimate
+    CoverageEstimate
         Its half-widths, Student's for the one part and normal for the other, add in quadrature.
 
     Examples
     --------
-    >>> student_estimate(1.0, 0.01, freedom=4).high
+    >>> coverage_estimate(1.0, 0.01, freedom=4).high
     1.02776445
     """
     quantile = float(stats.t.ppf(0.5 + COVERAGE / 2, freedom)) if std > 0 else 0.0
     half = float(np.hypot(quantile * std, NORMAL_95 * known_std))
-    return Estimate(value, half / NORMAL_95, value - half, value + half)
+    return CoverageEstimate(value, half / NORMAL_95, value - half, value + half)

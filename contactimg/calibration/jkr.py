@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
 from contactimg.calibration.branches import tell_branches
-from contactimg.calibration.estimate import Estimate, estimate_from_draws
+from contactimg.calibration.estimate import CoverageEstimate, estimate_from_draws
 from contactimg.errors import InputError
 
 __all__ = ["JkrCalibration", "calibrate_jkr", "check_loads"]
@@ -46,10 +46,10 @@ class JkrCalibration:
 
     Parameters
     ----------
-    young_modulus : Estimate, Pa
-    work_of_adhesion : Estimate, J/m^2
+    young_modulus : CoverageEstimate, Pa
+    work_of_adhesion : CoverageEstimate, J/m^2
         Of the loading branch, where the branches differ; else of all frames.
-    work_of_adhesion_unloading : Estimate or None, J/m^2
+    work_of_adhesion_unloading : CoverageEstimate or None, J/m^2
         Of the unloading branch, where it differs.
     correlation : float
         Between modulus and work of adhesion.
@@ -59,9 +59,9 @@ class JkrCalibration:
         One row a frame: load_N, radius_m, branch, fitted_N, residual_N, used.
     """
 
-    young_modulus: Estimate
-    work_of_adhesion: Estimate
-    work_of_adhesion_unloading: Estimate | None
+    young_modulus: CoverageEstimate
+    work_of_adhesion: CoverageEstimate
+    work_of_adhesion_unloading: CoverageEstimate | None
     correlation: float
     load_noise: float
     points: pd.DataFrame

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from contactimg.calibration.estimate import Estimate
+from contactimg.calibration.estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 
@@ -18,8 +18,8 @@ class ModulusCalibration:
 
     Parameters
     ----------
-    young_modulus : Estimate, Pa
-    slope : Estimate
+    young_modulus : CoverageEstimate, Pa
+    slope : CoverageEstimate
         Of the force sums against the loads with the modulus as measured before.
     distance : float
         New minus measured modulus in standard uncertainties of both; NaN if the measured one has none.
@@ -29,8 +29,8 @@ class ModulusCalibration:
         One sentence for a person; empty if the two agree.
     """
 
-    young_modulus: Estimate
-    slope: Estimate
+    young_modulus: CoverageEstimate
+    slope: CoverageEstimate
     distance: float
     compatible: bool
     message: str
@@ -89,7 +89,7 @@ def calibrate_modulus(
     value = young_modulus / slope.value
     relative = slope.std / slope.value
     half = value * (slope.high - slope.low) / 2 / slope.value
-    tuned = Estimate(value, value * relative, max(value - half, 0.0), value + half)
+    tuned = CoverageEstimate(value, value * relative, max(value - half, 0.0), value + half)
     difference = value - young_modulus
     distance = difference / np.hypot(tuned.std, young_modulus_std) if young_modulus_std > 0 else np.nan
     compatible = not (young_modulus_std > 0 and abs(difference) > 1.96 * young_modulus_std)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.calibration.estimate import Estimate, student_estimate
+from contactimg.calibration.estimate import CoverageEstimate, coverage_estimate
 from contactimg.errors import InputError
 
 __all__ = ["ThresholdCalibration", "calibrate_threshold", "load_slope"]
@@ -23,9 +23,9 @@ class ThresholdCalibration:
 
     Parameters
     ----------
-    threshold : Estimate
+    threshold : CoverageEstimate
         Fraction of the contact contrast.
-    slope : Estimate
+    slope : CoverageEstimate
         Of the force sums against the loads at that threshold, 1 by construction.
     thresholds, slopes, slope_stds : ndarray, shape (m,)
         The curve.
@@ -33,15 +33,15 @@ class ThresholdCalibration:
         Force sums at the calibrated threshold.
     """
 
-    threshold: Estimate
-    slope: Estimate
+    threshold: CoverageEstimate
+    slope: CoverageEstimate
     thresholds: Values
     slopes: Values
     slope_stds: Values
     forces: Values
 
 
-def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0) -> Estimate:
+def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0) -> CoverageEstimate:
     """Slope of force sums against loads, least squares through the origin: ``sum(F P)/sum(P^2)``.
 
     Parameters
@@ -53,7 +53,7 @@ def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0)
 
     Returns
     -------
-    Estimate
+    CoverageEstimate
         The scatter about the line, noise of the loads included, gives the other part of the uncertainty; of
         a single load there is none, and only ``relative_std`` counts.
 
@@ -90,11 +90,11 @@ def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0)
     slope = float(F @ P) / square
     freedom = P.size - 1
     if freedom == 0:
-        return student_estimate(slope, 0.0, freedom=1, known_std=slope * relative_std)
+        return coverage_estimate(slope, 0.0, freedom=1, known_std=slope * relative_std)
     rest = F - slope * P
     even = float(rest @ rest) / freedom / square
     own = float(np.sum((P * rest / (1 - P**2 / square)) ** 2)) / square**2
-    return student_estimate(slope, max(even, own) ** 0.5, freedom=freedom, known_std=slope * relative_std)
+    return coverage_estimate(slope, max(even, own) ** 0.5, freedom=freedom, known_std=slope * relative_std)
 
 
 def calibrate_threshold(
@@ -149,7 +149,7 @@ def calibrate_threshold(
     slope = load_slope(at_unit, P, relative_std=relative_std)
     value, steepness = float(t[k] + fraction * (t[k + 1] - t[k])), _steepness(t, values, k)
     ends = np.clip(value + np.array([-1, 1]) * (slope.high - slope.low) / 2 / steepness, 0.0, 1.0)
-    threshold = Estimate(value, slope.std / steepness, float(ends[0]), float(ends[1]))
+    threshold = CoverageEstimate(value, slope.std / steepness, float(ends[0]), float(ends[1]))
     return ThresholdCalibration(threshold, slope, t, values, stds, at_unit)
 
 

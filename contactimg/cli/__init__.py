@@ -33,7 +33,8 @@ def commands() -> None:
         contactimg process sample_data/sa_plus -o results
         contactimg overlay results
 
-    Exit codes: 0 done, 1 done but some frames failed, 2 nothing done.
+    Exit codes: 0 done, 1 done but some frames failed or none could be measured, as their rows say, 2 nothing
+    done.
     """
 
 

@@ -90,7 +90,7 @@ def analyse(
     quiet: bool,
     **options: Any,
 ) -> None:
-    """Analyse RUNs, outputs of `process`: places of one surface under one lens.
+    """Analyse RUNs, outputs of `process` (or of `predict`): places of one surface under one lens.
 
     Writes area.csv (A against P, L/a, a/R), profile.csv and profile_normalised.csv (p against r),
     pressure_law.csv (density and mean radius against p), friction.csv, results.csv (exponents and other
@@ -108,7 +108,7 @@ def analyse(
         from contactimg.files import OutputFolder, provenance, read_topography
         from contactimg.pipeline.analyse import analyse_places
         from contactimg.pipeline.analysis_files import write_analysis, write_results, write_topography
-        from contactimg.pipeline.model_places import COUPLINGS, count_solutions
+        from contactimg.pipeline.model_places import MODEL_COUPLINGS, count_solutions
         from contactimg.pipeline.places import open_place, read_centre
 
     if not runs and topography is None:
@@ -123,7 +123,7 @@ def analyse(
         tables: list[pd.DataFrame] = []
         notes: tuple[str, ...] = ()
         if places:
-            count = len(COUPLINGS) * count_solutions(places) if settings.models else 0
+            count = len(MODEL_COUPLINGS) * count_solutions(places) if settings.models else 0
             with progress("solving models", count, quiet=quiet or not count) as advance:
                 analysis = analyse_places(places, settings, workers=workers, advance=advance)
             tables.append(write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress))

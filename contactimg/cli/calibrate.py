@@ -18,7 +18,7 @@ from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
-    from contactimg.calibration.estimate import Estimate
+    from contactimg.calibration.estimate import CoverageEstimate
     from contactimg.files import Experiment
     from contactimg.pipeline.calibrate import Calibrated
     from contactimg.scene import Scene
@@ -231,21 +231,21 @@ def _modulus(given: dict[str, Any]) -> dict[str, float]:
     }
 
 
-def _kept_threshold(scene: "Scene", record: dict[str, Any], value: float | None) -> "Estimate | None":
+def _kept_threshold(scene: "Scene", record: dict[str, Any], value: float | None) -> "CoverageEstimate | None":
     """The threshold that is kept: the calibration's, the option's or the scene's; None for disks."""
-    from contactimg.calibration.estimate import Estimate
+    from contactimg.calibration.estimate import CoverageEstimate
 
     if "threshold" in record and value is not None:
         raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
     if "threshold" in record:
         entry = record["threshold"]
         std = float(entry.get("std") or 0.0)
-        return Estimate(entry["value"], std, entry["value"] - 1.96 * std, entry["value"] + 1.96 * std)
+        return CoverageEstimate(entry["value"], std, entry["value"] - 1.96 * std, entry["value"] + 1.96 * std)
     if value is not None:
-        return Estimate(value, 0.0, value, value)
+        return CoverageEstimate(value, 0.0, value, value)
     stated = scene.source.get("measure", {}).get("threshold")
     if isinstance(stated, float | int) and scene.measure.method == "threshold":
-        return Estimate(float(stated), 0.0, float(stated), float(stated))
+        return CoverageEstimate(float(stated), 0.0, float(stated), float(stated))
     if scene.measure.method == "disk":
         return None
     raise InputError(BOTH)

@@ -1,6 +1,7 @@
 """What the commands share: options, progress bars, the summary table."""
 
 import logging
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
@@ -77,9 +78,9 @@ Advance = Callable[[], None]
 
 
 def command_line(command: str) -> str:
-    """The command as typed, for the provenance."""
+    """The command, for the provenance, as a shell reads it."""
     typed = click.get_current_context().find_root().obj or []
-    return " ".join(["contactimg", *typed]) if typed else f"contactimg {command}"
+    return shlex.join(["contactimg", *typed]) if typed else f"contactimg {command}"
 
 
 @contextmanager

@@ -55,10 +55,12 @@ def process(
 ) -> int:
     """Measure every frame of FOLDER: contacts, local forces, overlays.
 
-    What the scene.toml in FOLDER says holds unless an option says otherwise; without one, --reference and
-    --pixel-size-um are enough. With --tolerance each frame is measured by the threshold if its error, which
-    is estimated on the frame, stays below it, else by the fit of disks; the provenance holds the decisions.
-    Writes contacts.csv, frames.csv, rejected.csv, provenance.json and a picture of each frame in overlays/.
+    What the scene.toml in FOLDER says holds unless an option says otherwise; without one, --reference (or an
+    image called reference) and --pixel-size-um are enough. With --tolerance each frame is measured by the
+    threshold if its error, which is estimated on the frame, stays below it, else by the fit of disks; the
+    provenance holds the decisions. Writes contacts.csv, frames.csv, rejected.csv, provenance.json and a
+    picture of each frame in overlays/. The exit code is 1 if a frame failed, and also if no frame shows
+    anything that can be measured, because all are black or white, say: their rows tell why.
 
     \b
     Examples:

@@ -5,7 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from contactimg.errors import InputError
-from contactimg.files import SCENE_FILE, list_frames, read_calibration, read_scene
+from contactimg.files import (
+    SCENE_FILE,
+    is_reference,
+    list_frames,
+    named_file,
+    read_calibration,
+    read_scene,
+)
 from contactimg.scene import Scene, scene_from_dict
 
 __all__ = ["calibration_options", "model_inputs", "scene_of_folder", "with_tolerance"]
@@ -100,7 +107,7 @@ def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], P
         return _moved_to(folder, read_scene(scene_file)), folder
     if (folder / SCENE_FILE).exists():
         return _copied(read_scene(folder)), folder
-    reference = [source.path for source in list_frames(folder) if source.path.stem.lower() == "reference"]
+    reference = [source.path for source in list_frames(folder) if is_reference(source.path)]
     return {"images": {"reference": reference[0].name}} if len(reference) == 1 else {}, folder
 
 
@@ -109,7 +116,7 @@ def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
     data = _copied(scene)
     for section, key in (("images", "reference"), ("images", "loads"), ("asperities", "file")):
         named = data.get(section, {}).get(key)
-        if named is not None and not (folder / named).exists():
+        if named is not None and not named_file(named, folder).exists():
             data[section][key] = str((Path(scene.folder) / named).resolve())
     return data
 

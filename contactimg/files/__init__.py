@@ -12,6 +12,8 @@ from contactimg.files.csv_tables import (
 from contactimg.files.experiment import (
     SCENE_FILE,
     Experiment,
+    is_reference,
+    named_file,
     open_experiment,
     read_scene,
     read_scene_asperities,
@@ -33,7 +35,9 @@ __all__ = [
     "FrameSource",
     "OutputFolder",
     "RunFolder",
+    "is_reference",
     "list_frames",
+    "named_file",
     "open_experiment",
     "provenance",
     "read_asperities",

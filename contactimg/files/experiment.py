@@ -14,7 +14,7 @@ import tomli_w
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_text
 from contactimg.files.csv_tables import read_asperities, read_loads
-from contactimg.files.sources import FrameSource, list_frames
+from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import LOADS
 from contactimg.timings import stage
@@ -22,6 +22,8 @@ from contactimg.timings import stage
 __all__ = [
     "SCENE_FILE",
     "Experiment",
+    "is_reference",
+    "named_file",
     "open_experiment",
     "read_scene",
     "read_scene_asperities",
@@ -35,6 +37,7 @@ SCENE_FILE = "scene.toml"
 """Name of the scene file in a folder."""
 
 _LOADS_FILE = "loads.csv"
+_REFERENCE_STEM = "reference"
 _NAMES_SHOWN = 3
 
 
@@ -127,6 +130,30 @@ def write_scene(data: Mapping[str, object], path: str | Path) -> None:
     write_text(tomli_w.dumps(data), path)
 
 
+def named_file(name: str, folder: Path) -> Path:
+    """The file that ``name``, or ``name[k]`` for one of its images, stands for; it need not exist.
+
+    Examples
+    --------
+    >>> named_file("stack.tif[3]", Path("no_such_folder")).as_posix()
+    'no_such_folder/stack.tif'
+    """
+    page = re.fullmatch(r"(.+)\[\d+\]", name)
+    path = folder / name
+    return folder / page[1] if page and not path.exists() else path
+
+
+def is_reference(path: Path) -> bool:
+    """True for a file called ``reference``, whatever its extension: it is no frame unless named as one.
+
+    Examples
+    --------
+    >>> is_reference(Path("run_1/Reference.TIF")), is_reference(Path("reference_2.tif"))
+    (True, False)
+    """
+    return path.stem.lower() == _REFERENCE_STEM
+
+
 def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     """Find and check the files that a scene names.
 
@@ -186,12 +213,11 @@ def _find_reference(scene: Scene) -> FrameSource | None:
     if named is None:
         return None
     path = Path(scene.folder) / named
-    stack = re.fullmatch(r"(.+)\[\d+\]", named)
-    file = stack[1] if stack and not path.exists() else named
-    if not (Path(scene.folder) / file).is_file():
+    file = named_file(named, Path(scene.folder))
+    if not file.is_file():
         raise InputError(f"{path}: the scene names this reference, but there is no such file")
-    sources = list_frames(file, folder=scene.folder, full_scale=_full_scale(scene))
-    matches = [source for source in sources if source.name == path.name] if file is not named else sources
+    sources = list_frames(file, full_scale=_full_scale(scene))
+    matches = [source for source in sources if source.name == path.name] if file != path else sources
     if len(matches) != 1:
         first, last = sources[0].name, sources[-1].name
         raise InputError(f"{path}: the reference must be one image; name one of {first} ... {last}")
@@ -200,15 +226,25 @@ def _find_reference(scene: Scene) -> FrameSource | None:
 
 def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSource]:
     """The frames of a scene, without the reference."""
-    named = scene.images.frames
+    folder, named = Path(scene.folder), scene.images.frames
     if named is None:
-        named = "frame_*" if any(Path(scene.folder).glob("frame_*")) else "."
-    frames = list_frames(named, folder=scene.folder, full_scale=_full_scale(scene))
+        named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
+    frames = list_frames(named, folder=folder, full_scale=_full_scale(scene))
     if reference is not None:
         place = reference.path.resolve(), reference.index
         frames = [frame for frame in frames if (frame.path.resolve(), frame.index) != place]
+    chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
+    dropped = [frame.name for frame in frames if is_reference(frame.path) and frame.path not in chosen]
+    frames = [frame for frame in frames if frame.name not in dropped]
     if not frames:
-        raise InputError(f"{scene.folder}: there is no frame besides the reference {scene.images.reference}")
+        besides = scene.images.reference or _some(dropped)
+        raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
+    if dropped:
+        logger.warning(
+            "%s: %s is not measured as a frame; name the reference in the scene, or it among the frames",
+            folder,
+            _some(dropped),
+        )
     return frames
 
 

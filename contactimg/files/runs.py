@@ -160,6 +160,12 @@ class RunFolder:
     scene: Scene | None
     provenance: dict[str, Any]
 
+    @property
+    def command(self) -> str:
+        """The command that made the run, ``process`` or ``predict``; empty if the record does not say."""
+        words = str(self.provenance.get("command", "")).split()
+        return words[1] if len(words) > 1 else ""
+
 
 def read_run(folder: str | Path) -> RunFolder:
     """Read back the output folder of a run.

@@ -17,7 +17,7 @@ from contactimg.files.grey import to_grey
 from contactimg.frame import Frame
 from contactimg.timings import stage
 
-__all__ = ["SUFFIXES", "FrameSeries", "FrameSource", "list_frames", "natural_key", "read_frames"]
+__all__ = ["SUFFIXES", "FrameSeries", "FrameSource", "is_image", "list_frames", "natural_key", "read_frames"]
 
 PathLike = str | os.PathLike[str]
 
@@ -167,19 +167,19 @@ def _files(folder: Path, entry: PathLike) -> list[Path]:
     """The image files that one path or glob stands for."""
     path = folder / entry
     if path.is_dir():
-        found = [file for file in path.iterdir() if _is_image(file)]
+        found = [file for file in path.iterdir() if is_image(file)]
         return _sorted_or_none(found, f"{path} holds no image file")
     if path.exists():
         _decoder(path)
         return [path]
     if glob.has_magic(os.fspath(entry)):
         matches = glob.glob(os.fspath(entry), root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
-        found = [folder / match for match in matches if _is_image(folder / match)]
+        found = [folder / match for match in matches if is_image(folder / match)]
         return _sorted_or_none(found, f"{path} matches no image file")
     raise InputError(f"{path}: there is no such file or folder")
 
 
-def _is_image(path: Path) -> bool:
+def is_image(path: Path) -> bool:
     """True for a file, not hidden, with the extension of an image."""
     return path.suffix.lower() in _DECODERS and not path.name.startswith(".") and path.is_file()
 

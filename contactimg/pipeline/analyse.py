@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -16,7 +17,7 @@ from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.load_averages import LoadAverage, Surface, average_load
 from contactimg.pipeline.load_groups import group_frames, joined, usable_frames
-from contactimg.pipeline.model_places import COUPLINGS, has_models, predict_places
+from contactimg.pipeline.model_places import MODEL_COUPLINGS, has_models, predict_places
 from contactimg.pipeline.places import Place
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
@@ -74,7 +75,8 @@ class Analysis:
     Parameters
     ----------
     area, profile, normalised, pressure_law, friction : DataFrame
-        Tables of `contactimg.tables`; measured and model rows side by side.
+        Tables of `contactimg.tables`; rows of the runs (`contactimg.tables.RUN_MODELS`: ``measured``, or
+        ``predicted`` if they are those of `predict`) and of the models side by side.
     area_laws : dict
         Model -> exponent of A(P).
     contact_laws : dict
@@ -124,20 +126,22 @@ def analyse_places(
     Raises
     ------
     InputError
-        If a place is there twice, or no place has a frame with a load above zero and an area.
+        If a place is there twice, some places are measured and others predicted, or no place has a frame with
+        a load above zero and an area.
     """
-    names = [place.name for place in places]
-    if len(set(names)) < len(names):
+    folders = {Path(place.name).resolve() for place in places}
+    if len(folders) < len(places):
         raise InputError("a run is given more than once; its contacts would count as those of another place")
     notes = [note for place in places for note in _left_out(place)]
     groups = group_frames(places, tolerance=options.load_tolerance)
     if not groups:
         raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
-    seen = {"measured": list(places)}
+    own = _run_model(places)
+    seen = {own: list(places)}
     if options.models and not all(has_models(place) for place in places):
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
     elif options.models:
-        for model in COUPLINGS:
+        for model in MODEL_COUPLINGS:
             seen[model], left_out = predict_places(places, model, workers=workers, advance=advance)
             notes += left_out
     surface = Surface.of(places[0])
@@ -157,7 +161,7 @@ def analyse_places(
         ),
         friction=friction,
         area_laws=_area_laws(seen, options, notes),
-        contact_laws=_contact_laws(averages, options, notes),
+        contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
         stress_ratio=ratio,
         notes=tuple(dict.fromkeys(notes)),
@@ -173,6 +177,17 @@ def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
         If its loads hold no ``friction_N`` of a frame with a contact.
     """
     return _shear_stress(_friction_table([place]), options).stress
+
+
+def _run_model(places: Sequence[Place]) -> str:
+    """What the contacts of the runs are called in the tables."""
+    predicted = {place.predicted for place in places}
+    if len(predicted) > 1:
+        raise InputError(
+            "measured and predicted runs are given together; analyse the outputs of `process` and those of "
+            "`predict` apart"
+        )
+    return "predicted" if predicted == {True} else "measured"
 
 
 def _left_out(place: Place) -> list[str]:
@@ -247,9 +262,9 @@ def _area_laws(
 
 
 def _contact_laws(
-    averages: list[LoadAverage], options: AnalysisOptions, notes: list[str]
+    averages: list[LoadAverage], own: str, options: AnalysisOptions, notes: list[str]
 ) -> dict[tuple[str, str], BrokenLaw]:
-    """Density and mean radius against the local pressure, measured and of the coupled model."""
+    """Density and mean radius against the local pressure, of the runs and of the coupled model."""
 
     def law(quantity: str, model: str) -> BrokenLaw:
         loads = [average.moments[model] for average in averages if average.moments[model]]
@@ -258,9 +273,7 @@ def _contact_laws(
         )
 
     models = [model for model in averages[0].moments if model != "uncoupled"]
-    if not any(
-        place["n_forces"].any() for average in averages for place in average.moments["measured"].values()
-    ):
+    if not any(place["n_forces"].any() for average in averages for place in average.moments[own].values()):
         notes.append("no profiles of pressure and no laws against it: no contact has a force")
         return {}
     keys = [(quantity, model) for quantity in QUANTITIES for model in models]

@@ -19,6 +19,7 @@ from contactimg.tables import (
     PRESSURE_LAW,
     PROFILE,
     RESULTS,
+    RUN_MODELS,
 )
 
 __all__ = ["write_analysis", "write_results", "write_topography"]
@@ -58,10 +59,10 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
 def _draw(analysis: Analysis, folder: Path, smooth_stress: Estimate | None) -> None:
     """Draw A(P), profiles, laws against the local pressure and friction, as far as they are there."""
     _save(plot_areas(analysis.area, analysis.area_laws), folder, "area")
-    measured = analysis.normalised[
-        (analysis.normalised["model"] == "measured") & analysis.normalised["pressure_over_hertz"].notna()
+    seen = analysis.normalised[
+        analysis.normalised["model"].isin(RUN_MODELS) & analysis.normalised["pressure_over_hertz"].notna()
     ]
-    loads = measured[["frame", "load_N"]].drop_duplicates()
+    loads = seen[["frame", "load_N"]].drop_duplicates()
     for number, frame in enumerate(loads["frame"], start=1):
         part = analysis.normalised[analysis.normalised["frame"] == frame]
         _save(plot_profile(part), folder, f"profile_{number:0{len(str(len(loads)))}d}")

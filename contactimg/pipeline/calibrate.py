@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.calibration.estimate import Estimate
+from contactimg.calibration.estimate import CoverageEstimate
 from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
 from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import find_plateau
@@ -142,7 +142,7 @@ def _jkr_record(found: JkrCalibration, series: CircleSeries, contact_modulus: fl
     """What ``calibration.json`` says of a JKR fit."""
     centre = mean_centre(series.table)
     point = [
-        Estimate(v, centre.std_px, v - 1.96 * centre.std_px, v + 1.96 * centre.std_px)
+        CoverageEstimate(v, centre.std_px, v - 1.96 * centre.std_px, v + 1.96 * centre.std_px)
         for v in (centre.x_px, centre.y_px)
     ]
     record: dict[str, Any] = {
@@ -262,7 +262,7 @@ def run_threshold(
 def run_modulus(
     experiment: Experiment,
     *,
-    threshold: Estimate | None,
+    threshold: CoverageEstimate | None,
     workers: int | None = None,
     advance: Advance = None,
 ) -> Calibrated:
@@ -272,7 +272,7 @@ def run_modulus(
     ----------
     experiment : Experiment
         Of a scene with asperities of known radii; its modulus and uncertainty are those measured before.
-    threshold : Estimate or None
+    threshold : CoverageEstimate or None
         The calibrated threshold; None for the disk method.
     workers : int, optional
     advance : callable, optional
@@ -349,7 +349,7 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     }
     step = float(np.diff(series.thresholds).max()) / 12**0.5
     record: dict[str, Any] = {
-        name: Estimate(value, step, value - 1.96 * step, value + 1.96 * step).record("1")
+        name: CoverageEstimate(value, step, value - 1.96 * step, value + 1.96 * step).record("1")
         for name, value in exact.items()
     }
     record |= {
@@ -415,11 +415,11 @@ def _loaded(series: ThresholdSeries) -> ThresholdSeries:
     )
 
 
-def _measured_modulus(experiment: Experiment) -> Estimate:
+def _measured_modulus(experiment: Experiment) -> CoverageEstimate:
     """The modulus that the scene states."""
     elastic = experiment.scene.need("elastic", "local forces")
     value, std = elastic.young_modulus, elastic.young_modulus_std
-    return Estimate(value, std, value - 1.96 * std, value + 1.96 * std)
+    return CoverageEstimate(value, std, value - 1.96 * std, value + 1.96 * std)
 
 
 def _modulus_relative_std(experiment: Experiment) -> float:
@@ -430,7 +430,7 @@ def _modulus_relative_std(experiment: Experiment) -> float:
 
 def _disk_slope(
     experiment: Experiment, series: ThresholdSeries, relative: float, workers: int | None
-) -> tuple[Estimate, np.ndarray]:
+) -> tuple[CoverageEstimate, np.ndarray]:
     """Slope and force sums that the disk method gives for the frames of a series."""
     frames = measure_experiment(experiment, workers=workers).frames.set_index("frame")
     forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)

@@ -14,8 +14,8 @@ from contactimg.imaging.circle_fit import EdgeModel, choose_opening, fit_circle
 from contactimg.imaging.measure import measure_image
 from contactimg.optics.film import excess_table
 from contactimg.optics.recipe import lamp
+from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.pipeline.series import FAILED
 from contactimg.scene import Scene, Simulate
 from contactimg.tables import Schema
 
@@ -142,13 +142,7 @@ def _sample_source(
     row: dict[str, object] = {"frame": source.name, "status": "ok", "message": ""}
     try:
         frame = source.read()
-        seen = measure_image(
-            frame.image,
-            reference,
-            method="threshold",
-            polarity=scene.images.polarity,
-            full_scale=frame.full_scale,
-        )
+        seen = measure_image(frame.image, reference, method="threshold", **frame_options(frame, scene))
         row |= {"shift_x_px": seen.shift_x_px, "shift_y_px": seen.shift_y_px, "status": seen.status}
         row["message"] = seen.message
         if not seen.contrast:
@@ -161,8 +155,8 @@ def _sample_source(
             samples = sample_edge(image, circle, outside_px=outside, noise=seen.noise, valid=valid)
             circle = fit_circle(samples, model, opening=np.inf)
         return row, sample_edge(image, circle, outside_px=outside, noise=seen.noise, valid=valid)
-    except FrameError as error:
-        return row | {"status": FAILED, "message": f"{source.name}: {error}"}, None
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return row | failed_row(source.name, error), None
 
 
 def _spread_out(samples: list[EdgeSamples]) -> list[EdgeSamples]:
@@ -180,8 +174,8 @@ def _with_circle(
         return row
     try:
         circle: Circle = fit_circle(samples, model, opening=opening, blur_px=samples.circle.blur_px)
-    except FrameError as error:
-        return row | {"status": FAILED, "message": f"{row['frame']}: {error}"}
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return row | failed_row(str(row["frame"]), error)
     return row | {
         "x_px": circle.x_px,
         "y_px": circle.y_px,

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource
 from contactimg.frame import Frame
-from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
+from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.rim import FilmRim
 from contactimg.imaging.shared_optics import SharedOptics
 from contactimg.optics.recipe import lamp
+from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.local_forces import common_radius
 from contactimg.pipeline.measure import contacts_table, rejected_table
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.prediction import FAILED
 from contactimg.scene import Scene, Simulate
 from contactimg.tables import CONTACTS, REJECTED
 from contactimg.tradeoff.choice import Choice, measure_cheapest
@@ -217,11 +217,8 @@ def _measure_source(
         measurement, choice = _measure_frame(
             frame, reference, scene, film=film, relative=relative, optics=optics
         )
-    except FrameError as error:
-        return _failure(source.name, str(error))
-    except Exception as error:
-        logger.debug("%s", source.name, exc_info=True)
-        return _failure(source.name, f"cannot be measured ({type(error).__name__}: {error})")
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return _failure(source.name, error)
     contacts, rejected = contacts_table(measurement, source.name), rejected_table(measurement, source.name)
     own = measurement.own_optics if len(measurement.disks) else None
     row = _row(measurement, source.name)
@@ -238,8 +235,9 @@ def _measure_frame(
     optics: SharedOptics | None,
 ) -> tuple[ImageMeasurement, Choice | None]:
     """Measure one frame by the scene's method, or by the cheapest that meets a tolerance."""
-    full_scale = np.inf if scene.effects.saturation == "off" else frame.full_scale
+    options = frame_options(frame, scene)
     if relative is not None:
+        full_scale = options["full_scale"]
         return measure_cheapest(
             frame.image, reference, scene=scene, relative=relative, full_scale=full_scale, film=film
         )
@@ -247,13 +245,11 @@ def _measure_frame(
         frame.image,
         reference,
         method=scene.measure.method if optics is None else "disk",
-        polarity=scene.images.polarity,
         threshold=scene.measure.threshold,
-        full_scale=full_scale,
         blur_px=scene.measure.blur_px,
         optics=optics,
         film=film,
-        absent=scene.effects.switched_off(*CORRECTIONS),
+        **options,
     )
     return measurement, None
 
@@ -274,11 +270,9 @@ def _row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
     }
 
 
-def _failure(name: str, reason: str) -> MeasuredFrame:
+def _failure(name: str, error: Exception) -> MeasuredFrame:
     """The part of a frame that could not be measured."""
-    message = reason if name in reason else f"{name}: {reason}"
-    row = {"frame": name, "status": FAILED, "message": message}
-    return MeasuredFrame(CONTACTS.empty(), REJECTED.empty(), row, shape=None)
+    return MeasuredFrame(CONTACTS.empty(), REJECTED.empty(), failed_row(name, error), shape=None)
 
 
 def _same_size(parts: list[MeasuredFrame]) -> tuple[list[MeasuredFrame], tuple[int, int]]:
@@ -291,7 +285,7 @@ def _same_size(parts: list[MeasuredFrame]) -> tuple[list[MeasuredFrame], tuple[i
     for part in parts:
         if part.shape not in (None, (rows, columns)):
             odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
-            checked.append(_failure(part.row["frame"], odd))
+            checked.append(_failure(part.row["frame"], FrameError(odd)))
         else:
             checked.append(part)
     return checked, (rows, columns)

@@ -112,8 +112,8 @@ def average_load(
     ----------
     group : LoadGroup
     seen : mapping
-        Model -> places with its contacts; ``"measured"`` is one. With more the averages of Hertz and
-        Greenwood-Tripp are added.
+        Model -> places with its contacts; one of `contactimg.tables.RUN_MODELS` is there. With more the
+        averages of Hertz and Greenwood-Tripp are added.
     surface : Surface
     width : float, m
         Of an annulus.

@@ -13,9 +13,9 @@ from contactimg.pipeline.places import Place, radius_ratios
 from contactimg.prediction import predict_contacts
 from contactimg.tables import CONTACTS
 
-__all__ = ["COUPLINGS", "count_solutions", "has_models", "predict_places"]
+__all__ = ["MODEL_COUPLINGS", "count_solutions", "has_models", "predict_places"]
 
-COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
+MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
 """Name of the model in the tables -> level of coupling."""
 
 
@@ -80,7 +80,7 @@ def _solve(place: Place, row: dict[str, Any], model: str) -> pd.DataFrame | str:
             place.scene,
             place.asperities,
             load=float(row["load_N"]),
-            coupling=COUPLINGS[model],
+            coupling=MODEL_COUPLINGS[model],
             frame=str(row["frame"]),
         )
     except (ModelRangeError, ConvergenceError) as error:

@@ -8,23 +8,21 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.errors import ContactimgError
+from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
+from contactimg.pipeline.model_places import MODEL_COUPLINGS
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted
 from contactimg.pipeline.process import picture_name
 from contactimg.pipeline.series import FAILED, Run, shift_of
 from contactimg.pose import Pose
-from contactimg.prediction import Coupling, hertz_circle, predict_contacts, see_contacts
+from contactimg.prediction import hertz_circle, predict_contacts, see_contacts
 from contactimg.scene import Scene
 from contactimg.tables import MATCHES, SCORES
 from contactimg.timings import stage
 
 __all__ = ["Comparison", "compare_frame", "compare_run", "draw_comparison", "write_comparison"]
-
-MODELS: dict[str, Coupling] = {"coupled": "asymptotic", "uncoupled": "none"}
-"""Model name in the tables -> level of coupling."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +76,7 @@ def compare_run(
     Raises
     ------
     InputError
-        If the run has no pose, or the scene lacks what the models need.
+        If the run has no pose, the scene lacks what the models need, or no measured frame has a load.
     """
     pose = run.need_pose()
     for section in ("indenter", "elastic"):
@@ -87,7 +85,7 @@ def compare_run(
     scores: list[dict[str, Any]] = []
     predicted: dict[str, dict[str, pd.DataFrame]] = {}
     left_out: dict[str, str] = {}
-    for row in run.frames[run.frames["load_N"].notna() & (run.frames["status"] != FAILED)].to_dict("records"):
+    for row in _comparable(run.frames).to_dict("records"):
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         predicted[frame], reasons = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
@@ -106,13 +104,27 @@ def compare_run(
     return Comparison(MATCHES.conform(pd.concat(matches, ignore_index=True)), table, predicted, left_out)
 
 
+def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
+    """The frames that were measured at a known load."""
+    loaded = frames["load_N"].notna()
+    if not loaded.any():
+        raise InputError(
+            "there is nothing to compare: no frame of the run has a load; run `process` again with a table "
+            "of loads, loads.csv or [images] loads"
+        )
+    good = loaded & (frames["status"] != FAILED)
+    if not good.any():
+        raise InputError("there is nothing to compare: no frame with a load could be measured")
+    return frames[good]
+
+
 def _predicted(
     scene: Scene, asperities: pd.DataFrame, row: dict[str, Any], pose: Pose, shift_px: tuple[float, float]
 ) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
     """The contacts each model predicts in the camera's view, and why a model has no answer."""
     seen: dict[str, pd.DataFrame] = {}
     reasons: dict[str, str] = {}
-    for model, coupling in MODELS.items():
+    for model, coupling in MODEL_COUPLINGS.items():
         try:
             prediction = predict_contacts(
                 scene, asperities, load=row["load_N"], coupling=coupling, frame=row["frame"]

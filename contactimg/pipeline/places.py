@@ -46,6 +46,8 @@ class Place:
     asperities : DataFrame or None
     loads : DataFrame
         Columns of `contactimg.tables.LOADS`, with the friction; empty if there are none.
+    predicted : bool
+        Whether its contacts are those of `predict`.
     """
 
     name: str
@@ -56,6 +58,7 @@ class Place:
     centre: Point
     asperities: pd.DataFrame | None
     loads: pd.DataFrame
+    predicted: bool = False
 
     def field(self, frame: str) -> Field | None:
         """What the camera sees in a frame."""
@@ -93,7 +96,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
     asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
     loads = _optional(lambda: open_experiment(scene).loads, run.folder, "no friction forces")
     return Place(
-        name=str(folder),
+        name=str(run.folder),
         contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
         frames=run.frames,
         scene=_moved(scene, centre),
@@ -101,6 +104,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         centre=centre,
         asperities=asperities,
         loads=LOADS.empty() if loads is None else loads,
+        predicted=run.command == "predict",
     )
 
 

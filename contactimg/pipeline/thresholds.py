@@ -13,6 +13,7 @@ from contactimg.imaging.counting import count_contacts
 from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.pixels import NO_MASK
 from contactimg.imaging.threshold import Contrast
+from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.series import FAILED, Run, locate_frame, series_pose, shift_of, with_forces
@@ -126,22 +127,16 @@ def _count_source(
     """Read and register one frame, and count it at each threshold; a failure becomes a row."""
     try:
         frame = source.read()
-        measurement = measure_image(
-            frame.image,
-            reference,
-            method="threshold",
-            polarity=scene.images.polarity,
-            full_scale=frame.full_scale,
-        )
+        measurement = measure_image(frame.image, reference, method="threshold", **frame_options(frame, scene))
         if not measurement.contrast:
             raise FrameError(measurement.message or "nothing stands out of the noise")
-    except FrameError as error:
-        failure: dict[str, object] = {"frame": source.name, "status": FAILED}
-        return _Counted(failure | {"message": f"{source.name}: {error}"}, [], (1, 1))
-    holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
-    contacts = [
-        CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=source.name)) for t in thresholds
-    ]
+        holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+        contacts = [
+            CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=source.name))
+            for t in thresholds
+        ]
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return _Counted(failed_row(source.name, error), [], (1, 1))
     row: dict[str, object] = {
         "frame": source.name,
         "status": measurement.status,

@@ -13,11 +13,13 @@ from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.analysis.topography import Topography
 from contactimg.plots.axes import new_axes, scale_by_decades
+from contactimg.tables import RUN_MODELS
 
 __all__ = ["plot_area", "plot_areas", "plot_friction", "plot_pressure_law", "plot_profile", "plot_topography"]
 
 STYLES: dict[str, dict[str, Any]] = {
     "measured": {"color": "black", "marker": "o", "linestyle": "none", "label": "measured"},
+    "predicted": {"color": "black", "marker": "s", "linestyle": "none", "label": "predicted"},
     "coupled": {"color": "tab:green", "linestyle": "--", "label": "coupled asperities"},
     "uncoupled": {"color": "tab:red", "linestyle": "-.", "label": "uncoupled asperities"},
     "gt": {"color": "tab:blue", "linestyle": "-", "label": "Greenwood-Tripp"},
@@ -55,7 +57,7 @@ def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | None = None) -> Axes:
-    """Plot A(P) measured and of the models, with the power law through the measurement.
+    """Plot A(P) of the runs and of the models, with the power law through the runs' areas.
 
     Parameters
     ----------
@@ -76,12 +78,12 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
             exponent = laws[str(model)].exponent
             style["label"] += f", $m$ = {exponent.value:.3f} ± {exponent.std:.3f}"
         errors: dict[str, Any] = {}
-        if model == "measured":
+        if model in RUN_MODELS:
             errors = {"xerr": _bars(part["load_std_N"], 1e3), "yerr": _bars(part["area_std_m2"], 1e6)}
         ax.errorbar(part["load_N"] * 1e3, part["area_m2"] * 1e6, capsize=3, **errors, **style)
-    if "measured" in laws:
-        load = np.geomspace(laws["measured"].low, laws["measured"].high, 2)
-        ax.plot(load * 1e3, laws["measured"].value(load) * 1e6, color="grey", linewidth=0.8)
+    for law in (laws[model] for model in RUN_MODELS if model in laws):
+        load = np.geomspace(law.low, law.high, 2)
+        ax.plot(load * 1e3, law.value(load) * 1e6, color="grey", linewidth=0.8)
     ax.set(xlabel="load P (mN)", ylabel="real contact area A (mm²)")
     scale_by_decades(ax)
     ax.legend(fontsize="small")
@@ -116,7 +118,7 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
         if len(r) == 0:
             continue
         bars: dict[str, Any] = (
-            {"yerr": _bars(known["pressure_std_over_hertz"], 1.0)} if model == "measured" else {}
+            {"yerr": _bars(known["pressure_std_over_hertz"], 1.0)} if model in RUN_MODELS else {}
         )
         ax.errorbar(r, p, capsize=3, **bars, **STYLES[str(model)])
     load = normalised["load_N"].iloc[0] if len(normalised) else np.nan
@@ -148,8 +150,7 @@ def plot_pressure_law(
     ax = new_axes() if ax is None else ax
     column, std, unit, label = _pressure_axis(points, quantity)
     for model, part in points.groupby("model", sort=False):
-        marker = "o" if model == "measured" else "x"
-        style = STYLES[str(model)] | {"marker": marker, "linestyle": "none"}
+        style = {"marker": "x"} | STYLES[str(model)] | {"linestyle": "none"}
         errors = _bars(part[std], unit)
         ax.errorbar(part["pressure_Pa"], part[column] * unit, yerr=errors, markersize=4, **style)
         law = laws.get((quantity, str(model)))

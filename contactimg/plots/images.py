@@ -135,7 +135,8 @@ def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: 
     ]
     style = {"labelcolor": "white", "facecolor": "black", "framealpha": 0.6, "fontsize": _font_size(ax)}
     legend = ax.legend(handles=handles, title=title, loc="upper left", **style)
-    legend.get_title().set(color="white", fontsize=_font_size(ax))
+    # titles hold names of files, in which a $ is a $
+    legend.get_title().set(color="white", fontsize=_font_size(ax), parse_math=False)
 
 
 def _font_size(ax: Axes) -> float:
