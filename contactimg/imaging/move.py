@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import special
 
 __all__ = ["Shift", "move_reference", "move_rows", "shift_kernel", "shift_whole_pixels"]
 
@@ -92,7 +93,7 @@ def shift_kernel(fraction: float, taps: int = TAPS) -> NDArray[np.float64]:
     half = taps // 2
     offset = np.arange(-half, half + 1) + fraction
     inside = np.clip(1 - (offset / (half + 1)) ** 2, 0, None)
-    kernel = np.sinc(offset) * np.i0(WINDOW * np.sqrt(inside)) / np.i0(WINDOW)
+    kernel = np.sinc(offset) * special.i0(WINDOW * np.sqrt(inside)) / special.i0(WINDOW)
     return kernel / kernel.sum()
 
 
