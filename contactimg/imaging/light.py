@@ -109,7 +109,7 @@ def block_means(
     image = cv2.copyMakeBorder(np.asarray(image, np.float32), *pad, cv2.BORDER_REPLICATE)
     valid = cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE).astype(np.float32)
     weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(image * valid, size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(np.where(valid > 0, image, np.float32(0.0)), size, interpolation=cv2.INTER_AREA)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
 
 
@@ -186,7 +186,7 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
         grid[j, i] = coefficients[k]
     grid[0, 0] += start
     offset = np.abs(blocks - _at_blocks(grid, blocks.shape, shape))
-    return LightField(grid, np.nan_to_num(offset, nan=np.inf) < CLIP * spread, spread)
+    return LightField(grid, offset < CLIP * spread, spread)  # false where there is no data
 
 
 def _clean_scatter(deviation: NDArray) -> float:
@@ -221,13 +221,35 @@ def _basis(blocks: tuple[int, int], shape: tuple[int, int], every: int) -> NDArr
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
     """Least squares over the kept blocks with the terms of the lowest ``orders`` orders."""
     used = np.array([i + j < orders for i, j in TERMS])
-    part = basis[used]
-    kept = part * keep
+    power, common = _normal_equations(basis, data, keep)
     # a weak pull towards the constant keeps corners without background from running away
     ridge = 1e-3 * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (int(used.sum()) - 1))
     coefficients = np.zeros(len(TERMS))
-    coefficients[used] = np.linalg.solve(kept @ part.T + ridge, kept @ data)
+    coefficients[used] = np.linalg.solve(power[np.ix_(used, used)] + ridge, common[used])
     return coefficients
+
+
+@njit(cache=True)
+def _normal_equations(basis, data, keep):
+    """Products of the terms with each other and with the data, summed over the kept blocks."""
+    terms = basis.shape[0]
+    power, common = np.zeros((terms, terms)), np.zeros(terms)
+    weight = keep.astype(np.float64)
+    for i in range(terms):
+        kept = basis[i] * weight
+        for j in range(i + 1):
+            power[i, j] = power[j, i] = _product(kept, basis[j])
+        common[i] = _product(kept, data)
+    return power, common
+
+
+@njit(cache=True, fastmath=True)
+def _product(one, other):
+    """Scalar product, in vector instructions."""
+    total = 0.0
+    for k in range(len(one)):
+        total += one[k] * other[k]
+    return total
 
 
 def _orders_supported(count: int) -> int:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.light import LightField, background_mode, block_means, fit_light
+from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
 from contactimg.imaging.move import Shift, move_reference
 from contactimg.imaging.register import GOOD_STD, Found, estimate_shift, estimate_shift_closely
 from contactimg.imaging.search import search_shift
@@ -112,9 +112,7 @@ def subtract_reference(
     rest, textured = STILL, False
     if not still:
         view, rest, textured = _register(frame, reference, valid, prefer, view)
-    image = divide_by_reference(
-        frame, view.reference, view.light, shift=rest, level=view.level, valid=view.valid
-    )
+    image = divide_by_reference(frame, view.reference, view.half, view.light, shift=rest, level=view.level)
     if view.valid is not None:
         image[view.valid == 0] = 0.0
     shift = rest.after(view.shift) if rest.known else UNKNOWN
@@ -126,13 +124,14 @@ def subtract_reference(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """The reference as it lies under the frame, to whole pixels, and the slow ratio of the two.
+    """The reference as it lies under the frame, to whole pixels, its half resolution, and the slow ratio.
 
     ``valid`` is 0 at holes and where the moved reference has no pixel or no light; ``level`` is its median
     over the lit blocks, to which ``illumination`` is relative.
     """
 
     reference: NDArray[np.float32]
+    half: NDArray[np.float32]
     valid: NDArray[np.uint8] | None
     level: float
     illumination: NDArray[np.float32]
@@ -145,7 +144,8 @@ class _View:
     ) -> "_View | None":
         """Of the unmoved reference and its holes; None if it is too dark to divide by."""
         moved, valid = move_reference(reference, valid, shift)
-        blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
+        half = block_means(moved, valid, side=2)
+        blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
         known = blocks_r if valid is None else blocks_r[np.isfinite(blocks_r)]
         if not known.size:
             return None
@@ -156,7 +156,8 @@ class _View:
             return None
         if len(lit) < blocks_r.size:
             valid = _lit(moved, valid, FLOOR * level)
-            blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
+            half = block_means(moved, valid, side=2)
+            blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
         ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
         start, spread = background_mode(ratio, prefer=prefer)
         light = fit_light(ratio, frame.shape, start=start, spread=spread)
@@ -164,8 +165,15 @@ class _View:
             light = replace(
                 light, background=light.background & (block_means(valid.astype(np.float32)) == 1.0)
             )
-        illumination = np.nan_to_num(np.maximum(blocks_r, FLOOR * level) / level, nan=1.0)
-        return cls(moved, valid, level, illumination.astype(np.float32), light, shift)
+        illumination = np.maximum(blocks_r, FLOOR * level) / level
+        illumination[~np.isfinite(illumination)] = 1.0
+        return cls(moved, half, valid, level, illumination.astype(np.float32), light, shift)
+
+
+def _blocks(image: NDArray, valid: NDArray | None, half: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Block means of an image of which those of two pixels are known."""
+    whole = all(size % BLOCK == 0 for size in image.shape)
+    return block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
 
 
 def _lit(reference: NDArray, valid: NDArray | None, lowest: float) -> NDArray[np.uint8]:
@@ -179,13 +187,17 @@ def _register(
     frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, view: _View
 ) -> tuple[_View, Shift, bool]:
     """View of the reference moved to within a pixel, the shift left, and whether there is texture."""
-    found = estimate_shift(frame, view.reference, view.light, view.valid)
-    if found.shift.std_px < GOOD_STD and found.even:
-        return *_approach(frame, reference, valid, prefer, view, found, estimate_shift), True
+    for estimate in (estimate_shift, estimate_shift_closely):
+        found = estimate(frame, view.reference, view.light, view.valid)
+        if found.shift.std_px < GOOD_STD and found.even:
+            return *_approach(frame, reference, valid, prefer, view, found, estimate), True
+        if not found.shift.known:
+            break
     search = search_shift(frame, view.reference, view.light, view.valid, near=found.shift)
     if not search.textured:
         return view, found.shift, False
-    found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
+    if estimate is estimate_shift:
+        found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
     if search.found and not (found.shift.known and search.shift.plain):
         nearer = _moved(frame, reference, valid, prefer, view, search.shift)
         better = estimate_shift_closely(frame, nearer.reference, nearer.light, nearer.valid)

@@ -22,10 +22,11 @@ __all__ = ["GOOD_STD", "Found", "estimate_shift", "estimate_shift_closely"]
 
 SMOOTHING = 1.0  # px
 INDEPENDENT = 4.0 * np.pi * SMOOTHING**2  # pixels that share one independent value after the smoothing
-STRIP, STRIP_EVERY, MARGIN = 48, 400, 6  # rows of a strip, distance of strips, rows lost at its rims
+STRIP, STRIP_EVERY, MARGIN = 32, 400, 6  # rows of a strip, distance of strips, rows lost at its rims
+SMALL = 560  # rows of an image all of which take part
 TILE = 256  # px: widest part of a strip that is looked at alone
 LARGEST_STD = 0.25  # px: a background without texture determines no shift
-GOOD_STD = 0.1
+GOOD_STD = 0.05
 """Uncertainty (px) up to which a shift found in strips holds: what it leaves of the texture is noise times
 `INDEPENDENT` over the number of pixels, whatever the texture."""
 
@@ -132,7 +133,7 @@ def _dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[np.ui
 
 def _strip_rows(rows: int) -> NDArray[np.int64]:
     """Row numbers of the strips that take part; all rows of a small image."""
-    if rows <= 2 * STRIP_EVERY:
+    if rows <= SMALL:
         return np.arange(rows)
     starts = np.arange((STRIP_EVERY - STRIP) // 2, rows - STRIP, STRIP_EVERY)
     return (starts[:, None] + np.arange(STRIP)).ravel()
@@ -190,7 +191,7 @@ def _refine(
     inverse = np.linalg.inv(cross)
     covariance = inverse @ own @ inverse.T * (squares / count) * INDEPENDENT
     std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
-    middles = np.array([rows[part].mean() for part in np.array_split(np.arange(len(rows)), tops[1:])])
+    middles = (rows[tops] + rows[np.r_[tops[1:], len(rows)] - 1]) / 2
     turn = _turn(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
     return Found(Shift(x, y, std, *turn), _even(sums))
 

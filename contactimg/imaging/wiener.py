@@ -25,7 +25,7 @@ NARROW, MIDDLE, WIDE = 0.7, 2.0, 6.0  # px, Gaussian widths that separate the ba
 # variance (coarse px^2) that the mean over a coarse pixel and the interpolation between two add to a Gaussian
 RESAMPLED = 1.0 / 12.0 + 1.0 / 6.0
 SEEN = 1.0  # px: what is finer is lost in the blur of the contacts, and the weights need not suit it
-TILES, HIGH, LONG = 6, 32, 256  # tiles that tell the weights, their rows and columns
+TILES, HIGH, LONG = 4, 32, 256  # tiles that tell the weights, their rows and columns
 REACH = 8  # rows and columns that the filters need around them: a block
 EVERY = 4  # px: pixels as far apart behind a blur of `SEEN` are independent, those between tell nothing new
 ENOUGH = 250  # pixels that tell the weights
@@ -37,11 +37,11 @@ GOLDEN = 0.618  # whole numbers times this are spread evenly over the unit inter
 def divide_by_reference(
     frame: NDArray,
     reference: NDArray,
+    half: NDArray[np.float32],
     light: LightField,
     *,
     shift: Shift,
     level: float,
-    valid: NDArray[np.uint8] | None = None,
 ) -> NDArray[np.float32]:
     """``level (F/(g R) - 1)`` of the frame F, the slow ratio g, and the reference R, moved and filtered.
 
@@ -49,16 +49,16 @@ def divide_by_reference(
     ----------
     frame, reference : ndarray, shape (rows, columns)
         Grey levels of any type.
+    half : ndarray, shape (rows / 2, columns / 2)
+        Means of the reference over 2 x 2 pixels, see `contactimg.imaging.light.block_means`; NaN in holes.
     light : LightField
         Slow ratio frame/reference.
     shift : Shift
         Of the frame against the reference, less than a pixel.
     level : float
         Grey level of the background of the reference.
-    valid : ndarray of uint8 or None
-        0 at holes of either.
     """
-    surface = _Surface.of(reference, shift, valid)
+    surface = _Surface.of(reference, half, shift)
     gains, scatters = _measure_gains(frame, surface, light)
     sharp, narrow = surface.filters(0.0), surface.filters(NARROW)
     numbers = np.array([*gains, *(1.0 / scatters), level, FLOOR * level], np.float32)
@@ -81,9 +81,9 @@ class _Surface:
     shift: Shift
 
     @classmethod
-    def of(cls, reference: NDArray, shift: Shift, valid: NDArray[np.uint8] | None) -> "_Surface":
-        half = block_means(reference, valid, side=2)
-        quarter = block_means(half, side=2) if valid is None else block_means(reference, valid, side=4)
+    def of(cls, reference: NDArray, half: NDArray[np.float32], shift: Shift) -> "_Surface":
+        seen = np.isfinite(half)
+        quarter = block_means(half, None if seen.all() else seen.astype(np.uint8), side=2)
         return cls(
             np.ascontiguousarray(reference),
             _blur_coarse(half, MIDDLE, shift, 2),
