@@ -107,8 +107,8 @@ def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
 
 
 def move_reference(
-    reference: NDArray[np.float32], valid: NDArray[np.uint8] | None, shift: Shift
-) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+    reference: NDArray, valid: NDArray[np.uint8] | None, shift: Shift
+) -> tuple[NDArray, NDArray[np.uint8] | None]:
     """The reference as it lies under the frame, and where it has pixels.
 
     Parameters
@@ -143,7 +143,7 @@ def move_reference(
     return moved, np.asarray(there & inside, np.uint8)
 
 
-def move_rows(image: NDArray[np.float32], shift: Shift, first: int, end: int) -> NDArray[np.float32]:
+def move_rows(image: NDArray, shift: Shift, first: int, end: int) -> NDArray[np.float32]:
     """Rows ``first`` to ``end`` of the image rotated, scaled and shifted; the border repeats."""
     matrix, offset = shift.sources((image.shape[0], image.shape[1]))
     return np.asarray(_move_rows(image, matrix, offset, first, end, _phases()))

@@ -82,8 +82,8 @@ class Difference:
 
 @stage("light")
 def subtract_reference(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     *,
     valid: NDArray[np.uint8] | None = None,
     prefer: str = "one",
@@ -94,7 +94,7 @@ def subtract_reference(
     Parameters
     ----------
     frame, reference : ndarray, shape (rows, columns)
-        Grey levels; holes filled with anything finite.
+        Grey levels of any type; holes filled with anything finite.
     valid : ndarray of uint8 or None
         0 where either image has a hole.
     prefer : str
@@ -130,7 +130,7 @@ class _View:
     over the lit blocks, to which ``illumination`` is relative.
     """
 
-    reference: NDArray[np.float32]
+    reference: NDArray
     half: NDArray[np.float32]
     valid: NDArray[np.uint8] | None
     level: float
@@ -244,7 +244,7 @@ def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Dif
     """Plain difference for a background that is dark or was subtracted before: nothing to divide by."""
     start, spread = background_mode(blocks, prefer="common")
     light = fit_light(blocks, frame.shape, start=start, spread=spread)
-    image = light.subtract_from(frame - reference)
+    image = light.subtract_from(np.subtract(frame, reference, dtype=np.float32))
     return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, UNKNOWN)
 
 

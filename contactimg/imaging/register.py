@@ -64,8 +64,8 @@ NOTHING = Found(Shift(0.0, 0.0, np.inf), even=True)
 
 @stage("registration")
 def estimate_shift(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     light: LightField,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
@@ -90,8 +90,8 @@ def estimate_shift(
 
 
 def estimate_shift_closely(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     light: LightField,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
@@ -156,7 +156,8 @@ def _strip_mask(
 
 
 def _smooth(image: NDArray) -> NDArray[np.float32]:
-    return cv2.GaussianBlur(image, (7, 7), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
+    single = np.asarray(image, np.float32)
+    return cv2.GaussianBlur(single, (7, 7), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
 
 
 def _refine(

@@ -131,7 +131,7 @@ def _measure_gains(
         return np.ones(3), np.full(2, CLEAN)
 
     def inside(stack: NDArray[np.float32]) -> NDArray[np.float32]:
-        parts = stack.reshape(len(tiles), HIGH + 2 * REACH, LONG + 2 * REACH)
+        parts = stack.reshape(len(tiles), -1, stack.shape[1])
         return np.asarray(parts[:, REACH:-REACH:EVERY, REACH:-REACH:EVERY][mask])
 
     full = np.concatenate([surface.full[tile] for tile in tiles])
@@ -171,17 +171,20 @@ def _share_common(
 
 def _emptiest_tiles(background: NDArray[np.bool_], shape: tuple[int, int]) -> list[tuple[slice, slice]]:
     """Tiles with the most background, spread evenly, with the pixels around them that the filters need."""
-    around, high, long = REACH // BLOCK, HIGH // BLOCK, LONG // BLOCK
-    down, across = (shape[0] // BLOCK - 2 * around) // high, (shape[1] // BLOCK - 2 * around) // long
-    if down <= 0 or across <= 0:
+    inside = tuple(max((size - 2 * REACH) // BLOCK, 0) for size in shape)
+    high, long = min(HIGH // BLOCK, inside[0]), min(LONG // BLOCK, inside[1])
+    if not high * long:
         return []
+    down, across = inside[0] // high, inside[1] // long
+    around = REACH // BLOCK
     inner = background[around : around + down * high, around : around + across * long]
     share = inner.reshape(down, high, across, long).mean(axis=(1, 3)).ravel()
     spread = np.argsort(np.arange(len(share)) * GOLDEN % 1.0)
     chosen = spread[np.argsort(-share[spread], kind="stable")[:TILES]]
+    corners = zip(*np.divmod(chosen, across) * np.array([[high], [long]]) * BLOCK, strict=True)
     return [
-        (slice(y * HIGH, (y + 1) * HIGH + 2 * REACH), slice(x * LONG, (x + 1) * LONG + 2 * REACH))
-        for y, x in zip(*np.divmod(chosen, across), strict=True)
+        (slice(top, top + high * BLOCK + 2 * REACH), slice(left, left + long * BLOCK + 2 * REACH))
+        for top, left in corners
     ]
 
 
