@@ -27,8 +27,8 @@ RESAMPLED = 1.0 / 12.0 + 1.0 / 6.0
 SEEN = 1.0  # px: what is finer is lost in the blur of the contacts, and the weights need not suit it
 TILES, HIGH, LONG = 4, 32, 256  # tiles that tell the weights, their rows and columns
 REACH = 8  # rows and columns that the filters need around them: a block
-EVERY = 4  # px: pixels as far apart behind a blur of `SEEN` are independent, those between tell nothing new
-ENOUGH = 250  # pixels that tell the weights
+EVERY = 4  # px: pixels as far apart behind a blur of `SEEN` are independent, those between tell little more
+ENOUGH = 60  # pixels that tell the weights
 NEGLIGIBLE = 0.1  # weight of the finest band not worth filtering for
 GAINS = (-1.0, 3.0)  # a band makes up for what the overlap with its neighbours takes away
 GOLDEN = 0.618  # whole numbers times this are spread evenly over the unit interval
@@ -126,13 +126,14 @@ def _measure_gains(
     """
     shape = (frame.shape[0], frame.shape[1])
     tiles = _emptiest_tiles(light.background, shape)
-    mask = np.array([_background_inside(light.background, *tile) for tile in tiles], np.bool_)
+    every = EVERY if len(tiles) == TILES else EVERY // 2
+    mask = np.array([_background_inside(light.background, *tile, every) for tile in tiles], np.bool_)
     if np.count_nonzero(mask) < ENOUGH:
         return np.ones(3), np.full(2, CLEAN)
 
     def inside(stack: NDArray[np.float32]) -> NDArray[np.float32]:
         parts = stack.reshape(len(tiles), -1, stack.shape[1])
-        return np.asarray(parts[:, REACH:-REACH:EVERY, REACH:-REACH:EVERY][mask])
+        return np.asarray(parts[:, REACH:-REACH:every, REACH:-REACH:every][mask])
 
     full = np.concatenate([surface.full[tile] for tile in tiles])
     half = np.concatenate([_between(surface.half, *tile, 2) for tile in tiles])
@@ -188,10 +189,12 @@ def _emptiest_tiles(background: NDArray[np.bool_], shape: tuple[int, int]) -> li
     ]
 
 
-def _background_inside(background: NDArray[np.bool_], rows: slice, columns: slice) -> NDArray[np.bool_]:
+def _background_inside(
+    background: NDArray[np.bool_], rows: slice, columns: slice, every: int
+) -> NDArray[np.bool_]:
     """Whether the pixels that are looked at inside a tile are background."""
     inner = (slice((part.start + REACH) // BLOCK, (part.stop - REACH) // BLOCK) for part in (rows, columns))
-    return background[tuple(inner)].repeat(BLOCK // EVERY, axis=0).repeat(BLOCK // EVERY, axis=1)
+    return background[tuple(inner)].repeat(BLOCK // every, axis=0).repeat(BLOCK // every, axis=1)
 
 
 def _between(coarse: NDArray[np.float32], rows: slice, columns: slice, side: int) -> NDArray[np.float32]:
