@@ -16,6 +16,7 @@ from contact_frames import (
 from scipy import ndimage
 
 from contactimg.imaging.background import estimate_background
+from contactimg.imaging.filters import TAPS, double_row, filter_image, kernel_of
 from contactimg.imaging.light import background_mode, block_means, fit_light
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.move import Shift, move_rows, shift_kernel, shift_whole_pixels
@@ -225,6 +226,80 @@ def test_difference_is_nearly_as_quiet_as_the_frame_alone():
     # without registration and with the reference's own noise in it
     plain = frame - reference
     assert estimate_noise(plain, difference.light.background) > 1.3 * alone
+
+
+def test_reference_is_filtered_as_well_as_its_noise_allows():
+    optics, noise = Optics(shape=SHAPE, dust=0, texture=0.02), 2.1
+    rng = np.random.default_rng(5)
+    texture = surface_texture(optics, rng)
+    crop = (slice(16, 16 + SHAPE[0]), slice(16, 16 + SHAPE[1]))
+    seen, before = (80 * (1 + part[crop]) for part in (texture, sub_pixel_shift(texture, -0.3, 0.2)))
+    # the frame has no noise of its own: what is left is the reference's, and texture that was filtered away
+    left = subtract_reference(seen, before + noise * rng.standard_normal(SHAPE), prefer="one").image
+    k = np.linspace(0.001, np.pi, 4000)
+    waves = sum(
+        share * 4 * np.pi * width**2 * np.exp(-((k * width) ** 2))
+        for width, share in ((1.7, 0.75), (8.0, 0.25))
+    )
+    power = (0.02 * 80) ** 2 * waves
+    # Wiener: the error has the power P N/(P + N); a contact of blur 1.4 px sees it through its own blur
+    error = power * noise**2 / (power + noise**2) * np.exp(-((1.4 * k) ** 2))
+    ideal = np.sqrt(np.sum(error * k) * (k[1] - k[0]) / (2 * np.pi))
+    inner = ndimage.gaussian_filter(left, 1.4)[16:-16, 16:-16]
+    # three bands come within 1 % of it; some 10^4 independent places tell it to 1 %, of which three count
+    assert inner.std() == pytest.approx(ideal, rel=0.04)
+    # the whole reference would leave all of its noise
+    assert noise / (2 * np.sqrt(np.pi) * 1.4) > 1.1 * ideal
+
+
+def test_without_texture_the_reference_adds_no_noise():
+    frame, reference = frames(some_disks(), texture=0.0)
+    difference = subtract_reference(frame, reference, prefer="low")
+    alone = np.sqrt(80 / 20 + 0.25 + 1 / 12)
+    calm = block_means(difference.image)[difference.light.background]
+    # blocks of 64 pixels scatter by an eighth of a pixel's noise; with a reference as noisy, by sqrt(2) times
+    assert calm.std() < 1.15 * alone / 8
+
+
+def test_difference_does_not_depend_on_the_type_of_the_pixels():
+    for shift in ((-0.4, 0.3), (3.3, -2.4)):
+        optics = Optics(shape=SHAPE, dust=4, texture=0.05, shift=shift)
+        frame, reference = render(some_disks(), optics, np.random.default_rng(2))
+        bytes_ = subtract_reference(frame, reference, prefer="low")
+        floats = subtract_reference(frame.astype(np.float32), reference.astype(np.float32), prefer="low")
+        assert np.allclose(bytes_.image, floats.image, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (3, 2), (1, 1)])
+def test_filter_is_a_correlation_with_repeated_borders(shape, rng):
+    image = rng.standard_normal(shape)
+    along, across = (kernel_of(rng.random(TAPS)) for _ in range(2))
+    expected = ndimage.correlate1d(
+        ndimage.correlate1d(image, along, axis=1, mode="nearest"), across, axis=0, mode="nearest"
+    )
+    assert np.allclose(filter_image(image, along, across), expected, atol=1e-4)
+
+
+def test_kernels_get_the_length_of_all_others():
+    assert kernel_of(np.ones(3) / 3).tolist() == pytest.approx([0, 0, 0, 1 / 3, 1 / 3, 1 / 3, 0, 0, 0])
+    # what is cut off a longer one is made up for
+    assert kernel_of(np.ones(13) / 13).tolist() == pytest.approx([1 / 9] * 9)
+
+
+def test_doubled_row_keeps_a_slope():
+    out = np.empty(8, np.float32)
+    double_row(out, np.array([0.5, 2.5, 4.5, 6.5], np.float32))
+    assert out[1:-1].tolist() == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+
+
+@pytest.mark.parametrize("side", [2, 4, 8])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_block_means_repeat_the_border(side, dtype, rng):
+    image = rng.integers(0, 256, (21, 34)).astype(dtype)
+    rows, columns = (-(-size // side) * side for size in image.shape)
+    whole = np.pad(image.astype(float), ((0, rows - 21), (0, columns - 34)), mode="edge")
+    expected = whole.reshape(rows // side, side, columns // side, side).mean(axis=(1, 3))
+    assert np.allclose(block_means(image, side=side), expected, rtol=1e-6)
 
 
 def test_dirt_of_both_frames_disappears():

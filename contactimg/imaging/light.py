@@ -53,17 +53,28 @@ class LightField:
         across = 2.0 * np.arange(shape[1]) / shape[1] - 1.0
         return along.astype(np.float32), across.astype(np.float32)
 
-    def rows(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.float32]:
-        """The field at every pixel of some rows of an image of ``shape``."""
-        out = np.zeros((len(rows), shape[1]), np.float32)
-        _add_rows(out, out, *self.row_polynomials(shape, rows), np.float32(1.0))
+    def rows(
+        self,
+        rows: NDArray[np.int64],
+        shape: tuple[int, int],
+        columns: NDArray[np.int64] | slice = slice(None),
+    ) -> NDArray[np.float32]:
+        """The field at every pixel of some rows (and columns) of an image of ``shape``."""
+        along, across = self.row_polynomials(shape, rows)
+        across = across[columns]
+        out = np.zeros((len(rows), len(across)), np.float32)
+        _add_rows(out, out, along, across, np.float32(1.0))
         return out
 
-    def ratio_rows(self, rows: NDArray[np.int64], shape: tuple[int, int]) -> NDArray[np.float32]:
+    def ratio_rows(
+        self,
+        rows: NDArray[np.int64],
+        shape: tuple[int, int],
+        columns: NDArray[np.int64] | slice = slice(None),
+    ) -> NDArray[np.float32]:
         """The field of a ratio, bounded such that it can be divided by."""
-        return np.maximum(
-            self.rows(rows, shape), np.float32(max(LEAST_RATIO * self.coefficients[0, 0], 1e-6))
-        )
+        ratio = self.rows(rows, shape, columns)
+        return np.maximum(ratio, np.float32(max(LEAST_RATIO * self.coefficients[0, 0], 1e-6)), out=ratio)
 
     def at(self, x: NDArray, y: NDArray, shape: tuple[int, int]) -> NDArray[np.float64]:
         """The field at points (px) of an image of ``shape``."""
@@ -81,22 +92,57 @@ class LightField:
         return out
 
 
-def block_means(image: NDArray[np.float32], valid: NDArray[np.uint8] | None = None) -> NDArray[np.float32]:
-    """Mean of each `BLOCK` x `BLOCK` block; the border repeats to fill the last ones.
+def block_means(
+    image: NDArray, valid: NDArray[np.uint8] | None = None, *, side: int = BLOCK
+) -> NDArray[np.float32]:
+    """Mean of each block of ``side`` (a power of 2) squared pixels; the border repeats to fill the last ones.
 
     Invalid pixels do not count; a block without a valid pixel is NaN.
     """
     rows, columns = image.shape
-    pad_rows, pad_columns = -rows % BLOCK, -columns % BLOCK
-    if pad_rows or pad_columns:
-        image = cv2.copyMakeBorder(image, 0, pad_rows, 0, pad_columns, cv2.BORDER_REPLICATE)
-    size = (image.shape[1] // BLOCK, image.shape[0] // BLOCK)
+    size = (-(-columns // side), -(-rows // side))
     if valid is None:
-        return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    valid = cv2.copyMakeBorder(valid, 0, pad_rows, 0, pad_columns, cv2.BORDER_REPLICATE).astype(np.float32)
+        means = np.empty(size[::-1], np.float32)
+        _mean_blocks(means, np.ascontiguousarray(image), side)
+        return means
+    pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
+    image = cv2.copyMakeBorder(np.asarray(image, np.float32), *pad, cv2.BORDER_REPLICATE)
+    valid = cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE).astype(np.float32)
     weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(image * valid, size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(np.where(valid > 0, image, np.float32(0.0)), size, interpolation=cv2.INTER_AREA)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
+
+
+@njit(cache=True)
+def _mean_blocks(out, image, side):
+    """Mean of each block of a power of 2: rows added, then neighbours; the border repeats."""
+    rows, columns = image.shape
+    total = np.empty((2, out.shape[1] * side), np.float32)
+    for i in range(len(out)):
+        total[0] = 0.0
+        for y in range(i * side, (i + 1) * side):
+            _add_row_to(total[0], image[min(y, rows - 1)])
+        total[0, columns:] = total[0, columns - 1]
+        width, now = total.shape[1], 0
+        while width > out.shape[1]:
+            width //= 2
+            _add_neighbours(total[1 - now, :width], total[now])
+            now = 1 - now
+        out[i] = total[now, :width] * np.float32(1.0 / side**2)
+
+
+@njit(cache=True, fastmath=True)
+def _add_row_to(total, row):
+    """Add a row; contiguous and in single precision, so that it compiles to vector instructions."""
+    for x in range(len(row)):
+        total[x] += np.float32(row[x])
+
+
+@njit(cache=True, fastmath=True)
+def _add_neighbours(out, row):
+    """Sums of pairs of pixels."""
+    for x in range(len(out)):
+        out[x] = row[2 * x] + row[2 * x + 1]
 
 
 def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: float) -> LightField:
@@ -131,7 +177,7 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
         if orders == 0:
             break
         coefficients = _solve(basis, data, keep, orders)
-        deviation = data - basis @ coefficients
+        deviation = data - coefficients @ basis
         spread = max(min(_clean_scatter(deviation[finite]), spread), MINIMUM_SPREAD * abs(start), 1e-9)
         if np.count_nonzero(keep != before) < 1e-3 * len(data):
             break
@@ -140,13 +186,15 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
         grid[j, i] = coefficients[k]
     grid[0, 0] += start
     offset = np.abs(blocks - _at_blocks(grid, blocks.shape, shape))
-    return LightField(grid, np.nan_to_num(offset, nan=np.inf) < CLIP * spread, spread)
+    return LightField(grid, offset < CLIP * spread, spread)  # false where there is no data
 
 
 def _clean_scatter(deviation: NDArray) -> float:
     """Robust standard deviation from the side of the field on which no contacts stand."""
-    above, below = deviation[deviation > 0], -deviation[deviation < 0]
-    return 1.4826 * min(float(np.median(side)) if len(side) else 0.0 for side in (above, below))
+    ordered = np.sort(deviation)
+    below, above = np.searchsorted(ordered, 0.0), np.searchsorted(ordered, 0.0, side="right")
+    sides = (-ordered[:below], ordered[above:])
+    return 1.4826 * min(float(side[len(side) // 2]) if len(side) else 0.0 for side in sides)
 
 
 def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray, NDArray]:
@@ -167,18 +215,41 @@ def _at_blocks(coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int,
 def _basis(blocks: tuple[int, int], shape: tuple[int, int], every: int) -> NDArray[np.float64]:
     """Each term of the polynomial at the centre of every so many blocks."""
     u, v = (axis[every // 2 :: every] for axis in _block_centres(blocks, shape))
-    return np.stack([np.outer(v**j, u**i).ravel() for i, j in TERMS], axis=-1)
+    return np.stack([np.outer(v**j, u**i).ravel() for i, j in TERMS])
 
 
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
     """Least squares over the kept blocks with the terms of the lowest ``orders`` orders."""
     used = np.array([i + j < orders for i, j in TERMS])
-    weighted = basis[:, used] * keep[:, None]
+    power, common = _normal_equations(basis, data, keep)
     # a weak pull towards the constant keeps corners without background from running away
     ridge = 1e-3 * np.count_nonzero(keep) * np.diag([0.0] + [1.0] * (int(used.sum()) - 1))
     coefficients = np.zeros(len(TERMS))
-    coefficients[used] = np.linalg.solve(weighted.T @ basis[:, used] + ridge, weighted.T @ data)
+    coefficients[used] = np.linalg.solve(power[np.ix_(used, used)] + ridge, common[used])
     return coefficients
+
+
+@njit(cache=True)
+def _normal_equations(basis, data, keep):
+    """Products of the terms with each other and with the data, summed over the kept blocks."""
+    terms = basis.shape[0]
+    power, common = np.zeros((terms, terms)), np.zeros(terms)
+    weight = keep.astype(np.float64)
+    for i in range(terms):
+        kept = basis[i] * weight
+        for j in range(i + 1):
+            power[i, j] = power[j, i] = _product(kept, basis[j])
+        common[i] = _product(kept, data)
+    return power, common
+
+
+@njit(cache=True, fastmath=True)
+def _product(one, other):
+    """Scalar product, in vector instructions."""
+    total = 0.0
+    for k in range(len(one)):
+        total += one[k] * other[k]
+    return total
 
 
 def _orders_supported(count: int) -> int:
@@ -226,7 +297,9 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
     least = max(MINIMUM_SPREAD * max(abs(low), abs(high)), 1e-9)
     spread = max(_neighbour_scatter(blocks), least)
     bins = int(np.clip((high - low) / spread, 1, 2000)) + 4
-    counts, edges = np.histogram(values, bins=bins, range=(low - 2 * spread, high + 2 * spread))
+    edges = np.linspace(low - 2 * spread, high + 2 * spread, bins + 1)
+    places = ((values - edges[0]) * (bins / (edges[-1] - edges[0]))).astype(np.int64)
+    counts = np.bincount(np.minimum(places, bins - 1), minlength=bins)
     smooth = np.convolve(counts, [1, 4, 6, 4, 1], mode="same") / 16.0
     left, right = np.r_[0.0, smooth[:-1]], np.r_[smooth[1:], 0.0]
     populated = smooth >= max(0.05 * smooth.max(), 1e-9)
@@ -239,12 +312,13 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
         "common": int(np.argmax(smooth[peaks])),
     }[prefer]
     level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
-    return level, 2.0 * max(min(spread, _clean_scatter(values - level)), width, least)
+    sample = values[:: max(len(values) // ENOUGH_BLOCKS, 1)]
+    return level, 2.0 * max(min(spread, _clean_scatter(sample - level)), width, least)
 
 
 def _neighbour_scatter(blocks: NDArray) -> float:
     """Scatter of one block from the differences of neighbours; half of them may straddle rims of contacts."""
-    difference = np.diff(blocks, axis=1).ravel()
+    difference = np.diff(blocks[:: max(blocks.size // ENOUGH_BLOCKS, 1)], axis=1).ravel()
     difference = difference[np.isfinite(difference)]
     if not len(difference):
         return 0.0

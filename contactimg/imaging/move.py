@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy import special
 
 __all__ = ["Shift", "move_reference", "move_rows", "shift_kernel", "shift_whole_pixels"]
 
@@ -92,7 +93,7 @@ def shift_kernel(fraction: float, taps: int = TAPS) -> NDArray[np.float64]:
     half = taps // 2
     offset = np.arange(-half, half + 1) + fraction
     inside = np.clip(1 - (offset / (half + 1)) ** 2, 0, None)
-    kernel = np.sinc(offset) * np.i0(WINDOW * np.sqrt(inside)) / np.i0(WINDOW)
+    kernel = np.sinc(offset) * special.i0(WINDOW * np.sqrt(inside)) / special.i0(WINDOW)
     return kernel / kernel.sum()
 
 
@@ -106,8 +107,8 @@ def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
 
 
 def move_reference(
-    reference: NDArray[np.float32], valid: NDArray[np.uint8] | None, shift: Shift
-) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+    reference: NDArray, valid: NDArray[np.uint8] | None, shift: Shift
+) -> tuple[NDArray, NDArray[np.uint8] | None]:
     """The reference as it lies under the frame, and where it has pixels.
 
     Parameters
@@ -142,7 +143,7 @@ def move_reference(
     return moved, np.asarray(there & inside, np.uint8)
 
 
-def move_rows(image: NDArray[np.float32], shift: Shift, first: int, end: int) -> NDArray[np.float32]:
+def move_rows(image: NDArray, shift: Shift, first: int, end: int) -> NDArray[np.float32]:
     """Rows ``first`` to ``end`` of the image rotated, scaled and shifted; the border repeats."""
     matrix, offset = shift.sources((image.shape[0], image.shape[1]))
     return np.asarray(_move_rows(image, matrix, offset, first, end, _phases()))

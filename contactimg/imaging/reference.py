@@ -1,10 +1,8 @@
 """Take the background out of a frame: registered reference, slow light, texture and dirt of both frames.
 
-The reference carries its own noise. What it shows of the surface (texture, dirt) is wanted, its noise is not,
-so it is split into bands of scale and each band is weighted by what least squares finds common to frame and
-reference: a Wiener filter measured on the images themselves. Contacts transmit a fraction of the light that
-falls on them, so the frame is divided by the background, and the difference is given at the background's
-median level.
+Contacts transmit a fraction of the light that falls on them, so the frame is divided by the background (the
+reference where it lies under the frame, times the slow ratio of the two), and the difference is given at the
+background's median level.
 """
 
 from collections.abc import Callable
@@ -12,30 +10,23 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
-from contactimg.imaging.move import Shift, move_reference, shift_kernel
+from contactimg.imaging.move import Shift, move_reference
 from contactimg.imaging.register import GOOD_STD, Found, estimate_shift, estimate_shift_closely
 from contactimg.imaging.search import search_shift
+from contactimg.imaging.wiener import FLOOR, divide_by_reference
 from contactimg.timings import stage
 
 __all__ = ["Difference", "subtract_reference", "unregistered"]
 
-SCALES = (0.7, 2.0)  # px, Gaussian widths that separate the bands
-# strips that tell the shares of the bands, their rows, and the rows that the filters need around them
-STRIPS, STRIP, REACH = 5, 24, 8
-NEGLIGIBLE = 0.03  # share of a band not worth filtering for
-CLEAN = 1e30  # scatter of a band in which nothing counts as dirt
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
-FLOOR = 0.1  # of the median level: where the reference is darker there is no light to measure by
 BRIGHT = 98.0  # percentile of the blocks of the reference that is lit in any case
 RIM = 3  # px: width of the rim of a field stop
 NEAR = 0.75  # px: shifts beyond are taken in whole pixels first
 ROUNDS = 5
 NO_SHIFT, UNKNOWN, STILL = Shift(0.0, 0.0, np.inf), Shift(np.nan, np.nan, np.inf), Shift(0.0, 0.0, 0.0)
-DUST_FROM, DUST_FULL = 4.0, 6.0  # robust standard deviations of the middle band between which detail is dirt
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +82,8 @@ class Difference:
 
 @stage("light")
 def subtract_reference(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     *,
     valid: NDArray[np.uint8] | None = None,
     prefer: str = "one",
@@ -103,7 +94,7 @@ def subtract_reference(
     Parameters
     ----------
     frame, reference : ndarray, shape (rows, columns)
-        Grey levels; holes filled with anything finite.
+        Grey levels of any type; holes filled with anything finite.
     valid : ndarray of uint8 or None
         0 where either image has a hole.
     prefer : str
@@ -121,7 +112,7 @@ def subtract_reference(
     rest, textured = STILL, False
     if not still:
         view, rest, textured = _register(frame, reference, valid, prefer, view)
-    image = _divide(frame, view, rest)
+    image = divide_by_reference(frame, view.reference, view.half, view.light, shift=rest, level=view.level)
     if view.valid is not None:
         image[view.valid == 0] = 0.0
     shift = rest.after(view.shift) if rest.known else UNKNOWN
@@ -133,13 +124,14 @@ def subtract_reference(
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """The reference as it lies under the frame, to whole pixels, and the slow ratio of the two.
+    """The reference as it lies under the frame, to whole pixels, its half resolution, and the slow ratio.
 
     ``valid`` is 0 at holes and where the moved reference has no pixel or no light; ``level`` is its median
     over the lit blocks, to which ``illumination`` is relative.
     """
 
-    reference: NDArray[np.float32]
+    reference: NDArray
+    half: NDArray[np.float32]
     valid: NDArray[np.uint8] | None
     level: float
     illumination: NDArray[np.float32]
@@ -152,18 +144,20 @@ class _View:
     ) -> "_View | None":
         """Of the unmoved reference and its holes; None if it is too dark to divide by."""
         moved, valid = move_reference(reference, valid, shift)
-        blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
+        half = block_means(moved, valid, side=2)
+        blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
         known = blocks_r if valid is None else blocks_r[np.isfinite(blocks_r)]
         if not known.size:
             return None
         brightest = float(np.nanmax(np.abs(blocks_f)) + np.abs(known).max())
-        lit = known[known > FLOOR * np.percentile(known, BRIGHT)]
+        lit = known[known > FLOOR * np.percentile(known.ravel()[::5], BRIGHT)]
         level = float(np.median(lit)) if len(lit) else 0.0
         if level < FAINTEST * brightest:
             return None
         if len(lit) < blocks_r.size:
             valid = _lit(moved, valid, FLOOR * level)
-            blocks_f, blocks_r = block_means(frame, valid), block_means(moved, valid)
+            half = block_means(moved, valid, side=2)
+            blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
         ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
         start, spread = background_mode(ratio, prefer=prefer)
         light = fit_light(ratio, frame.shape, start=start, spread=spread)
@@ -171,8 +165,15 @@ class _View:
             light = replace(
                 light, background=light.background & (block_means(valid.astype(np.float32)) == 1.0)
             )
-        illumination = np.nan_to_num(np.maximum(blocks_r, FLOOR * level) / level, nan=1.0)
-        return cls(moved, valid, level, illumination.astype(np.float32), light, shift)
+        illumination = np.maximum(blocks_r, FLOOR * level) / level
+        illumination[~np.isfinite(illumination)] = 1.0
+        return cls(moved, half, valid, level, illumination.astype(np.float32), light, shift)
+
+
+def _blocks(image: NDArray, valid: NDArray | None, half: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Block means of an image of which those of two pixels are known."""
+    whole = all(size % BLOCK == 0 for size in image.shape)
+    return block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
 
 
 def _lit(reference: NDArray, valid: NDArray | None, lowest: float) -> NDArray[np.uint8]:
@@ -186,13 +187,17 @@ def _register(
     frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, view: _View
 ) -> tuple[_View, Shift, bool]:
     """View of the reference moved to within a pixel, the shift left, and whether there is texture."""
-    found = estimate_shift(frame, view.reference, view.light, view.valid)
-    if found.shift.std_px < GOOD_STD and found.even:
-        return *_approach(frame, reference, valid, prefer, view, found, estimate_shift), True
+    for estimate in (estimate_shift, estimate_shift_closely):
+        found = estimate(frame, view.reference, view.light, view.valid)
+        if found.shift.std_px < GOOD_STD and found.even:
+            return *_approach(frame, reference, valid, prefer, view, found, estimate), True
+        if not found.shift.known:
+            break
     search = search_shift(frame, view.reference, view.light, view.valid, near=found.shift)
     if not search.textured:
         return view, found.shift, False
-    found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
+    if estimate is estimate_shift:
+        found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
     if search.found and not (found.shift.known and search.shift.plain):
         nearer = _moved(frame, reference, valid, prefer, view, search.shift)
         better = estimate_shift_closely(frame, nearer.reference, nearer.light, nearer.valid)
@@ -239,7 +244,7 @@ def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Dif
     """Plain difference for a background that is dark or was subtracted before: nothing to divide by."""
     start, spread = background_mode(blocks, prefer="common")
     light = fit_light(blocks, frame.shape, start=start, spread=spread)
-    image = light.subtract_from(frame - reference)
+    image = light.subtract_from(np.subtract(frame, reference, dtype=np.float32))
     return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, UNKNOWN)
 
 
@@ -249,120 +254,3 @@ def unregistered(image: NDArray[np.float32]) -> Difference:
     blocks = np.zeros_like(block_means(image))
     light = LightField(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)
     return Difference(image, 0.0, np.ones_like(blocks), light, None)
-
-
-def _divide(frame: NDArray, view: _View, rest: Shift) -> NDArray[np.float32]:
-    """``level (F/(g R) - 1)`` with the Wiener-filtered registered reference R and the slow ratio g."""
-    moved, light, level = view.reference, view.light, view.level
-    kernels = _kernels(rest.x_px, rest.y_px)
-    gains, dirt = _band_gains(frame, moved, kernels, light)
-    if gains[0] < NEGLIGIBLE:
-        kernels, gains = [kernels[1], *kernels[1:]], np.array([0.0, gains[1]])
-        middle = _filter(moved, *kernels[1])
-        sharp = middle
-    else:
-        sharp, middle = _filter(moved, *kernels[0]), _filter(moved, *kernels[1])
-    smooth = _filter(moved, *kernels[2])
-    return _combine(frame, sharp, middle, smooth, light, gains, dirt, level)
-
-
-def _kernels(x: float, y: float) -> list[tuple[NDArray, NDArray]]:
-    """Filters along rows and columns that move by (x, y) px: sharp, and blurred by the two `SCALES`."""
-    blurred = [tuple(_moved_gaussian(f, scale) for f in (x, y)) for scale in SCALES]
-    return [(shift_kernel(x), shift_kernel(y)), *blurred]  # type: ignore[list-item]
-
-
-def _filter(image: NDArray, along_x: NDArray, along_y: NDArray) -> NDArray[np.float32]:
-    return cv2.sepFilter2D(image, cv2.CV_32F, along_x, along_y, borderType=cv2.BORDER_REPLICATE)
-
-
-def _moved_gaussian(fraction: float, scale: float) -> NDArray[np.float64]:
-    """Filter that blurs by ``scale`` and moves by ``fraction`` px."""
-    half = int(np.ceil(2.7 * scale)) + 1
-    kernel = np.exp(-((np.arange(-half, half + 1) + fraction) ** 2) / (2 * scale**2))
-    return kernel / kernel.sum()
-
-
-def _band_gains(
-    frame: NDArray, moved: NDArray, kernels: list[tuple[NDArray, NDArray]], light: LightField
-) -> tuple[NDArray[np.float64], float]:
-    """Share of each band that frame and reference have in common, and the robust scatter of the middle band.
-
-    Measured on a few strips of rows.
-    """
-    rows, columns = frame.shape
-    high = min(STRIP, max(rows - 2 * REACH, 1))
-    starts = np.unique(np.linspace(REACH, max(rows - REACH - high, REACH), STRIPS).astype(int))
-    chosen = np.clip((starts[:, None] + np.arange(-REACH, high + REACH)).ravel(), 0, rows - 1)
-    inner = np.tile(np.arange(-REACH, high + REACH) // high == 0, len(starts))
-    strip = moved[chosen]
-    part = chosen[inner][::2]
-    mask = light.background[part // BLOCK][:, np.arange(1, columns - 1, 2) // BLOCK]
-    bands = [_filter(strip, *kernel)[inner][::2, 1:-1:2][mask] for kernel in kernels]
-    target = (frame[part] / light.ratio_rows(part, frame.shape))[:, 1:-1:2][mask]
-    if len(target) < 1000:
-        return np.ones(2), CLEAN
-    detail = np.stack([bands[0] - bands[1], bands[1] - bands[2]])
-    rest = target - bands[2]
-    rest -= np.median(rest[::4])
-    scatter = 1.4826 * float(np.median(np.abs(detail[1][::4])))
-    usual = (np.abs(rest) < 6 * 1.4826 * np.median(np.abs(rest[::4]))) & (
-        np.abs(detail[1]) < DUST_FROM * scatter
-    )
-    detail, rest = detail[:, usual], rest[usual]
-    power = detail @ detail.T
-    if not np.all(np.diag(power) > 1e-12 * len(rest)):
-        return np.ones(2), CLEAN
-    gains = np.linalg.lstsq(power.astype(float), (detail @ rest).astype(float), rcond=1e-9)[0]
-    return np.clip(gains, 0.0, 1.0), scatter
-
-
-def _combine(
-    frame: NDArray,
-    sharp: NDArray,
-    middle: NDArray,
-    smooth: NDArray,
-    light: LightField,
-    gains: NDArray,
-    dirt: float,
-    level: float,
-) -> NDArray[np.float32]:
-    """Put the bands together, multiply by the slow ratio, divide; dirt in the middle band counts in full."""
-    numbers = np.array(
-        [
-            *gains,
-            DUST_FROM / (DUST_FULL - DUST_FROM),
-            1.0 / ((DUST_FULL - DUST_FROM) * dirt),
-            level,
-            FLOOR * level,
-        ],
-        np.float32,
-    )  # fmt: skip
-    out = np.empty(frame.shape, np.float32)
-    _combine_rows(out, frame, sharp, middle, smooth, *light.row_polynomials(frame.shape), numbers)
-    return out
-
-
-@njit(cache=True, fastmath=True)
-def _combine_rows(out, frame, sharp, middle, smooth, along, across, numbers):
-    """`_combine` row by row."""
-    for y in range(len(out)):
-        _combine_row(out[y], frame[y], sharp[y], middle[y], smooth[y], along[y], across, numbers)
-
-
-@njit(cache=True, fastmath=True)
-def _combine_row(out, frame, sharp, middle, smooth, along, across, numbers):
-    """One row; contiguous vectors and single precision, so that it compiles to vector instructions."""
-    gain_sharp, gain_middle, start, per_width, level, lowest = numbers
-    c0, c1, c2, c3 = along
-    one, zero = np.float32(1.0), np.float32(0.0)
-    for x in range(len(out)):
-        u = across[x]
-        ratio = c0 + u * (c1 + u * (c2 + u * c3))
-        base, detail = smooth[x], middle[x] - smooth[x]
-        finest = sharp[x] - middle[x]
-        dirty = min(max(abs(detail) * per_width - start, zero), one)
-        estimate = base + (gain_middle + dirty * (one - gain_middle)) * detail
-        estimate += (gain_sharp + dirty * (one - gain_sharp)) * finest
-        background = ratio * estimate
-        out[x] = level * (frame[x] - background) / max(background, lowest)

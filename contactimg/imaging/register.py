@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.filters import filter_image, kernel_of
 from contactimg.imaging.light import BLOCK, LightField
 from contactimg.imaging.move import Shift, shift_kernel
 from contactimg.timings import stage
@@ -21,10 +22,14 @@ __all__ = ["GOOD_STD", "Found", "estimate_shift", "estimate_shift_closely"]
 
 SMOOTHING = 1.0  # px
 INDEPENDENT = 4.0 * np.pi * SMOOTHING**2  # pixels that share one independent value after the smoothing
-STRIP, STRIP_EVERY, MARGIN = 64, 280, 6  # rows of a strip, distance of strips, rows lost at its rims
+STRIP, STRIP_EVERY, MARGIN = 32, 400, 6  # rows of a strip, distance of strips, rows lost at its rims
+SMALL = 560  # rows of an image all of which take part
 TILE = 256  # px: widest part of a strip that is looked at alone
 LARGEST_STD = 0.25  # px: a background without texture determines no shift
-GOOD_STD = 0.02  # px: if the strips give less, it is worth looking closer
+GOOD_STD = 0.05
+"""Uncertainty (px) up to which a shift found in strips holds: what it leaves of the texture is noise times
+`INDEPENDENT` over the number of pixels, whatever the texture."""
+
 LARGEST_REFINED = 4.0  # px
 SIGNIFICANCE = 5.0  # standard deviations of a rotation or scale ...
 LEAST_TURN = 0.03  # ... and px in the corners, below which there is none
@@ -59,8 +64,8 @@ NOTHING = Found(Shift(0.0, 0.0, np.inf), even=True)
 
 @stage("registration")
 def estimate_shift(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     light: LightField,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
@@ -85,8 +90,8 @@ def estimate_shift(
 
 
 def estimate_shift_closely(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     light: LightField,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
@@ -128,7 +133,7 @@ def _dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[np.ui
 
 def _strip_rows(rows: int) -> NDArray[np.int64]:
     """Row numbers of the strips that take part; all rows of a small image."""
-    if rows <= 2 * STRIP_EVERY:
+    if rows <= SMALL:
         return np.arange(rows)
     starts = np.arange((STRIP_EVERY - STRIP) // 2, rows - STRIP, STRIP_EVERY)
     return (starts[:, None] + np.arange(STRIP)).ravel()
@@ -142,16 +147,17 @@ def _strip_mask(
     breaks = np.flatnonzero(np.diff(rows) != 1)
     for edge in np.r_[-1, breaks, len(rows) - 1]:
         row_ok[max(edge + 1 - MARGIN, 0) : edge + 1 + MARGIN] = False
-    mask = background[rows // BLOCK][:, np.arange(shape[1]) // BLOCK] & row_ok[:, None]
-    mask[:, :MARGIN] = mask[:, -MARGIN:] = False
-    mask = mask.astype(np.uint8)
+    usual = background[rows // BLOCK] & row_ok[:, None]
+    mask = usual.astype(np.uint8).repeat(BLOCK, axis=1)[:, : shape[1]].copy()
+    mask[:, :MARGIN] = mask[:, -MARGIN:] = 0
     if valid is not None:
         mask &= cv2.erode(valid[rows], np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8))
     return mask
 
 
 def _smooth(image: NDArray) -> NDArray[np.float32]:
-    return cv2.GaussianBlur(image, (7, 7), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
+    single = np.asarray(image, np.float32)
+    return cv2.GaussianBlur(single, (7, 7), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
 
 
 def _refine(
@@ -168,13 +174,12 @@ def _refine(
     edges = np.linspace(0, shape[1], max(round(shape[1] / TILE), 1) + 1).astype(np.int64)
     sums = np.zeros((len(tops), len(edges) - 1, SUMS))
     for _ in range(STEPS):
-        moved = cv2.sepFilter2D(
-            reference, cv2.CV_32F, shift_kernel(x), shift_kernel(y), borderType=cv2.BORDER_REPLICATE
-        )
+        moved = filter_image(reference, kernel_of(shift_kernel(x)), kernel_of(shift_kernel(y)))
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = float(np.median(residuals)) if len(residuals) else 0.0
         clip = 4.0 * float(np.median(np.abs(residuals - middle))) if len(residuals) else 1.0
-        _tile_sums(frame, moved, mask, middle, max(clip, 1e-6), np.r_[tops, len(rows)], edges, sums)
+        limits = np.float32(middle), np.float32(max(clip, 1e-6))
+        _tile_sums(frame, moved, mask, *limits, np.r_[tops, len(rows)], edges, sums)
         cross, own, right, squares, count = _unpack(sums.sum(axis=(0, 1)))
         if not _in_common(cross, own, count):
             return NOTHING
@@ -187,7 +192,7 @@ def _refine(
     inverse = np.linalg.inv(cross)
     covariance = inverse @ own @ inverse.T * (squares / count) * INDEPENDENT
     std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
-    middles = np.array([rows[part].mean() for part in np.array_split(np.arange(len(rows)), tops[1:])])
+    middles = (rows[tops] + rows[np.r_[tops[1:], len(rows)] - 1]) / 2
     turn = _turn(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
     return Found(Shift(x, y, std, *turn), _even(sums))
 
@@ -212,15 +217,17 @@ def _turn(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tupl
     """Rotation (rad) and scale by which the tiles lie apart; 0 and 1 where they are not significant."""
     centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
     corner = float(np.hypot(*centre))
-    normal, own, right, squares, count = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros(4), 0.0, 0.0
-    for row, v in zip(sums, (y - centre[1]) / corner, strict=True):
-        for tile, u in zip(row, (x - centre[0]) / corner, strict=True):
-            jacobian = np.array([[1.0, 0.0, -v, u], [0.0, 1.0, u, v]])
-            tile_cross, tile_own, tile_right, tile_squares, tile_count = _unpack(tile)
-            normal += jacobian.T @ tile_cross @ jacobian
-            own += jacobian.T @ tile_own @ jacobian
-            right += jacobian.T @ tile_right
-            squares, count = squares + tile_squares, count + tile_count
+    u, v = np.meshgrid((x - centre[0]) / corner, (y - centre[1]) / corner)
+    one, none = np.ones_like(u), np.zeros_like(u)
+    jacobian = np.stack([np.stack([one, none, -v, u], -1), np.stack([none, one, u, v], -1)], -2)
+    transposed = np.swapaxes(jacobian, -1, -2)
+    tile_cross, tile_own = (
+        sums[..., np.array(k)].reshape(*u.shape, 2, 2) for k in ([0, 1, 1, 2], [3, 4, 4, 5])
+    )
+    normal = (transposed @ tile_cross @ jacobian).sum(axis=(0, 1))
+    own = (transposed @ tile_own @ jacobian).sum(axis=(0, 1))
+    right = (transposed @ sums[..., 6:8, None]).sum(axis=(0, 1))[:, 0]
+    squares, count = sums[..., 8:].sum(axis=(0, 1))
     if np.linalg.cond(normal) > 1e6:
         return 0.0, 1.0
     inverse = np.linalg.inv(normal)
@@ -245,43 +252,52 @@ def _unpack(sums: NDArray) -> tuple[NDArray, NDArray, NDArray, float, float]:
 
 @njit(cache=True)
 def _tile_sums(frame, reference, mask, middle, clip, tops, edges, sums):
-    """Packed sums of every tile."""
+    """Packed sums of every tile; residuals beyond clip are left out."""
+    rows, columns = frame.shape
+    sums[:] = 0.0
     for i in range(len(tops) - 1):
-        for j in range(len(edges) - 1):
-            rows = slice(max(tops[i] - 1, 0), tops[i + 1] + 1)
-            columns = slice(max(edges[j] - 1, 0), edges[j + 1] + 1)
-            # contiguous copies: rows of unknown stride would not compile to vector instructions
-            one, two = frame[rows, columns].copy(), reference[rows, columns].copy()
-            _sum_tile(one, two, mask[rows, columns].copy(), middle, clip, sums[i, j])
+        for r in range(max(tops[i], 1), min(tops[i + 1], rows - 1)):
+            for j in range(len(edges) - 1):
+                # row first, then its part: that leaves vectors that are known to be contiguous
+                part = slice(max(edges[j] - 1, 0), min(edges[j + 1] + 1, columns))
+                _sum_row(
+                    frame[r][part], frame[r - 1][part], frame[r + 1][part],
+                    reference[r][part], reference[r - 1][part], reference[r + 1][part],
+                    mask[r][part], middle, clip, sums[i, j],
+                )  # fmt: skip
 
 
 @njit(cache=True, fastmath=True)
-def _sum_tile(frame, reference, mask, middle, clip, out):
-    """Packed sums of the inside of one tile; residuals beyond clip are left out."""
-    rows, columns = frame.shape
-    squares, count = 0.0, 0
-    xx = xy = yy = ox = oxy = oy = rx = ry = 0.0
-    for r in range(1, rows - 1):
-        for c in range(1, columns - 1):
-            residual = frame[r, c] - reference[r, c] - middle
-            if mask[r, c] == 0 or abs(residual) > clip:
-                continue
-            gx = 0.5 * (reference[r, c - 1] - reference[r, c + 1])
-            gy = 0.5 * (reference[r - 1, c] - reference[r + 1, c])
-            hx = 0.5 * (frame[r, c - 1] - frame[r, c + 1])
-            hy = 0.5 * (frame[r - 1, c] - frame[r + 1, c])
-            # the mean of both gradients weighs the residual: no more noise than either, symmetric in the
-            # images
-            xx += hx * gx
-            xy += 0.5 * (hx * gy + gx * hy)
-            yy += hy * gy
-            wx, wy = 0.5 * (gx + hx), 0.5 * (gy + hy)
-            ox += wx * wx
-            oxy += wx * wy
-            oy += wy * wy
-            rx += wx * residual
-            ry += wy * residual
-            squares += residual * residual
-            count += 1
-    out[0], out[1], out[2], out[3], out[4] = xx, xy, yy, ox, oxy
-    out[5], out[6], out[7], out[8], out[9] = oy, rx, ry, squares, count
+def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, out):
+    """Add the inside of a row of a tile; single precision within it, for vector instructions."""
+    half, zero, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
+    squares = count = xx = xy = yy = ox = oxy = oy = rx = ry = zero
+    for c in range(1, len(frame) - 1):
+        residual = frame[c] - reference[c] - middle
+        used = one if (mask[c] != 0) & (abs(residual) <= clip) else zero
+        gx = half * (reference[c - 1] - reference[c + 1])
+        gy = half * (over[c] - under[c])
+        hx = half * (frame[c - 1] - frame[c + 1])
+        hy = half * (above[c] - below[c])
+        # the mean of both gradients weighs the residual: no more noise than either, symmetric in the images
+        wx, wy = half * used * (gx + hx), half * used * (gy + hy)
+        xx += used * hx * gx
+        xy += half * used * (hx * gy + gx * hy)
+        yy += used * hy * gy
+        ox += wx * wx
+        oxy += wx * wy
+        oy += wy * wy
+        rx += wx * residual
+        ry += wy * residual
+        squares += used * residual * residual
+        count += used
+    out[0] += xx
+    out[1] += xy
+    out[2] += yy
+    out[3] += ox
+    out[4] += oxy
+    out[5] += oy
+    out[6] += rx
+    out[7] += ry
+    out[8] += squares
+    out[9] += count

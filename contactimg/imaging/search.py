@@ -62,8 +62,8 @@ NOWHERE = Shift(0.0, 0.0, np.inf)
 
 
 def search_shift(
-    frame: NDArray[np.float32],
-    reference: NDArray[np.float32],
+    frame: NDArray,
+    reference: NDArray,
     light: LightField,
     valid: NDArray[np.uint8] | None,
     *,
@@ -95,13 +95,16 @@ def search_shift(
 
 
 def _details(
-    frame: NDArray[np.float32], reference: NDArray[np.float32], light: LightField, valid: NDArray | None
+    frame: NDArray, reference: NDArray, light: LightField, valid: NDArray | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
     """Relative detail of the frame's background and of the reference, coarse; None if the latter has none."""
     size = (frame.shape[1] // COARSE, frame.shape[0] // COARSE)
     if min(size) < SMALLEST:
         return None
-    small, other = (cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in (frame, reference))
+    small, other = (
+        cv2.resize(np.asarray(image, np.float32), size, interpolation=cv2.INTER_AREA)
+        for image in (frame, reference)
+    )
     good = np.ones(size[::-1], np.bool_)
     if valid is not None:
         holes = cv2.resize(1 - valid, size, interpolation=cv2.INTER_AREA)
@@ -125,9 +128,7 @@ def _details(
     return seen.astype(np.float32), detail.astype(np.float32)
 
 
-def _slow(
-    reference: NDArray[np.float32], valid: NDArray | None, size: tuple[int, int]
-) -> NDArray[np.float32]:
+def _slow(reference: NDArray, valid: NDArray | None, size: tuple[int, int]) -> NDArray[np.float32]:
     """Light of the reference at each coarse pixel: a polynomial."""
     blocks = block_means(reference, valid)
     if not np.isfinite(blocks).any():
