@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.edge import PIXEL_VARIANCE
-from contactimg.imaging.segment import label_components
 from contactimg.imaging.split import split_components
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
@@ -58,11 +57,8 @@ def count_contacts(
     position) and of the noise on the slope of a rim blurred by 1.4 px; not the bias of the threshold.
     """
     level = fraction * contrast.plateau
-    found = label_components(image, level, marks=saturated)
     noisy = contrast.plateau < QUIET * noise
-    found, split = split_components(
-        image, level, found, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0
-    )
+    found, split = split_components(image, level, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0)
     hot = (found["area"] <= 2) & (_surroundings(image, found) < HOT * found["peak"])
     weak = found["flux"] < SIGNIFICANT * noise * np.sqrt(found["area"])
     radius = np.sqrt(found["area"] / np.pi)
