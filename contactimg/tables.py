@@ -122,7 +122,9 @@ def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
     """A column in which nothing is given."""
     if dtype in ("float64", "int64"):
         return np.full(count, np.nan if dtype == "float64" else 0, dtype)
-    return pd.array(["" if dtype == "str" else pd.NA] * count, dtype=dtype)
+    if dtype == "Int64":
+        return pd.arrays.IntegerArray(np.zeros(count, np.int64), np.ones(count, np.bool_))
+    return pd.array([""] * count, dtype=dtype)
 
 
 CONTACTS = Schema(

@@ -222,14 +222,20 @@ def _stand_alone(image, x, y, level):
 
 
 def _suspicious(regions: NDArray[np.void], plateau: float) -> bool:
-    """Whether a region sprawls or is too bright: the quick look that most frames end with."""
-    return bool(_sprawling(regions).any()) or bool((regions["peak"] > BRIGHTER * plateau).any())
+    """Whether a region may be long or is too bright: the quick look that most frames end with."""
+    extended = regions[_square(regions) > (LENGTH * (0.5 + SHORT)) ** 2]
+    return bool(_sprawling(extended).any()) or bool((regions["peak"] > BRIGHTER * plateau).any())
+
+
+def _square(regions: NDArray[np.void]) -> NDArray[np.float64]:
+    """Squared diagonal of the bounding boxes."""
+    wide, high = regions["right"] - regions["left"] + 1.0, regions["bottom"] - regions["top"] + 1.0
+    return np.asarray(wide**2 + high**2)
 
 
 def _sprawling(regions: NDArray[np.void]) -> NDArray[np.bool_]:
     """Regions that are no disk and no pair of disks."""
-    wide = (regions["right"] - regions["left"] + 1.0) ** 2 + (regions["bottom"] - regions["top"] + 1.0) ** 2
-    return np.asarray((wide > SPRAWLING * regions["area"]) & (regions["area"] > BRIGHT_PIXELS))
+    return np.asarray((_square(regions) > SPRAWLING * regions["area"]) & (regions["area"] > BRIGHT_PIXELS))
 
 
 def _rows(places: NDArray[np.float64], reasons: NDArray[np.str_]) -> dict[str, NDArray]:

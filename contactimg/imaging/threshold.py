@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
@@ -77,13 +76,13 @@ def measure_contrast(coarse: Coarse, noise: float) -> Contrast:
     image, window = coarse.image, CORE // coarse.step
     floor = max(DETECTABLE * noise / coarse.step, 1e-6)
     high = _stand_out(image, window, floor)
-    if len(high) < 4:
+    if high.shape[1] < 4:
         return Contrast(0.0, resolved=False)
     plateau, level = _settle(high, floor)
     if _mixed(high, floor, plateau, level):
         high = _stand_out(_usual_objects(image, max(FAINT * plateau, floor)), window, floor)
         plateau, level = _settle(high, floor)
-    resolved = bool(np.count_nonzero(high[:, AROUND] > level) >= ENOUGH)
+    resolved = bool(np.count_nonzero(high[AROUND] > level) >= ENOUGH)
     return Contrast(plateau, resolved, _plateau_std(high, plateau, level) if resolved else GUESS * plateau)
 
 
@@ -92,73 +91,22 @@ def _stand_out(image: NDArray[np.float32], window: int, floor: float) -> NDArray
 
     Of many pixels, those of every so many rows, unless hardly any of these lies inside a contact.
     """
-    lowest = np.float32(floor)
-    count = _count_above(image, lowest)
-    every = max(count // SAMPLE, 1)
-    high = _gather(image, window, lowest, every, count // every + image.shape[1])
-    if every > 1 and np.count_nonzero(high[:, AROUND] > lowest) < SAMPLE // 10:
-        high = _gather(image, window, lowest, 1, count)
-    return np.asarray(high)
-
-
-@njit(cache=True)
-def _count_above(image, floor):
-    """Number of pixels above a level."""
-    count = 0
-    for row in image:
-        for value in row:
-            count += value > floor
-    return count
-
-
-@njit(cache=True)
-def _gather(image, window, floor, every, expected):
-    """`_stand_out` of every so many rows."""
-    rows, columns = image.shape
-    before, after = window // 2, window - 1 - window // 2
-    around, wider, column = np.empty((3, columns), np.float32)
-    out = np.empty((expected, 3), np.float32)
-    count = 0
-    for y in range(every // 2, rows, every):
-        if count + columns > len(out):
-            out = np.concatenate((out, np.empty((len(out) + columns, 3), np.float32)))
-        _lowest(image, y, before, after, column, around)
-        _lowest(image, y, before + 1, after + 1, column, wider)
-        for x in range(columns):
-            if image[y, x] > floor:
-                out[count, 0], out[count, 1], out[count, 2] = image[y, x], around[x], wider[x]
-                count += 1
-    return out[:count]
-
-
-@njit(cache=True)
-def _lowest(image, y, before, after, column, out):
-    """Lowest pixels of the windows about the pixels of a row; what lies outside the image does not count."""
-    rows, columns = image.shape
-    top = max(y - before, 0)
-    column[:] = image[top]
-    for j in range(top + 1, min(y + after + 1, rows)):
-        _lower(column, image[j])
-    out[:] = column
-    for k in range(1, min(before, columns - 1) + 1):
-        _lower(out[k:], column[: columns - k])
-    for k in range(1, min(after, columns - 1) + 1):
-        _lower(out[: columns - k], column[k:])
-
-
-@njit(cache=True)
-def _lower(out, row):
-    """The lower of two, a function of its own such that it compiles to vector instructions."""
-    for x in range(len(out)):
-        out[x] = min(out[x], row[x])
+    around = cv2.erode(image, np.ones((window, window), np.uint8))
+    wider = cv2.erode(around, np.ones((3, 3), np.uint8))
+    above = image > np.float32(floor)
+    every = max(int(np.count_nonzero(above)) // SAMPLE, 1)
+    if every > 1 and np.count_nonzero(around[::every] > np.float32(floor)) < SAMPLE // 10:
+        every = 1
+    rows = slice(every // 2, None, every)
+    return np.stack([part[rows][above[rows]] for part in (image, around, wider)])
 
 
 def _settle(high: NDArray[np.float32], floor: float) -> tuple[float, np.float32]:
     """Median of the pixels whose surroundings reach half of it, and the level that these reached."""
-    plateau = quantile(high[:, VALUE], 0.95) if len(high) else 0.0
+    plateau = quantile(high[VALUE], 0.95) if high.size else 0.0
     for _ in range(4):
         level = np.float32(max(0.5 * plateau, floor))
-        values = high[high[:, AROUND] > level, VALUE]
+        values = high[VALUE][high[AROUND] > level]
         if len(values) < ENOUGH:
             break
         before, plateau = plateau, median(values)
@@ -169,7 +117,7 @@ def _settle(high: NDArray[np.float32], floor: float) -> tuple[float, np.float32]
 
 def _mixed(high: NDArray[np.float32], floor: float, plateau: float, level: np.float32) -> bool:
     """Whether wide things of quite another brightness than the plateau stand in the image."""
-    pixels, around, _ = high.T
+    pixels, around, _ = high
     if np.count_nonzero((around > level) & (pixels > np.float32(BRIGHTER * plateau))) >= ENOUGH:
         return True
     low = (pixels > np.float32(max(FAINT * plateau, floor))) & (pixels < np.float32(FAINTER * plateau))
@@ -192,7 +140,7 @@ def _usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float
 
 def _plateau_std(high: NDArray[np.float32], plateau: float, level: np.float32) -> float:
     """Uncertainty of a plateau from its scatter, and from how much higher it is further inside."""
-    values, core = (high[high[:, window] > level, VALUE] for window in (AROUND, WIDER))
+    values, core = (high[VALUE][high[window] > level] for window in (AROUND, WIDER))
     rise = (median(core) if len(core) else float(values.max())) - plateau
     return float(np.hypot(MEDIAN * values.std() / np.sqrt(max(len(values) / SHARED, 1.0)), rise))
 
