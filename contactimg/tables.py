@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike
+from pandas.api.extensions import ExtensionArray
 
 from contactimg.errors import InputError
 
@@ -102,14 +104,23 @@ class Schema:
             index=pd.RangeIndex(len(given)),
         )
 
-    def _column(self, given: pd.DataFrame, name: str, dtype: str) -> pd.Series:
+    def _column(self, given: pd.DataFrame, name: str, dtype: str) -> ArrayLike | ExtensionArray:
         if name not in given:
-            fill = {"str": "", "float64": np.nan, "Int64": pd.NA, "int64": 0}[dtype]
-            return pd.Series([fill] * len(given), dtype=dtype)
+            return _empty_cells(len(given), dtype)
+        column = given[name]
         try:
-            return given[name].reset_index(drop=True).astype(dtype)
+            return column.array if column.dtype == dtype else column.astype(dtype).array
         except (TypeError, ValueError) as error:
             raise InputError(f"{self.name}: column {name!r} must hold {dtype} values ({error})") from None
+
+
+def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
+    """A column in which nothing is given."""
+    if dtype in ("float64", "int64"):
+        return np.full(count, np.nan if dtype == "float64" else 0, dtype)
+    if dtype == "Int64":
+        return pd.arrays.IntegerArray(np.zeros(count, np.int64), np.ones(count, np.bool_))
+    return pd.array([""] * count, dtype=dtype)
 
 
 CONTACTS = Schema(

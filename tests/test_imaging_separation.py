@@ -217,7 +217,7 @@ def test_parting_loses_no_pixel():
     marks = np.zeros(image.shape, np.uint8)
     marks[28:32, 28:32] = 1
     found = label_components(image, 1.0, marks=marks)
-    parts, split = split_components(image, 1.0, found, marks=marks)
+    parts, split = split_components(image, 1.0, marks=marks)
     assert len(found) == 2
     assert sorted(split) == [False, True, True, True]
     for name in ("area", "flux", "marked"):

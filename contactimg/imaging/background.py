@@ -14,6 +14,7 @@ from contactimg.imaging.envelope import WINDOW, flatten_crowd
 from contactimg.imaging.foreign import find_objects
 from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
 from contactimg.imaging.noise import estimate_noise
+from contactimg.imaging.pixels import Coarse
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.threshold import measure_contrast
 
@@ -109,7 +110,7 @@ def _roundness(difference: Difference, sign: int, valid: NDArray[np.uint8] | Non
     image = difference.image * np.float32(sign)
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
-    contrast = measure_contrast(image, estimate_noise(image, difference.light.background))
+    contrast = measure_contrast(Coarse.of(image), estimate_noise(image, difference.light.background))
     if contrast.plateau <= 0.0:
         return 0.0
     found = find_objects(image, 0.5 * contrast.plateau)

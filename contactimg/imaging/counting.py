@@ -1,17 +1,18 @@
 """The paper's measurement: pixels above a threshold, their area as the radius of a contact."""
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.imaging.edge import PIXEL_VARIANCE
-from contactimg.imaging.segment import label_components
 from contactimg.imaging.split import split_components
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
 from contactimg.timings import stage
 
 __all__ = ["TYPICAL_BLUR", "count_contacts"]
+
+Columns = dict[str, NDArray]
+"""Columns of a table."""
 
 SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noise alone stays below 6
 HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp
@@ -28,7 +29,7 @@ def count_contacts(
     contrast: Contrast,
     noise: float,
     saturated: NDArray[np.uint8],
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> tuple[Columns, Columns]:
     """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
 
     Components that are several contacts share their pixels among them.
@@ -47,7 +48,7 @@ def count_contacts(
 
     Returns
     -------
-    contacts, rejected : DataFrame
+    contacts, rejected : dict of arrays
         Columns x_px, y_px, radius_px, radius_std_px, flags; and x_px, y_px, radius_px, reason.
 
     Notes
@@ -56,24 +57,19 @@ def count_contacts(
     position) and of the noise on the slope of a rim blurred by 1.4 px; not the bias of the threshold.
     """
     level = fraction * contrast.plateau
-    found = label_components(image, level, marks=saturated)
     noisy = contrast.plateau < QUIET * noise
-    found, split = split_components(
-        image, level, found, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0
-    )
+    found, split = split_components(image, level, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0)
     hot = (found["area"] <= 2) & (_surroundings(image, found) < HOT * found["peak"])
     weak = found["flux"] < SIGNIFICANT * noise * np.sqrt(found["area"])
     radius = np.sqrt(found["area"] / np.pi)
     bad = hot | weak
-    rejected = pd.DataFrame(
-        {
-            "x_px": found["x"],
-            "y_px": found["y"],
-            "radius_px": radius,
-            "reason": np.where(hot, "hot pixel", "noise"),
-        }
-    )[bad]
-    kept = found[~bad]
+    rejected = {
+        "x_px": found["x"][bad],
+        "y_px": found["y"][bad],
+        "radius_px": radius[bad],
+        "reason": np.where(hot[bad], "hot pixel", "noise"),
+    }
+    kept, split, radius = found[~bad], split[~bad], radius[~bad]
     rows, columns = image.shape
     edge = (
         (kept["left"] == 0)
@@ -85,19 +81,17 @@ def count_contacts(
         np.where(edge, int(Flag.EDGE), 0)
         | np.where(kept["marked"] > 0, int(Flag.SATURATED), 0)
         | np.where(kept["area"] < SMALLEST, int(Flag.TOO_SMALL), 0)
-        | np.where(split[~bad], int(Flag.MERGED), 0)
+        | np.where(split, int(Flag.MERGED), 0)
     )
     slope = contrast.plateau / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
-    std = np.sqrt((PIXEL_VARIANCE + (noise / slope) ** 2) / (2 * np.pi * radius[~bad]))
-    contacts = pd.DataFrame(
-        {
-            "x_px": kept["x"],
-            "y_px": kept["y"],
-            "radius_px": radius[~bad],
-            "radius_std_px": std,
-            "flags": flags,
-        }
-    )
+    std = np.sqrt((PIXEL_VARIANCE + (noise / slope) ** 2) / (2 * np.pi * radius))
+    contacts = {
+        "x_px": kept["x"],
+        "y_px": kept["y"],
+        "radius_px": radius,
+        "radius_std_px": std,
+        "flags": flags,
+    }
     return contacts, rejected
 
 

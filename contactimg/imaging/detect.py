@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels import share_seen
 
-__all__ = ["FALSE_ALARM_SIGMA", "estimate_blur", "find_inscribed", "find_peaks", "find_peaks_near"]
+__all__ = [
+    "FALSE_ALARM_SIGMA",
+    "estimate_blur",
+    "find_inscribed",
+    "find_peaks",
+    "find_peaks_near",
+    "select_inscribed",
+]
 
 FALSE_ALARM_SIGMA = 6.0
 """Height of a matched-filter peak above the noise that counts as detection. Normal noise has
@@ -91,12 +98,18 @@ def find_inscribed(
     if mask.all():
         return np.empty((0, 3))  # nothing bounds a disk
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    summits = _summits(distance, SMALLEST_INSCRIBED)
-    disks = _select(summits[np.argsort(-summits[:, 2], kind="stable")])
+    disks = select_inscribed(distance)
     if weight.shape != image.shape:
         return disks
     # a hole cuts no contact, but a hole alone is none
     return disks[share_seen(disks, image.shape, weight) > LEAST_SEEN]
+
+
+@njit(cache=True)
+def select_inscribed(distance):
+    """Disks (x, y, radius) from the distances of pixels to the rim, largest first."""
+    summits = _summits(distance, SMALLEST_INSCRIBED)
+    return _select(summits[np.argsort(-summits[:, 2], kind="mergesort")])
 
 
 @njit(cache=True)

@@ -2,10 +2,11 @@
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.light import BLOCK
-from contactimg.imaging.pixels import NO_MASK, Pixels, share_seen
+from contactimg.imaging.pixels import NO_MASK, Levels, Pixels, share_seen
 from contactimg.imaging.reference import Difference
 
 __all__ = ["absent_in_frame", "reject_disks"]
@@ -88,7 +89,7 @@ def _without_rim(
 
 
 def absent_in_frame(
-    frame: NDArray[np.float32],
+    frame: Levels,
     signed: NDArray[np.float32],
     difference: Difference,
     disks: NDArray[np.float64],
@@ -106,17 +107,46 @@ def absent_in_frame(
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     """
-    absent = np.zeros(len(disks), np.bool_)
     if difference.clean or not difference.ratio or not len(disks):
-        return absent
+        return np.zeros(len(disks), np.bool_)
     # the median over blocks does not see a speck
     slow = cv2.medianBlur(difference.illumination, 5) * difference.level
-    x = disks[:, :1] + POINTS[:, 0] * disks[:, 2:3]
-    y = disks[:, 1:2] + POINTS[:, 1] * disks[:, 2:3]
-    columns = np.clip(np.rint(x), 0, frame.shape[1] - 1).astype(int)
-    rows = np.clip(np.rint(y), 0, frame.shape[0] - 1).astype(int)
-    background = slow[rows // BLOCK, columns // BLOCK] * difference.light.at(columns, rows, frame.shape)
-    sign = np.where(signed[rows, columns] * difference.image[rows, columns] < 0, -1.0, 1.0)
-    shown = sign * difference.level * (frame[rows, columns] / np.maximum(background, 1e-6) - 1.0)
-    small = disks[:, 2] < WIDEST
-    return np.asarray(small & (shown.mean(axis=1) < SHARE * signed[rows, columns].mean(axis=1)))
+    absent = _hardly_shown(
+        frame, signed, difference.image, slow, difference.light.coefficients, difference.level,
+        np.ascontiguousarray(disks[:, :3]),
+    )  # fmt: skip
+    return np.asarray(absent)
+
+
+@njit(cache=True)
+def _hardly_shown(frame, signed, image, slow, coefficients, level, disks):
+    """Whether a narrow disk of the difference image is hardly seen in the frame over its slow background."""
+    rows, columns = frame.shape
+    out = np.zeros(len(disks), np.bool_)
+    for k in range(len(disks)):
+        x, y, radius = disks[k]
+        if not radius < WIDEST:
+            continue
+        total = shown = 0.0
+        for n in range(len(POINTS)):
+            i = min(max(round(x + POINTS[n, 0] * radius), 0), columns - 1)
+            j = min(max(round(y + POINTS[n, 1] * radius), 0), rows - 1)
+            background = slow[j // BLOCK, i // BLOCK] * _light_at(coefficients, i, j, frame.shape)
+            sign = -1.0 if signed[j, i] * image[j, i] < 0 else 1.0
+            shown += sign * level * (frame[j, i] / max(background, 1e-6) - 1.0)
+            total += signed[j, i]
+        out[k] = shown < SHARE * total
+    return out
+
+
+@njit(cache=True)
+def _light_at(coefficients, x, y, shape):
+    """The polynomial of a `contactimg.imaging.light.LightField` at a pixel."""
+    u, v = 2.0 * x / shape[1] - 1.0, 2.0 * y / shape[0] - 1.0
+    value = 0.0
+    for row in coefficients[::-1]:
+        along = 0.0
+        for c in row[::-1]:
+            along = along * u + c
+        value = value * v + along
+    return value

@@ -61,9 +61,9 @@ class Fitted:
 
     Parameters
     ----------
-    contacts : DataFrame
+    contacts : DataFrame or dict of arrays
         Columns x_px, y_px, radius_px, radius_std_px, contrast_shift_px, blur_shift_px, flags.
-    rejected : DataFrame
+    rejected : DataFrame or dict of arrays
         Columns x_px, y_px, radius_px, reason.
     optics : SharedOptics
         Contrast and blur that the radii stand for.
@@ -73,8 +73,8 @@ class Fitted:
         Radius of a contact that just stands out of the noise; NaN if that is not known.
     """
 
-    contacts: pd.DataFrame
-    rejected: pd.DataFrame
+    contacts: pd.DataFrame | dict[str, NDArray]
+    rejected: pd.DataFrame | dict[str, NDArray]
     optics: SharedOptics
     own: SharedOptics
     smallest_px: float = float("nan")

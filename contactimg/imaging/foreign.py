@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import pandas as pd
 from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.dust import absent_in_frame
-from contactimg.imaging.pixels import NO_MASK
+from contactimg.imaging.pixels import NO_MASK, Coarse, Levels
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.segment import label_components
 
@@ -74,13 +73,13 @@ class Foreign:
 
     Parameters
     ----------
-    rejected : DataFrame
+    rejected : dict of arrays
         x_px, y_px, radius_px (of the disk of equal area), reason.
     mask : ndarray of uint8, shape (rows, columns)
         1 on them and their blurred rims; `NO_MASK` if there are none.
     """
 
-    rejected: pd.DataFrame
+    rejected: dict[str, NDArray]
     mask: NDArray[np.uint8]
 
 
@@ -126,7 +125,12 @@ def _inside(labels, distance, image, count):
 
 
 def find_foreign(
-    image: NDArray[np.float32], plateau: float, *, frame: NDArray[np.float32], difference: Difference
+    image: NDArray[np.float32],
+    coarse: Coarse,
+    plateau: float,
+    *,
+    frame: Levels,
+    difference: Difference,
 ) -> Foreign:
     """Objects of a difference image that are no contacts.
 
@@ -134,6 +138,8 @@ def find_foreign(
     ----------
     image : ndarray, shape (rows, columns)
         Difference image, contacts positive, holes 0.
+    coarse : Coarse
+        The same.
     plateau : float
         Contrast of the contacts.
     frame : ndarray, shape (rows, columns)
@@ -141,9 +147,8 @@ def find_foreign(
     difference : Difference
         Where the image comes from.
     """
-    size = (max(image.shape[1] // COARSE, 1), max(image.shape[0] // COARSE, 1))
-    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    scale = np.array([image.shape[1] / size[0], image.shape[0] / size[1]])
+    small = coarse.image
+    scale = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
     regions = label_components(small, LEVEL * plateau, marks=NO_MASK)
     if not len(regions):
         return NOTHING_FOREIGN
@@ -167,7 +172,7 @@ def find_foreign(
     mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SKIRT + 1, 2 * SKIRT + 1)))
     mask = cv2.resize(mask, image.shape[::-1], interpolation=cv2.INTER_NEAREST)
     places = _full(scale, found.x[bad], found.y[bad], found.area[bad])
-    return Foreign(_rows(places, reasons[bad].tolist()), np.asarray(mask))
+    return Foreign(_rows(places, reasons[bad]), np.asarray(mask))
 
 
 def _full(scale: NDArray, x: NDArray, y: NDArray, area: NDArray) -> NDArray[np.float64]:
@@ -187,43 +192,55 @@ def _too_sharp(
     image: NDArray[np.float32], regions: NDArray[np.void], scale: NDArray, plateau: float
 ) -> NDArray[np.bool_]:
     """Regions whose highest pixel stands far above both its sides: hot pixels, cosmic streaks."""
-    rows, columns = image.shape
-    j, i = (np.arange(-1, COARSE + 1)[:, None], np.arange(-1, COARSE + 1)[None, :])
-    y0, x0 = (regions["peak_y"] * scale[1]).astype(int), (regions["peak_x"] * scale[0]).astype(int)
-    y = np.clip(y0[:, None, None] + j, 0, rows - 1) + 0 * i
-    x = np.clip(x0[:, None, None] + i, 0, columns - 1) + 0 * j
-    highest = image[y, x].reshape(len(regions), -1).argmax(axis=1)
-    y, x = (axis.reshape(len(regions), -1)[np.arange(len(regions)), highest] for axis in (y, x))
-    value = image[y, x]
     out = np.zeros(len(regions), np.bool_)
-    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        sides = [
-            image[np.clip(y + k * dy, 0, rows - 1), np.clip(x + k * dx, 0, columns - 1)] for k in (-1, 1)
-        ]
-        out |= np.maximum(*sides) < HOT * value
     # a contact is not one the less for a hot pixel on it
-    return np.asarray(
-        out & (value > LEVEL * plateau) & ((regions["area"] <= BRIGHT_PIXELS) | _sprawling(regions))
-    )
+    narrow = np.flatnonzero((regions["area"] <= BRIGHT_PIXELS) | _sprawling(regions))
+    x = (regions["peak_x"][narrow] * scale[0]).astype(int)
+    y = (regions["peak_y"][narrow] * scale[1]).astype(int)
+    out[narrow] = _stand_alone(image, x, y, np.float32(LEVEL * plateau))
+    return out
+
+
+@njit(cache=True)
+def _stand_alone(image, x, y, level):
+    """Whether the highest pixel near each place is above a level and far above its two sides."""
+    rows, columns = image.shape
+    out = np.zeros(len(x), np.bool_)
+    for n in range(len(x)):
+        value, row, column = np.float32(-np.inf), 0, 0
+        for j in range(max(y[n] - 1, 0), min(y[n] + COARSE + 1, rows)):
+            for i in range(max(x[n] - 1, 0), min(x[n] + COARSE + 1, columns)):
+                if image[j, i] > value:
+                    value, row, column = image[j, i], j, i
+        if not value > level:
+            continue
+        for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            before = image[max(row - dy, 0), min(max(column - dx, 0), columns - 1)]
+            after = image[min(row + dy, rows - 1), min(max(column + dx, 0), columns - 1)]
+            out[n] |= max(before, after) < HOT * value
+    return out
 
 
 def _suspicious(regions: NDArray[np.void], plateau: float) -> bool:
-    """Whether a region sprawls or is too bright: the quick look that most frames end with."""
-    return bool(_sprawling(regions).any()) or bool((regions["peak"] > BRIGHTER * plateau).any())
+    """Whether a region may be long or is too bright: the quick look that most frames end with."""
+    extended = regions[_square(regions) > (LENGTH * (0.5 + SHORT)) ** 2]
+    return bool(_sprawling(extended).any()) or bool((regions["peak"] > BRIGHTER * plateau).any())
+
+
+def _square(regions: NDArray[np.void]) -> NDArray[np.float64]:
+    """Squared diagonal of the bounding boxes."""
+    wide, high = regions["right"] - regions["left"] + 1.0, regions["bottom"] - regions["top"] + 1.0
+    return np.asarray(wide**2 + high**2)
 
 
 def _sprawling(regions: NDArray[np.void]) -> NDArray[np.bool_]:
     """Regions that are no disk and no pair of disks."""
-    wide = (regions["right"] - regions["left"] + 1.0) ** 2 + (regions["bottom"] - regions["top"] + 1.0) ** 2
-    return np.asarray((wide > SPRAWLING * regions["area"]) & (regions["area"] > BRIGHT_PIXELS))
+    return np.asarray((_square(regions) > SPRAWLING * regions["area"]) & (regions["area"] > BRIGHT_PIXELS))
 
 
-def _rows(places: NDArray[np.float64], reasons: list[str]) -> pd.DataFrame:
-    x, y, radius = places.T
-    return pd.DataFrame(
-        {"x_px": x, "y_px": y, "radius_px": radius, "reason": pd.Series(reasons, dtype="str")}
-    )
+def _rows(places: NDArray[np.float64], reasons: NDArray[np.str_]) -> dict[str, NDArray]:
+    return {"x_px": places[:, 0], "y_px": places[:, 1], "radius_px": places[:, 2], "reason": reasons}
 
 
-NOTHING_FOREIGN = Foreign(_rows(np.empty((0, 3)), []), NO_MASK)
+NOTHING_FOREIGN = Foreign(_rows(np.empty((0, 3)), np.empty(0, np.str_)), NO_MASK)
 """Every object may be a contact."""

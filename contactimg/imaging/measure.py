@@ -16,7 +16,7 @@ from contactimg.imaging.fitting import Fitted, fit_contacts
 from contactimg.imaging.foreign import NOTHING_FOREIGN, find_foreign
 from contactimg.imaging.light import block_means
 from contactimg.imaging.noise import estimate_noise
-from contactimg.imaging.pixels import Pixels
+from contactimg.imaging.pixels import Coarse, Pixels
 from contactimg.imaging.reference import (
     Difference,
     subtract_reference,
@@ -32,10 +32,10 @@ __all__ = ["CORRECTIONS", "ImageMeasurement", "measure_image"]
 CORRECTIONS = ("position_drift", "dust")
 """What a frame need not be searched for where it is known to be absent."""
 
-DISKS = {"label": "int64", "x_px": "float64", "y_px": "float64", "radius_px": "float64",
-         "radius_std_px": "float64", "flags": "int64", "contrast_shift_px": "float64",
-         "blur_shift_px": "float64"}  # fmt: skip
-REJECTED = {"x_px": "float64", "y_px": "float64", "radius_px": "float64", "reason": "str"}
+PLACE = ("x_px", "y_px", "radius_px")
+DISKS = {"x_px": "float64", "y_px": "float64", "radius_px": "float64", "radius_std_px": "float64",
+         "flags": "int64", "contrast_shift_px": "float64", "blur_shift_px": "float64"}  # fmt: skip
+NOTHING = np.empty(0)
 
 RESOLVED = 0.05
 """Relative uncertainty of the contrast from which on a frame does not show it: 2.5 % of a small radius, 7.5 %
@@ -177,18 +177,19 @@ def measure_image(
     signed = difference.image if sign > 0 else -difference.image
     noise = estimate_noise(signed, difference.light.background)
     known = known.scaled(1.0 / pixels.unit)
-    shown = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(signed, noise)
+    coarse = Coarse.of(signed)
+    shown = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(coarse, noise)
     contrast = shown
     if np.isfinite(known.contrast) and not pixels.trivial:
         contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
     foreign = NOTHING_FOREIGN
     if shown.resolved and not difference.clean:
-        foreign = find_foreign(signed, contrast.plateau, frame=pixels.frame, difference=difference)
+        foreign = find_foreign(signed, coarse, contrast.plateau, frame=pixels.frame, difference=difference)
     pixels = pixels.without(foreign.mask)
     if pixels.valid is not None:
         signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
     fraction = choose_threshold(signed, contrast, threshold)
-    found = Fitted(pd.DataFrame(columns=list(DISKS)), pd.DataFrame(columns=list(REJECTED)), known, known)
+    found = Fitted(dict.fromkeys(DISKS, NOTHING), NOTHING_FOREIGN.rejected, known, known)
     if contrast.plateau > 0:
         if method == "threshold":
             found = _count(signed, pixels, difference, contrast, fraction=fraction, noise=noise)
@@ -197,11 +198,10 @@ def measure_image(
             found = fit_contacts(
                 signed, pixels, difference, contrast=contrast, noise=noise, known=known, film=film
             )
-    disks = _flagged(found.contacts, found.own).assign(label=np.arange(1, len(found.contacts) + 1))
     status, message, measurable = _judge(pixels, difference, found, known)
     return ImageMeasurement(
-        disks=_table(disks, DISKS),
-        rejected=_table(pd.concat([foreign.rejected, found.rejected]), REJECTED),
+        disks=_disks_table(found),
+        rejected=_rejected_table(foreign.rejected, found.rejected),
         contrast=sign * found.optics.contrast * pixels.unit if contrast.plateau > 0 else 0.0,
         noise=noise * pixels.unit,
         threshold=fraction if method == "threshold" else float("nan"),
@@ -220,9 +220,21 @@ def measure_image(
     )
 
 
-def _table(rows: pd.DataFrame, dtypes: dict[str, str]) -> pd.DataFrame:
-    """The columns with their dtypes, rows numbered from 0."""
-    return pd.DataFrame({name: pd.Series(rows[name].to_numpy(), dtype=dtypes[name]) for name in dtypes})
+def _disks_table(found: Fitted) -> pd.DataFrame:
+    """The contacts, numbered from 1, marked if their frame does not show how bright they are."""
+    count = len(found.contacts["x_px"])
+    unseen = 0 if found.own.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
+    columns = {name: np.asarray(found.contacts[name], dtype) for name, dtype in DISKS.items()}
+    return pd.DataFrame(
+        {"label": np.arange(1, count + 1, dtype=np.int64), **columns, "flags": columns["flags"] | unseen}
+    )
+
+
+def _rejected_table(*parts: pd.DataFrame | dict[str, NDArray]) -> pd.DataFrame:
+    """The rejected candidates of several tables."""
+    columns = {name: np.concatenate([part[name] for part in parts]).astype(float) for name in PLACE}
+    reasons = np.concatenate([np.asarray(part["reason"]).astype(object) for part in parts])
+    return pd.DataFrame({**columns, "reason": pd.array(reasons, dtype="str")})
 
 
 def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
@@ -250,30 +262,25 @@ def _count(
         image, fraction=fraction, contrast=contrast, noise=noise, saturated=pixels.saturated
     )
     cut = pixels.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
-    contacts["flags"] |= np.where(cut, int(Flag.EDGE), 0)
-    places = ["x_px", "y_px", "radius_px"]
-    dust = absent_in_frame(pixels.frame, image, difference, contacts[places].to_numpy(float))
-    gone = contacts.loc[dust, places].assign(reason="dust in the reference")
-    contacts, rejected = (
-        contacts[~dust].reset_index(drop=True),
-        pd.concat([rejected, gone], ignore_index=True),
+    contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
+    dust = absent_in_frame(
+        pixels.frame, image, difference, np.column_stack([contacts[name] for name in PLACE])
     )
+    gone = np.full(np.count_nonzero(dust), "dust in the reference")
+    rejected = {
+        "reason": np.append(rejected["reason"], gone),
+        **{name: np.append(rejected[name], contacts[name][dust]) for name in PLACE},
+    }
+    contacts = {name: values[~dust] for name, values in contacts.items()}
     # the threshold is a fraction of the contrast: where it cuts the rim of a wide contact moves with it
     slope = np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
-    shift = np.full(len(contacts), -fraction * contrast.std / contrast.plateau / slope)
-    std = combine_errors(contacts["radius_std_px"].to_numpy(float), shift[:, None])
-    contacts = contacts.assign(radius_std_px=std, contrast_shift_px=shift, blur_shift_px=0.0)
+    shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / contrast.plateau / slope)
+    contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], shift[:, None])
+    contacts |= {"contrast_shift_px": shift, "blur_shift_px": np.zeros(len(shift))}
     optics = SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan)
     # the middle of a blurred disk reaches 1 - exp(-a^2/(2 s^2)) of the contrast
     smallest = TYPICAL_BLUR * np.sqrt(-2.0 * np.log1p(-fraction))
     return Fitted(contacts, rejected, optics, optics, float(smallest))
-
-
-def _flagged(contacts: pd.DataFrame, own: SharedOptics) -> pd.DataFrame:
-    """The contacts, marked if their frame does not show how bright they are."""
-    if own.contrast_relative_std < RESOLVED:
-        return contacts
-    return contacts.assign(flags=contacts["flags"].astype("int64") | int(Flag.NO_PLATEAU))
 
 
 def _check(
@@ -297,18 +304,18 @@ def _check(
 
 def _subtract(pixels: Pixels, polarity: str, *, still: bool) -> tuple[Difference, int]:
     """Difference image and the sign that makes contacts positive."""
+    frame = np.asarray(pixels.frame, np.float32)
+    reference = None if pixels.reference is None else np.asarray(pixels.reference, np.float32)
     if pixels.trivial:
-        plain = pixels.frame - (pixels.frame if pixels.reference is None else pixels.reference)
+        plain = frame - (frame if reference is None else reference)
         return unregistered(plain), -1 if polarity == "dark" else 1
-    if pixels.reference is not None:
+    if reference is not None:
         prefer = {"bright": "low", "dark": "high", "auto": "one"}[polarity]
-        difference = subtract_reference(
-            pixels.frame, pixels.reference, valid=pixels.valid, prefer=prefer, still=still
-        )
+        difference = subtract_reference(frame, reference, valid=pixels.valid, prefer=prefer, still=still)
     elif polarity == "auto":
-        return estimate_either_background(pixels.frame, valid=pixels.valid)
+        return estimate_either_background(frame, valid=pixels.valid)
     else:
-        difference = estimate_background(pixels.frame, valid=pixels.valid, dark=polarity == "dark")
+        difference = estimate_background(frame, valid=pixels.valid, dark=polarity == "dark")
     if polarity != "auto":
         return difference, 1 if polarity == "bright" else -1
     blocks = block_means(difference.image)
@@ -335,7 +342,7 @@ def _judge(
     if pixels.trivial:
         # a frame that is its own reference shows as little contact as that; the others show nothing at all
         return pixels.defect, pixels.message, pixels.defect == "identical to reference"
-    count, status = len(found.contacts), pixels.defect
+    count, status = len(found.contacts["x_px"]), pixels.defect
     notes = [pixels.message, difference.remark]
     if pixels.reference is None and not pixels.defect:
         notes.append("no reference: the background was estimated from the frame")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.imaging.light import BLOCK
+from contactimg.imaging.order import median, robust_std
 from contactimg.timings import stage
 
 __all__ = [
@@ -129,8 +130,8 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     if len(sample) < ENOUGH:
         # no background to look at: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
-        return float(1.4826 * np.median(difference) / np.sqrt(2)) if difference.size else 0.0
-    return float(1.4826 * np.median(np.abs(sample - np.median(sample))))
+        return float(1.4826 * median(difference) / np.sqrt(2)) if difference.size else 0.0
+    return robust_std(sample)
 
 
 def measure_slope(

@@ -1,4 +1,4 @@
-"""A frame and its reference as the measurement takes them: floats of order 100, no holes, defects named."""
+"""A frame and its reference as the measurement takes them: levels of order 100, no holes, defects named."""
 
 from dataclasses import dataclass, replace
 
@@ -6,7 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_MASK", "Pixels", "share_seen"]
+from contactimg.imaging.order import median, quantile
+
+__all__ = ["NO_MASK", "Coarse", "Levels", "Pixels", "share_seen"]
+
+Levels = NDArray[np.float32] | NDArray[np.uint8]
+"""Grey levels of an image."""
 
 NO_MASK = np.zeros((1, 1), np.uint8)
 """Stands for a mask in which nothing is masked."""
@@ -16,6 +21,7 @@ GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 POINTS = np.sqrt((np.arange(COUNT) + 0.5) / COUNT) * np.exp(1j * GOLDEN * np.arange(COUNT))
 """Places that fill the unit disk evenly (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
 
+FEW = 16  # rows or columns of an image that is not made coarser
 SPAN = 200.0  # internal levels between the darkest and the brightest pixels of an image of any unit
 
 MESSAGES = {
@@ -36,8 +42,9 @@ class Pixels:
 
     Parameters
     ----------
-    frame, reference : ndarray of float32, shape (rows, columns)
-        In units of ``unit`` grey levels, holes filled; the reference None if there is none or it is useless.
+    frame, reference : ndarray of float32 or uint8, shape (rows, columns)
+        In units of ``unit`` grey levels, holes filled; 8 bits as they are. The reference is None if there is
+        none or it is useless.
     valid : ndarray of uint8 or None
         0 where either has a hole; None without holes.
     saturated : ndarray of uint8
@@ -48,8 +55,8 @@ class Pixels:
         What is wrong with the frame, empty if nothing; see ``MESSAGES``.
     """
 
-    frame: NDArray[np.float32]
-    reference: NDArray[np.float32] | None
+    frame: Levels
+    reference: Levels | None
     valid: NDArray[np.uint8] | None
     saturated: NDArray[np.uint8]
     unit: float
@@ -92,20 +99,40 @@ class Pixels:
         valid = _valid([image] if reference is None else [image, reference])
         frame = _filled(image, valid)
         other = None if reference is None else _filled(reference, valid)
-        useless = (
-            other is not None
-            and float(other.min()) == float(other.max())
-            and float(other.min()) in (0.0, scale)
-        )
+        useless = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
         if useless:
             other = None
-        saturated = NO_MASK if not _reaches(image, frame, scale) else (frame >= scale).astype(np.uint8)
+        saturated = (frame >= np.float32(scale)).view(np.uint8) if _reaches(image, frame, scale) else NO_MASK
         defect = _defect(frame, other, valid, scale) or ("reference without light" if useless else "")
         unit = _unit(image, frame, other)
         if unit != 1.0:
-            frame = frame / np.float32(unit)
-            other = None if other is None else other / np.float32(unit)
+            frame = np.divide(frame, np.float32(unit), out=frame)
+            other = None if other is None else (other / np.float32(unit)).astype(np.float32, copy=False)
         return cls(frame, other, valid, saturated, unit, defect)
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """An image in larger pixels: a quarter as many, with half the noise.
+
+    Parameters
+    ----------
+    image : ndarray of float32
+        Means of ``step x step`` pixels.
+    step : int
+        2; 1 for an image with few pixels.
+    """
+
+    image: NDArray[np.float32]
+    step: int
+
+    @classmethod
+    def of(cls, image: NDArray[np.float32]) -> "Coarse":
+        """From an image at its own resolution."""
+        rows, columns = image.shape
+        if min(rows, columns) < FEW:
+            return cls(image, 1)
+        return cls(cv2.resize(image, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA), 2)
 
 
 def share_seen(disks: NDArray, shape: tuple[int, int], weight: NDArray[np.uint8]) -> NDArray[np.float64]:
@@ -153,10 +180,16 @@ def _valid(arrays: list[NDArray]) -> NDArray[np.uint8] | None:
     return None if good.all() else good.astype(np.uint8)
 
 
-def _filled(array: NDArray, valid: NDArray | None) -> NDArray[np.float32]:
-    """As float32, holes filled with the median of the rest."""
+def _constant(image: NDArray) -> bool:
+    """Whether all pixels have the same value; a few tell it for most images."""
+    some = image[::16, ::16]
+    return bool(some.min() == some.max() == image.min() == image.max())
+
+
+def _filled(array: NDArray, valid: NDArray | None) -> Levels:
+    """As float32 or 8 bits, holes filled with the median of the rest."""
     if valid is None:
-        return array.astype(np.float32)
+        return array if array.dtype == np.uint8 else array.astype(np.float32)
     good = valid > 0
     fill = array[good][0] * 0 + np.median(array[good]) if good.any() else 0.0
     return np.where(good, array, fill).astype(np.float32)
@@ -166,11 +199,11 @@ def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
     """Grey levels in one internal level: 1 for 8 bit, else such that the frame spans about `SPAN`."""
     if image.dtype == np.uint8:
         return 1.0
-    low, high = np.percentile(frame[:: max(frame.shape[0] // 200, 1)], [0.1, 99.9])
+    rows = slice(None, None, max(frame.shape[0] // 200, 1))
+    levels = [quantile(frame[rows], 0.001), quantile(frame[rows], 0.999)]
     if reference is not None:
-        high = max(float(high), float(np.median(reference)))
-        low = min(float(low), float(np.median(reference)))
-    span = float(high) - float(low)
+        levels.append(median(reference[rows]))
+    span = max(levels) - min(levels)
     return span / SPAN if span > 0 else max(float(np.abs(frame).max()), 1.0) / SPAN
 
 
@@ -178,13 +211,12 @@ def _defect(frame: NDArray, reference: NDArray | None, valid: NDArray | None, sc
     """What is wrong with a frame as a whole; empty if nothing."""
     if valid is not None and not valid.any():
         return "all holes"
-    some = frame[::16, ::16]
-    if float(some.min()) == float(some.max()) == float(frame.min()) == float(frame.max()):
-        level = float(some[0, 0])
+    if _constant(frame):
+        level = float(frame[0, 0])
         return "black" if level <= 0 else ("white" if level >= scale else "constant")
     if (
         reference is not None
-        and np.array_equal(some, reference[::16, ::16])
+        and np.array_equal(frame[::16, ::16], reference[::16, ::16])
         and np.array_equal(frame, reference)
     ):
         return "identical to reference"

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.imaging.foreign import BRIGHTER, FAINTER, find_objects
+from contactimg.imaging.order import median, quantile
+from contactimg.imaging.pixels import Coarse
 from contactimg.timings import stage
 
 __all__ = ["Contrast", "choose_threshold", "find_polarity", "measure_contrast"]
 
 CORE = 6  # px: the plateau is read where a window of this width lies inside a contact
 ENOUGH = 10  # values that give a plateau
+SAMPLE = 20_000  # pixels that tell as much as all
+VALUE, AROUND, WIDER = 0, 1, 2
 DETECTABLE = 6.0  # noise standard deviations
 MEDIAN = 1.2533  # sqrt(pi/2): error of a median over that of a mean
 SHARED = 4.0  # neighbouring values that texture gives the same error
@@ -55,74 +59,70 @@ def find_polarity(blocks: NDArray, noise: float) -> str:
 
 
 @stage("contrast")
-def measure_contrast(image: NDArray[np.float32], noise: float) -> Contrast:
+def measure_contrast(coarse: Coarse, noise: float) -> Contrast:
     """Plateau of the contacts in an image where they are positive and the background is zero.
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns)
+    coarse : Coarse
+        The image.
     noise : float
-        Of one pixel.
+        Of one pixel of the image at its own resolution.
 
     Returns
     -------
     Contrast
     """
-    # 2 x 2 means have half the noise and a quarter of the pixels
-    rows, columns = image.shape
-    small = (
-        image
-        if min(rows, columns) < 16
-        else cv2.resize(image, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
-    )
-    window = np.ones((CORE // 2, CORE // 2) if small is not image else (CORE, CORE), np.uint8)
-    floor = max(DETECTABLE * noise / (2.0 if small is not image else 1.0), 1e-6)
-    high = small[small > floor]
-    if len(high) < 4:
+    image, window = coarse.image, CORE // coarse.step
+    floor = max(DETECTABLE * noise / coarse.step, 1e-6)
+    high = _stand_out(image, window, floor)
+    if high.shape[1] < 4:
         return Contrast(0.0, resolved=False)
-    guess = float(np.percentile(high[:: max(len(high) // 5000, 1)], 95))
-    plateau, inside = _settle(small, window, floor, guess)
-    if _mixed(small, window, floor, plateau, inside):
-        small = _usual_objects(small, max(FAINT * plateau, floor))
-        high = small[small > floor]
-        guess = float(np.percentile(high[:: max(len(high) // 5000, 1)], 95)) if len(high) else 0.0
-        plateau, inside = _settle(small, window, floor, guess)
-    resolved = bool(np.count_nonzero(inside) >= ENOUGH)
-    return Contrast(plateau, resolved, _plateau_std(small, inside, plateau) if resolved else GUESS * plateau)
+    plateau, level = _settle(high, floor)
+    if _mixed(high, floor, plateau, level):
+        high = _stand_out(_usual_objects(image, max(FAINT * plateau, floor)), window, floor)
+        plateau, level = _settle(high, floor)
+    resolved = bool(np.count_nonzero(high[AROUND] > level) >= ENOUGH)
+    return Contrast(plateau, resolved, _plateau_std(high, plateau, level) if resolved else GUESS * plateau)
 
 
-def _settle(
-    image: NDArray[np.float32], window: NDArray[np.uint8], floor: float, plateau: float
-) -> tuple[float, NDArray[np.uint8]]:
-    """Median of the pixels whose surroundings reach half of it, and where those are."""
-    inside = np.zeros(image.shape, np.uint8)
+def _stand_out(image: NDArray[np.float32], window: int, floor: float) -> NDArray[np.float32]:
+    """Pixels above the floor: value, lowest in the window about it, and in one wider by a pixel on each side.
+
+    Of many pixels, those of every so many rows, unless hardly any of these lies inside a contact.
+    """
+    around = cv2.erode(image, np.ones((window, window), np.uint8))
+    wider = cv2.erode(around, np.ones((3, 3), np.uint8))
+    above = image > np.float32(floor)
+    every = max(int(np.count_nonzero(above)) // SAMPLE, 1)
+    if every > 1 and np.count_nonzero(around[::every] > np.float32(floor)) < SAMPLE // 10:
+        every = 1
+    rows = slice(every // 2, None, every)
+    return np.stack([part[rows][above[rows]] for part in (image, around, wider)])
+
+
+def _settle(high: NDArray[np.float32], floor: float) -> tuple[float, np.float32]:
+    """Median of the pixels whose surroundings reach half of it, and the level that these reached."""
+    plateau = quantile(high[VALUE], 0.95) if high.size else 0.0
     for _ in range(4):
-        inside = cv2.erode((image > max(0.5 * plateau, floor)).view(np.uint8), window)
-        values = image[inside > 0]
+        level = np.float32(max(0.5 * plateau, floor))
+        values = high[VALUE][high[AROUND] > level]
         if len(values) < ENOUGH:
             break
-        before, plateau = plateau, float(np.median(values[:: max(len(values) // 5000, 1)]))
+        before, plateau = plateau, median(values)
         if abs(plateau - before) < 0.03 * plateau:
             break
-    return plateau, inside
+    return plateau, level
 
 
-def _mixed(
-    image: NDArray[np.float32],
-    window: NDArray[np.uint8],
-    floor: float,
-    plateau: float,
-    inside: NDArray[np.uint8],
-) -> bool:
+def _mixed(high: NDArray[np.float32], floor: float, plateau: float, level: np.float32) -> bool:
     """Whether wide things of quite another brightness than the plateau stand in the image."""
-    if np.count_nonzero(image[inside > 0] > BRIGHTER * plateau) >= ENOUGH:
+    pixels, around, _ = high
+    if np.count_nonzero((around > level) & (pixels > np.float32(BRIGHTER * plateau))) >= ENOUGH:
         return True
-    low = np.flatnonzero((image > max(FAINT * plateau, floor)) & (image < FAINTER * plateau))
-    if len(low) < ENOUGH:
-        return False
+    low = (pixels > np.float32(max(FAINT * plateau, floor))) & (pixels < np.float32(FAINTER * plateau))
     # not the slope of something bright, nor something too small to show how bright it is: level all around
-    around = cv2.erode(image, window).ravel()[low]
-    return bool(np.count_nonzero(around > LEVEL * image.ravel()[low]) >= ENOUGH)
+    return bool(np.count_nonzero(low & (around > np.float32(LEVEL) * pixels)) >= ENOUGH)
 
 
 def _usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
@@ -138,11 +138,10 @@ def _usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float
     return np.where(np.append(kept, np.False_)[found.labels], image, np.float32(0.0))
 
 
-def _plateau_std(image: NDArray[np.float32], inside: NDArray[np.uint8], plateau: float) -> float:
+def _plateau_std(high: NDArray[np.float32], plateau: float, level: np.float32) -> float:
     """Uncertainty of a plateau from its scatter, and from how much higher it is further inside."""
-    values = image[inside > 0]
-    core = image[cv2.erode(inside, np.ones((3, 3), np.uint8)) > 0]
-    rise = float(np.median(core)) - plateau if len(core) else float(values.max()) - plateau
+    values, core = (high[VALUE][high[window] > level] for window in (AROUND, WIDER))
+    rise = (median(core) if len(core) else float(values.max())) - plateau
     return float(np.hypot(MEDIAN * values.std() / np.sqrt(max(len(values) / SHARED, 1.0)), rise))
 
 

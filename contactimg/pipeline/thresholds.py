@@ -178,7 +178,7 @@ def count_at(
         noise=measurement.noise,
         saturated=NO_MASK,
     )
-    return contacts.assign(label=np.arange(1, len(contacts) + 1))
+    return pd.DataFrame({**contacts, "label": np.arange(1, len(contacts["x_px"]) + 1)})
 
 
 def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_Counted], thresholds: Values) -> list[Run]:

@@ -187,7 +187,7 @@ def _missed(signed: NDArray[np.float32], measurement: ImageMeasurement, counted:
         noise=measurement.noise,
         saturated=NO_MASK,
     )
-    places = faint[["x_px", "y_px", "radius_px"]].to_numpy(float)
+    places = np.column_stack([faint[name] for name in ("x_px", "y_px", "radius_px")])
     if not len(places):
         return np.empty(0)
     apart = np.hypot(places[:, None, 0] - counted[None, :, 0], places[:, None, 1] - counted[None, :, 1])
