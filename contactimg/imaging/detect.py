@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels import share_seen
+from contactimg.imaging.pixels import NO_MASK, share_seen
+from contactimg.imaging.segment import label_components
 
 __all__ = ["FALSE_ALARM_SIGMA", "estimate_blur", "find_inscribed", "find_peaks", "find_peaks_near"]
 
@@ -20,6 +21,9 @@ FALSE_ALARM_SIGMA = 6.0
 
 MOST_SLOPES = 8000  # pixels at half height that give the blur
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
+SMALLEST_ROUND = 1.6  # px: the same of what is round by itself
+ROUND = 0.01  # by which the second moment of a region may exceed that of a disk, besides 1/area ...
+WIDER = 1.7  # ... and px by which its sides may exceed the diameter
 LEAST_SEEN = 0.2  # of a disk's area: what lies in a hole to a larger part is not known to be one
 PENETRATION = 0.7  # of its radius: a disk deeper than this inside a larger one is part of its rim
 
@@ -78,25 +82,61 @@ def find_inscribed(
     ndarray, shape (n, 3)
         x, y, radius (px); overlaps only as touching contacts overlap.
     """
-    mask = np.zeros((image.shape[0] + 2, image.shape[1] + 2), np.uint8)
     smooth = image
     if smoothing > 0:
         smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
-    mask[1:-1, 1:-1] = smooth > level
-    if weight.shape == image.shape:
-        mask[1:-1, 1:-1] |= weight == 0
-    # a contact cut by the border goes on beyond it: repeat the border instead of closing it
-    mask[0], mask[-1] = mask[1], mask[-2]
-    mask[:, 0], mask[:, -1] = mask[:, 1], mask[:, -2]
-    if mask.all():
-        return np.empty((0, 3))  # nothing bounds a disk
-    distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    summits = _summits(distance, SMALLEST_INSCRIBED)
-    disks = _select(summits[np.argsort(-summits[:, 2], kind="stable")])
     if weight.shape != image.shape:
-        return disks
+        return _inscribed_by_region(smooth, level)
     # a hole cuts no contact, but a hole alone is none
+    disks = _inscribed(((smooth > level) | (weight == 0)).astype(np.uint8), (True, True, True, True))
     return disks[share_seen(disks, image.shape, weight) > LEAST_SEEN]
+
+
+def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+    """Disks for the regions above ``level``: one for a round region, those inscribed in the others."""
+    regions = label_components(image, level, marks=NO_MASK)
+    radius = np.sqrt(regions["area"] / np.pi)
+    longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
+    cut = (
+        (regions["left"] == 0) | (regions["right"] == image.shape[1] - 1)
+        | (regions["top"] == 0) | (regions["bottom"] == image.shape[0] - 1)
+    )  # fmt: skip
+    # of all regions of an area a disk has the least second moment, area^2/(2 pi)
+    excess = 2.0 * np.pi * regions["moment"] / regions["area"] ** 2.0 - 1.0
+    round_ = ~cut & (excess < ROUND + 1.0 / regions["area"]) & (longest < 2.0 * radius + WIDER)
+    disks = np.column_stack([regions["x"], regions["y"], radius])[round_ & (radius > SMALLEST_ROUND)]
+    found = [_inscribed_in(region, image, level) for region in regions[~round_ & (radius > SMALLEST_ROUND)]]
+    disks = np.vstack([disks, *found])
+    return disks[np.argsort(-disks[:, 2], kind="stable")]
+
+
+def _inscribed_in(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+    """Disks inscribed in one region."""
+    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
+    above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
+    labels = cv2.connectedComponents(above, connectivity=8)[1]
+    own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
+    cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+    return _inscribed(own, cut) + np.array([left, top, 0.0])
+
+
+def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
+    """Disks inscribed in a mask, largest first; beyond the sides ``cut`` (top, bottom, left, right) it goes on."""
+    # a contact cut by the border goes on beyond it: repeat the border instead of closing it
+    closed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
+        if side:
+            rim[:] = inside
+    if closed.all():
+        return np.empty((0, 3))  # nothing bounds a disk
+    distance = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    summits = _summits(distance, SMALLEST_INSCRIBED)
+    return _select(summits[np.argsort(-summits[:, 2], kind="stable")])
+
+
+def _rims(array: NDArray, depth: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Rows and columns so far inside the four sides of an array."""
+    return array[depth], array[-1 - depth], array[:, depth], array[:, -1 - depth]
 
 
 @njit(cache=True)
@@ -230,35 +270,28 @@ def _smooth(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:
-    found = _peaks(smooth, lowest, int(np.ceil(width)))
+    found = _peaks(smooth, np.flatnonzero(smooth.ravel() > np.float32(lowest)), int(np.ceil(width)))
     return found[np.argsort(-found[:, 2], kind="stable")]
 
 
 @njit(cache=True)
-def _peaks(image, lowest, half):
-    """Pixels that are the largest of the square of half width ``half`` about them."""
+def _peaks(image, places, half):
+    """Pixels among ``places``, counted row by row, that are the largest of a square of that half width."""
     rows, columns = image.shape
-    out = np.empty((256, 3))
+    out = np.empty((len(places), 3))
     count = 0
-    for y in range(rows):
-        for x in range(columns):
-            value = image[y, x]
-            if not value > lowest:
-                continue
-            top = True
-            for j in range(max(y - half, 0), min(y + half + 1, rows)):
-                for i in range(max(x - half, 0), min(x + half + 1, columns)):
-                    if image[j, i] > value or (image[j, i] == value and (j < y or (j == y and i < x))):
-                        top = False
-                        break
-                if not top:
+    for place in places:
+        y, x = place // columns, place % columns
+        value = image[y, x]
+        top = True
+        for j in range(max(y - half, 0), min(y + half + 1, rows)):
+            for i in range(max(x - half, 0), min(x + half + 1, columns)):
+                if image[j, i] > value or (image[j, i] == value and (j < y or (j == y and i < x))):
+                    top = False
                     break
             if not top:
-                continue
-            if count == len(out):
-                grown = np.empty((2 * count, 3))
-                grown[:count] = out
-                out = grown
+                break
+        if top:
             out[count, 0], out[count, 1], out[count, 2] = x, y, value
             count += 1
     return out[:count]

@@ -60,7 +60,8 @@ ALLOWED = (
 SEPARATE = 5.5  # blur widths between rims: nearer, one rim adds 1e-4 to what the other's fit sees
 COUPLED = 2.6  # blur widths from each rim within which two disks are solved for together
 SETTLED = 0.1  # of its standard deviation: error of a radius at which the iteration ends
-BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels
+BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels ...
+BLUR_NEAR = 1e-2  # ... and after which a start is close enough
 WIDE = 2.5  # blur widths: a larger contact shows its own contrast
 UNKNOWN_SPREAD = 0.03
 """Spread of the contrasts, relative, of a frame whose contacts do not show it."""
@@ -338,11 +339,12 @@ def _iterate(
         _redraw(model, disks, s, drawn, ~(alone & moving), near, table)
         pairs = closer(near, disks, (COUPLED if table.outer <= INNER else table.outer) * s)
         blocks = np.zeros((len(pairs), 4, 4))
+        every = 1 if robust else (4 if iteration == 0 else 2)
         for i in range(n):
             if moving[i]:
                 level = np.array([noise[0] / brightness[i], noise[1] / prior[0, i], prior[0, i], prior[1, i]])
                 _linearise(
-                    image, model, weight, disks[i], s, level, alone[i], robust, table,
+                    image, model, weight, disks[i], s, level, alone[i], robust, every, table,
                     normals[i], inverse[i], right[i], cross[i], blurs[i], chi, pixels, i,
                 )  # fmt: skip
         _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, blocks)
@@ -352,7 +354,7 @@ def _iterate(
         _solve(inverse, right, cross, change, moving, pairs, blocks, steps)
         _redraw(model, disks, s, drawn, ~moving & (change == 0.0), near, table)
         s += change
-        steady = abs(change) < BLUR_SETTLED * s and (robust or iteration >= 1)
+        steady = abs(change) < (BLUR_SETTLED if robust else BLUR_NEAR) * s and (robust or iteration >= 1)
         free_blur = free_blur and not steady
         before = disks.copy()
         _move(disks, steps, s, prior, inverse, largest, moving, steady, tolerance)
@@ -431,16 +433,16 @@ def _stand_alone(n, pairs):
 
 @njit(cache=True)
 def _linearise(
-    image, model, weight, disk, s, level, alone, robust, table,
+    image, model, weight, disk, s, level, alone, robust, every, table,
     normal, inverse, right, cross, blur, chi, pixels, i,
 ):  # fmt: skip
     """Normal equations of one disk with its prior, and the inverse of their matrix.
 
     ``level`` is the variance of a background pixel, its slope, and mean and width of the contrast's prior.
+    One row in up to ``every`` is looked at.
     """
     variance, slope, expected, spread = level
     out = np.empty(SUMS)
-    every = 1 if robust else 2
     disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, every, table, out)
     unpack(out, normal, right)
     normal[3, 3] += 1.0 / spread**2

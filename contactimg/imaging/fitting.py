@@ -300,12 +300,12 @@ def _refine(
     anchor: float,
 ) -> Settled:
     """Last fit, with noise, background, contrast and spread of contrasts as the first one shows them."""
-    residual, image = _level(field, start)
+    image = _level(field, start)
     slope = measure_slope(
-        residual, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
+        image, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
     )
     model = Noise(noise**2, slope)
-    correlation = measure_correlation(residual, field.blocks)
+    correlation = measure_correlation(image, start.model, field.blocks, noise=noise)
     radius = start.disks[:, RADIUS]
     shared = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
     prior = contrast_prior(start, plateau=contrast.plateau, inflation=shared)
@@ -331,8 +331,8 @@ def _refine(
     return replace(settled, fit=fit.replace(std=inflated))
 
 
-def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What the fit leaves over and the image itself, both with the slow rest of the background taken out.
+def _level(field: "_Field", fit: DiskFit) -> NDArray[np.float32]:
+    """The image with the slow rest of its background taken out.
 
     The light was fitted when the faint surroundings of contacts still counted as background; now they are
     known.
@@ -340,12 +340,11 @@ def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[
     model = block_means(fit.model)
     dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
     if np.count_nonzero(dark) < ENOUGH_BLOCKS:
-        return field.image - fit.model, field.image
+        return field.image
     blocks = np.where(dark, block_means(field.image) - model, np.nan)
     spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
     slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
-    image = slow.subtract_from(field.image)
-    return image - fit.model, image
+    return slow.subtract_from(field.image)
 
 
 @dataclass(frozen=True, eq=False)

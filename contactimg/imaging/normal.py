@@ -40,7 +40,7 @@ __all__ = [
 ]
 
 REACH = 3.6  # blur widths about the rim that enter the fit: beyond, the profile is 0 or 1 to 2e-4
-THINNED = 4.0  # px: radius from which a disk has rows to spare
+THINNED = 4.0  # px: radius for each row in between that a disk can spare
 OUTLIER = 5.0  # standard deviations from which a pixel loses weight
 LARGEST_Z2 = 4.0 * OUTLIER**2  # share of one pixel in chi-square
 GATHERED = 500  # pixels at a time: they stay in the fastest cache
@@ -118,8 +118,8 @@ def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, eve
 
     ``variance (1 + slope m)`` is the variance of a pixel of model level m. A disk that stands ``alone``
     is its own model, and the model image is not looked at. Of a disk wider than a few pixels, one row in
-    ``every`` tells enough while a fit is still far off. The normal matrix of a disk whose window lies inside
-    the image and has no masked pixel follows from its profile; only the right side needs the pixels.
+    up to ``every`` tells enough while a fit is still far off. The normal matrix of a disk whose window lies
+    inside the image and has no masked pixel follows from its profile; only the right side needs the pixels.
     """
     out[:] = 0.0
     x, y, a, c = disk
@@ -130,7 +130,7 @@ def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, eve
     masked = _masked(weight, image.shape, top, bottom + 1, x, half)
     whole = not masked and x > half and x + half < columns - 1 and y > half and y + half < rows - 1
     flat = np.float32(1.0 / (variance * (1.0 + slope * c)))
-    step = every if a > THINNED else 1
+    step = min(every, 1 + int(a / THINNED))
     for j in range(top, bottom + 1, step):
         left, right, middle = _runs(half, inner, j - y, x, columns)
         if n + right[1] - left[0] > pixels.shape[1]:

@@ -277,7 +277,7 @@ class _Terms:
         cross[:, 3, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
         # a disk outside the image or under a mask tells nothing: keep its matrix regular
         own += 1e-9 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(4)
-        follow = -np.linalg.solve(own, cross)
+        follow = -np.asarray(np.linalg.solve(own, cross), float)
         information = np.swapaxes(cross, 1, 2) @ follow
         information[:, 0, 0] += tight * contrast**2
         information[:, 1, 1] += fit.information[:, 4, 4]
