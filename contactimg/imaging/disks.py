@@ -104,6 +104,11 @@ class Drawing:
     drawn: NDArray[np.bool_]
     complete: bool = True
 
+    @classmethod
+    def partly(cls, shape: tuple[int, int], n: int) -> "Drawing":
+        """Of those of ``n`` disks that a fit needs to see, and no more."""
+        return cls(np.zeros(shape, np.float32), np.zeros(n, np.bool_), complete=False)
+
 
 @dataclass(frozen=True, eq=False)
 class DiskFit:

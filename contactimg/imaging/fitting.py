@@ -214,7 +214,7 @@ def _report(
             "reason": "not needed to explain the pixels",
         }
     )
-    gone = contacts.loc[bad, ["x_px", "y_px", "radius_px"]].assign(reason=reasons[bad].tolist())
+    gone = contacts[bad].assign(reason=reasons[bad])[["x_px", "y_px", "radius_px", "reason"]]
     if trial.settled is None:
         optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
     else:
@@ -316,7 +316,7 @@ def _refine(
     fit = fit_disks(
         image, field.weight, start.disks, blur=start.blur, noise=model, prior=prior,
         brightness=brightness, free_blur=free_blur, iterations=5, table=table,
-        drawing=Drawing(np.zeros_like(image), np.zeros(len(radius), np.bool_), complete=False),
+        drawing=Drawing.partly(image.shape, len(radius)),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
     settled = settle_optics(
@@ -439,16 +439,16 @@ def _tabulate(trial: _Trial) -> pd.DataFrame:
     flags = np.zeros(len(disks), np.int64)
     for flag, holds in conditions.items():
         flags |= np.where(holds, int(flag), 0)
-    contacts = pd.DataFrame(
-        {
-            "x_px": field.unbin(disks[:, X]),
-            "y_px": field.unbin(disks[:, Y]),
-            "radius_px": disks[:, RADIUS] * field.bin,
-            "radius_std_px": combine_errors(std, modes) * field.bin,
-            "contrast_shift_px": modes[:, 0] * field.bin,
-            "blur_shift_px": modes[:, 1] * field.bin,
-            "flags": flags,
-        }
-    )
-    seen = np.isfinite(contacts.to_numpy(float)).all(axis=1) & (gap > -disks[:, RADIUS]) & (light > 2.0)
-    return contacts[seen].sort_values(["y_px", "x_px"], kind="stable")
+    contacts = {
+        "x_px": field.unbin(disks[:, X]),
+        "y_px": field.unbin(disks[:, Y]),
+        "radius_px": disks[:, RADIUS] * field.bin,
+        "radius_std_px": combine_errors(std, modes) * field.bin,
+        "contrast_shift_px": modes[:, 0] * field.bin,
+        "blur_shift_px": modes[:, 1] * field.bin,
+        "flags": flags,
+    }
+    finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
+    seen = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > 2.0))
+    order = seen[np.lexsort([contacts["x_px"][seen], contacts["y_px"][seen]])]
+    return pd.DataFrame({name: values[order] for name, values in contacts.items()})

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, fit_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import Halo
 from contactimg.imaging.noise import Noise
@@ -233,6 +233,7 @@ def settle_optics(
             image, weight, disks, blur=blur, noise=Noise(noise.variance, per_level * contrast),
             prior=Prior(np.full(n, contrast), np.full(n, relative * contrast)), brightness=brightness,
             free_blur=False, iterations=6, tolerance=FINE, table=table,
+            drawing=Drawing.partly(image.shape, n),
         )  # fmt: skip
     least_information = np.diag(1e-6 / np.array([1.0, blur]) ** 2)
     modes = terms.response @ np.linalg.cholesky(covariance)
