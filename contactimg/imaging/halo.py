@@ -71,7 +71,8 @@ def _best(
     dark = np.abs(core) < DARK * contrast
     if np.count_nonzero(dark) < 20 * PARTS:
         return None
-    fits = [(_regress(small, _spread(core, width / coarse), dark, parts), width) for width in widths]
+    data = small[dark].astype(float)
+    fits = [(_regress(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
     (fraction, least, _), width = min(fits, key=lambda item: item[0][2])
     return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
 
@@ -92,22 +93,20 @@ def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
 
 
-def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_], parts: int) -> tuple[float, float, float]:
-    """Slope of the data on the halo where the mask holds, its least significant value, and what is left."""
-    slope, scatter, rest = _slope(data, wide, mask, parts)
+def _regress(data: NDArray, wide: NDArray, parts: int) -> tuple[float, float, float]:
+    """Slope of the data on the halo, its least significant value, and what is left."""
+    slope, scatter, rest = _slope(data, wide.astype(float), parts)
     return slope, float(stats.t.isf(CHANCE, parts - 1) * scatter), rest
 
 
 @njit(cache=True)
-def _slope(data, wide, mask, parts):
+def _slope(data, wide, parts):
     """Slope of the data on the halo, its uncertainty, and the squares that are left.
 
     Pixels share noise, so the uncertainty comes from the scatter between parts of the image that tell as much
     as each other.
     """
-    x, y = wide.astype(np.float64).ravel()[mask.ravel()], data.astype(np.float64).ravel()[mask.ravel()]
-    x -= x.mean()
-    y -= y.mean()
+    x, y = wide - wide.mean(), data - data.mean()
     n, power = len(x), np.dot(x, x)
     if power <= 1e-9 * n:
         return 0.0, np.inf, np.dot(y, y)
