@@ -125,10 +125,11 @@ def test_white_noise_needs_no_inflation_and_smooth_noise_does(rng):
     white = rng.normal(0, 2.0, (1200, 1200)).astype(np.float32)
     background = np.ones((150, 150), bool)
     radius = np.array([1.5, 5.0, 20.0])
-    none = measure_correlation(white, background).rim_inflation(radius, 1.5, noise=Noise(4.0), gain=1.0)
-    # 2 x 9e4 products a lag scatter by 4/420; over the 2 pi d pixels at distance d <= 10, weighted by the
+    found = measure_correlation(white, 0.0 * white, background, noise=2.0)
+    none = found.rim_inflation(radius, 1.5, noise=Noise(4.0), gain=1.0)
+    # 2 x 2.4e5 products a lag scatter by 4/690; over the 2 pi d pixels at distance d <= 10, weighted by the
     # rim's
-    # autocorrelation (0.3 and less), that is sqrt(sum (2 pi d 0.3)^2) x 0.0024 = 9 %
+    # autocorrelation (0.3 and less), that is sqrt(sum (2 pi d 0.3)^2) x 0.0014 = 6 %
     assert np.all(none < 1.2)
     # noise that is one value over 3 x 3 pixels counts nine times where the rim is wide, less across it
     smooth = NoiseCorrelation(np.r_[4.0, 4.0, 4.0, np.zeros(8)])

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["find_pairs", "invert", "links", "relax", "variances"]
+__all__ = ["closer", "find_pairs", "invert", "links", "relax", "variances"]
 
 INFLATION = (
     25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
@@ -38,6 +38,17 @@ def find_pairs(disks, space):
             pairs[count, 0], pairs[count, 1] = min(i, j), max(i, j)
             count += 1
     return pairs[:count]
+
+
+@njit(cache=True)
+def closer(pairs, disks, space):
+    """Those of some pairs whose rims come closer than ``2 space``."""
+    near = np.zeros(len(pairs), np.bool_)
+    for p in range(len(pairs)):
+        one, two = disks[pairs[p, 0]], disks[pairs[p, 1]]
+        limit = one[2] + two[2] + 2 * space
+        near[p] = (one[0] - two[0]) ** 2 + (one[1] - two[1]) ** 2 <= limit * limit
+    return pairs[near]
 
 
 @njit(cache=True)

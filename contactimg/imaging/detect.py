@@ -10,7 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels import share_seen
+from contactimg.imaging.pixels import NO_MASK, share_seen
+from contactimg.imaging.segment import label_components
 
 __all__ = [
     "FALSE_ALARM_SIGMA",
@@ -27,6 +28,9 @@ FALSE_ALARM_SIGMA = 6.0
 
 MOST_SLOPES = 8000  # pixels at half height that give the blur
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
+SMALLEST_ROUND = 1.6  # px: the same of what is round by itself
+ROUND = 0.01  # by which the second moment of a region may exceed that of a disk, besides 1/area ...
+WIDER = 1.7  # ... and px by which its sides may exceed the diameter
 LEAST_SEEN = 0.2  # of a disk's area: what lies in a hole to a larger part is not known to be one
 PENETRATION = 0.7  # of its radius: a disk deeper than this inside a larger one is part of its rim
 
@@ -39,12 +43,20 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     At half height a straight edge has the gradient ``plateau/(s sqrt(2 pi))``; the smoothing that tames the
     noise here adds 2/3 px^2 (a 3 x 3 mean), central differences 1/3 px^2. Good to 10 %: a start for the fit.
     """
-    smooth = cv2.blur(image, (3, 3), borderType=cv2.BORDER_REPLICATE)
-    slopes = _slopes(smooth, np.float32(0.4 * plateau), np.float32(0.6 * plateau), MOST_SLOPES)
+    slopes = _slopes(image, np.float32(0.4 * plateau), np.float32(0.6 * plateau), MOST_SLOPES)
     if len(slopes) < 20:
         return 1.5
     width = plateau / max(float(np.median(slopes)), 1e-6 * plateau) / np.sqrt(2 * np.pi)
     return float(np.sqrt(max(width**2 - 1.0, 0.35)))
+
+
+@njit(cache=True)
+def _smooth_row(image, y):
+    """Means of 3 x 3 pixels about those of a row."""
+    column = image[y - 1] + image[y] + image[y + 1]
+    out = np.zeros_like(column)
+    out[1:-1] = (column[:-2] + column[1:-1] + column[2:]) / np.float32(9.0)
+    return out
 
 
 @njit(cache=True)
@@ -54,11 +66,12 @@ def _slopes(image, low, high, most):
     out = np.empty(most)
     count = 0
     for first in range(8):
-        for y in range(1 + first, rows - 1, 8):
-            for x in range(1, columns - 1):
-                if low < image[y, x] < high and count < most:
-                    gx = 0.5 * (image[y, x + 1] - image[y, x - 1])
-                    gy = 0.5 * (image[y + 1, x] - image[y - 1, x])
+        for y in range(2 + first, rows - 2, 8):
+            above, here, below = _smooth_row(image, y - 1), _smooth_row(image, y), _smooth_row(image, y + 1)
+            for x in range(2, columns - 2):
+                if low < here[x] < high and count < most:
+                    gx = 0.5 * (here[x + 1] - here[x - 1])
+                    gy = 0.5 * (below[x] - above[x])
                     out[count] = np.sqrt(gx * gx + gy * gy)
                     count += 1
         if count > most // 4:
@@ -85,24 +98,60 @@ def find_inscribed(
     ndarray, shape (n, 3)
         x, y, radius (px); overlaps only as touching contacts overlap.
     """
-    mask = np.zeros((image.shape[0] + 2, image.shape[1] + 2), np.uint8)
     smooth = image
     if smoothing > 0:
         smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
-    mask[1:-1, 1:-1] = smooth > level
-    if weight.shape == image.shape:
-        mask[1:-1, 1:-1] |= weight == 0
-    # a contact cut by the border goes on beyond it: repeat the border instead of closing it
-    mask[0], mask[-1] = mask[1], mask[-2]
-    mask[:, 0], mask[:, -1] = mask[:, 1], mask[:, -2]
-    if mask.all():
-        return np.empty((0, 3))  # nothing bounds a disk
-    distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    disks = select_inscribed(distance)
     if weight.shape != image.shape:
-        return disks
+        return _inscribed_by_region(smooth, level)
     # a hole cuts no contact, but a hole alone is none
+    disks = _inscribed(((smooth > level) | (weight == 0)).astype(np.uint8), (True, True, True, True))
     return disks[share_seen(disks, image.shape, weight) > LEAST_SEEN]
+
+
+def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+    """Disks for the regions above ``level``: one for a round region, those inscribed in the others."""
+    regions = label_components(image, level, marks=NO_MASK)
+    radius = np.sqrt(regions["area"] / np.pi)
+    longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
+    cut = (
+        (regions["left"] == 0) | (regions["right"] == image.shape[1] - 1)
+        | (regions["top"] == 0) | (regions["bottom"] == image.shape[0] - 1)
+    )  # fmt: skip
+    # of all regions of an area a disk has the least second moment, area^2/(2 pi)
+    excess = 2.0 * np.pi * regions["moment"] / regions["area"] ** 2.0 - 1.0
+    round_ = ~cut & (excess < ROUND + 1.0 / regions["area"]) & (longest < 2.0 * radius + WIDER)
+    disks = np.column_stack([regions["x"], regions["y"], radius])[round_ & (radius > SMALLEST_ROUND)]
+    found = [_inscribed_in(region, image, level) for region in regions[~round_ & (radius > SMALLEST_ROUND)]]
+    disks = np.vstack([disks, *found])
+    return disks[np.argsort(-disks[:, 2], kind="stable")]
+
+
+def _inscribed_in(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+    """Disks inscribed in one region."""
+    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
+    above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
+    labels = cv2.connectedComponents(above, connectivity=8)[1]
+    own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
+    cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+    return _inscribed(own, cut) + np.array([left, top, 0.0])
+
+
+def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
+    """Disks inscribed in a mask, largest first; the mask goes on beyond its sides ``cut``, top to right."""
+    # a contact cut by the border goes on beyond it: repeat the border instead of closing it
+    closed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
+        if side:
+            rim[:] = inside
+    if closed.all():
+        return np.empty((0, 3))  # nothing bounds a disk
+    distance = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    return select_inscribed(distance)
+
+
+def _rims(array: NDArray, depth: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Rows and columns so far inside the four sides of an array."""
+    return array[depth], array[-1 - depth], array[:, depth], array[:, -1 - depth]
 
 
 @njit(cache=True)
@@ -243,35 +292,28 @@ def _smooth(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:
-    found = _peaks(smooth, lowest, int(np.ceil(width)))
+    found = _peaks(smooth, np.flatnonzero(smooth.ravel() > np.float32(lowest)), int(np.ceil(width)))
     return found[np.argsort(-found[:, 2], kind="stable")]
 
 
 @njit(cache=True)
-def _peaks(image, lowest, half):
-    """Pixels that are the largest of the square of half width ``half`` about them."""
+def _peaks(image, places, half):
+    """Pixels among ``places``, counted row by row, that are the largest of a square of that half width."""
     rows, columns = image.shape
-    out = np.empty((256, 3))
+    out = np.empty((len(places), 3))
     count = 0
-    for y in range(rows):
-        for x in range(columns):
-            value = image[y, x]
-            if not value > lowest:
-                continue
-            top = True
-            for j in range(max(y - half, 0), min(y + half + 1, rows)):
-                for i in range(max(x - half, 0), min(x + half + 1, columns)):
-                    if image[j, i] > value or (image[j, i] == value and (j < y or (j == y and i < x))):
-                        top = False
-                        break
-                if not top:
+    for place in places:
+        y, x = place // columns, place % columns
+        value = image[y, x]
+        top = True
+        for j in range(max(y - half, 0), min(y + half + 1, rows)):
+            for i in range(max(x - half, 0), min(x + half + 1, columns)):
+                if image[j, i] > value or (image[j, i] == value and (j < y or (j == y and i < x))):
+                    top = False
                     break
             if not top:
-                continue
-            if count == len(out):
-                grown = np.empty((2 * count, 3))
-                grown[:count] = out
-                out = grown
+                break
+        if top:
             out[count, 0], out[count, 1], out[count, 2] = x, y, value
             count += 1
     return out[:count]

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.coupled import find_pairs, invert, links, relax, variances
+from contactimg.imaging.coupled import closer, find_pairs, invert, links, relax, variances
 from contactimg.imaging.edge import INNER, EdgeTable, disk_table
 from contactimg.imaging.lens import add_lens, overlaps
 from contactimg.imaging.noise import Noise
@@ -48,17 +48,20 @@ __all__ = [
     "erase_disks",
     "fit_disks",
     "render_disks",
-    "stand_alone",
     "wide_disks",
 ]
 
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk."""
 
+ALLOWED = (
+    2.0  # px: by as much may a rim move, and by a tenth the blur grow, before neighbours are looked for anew
+)
 SEPARATE = 5.5  # blur widths between rims: nearer, one rim adds 1e-4 to what the other's fit sees
 COUPLED = 2.6  # blur widths from each rim within which two disks are solved for together
 SETTLED = 0.1  # of its standard deviation: error of a radius at which the iteration ends
-BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels
+BLUR_SETTLED = 2e-3  # relative step of the blur that no radius feels ...
+BLUR_NEAR = 1e-2  # ... and after which a start is close enough
 WIDE = 2.5  # blur widths: a larger contact shows its own contrast
 UNKNOWN_SPREAD = 0.03
 """Spread of the contrasts, relative, of a frame whose contacts do not show it."""
@@ -101,6 +104,11 @@ class Drawing:
     drawn: NDArray[np.bool_]
     complete: bool = True
 
+    @classmethod
+    def partly(cls, shape: tuple[int, int], n: int) -> "Drawing":
+        """Of those of ``n`` disks that a fit needs to see, and no more."""
+        return cls(np.zeros(shape, np.float32), np.zeros(n, np.bool_), complete=False)
+
 
 @dataclass(frozen=True, eq=False)
 class DiskFit:
@@ -123,6 +131,10 @@ class DiskFit:
     iterations : int
     settled : ndarray of bool, shape (n,)
         Whether the last step was below tolerance.
+    information : ndarray, shape (n, 5, 5)
+        Of x, y, radius, contrast with its prior, and blur.
+    pull : ndarray, shape (n,)
+        Derivative of the logarithm of the likelihood with respect to the blur.
     """
 
     disks: NDArray[np.float64]
@@ -133,6 +145,8 @@ class DiskFit:
     model: NDArray[np.float32]
     iterations: int
     settled: NDArray[np.bool_]
+    information: NDArray[np.float64]
+    pull: NDArray[np.float64]
 
     def replace(self, **changes: Any) -> "DiskFit":
         """A copy with other fields."""
@@ -163,7 +177,7 @@ def render_disks(
     table = table or disk_table()
     model = np.zeros(shape, np.float32)
     everything = np.ones(len(disks), np.bool_)
-    _redraw(model, disks, blur, ~everything, everything, table.values, table.outer)
+    _redraw(model, disks, blur, ~everything, everything, find_pairs(disks, 0.0), table)
     return model
 
 
@@ -177,7 +191,7 @@ def erase_disks(
 ) -> None:
     """Take some of the disks of a model image out of it, in place."""
     table = table or disk_table()
-    _redraw(model, disks, blur, np.ones(len(disks), np.bool_), ~gone, table.values, table.outer)
+    _redraw(model, disks, blur, np.ones(len(disks), np.bool_), ~gone, find_pairs(disks, 0.0), table)
 
 
 @stage("fit")
@@ -195,6 +209,7 @@ def fit_disks(
     active: NDArray[np.bool_] | None = None,
     table: EdgeTable | None = None,
     iterations: int = 12,
+    tolerance: float = SETTLED,
     drawing: Drawing | None = None,
     largest: NDArray[np.float64] | None = None,
 ) -> DiskFit:
@@ -225,6 +240,8 @@ def fit_disks(
         Profile; None for the uniform disk.
     iterations : int
         At most.
+    tolerance : float
+        Error of a radius, in its standard deviations, at which a disk has settled.
     drawing : Drawing or None
         Model image to go on with (it is overwritten), and whether it is needed afterwards; None: from
         nothing.
@@ -249,9 +266,9 @@ def fit_disks(
         free_blur,
         robust,
         moving,
-        table.values,
-        table.outer,
+        table,
         iterations,
+        tolerance,
         np.zeros(image.shape, np.float32) if drawing is None else drawing.model,
         np.zeros(n, np.bool_) if drawing is None else drawing.drawn.copy(),
         drawing is None or drawing.complete,
@@ -301,51 +318,56 @@ def contrast_prior(fit: DiskFit, *, plateau: float, inflation: NDArray[np.float6
 
 @njit(cache=True)
 def _iterate(
-    image, weight, disks, s, noise, prior, brightness, free_blur, robust, moving, table, outer, iterations,
-    model, drawn, draw, largest,
+    image, weight, disks, s, noise, prior, brightness, free_blur, robust, moving, table, iterations,
+    tolerance, model, drawn, draw, largest,
 ):  # fmt: skip
     """Gauss-Newton on all disks that move, until none of them moves any more.
 
     ``model`` holds the disks marked in ``drawn``. While they move, disks that stand alone are kept out of it.
     """
     n = len(disks)
-    coupling = COUPLED if outer <= INNER else outer
+    far = 1.1 * max(0.5 * SEPARATE, COUPLED) if table.outer <= INNER else 1.1 * table.outer
     normals, inverse = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
     right, cross, steps = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
     blurs = np.zeros((n, 2))
     chi, pixels = np.ones(n), np.zeros(n, np.int64)
     started = moving.copy()
+    near, known, known_blur = find_pairs(disks, far * s + ALLOWED), disks.copy(), s
     pairs = np.empty((0, 2), np.int64)
     blocks = np.zeros((0, 4, 4))
-    alone = np.zeros(n, np.bool_)
     done = 0
     for iteration in range(iterations):
         done += 1
-        alone = stand_alone(disks, s, outer)
-        _redraw(model, disks, s, drawn, ~(alone & moving), table, outer)
-        pairs = find_pairs(disks, coupling * s)
+        if s > 1.1 * known_blur or _strayed(disks, known) > ALLOWED:
+            near, known, known_blur = find_pairs(disks, far * s + ALLOWED), disks.copy(), s
+        alone = _stand_alone(n, closer(near, disks, 0.5 * _separate(table) * s))
+        _redraw(model, disks, s, drawn, ~(alone & moving), near, table)
+        pairs = closer(near, disks, (COUPLED if table.outer <= INNER else table.outer) * s)
         blocks = np.zeros((len(pairs), 4, 4))
+        every = 1 if robust else (4 if iteration == 0 else 2)
         for i in range(n):
             if moving[i]:
                 level = np.array([noise[0] / brightness[i], noise[1] / prior[0, i], prior[0, i], prior[1, i]])
                 _linearise(
-                    image, model, weight, disks[i], s, level, alone[i], robust, table, outer,
+                    image, model, weight, disks[i], s, level, alone[i], robust, every, table,
                     normals[i], inverse[i], right[i], cross[i], blurs[i], chi, pixels, i,
                 )  # fmt: skip
-        _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, outer, blocks)
+        _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, blocks)
         change = 0.0
         if free_blur:
             change = _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration)
         _solve(inverse, right, cross, change, moving, pairs, blocks, steps)
-        _redraw(model, disks, s, drawn, ~moving & (change == 0.0), table, outer)
+        _redraw(model, disks, s, drawn, ~moving & (change == 0.0), near, table)
         s += change
-        steady = abs(change) < BLUR_SETTLED * s and (robust or iteration >= 1)
+        steady = abs(change) < (BLUR_SETTLED if robust else BLUR_NEAR) * s and (robust or iteration >= 1)
         free_blur = free_blur and not steady
-        _move(disks, steps, s, prior, inverse, largest, moving, steady)
+        before = disks.copy()
+        _move(disks, steps, s, prior, inverse, largest, moving, steady, tolerance)
+        blurs[:, 1] -= blurs[:, 0] * change + np.sum(cross * (disks - before), axis=1)
         if not moving.any():
             break
     if draw:
-        _redraw(model, disks, s, drawn, np.ones(n, np.bool_), table, outer)
+        _redraw(model, disks, s, drawn, np.ones(n, np.bool_), find_pairs(disks, 0.0), table)
     return (
         disks,
         np.sqrt(variances(normals, inverse, pairs, blocks, started)),
@@ -355,19 +377,43 @@ def _iterate(
         model,
         done,
         ~moving,
+        _with_blur(normals, cross, blurs),
+        blurs[:, 1].copy(),
     )
 
 
 @njit(cache=True)
-def _redraw(model, disks, s, drawn, wanted, table, outer):
-    """Add disks to the model image, or take them out, until those wanted are in it, each with its lenses."""
+def _with_blur(normals, cross, blurs):
+    """Normal matrices of the disks with the blur as a fifth parameter."""
+    full = np.empty((len(normals), 5, 5))
+    full[:, :4, :4], full[:, 4, 4] = normals, blurs[:, 0]
+    full[:, :4, 4] = full[:, 4, :4] = cross
+    return full
+
+
+@njit(cache=True)
+def _strayed(disks, known):
+    """By how much a rim has moved at most since its place was known."""
+    most = 0.0
+    for i in range(len(disks)):
+        moved = np.hypot(disks[i, 0] - known[i, 0], disks[i, 1] - known[i, 1])
+        most = max(most, moved + disks[i, 2] - known[i, 2])
+    return most
+
+
+@njit(cache=True)
+def _redraw(model, disks, s, drawn, wanted, near, table):
+    """Add disks to the model image, or take them out, until those wanted are in it, each with its lenses.
+
+    Disks that overlap are among the pairs ``near``.
+    """
     change = np.flatnonzero(drawn != wanted)
     if not len(change):
         return
-    start, link = links(len(disks), find_pairs(disks, 0.0))
+    start, link = links(len(disks), closer(near, disks, 0.0))
     for i in change:
         sign = 1.0 if wanted[i] else -1.0
-        add_disk(model, disks[i], s, table, outer, sign)
+        add_disk(model, disks[i], s, table, sign)
         for q in range(start[i], start[i + 1]):
             j = link[q, 2]
             if drawn[j] and overlaps(disks[i], disks[j]):
@@ -376,11 +422,15 @@ def _redraw(model, disks, s, drawn, wanted, table, outer):
 
 
 @njit(cache=True)
-def stand_alone(disks, s, outer):
-    """Disks whose pixels no other reaches; ``outer`` as in `contactimg.imaging.edge.EdgeTable`."""
-    space = SEPARATE * s if outer <= INNER else 2.0 * outer * s
-    alone = np.ones(len(disks), np.bool_)
-    pairs = find_pairs(disks, 0.5 * space)
+def _separate(table):
+    """Blur widths between rims from which on no pixel is reached by both disks."""
+    return SEPARATE if table.outer <= INNER else 2.0 * table.outer
+
+
+@njit(cache=True)
+def _stand_alone(n, pairs):
+    """Disks that are in no pair."""
+    alone = np.ones(n, np.bool_)
     for p in range(len(pairs)):
         alone[pairs[p, 0]] = alone[pairs[p, 1]] = False
     return alone
@@ -388,17 +438,17 @@ def stand_alone(disks, s, outer):
 
 @njit(cache=True)
 def _linearise(
-    image, model, weight, disk, s, level, alone, robust, table, outer,
+    image, model, weight, disk, s, level, alone, robust, every, table,
     normal, inverse, right, cross, blur, chi, pixels, i,
 ):  # fmt: skip
     """Normal equations of one disk with its prior, and the inverse of their matrix.
 
     ``level`` is the variance of a background pixel, its slope, and mean and width of the contrast's prior.
+    One row in up to ``every`` is looked at.
     """
     variance, slope, expected, spread = level
     out = np.empty(SUMS)
-    every = 1 if robust else 2
-    disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, every, table, outer, out)
+    disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, every, table, out)
     unpack(out, normal, right)
     normal[3, 3] += 1.0 / spread**2
     right[3] += (expected - disk[3]) / spread**2
@@ -415,13 +465,13 @@ def _linearise(
 
 
 @njit(cache=True)
-def _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, outer, blocks):
+def _couple(model, weight, disks, s, noise, prior, brightness, started, pairs, table, blocks):
     """Blocks of the normal matrix between disks (a disk come to rest still matters to the uncertainties)."""
     for p in range(len(pairs)):
         i, j = pairs[p]
         if started[i] and started[j]:
             variance, slope = noise[0] / brightness[i], noise[1] / prior[0, i]
-            pair_sums(model, weight, disks[i], disks[j], s, variance, slope, table, outer, blocks[p])
+            pair_sums(model, weight, disks[i], disks[j], s, variance, slope, table, blocks[p])
 
 
 @njit(cache=True)
@@ -457,7 +507,7 @@ def _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration):
 
 
 @njit(cache=True)
-def _move(disks, steps, s, prior, inverse, largest, moving, steady):
+def _move(disks, steps, s, prior, inverse, largest, moving, steady, tolerance):
     """Take the steps, within limits; a disk that has settled moves no more."""
     for i in range(len(disks)):
         if not moving[i]:
@@ -472,5 +522,5 @@ def _move(disks, steps, s, prior, inverse, largest, moving, steady):
         disk[3] = min(max(disk[3] + step[3], FAINTEST * prior[0, i]), BRIGHTEST * prior[0, i])
         # the next step is of the order of this one squared over the blur
         longest = max(abs(step[0]), abs(step[1]), abs(step[2]))
-        settled = longest * longest < SETTLED * np.sqrt(inverse[i, 2, 2]) * s
+        settled = longest * longest < tolerance * np.sqrt(inverse[i, 2, 2]) * s
         moving[i] = not (settled and steady)

@@ -214,7 +214,7 @@ def _report(
             "reason": "not needed to explain the pixels",
         }
     )
-    gone = contacts.loc[bad, ["x_px", "y_px", "radius_px"]].assign(reason=reasons[bad].tolist())
+    gone = contacts[bad].assign(reason=reasons[bad])[["x_px", "y_px", "radius_px", "reason"]]
     if trial.settled is None:
         optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
     else:
@@ -300,12 +300,12 @@ def _refine(
     anchor: float,
 ) -> Settled:
     """Last fit, with noise, background, contrast and spread of contrasts as the first one shows them."""
-    residual, image = _level(field, start)
+    image = _level(field, start)
     slope = measure_slope(
-        residual, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
+        image, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
     )
     model = Noise(noise**2, slope)
-    correlation = measure_correlation(residual, field.blocks)
+    correlation = measure_correlation(image, start.model, field.blocks, noise=noise)
     radius = start.disks[:, RADIUS]
     shared = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
     prior = contrast_prior(start, plateau=contrast.plateau, inflation=shared)
@@ -316,7 +316,7 @@ def _refine(
     fit = fit_disks(
         image, field.weight, start.disks, blur=start.blur, noise=model, prior=prior,
         brightness=brightness, free_blur=free_blur, iterations=5, table=table,
-        drawing=Drawing(np.zeros_like(image), np.zeros(len(radius), np.bool_), complete=False),
+        drawing=Drawing.partly(image.shape, len(radius)),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
     settled = settle_optics(
@@ -331,8 +331,8 @@ def _refine(
     return replace(settled, fit=fit.replace(std=inflated))
 
 
-def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What the fit leaves over and the image itself, both with the slow rest of the background taken out.
+def _level(field: "_Field", fit: DiskFit) -> NDArray[np.float32]:
+    """The image with the slow rest of its background taken out.
 
     The light was fitted when the faint surroundings of contacts still counted as background; now they are
     known.
@@ -340,12 +340,11 @@ def _level(field: "_Field", fit: DiskFit) -> tuple[NDArray[np.float32], NDArray[
     model = block_means(fit.model)
     dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
     if np.count_nonzero(dark) < ENOUGH_BLOCKS:
-        return field.image - fit.model, field.image
+        return field.image
     blocks = np.where(dark, block_means(field.image) - model, np.nan)
     spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
     slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
-    image = slow.subtract_from(field.image)
-    return image - fit.model, image
+    return slow.subtract_from(field.image)
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,16 +439,16 @@ def _tabulate(trial: _Trial) -> pd.DataFrame:
     flags = np.zeros(len(disks), np.int64)
     for flag, holds in conditions.items():
         flags |= np.where(holds, int(flag), 0)
-    contacts = pd.DataFrame(
-        {
-            "x_px": field.unbin(disks[:, X]),
-            "y_px": field.unbin(disks[:, Y]),
-            "radius_px": disks[:, RADIUS] * field.bin,
-            "radius_std_px": combine_errors(std, modes) * field.bin,
-            "contrast_shift_px": modes[:, 0] * field.bin,
-            "blur_shift_px": modes[:, 1] * field.bin,
-            "flags": flags,
-        }
-    )
-    seen = np.isfinite(contacts.to_numpy(float)).all(axis=1) & (gap > -disks[:, RADIUS]) & (light > 2.0)
-    return contacts[seen].sort_values(["y_px", "x_px"], kind="stable")
+    contacts = {
+        "x_px": field.unbin(disks[:, X]),
+        "y_px": field.unbin(disks[:, Y]),
+        "radius_px": disks[:, RADIUS] * field.bin,
+        "radius_std_px": combine_errors(std, modes) * field.bin,
+        "contrast_shift_px": modes[:, 0] * field.bin,
+        "blur_shift_px": modes[:, 1] * field.bin,
+        "flags": flags,
+    }
+    finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
+    seen = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > 2.0))
+    order = seen[np.lexsort([contacts["x_px"][seen], contacts["y_px"][seen]])]
+    return pd.DataFrame({name: values[order] for name, values in contacts.items()})

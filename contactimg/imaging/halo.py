@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -70,7 +71,8 @@ def _best(
     dark = np.abs(core) < DARK * contrast
     if np.count_nonzero(dark) < 20 * PARTS:
         return None
-    fits = [(_regress(small, _spread(core, width / coarse), dark, parts), width) for width in widths]
+    data = small[dark].astype(float)
+    fits = [(_regress(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
     (fraction, least, _), width = min(fits, key=lambda item: item[0][2])
     return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
 
@@ -91,17 +93,31 @@ def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
 
 
-def _regress(data: NDArray, wide: NDArray, mask: NDArray[np.bool_], parts: int) -> tuple[float, float, float]:
-    """Slope of the data on the halo where the mask holds, its least significant value, and what is left."""
-    x, y = wide[mask].astype(float), data[mask].astype(float)
-    x, y = x - x.mean(), y - y.mean()
-    power = np.cumsum(x * x)
-    if power[-1] <= 1e-9 * len(x):
-        return 0.0, np.inf, float(y @ y)
-    slope = float(x @ y) / float(power[-1])
-    rest = y - slope * x
-    # pixels share noise, so the uncertainty comes from the scatter between parts of the image that tell as
-    # much as each other
-    starts = np.searchsorted(power, power[-1] * np.arange(parts) / parts)
-    scatter = np.sqrt(np.sum(np.add.reduceat(x * rest, starts) ** 2)) / float(power[-1])
-    return slope, float(stats.t.isf(CHANCE, parts - 1) * scatter), float(rest @ rest)
+def _regress(data: NDArray, wide: NDArray, parts: int) -> tuple[float, float, float]:
+    """Slope of the data on the halo, its least significant value, and what is left."""
+    slope, scatter, rest = _slope(data, wide.astype(float), parts)
+    return slope, float(stats.t.isf(CHANCE, parts - 1) * scatter), rest
+
+
+@njit(cache=True)
+def _slope(data, wide, parts):
+    """Slope of the data on the halo, its uncertainty, and the squares that are left.
+
+    Pixels share noise, so the uncertainty comes from the scatter between parts of the image that tell as much
+    as each other.
+    """
+    x, y = wide - wide.mean(), data - data.mean()
+    n, power = len(x), np.dot(x, x)
+    if power <= 1e-9 * n:
+        return 0.0, np.inf, np.dot(y, y)
+    slope = np.dot(x, y) / power
+    told, squares, part, variance, number = 0.0, 0.0, 0.0, 0.0, 1
+    for i in range(n):
+        rest = y[i] - slope * x[i]
+        told += x[i] * x[i]
+        part += x[i] * rest
+        squares += rest * rest
+        if told >= power * number / parts or i == n - 1:
+            variance += part * part
+            part, number = 0.0, number + 1
+    return slope, np.sqrt(variance) / power, squares

@@ -31,6 +31,7 @@ LARGEST_LAG = 10
 
 NODES = 256  # wave numbers; the widest rim in the table, 60 px, oscillates 40 times over them
 SAMPLE = 20_000  # pixels looked at, which give the noise to 0.6 %
+LAGGED = 240_000  # pixels whose covariance with others is looked at
 ENOUGH = 300  # pixels that give a variance to 8 %
 CLIP = 4.0  # robust standard deviations beyond which a pixel is dirt, not noise
 
@@ -135,7 +136,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
 
 
 def measure_slope(
-    residual: NDArray[np.float32],
+    image: NDArray[np.float32],
     model: NDArray[np.float32],
     *,
     contrast: float,
@@ -146,15 +147,17 @@ def measure_slope(
 
     Parameters
     ----------
-    residual, model : ndarray, shape (rows, columns)
-        What a fit left over, and the fit.
+    image, model : ndarray, shape (rows, columns)
+        Difference image and what was fitted to it.
     contrast, variance : float
         Plateau, and variance of a background pixel.
     default : float
         Returned where no contact is wide enough to look inside.
     """
     for every in (8, 1):
-        inside = residual[::every][np.abs(model[::every] - contrast) < 0.03 * contrast]
+        level = model[::every]
+        plateau = np.abs(level - contrast) < 0.03 * contrast
+        inside = image[::every][plateau] - level[plateau]
         if len(inside) >= 10 * ENOUGH:
             break
     if len(inside) < ENOUGH:
@@ -163,46 +166,77 @@ def measure_slope(
     return float(np.clip(spread**2 / variance - 1.0, 0.0, 20.0))
 
 
-def measure_correlation(residual: NDArray[np.float32], background: NDArray[np.bool_]) -> NoiseCorrelation:
+def measure_correlation(
+    image: NDArray[np.float32],
+    model: NDArray[np.float32],
+    background: NDArray[np.bool_],
+    *,
+    noise: float,
+) -> NoiseCorrelation:
     """Covariance of background pixels along rows and columns.
 
     Parameters
     ----------
-    residual : ndarray, shape (rows, columns)
-        What a fit left over.
+    image, model : ndarray, shape (rows, columns)
+        Difference image and what was fitted to it.
     background : ndarray of bool
         Background blocks.
+    noise : float
+        Standard deviation of a background pixel.
     """
-    spread = estimate_noise(residual, background)
-    return NoiseCorrelation(_covariance(residual, background, np.float32(CLIP * spread)))
+    return NoiseCorrelation(_covariance(image, model, background, np.float32(CLIP * noise)))
 
 
 @njit(cache=True)
-def _covariance(residual, background, clip):
-    """Covariance of pixels a lag apart, from every fourth row and column of the background."""
-    rows, columns = residual.shape
-    total = np.zeros(LARGEST_LAG + 1)
-    count = np.zeros(LARGEST_LAG + 1)
+def _covariance(image, model, background, clip):
+    """Covariance of pixels a lag apart, along and below every so many rows of the background."""
+    rows, columns = image.shape
+    size, seen = LARGEST_LAG + 1, 0
+    value, usual = np.zeros((size, columns), np.float32), np.zeros((size, columns), np.float32)
+    counted, wide = np.empty(columns, np.float32), columns - LARGEST_LAG
+    total, count = np.zeros(LARGEST_LAG + 1), np.zeros(LARGEST_LAG + 1)
     middle = 0.0
-    for y in range(1, rows - LARGEST_LAG, 4):
-        for x in range(1, columns - LARGEST_LAG, 4):
-            here = residual[y, x]
-            # both ends of the longest lags in background blocks: so are, but for corners, the pixels between
-            if (
-                abs(here) > clip
-                or not background[y // BLOCK, x // BLOCK]
-                or not background[y // BLOCK, (x + LARGEST_LAG) // BLOCK]
-                or not background[(y + LARGEST_LAG) // BLOCK, x // BLOCK]
-            ):
-                continue
-            middle += here
-            for lag in range(LARGEST_LAG + 1):
-                right, below = residual[y, x + lag], residual[y + lag, x]
-                if abs(right) <= clip:
-                    total[lag] += here * right
-                    count[lag] += 1.0
-                if abs(below) <= clip:
-                    total[lag] += here * below
-                    count[lag] += 1.0
+    for y in range(1, rows - LARGEST_LAG, max(rows * columns // LAGGED, 1)):
+        while seen <= y + LARGEST_LAG:
+            _clip(image, model, seen, clip, value, usual)
+            seen += 1
+        # both ends of the longest lags in background blocks: so are, but for corners, the pixels between
+        _mark(background[y // BLOCK], background[(y + LARGEST_LAG) // BLOCK], counted)
+        counted *= usual[y % size]
+        here = counted * value[y % size]
+        middle += here[:wide].sum()
+        for lag in range(size):
+            total[lag] += _product(here, value, y % size, lag, wide)
+            total[lag] += _product(here, value, (y + lag) % size, 0, wide)
+            count[lag] += _product(counted, usual, y % size, lag, wide)
+            count[lag] += _product(counted, usual, (y + lag) % size, 0, wide)
     middle /= max(0.5 * count[0], 1.0)
     return total / np.maximum(count, 1.0) - middle * middle
+
+
+@njit(cache=True)
+def _mark(top, bottom, counted):
+    """Pixels of a row whose block and those `LARGEST_LAG` further on and below are background."""
+    for x in range(len(counted)):
+        far = min((x + LARGEST_LAG) // BLOCK, len(top) - 1)
+        counted[x] = top[x // BLOCK] and bottom[x // BLOCK] and top[far]
+
+
+@njit(cache=True, fastmath=True)
+def _clip(image, model, row, clip, value, usual):
+    """What the model leaves over in a row, dirt set to zero, and where it is none; the buffers go round."""
+    levels, fitted = image[row], model[row]
+    value, usual = value[row % len(value)], usual[row % len(usual)]
+    for x in range(len(levels)):
+        rest = levels[x] - fitted[x]
+        keep = np.float32(abs(rest) <= clip)
+        usual[x], value[x] = keep, rest * keep
+
+
+@njit(cache=True, fastmath=True)
+def _product(one, rows, row, lag, n):
+    """Sum of products with a row, ``lag`` pixels further on."""
+    total, first, other = np.float32(0.0), one[:n], rows[row, lag : lag + n]
+    for x in range(len(other)):
+        total += first[x] * other[x]
+    return total

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.coupled import find_pairs
 from contactimg.imaging.detect import find_inscribed, find_peaks, find_peaks_near
 from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, erase_disks, fit_disks
 from contactimg.imaging.edge import EdgeTable
@@ -216,17 +217,11 @@ class _Fits:
         return start, self.again(start, state, _near(start.disks, start.rows < 0, state.blur), 5)
 
 
-@njit(cache=True)
-def _at_a_rim(peaks, disks, space):
+def _at_a_rim(peaks: NDArray, disks: NDArray, space: float) -> NDArray[np.bool_]:
     """Peaks in a disk or closer than ``space`` to its rim."""
-    out = np.zeros(len(peaks), np.bool_)
-    for k in range(len(peaks)):
-        for i in range(len(disks)):
-            limit = disks[i, 2] + space
-            if (disks[i, 0] - peaks[k, 0]) ** 2 + (disks[i, 1] - peaks[k, 1]) ** 2 < limit * limit:
-                out[k] = True
-                break
-    return out
+    points = np.column_stack([peaks[:, :2], np.zeros(len(peaks))])
+    seen = np.arange(len(disks) + len(peaks)) < len(disks)
+    return _touched(np.vstack([disks[:, :3], points]), seen, space)[len(disks) :]
 
 
 def _disks_from_peaks(peaks: NDArray, blur: float, plateau: float) -> NDArray[np.float64]:
@@ -254,11 +249,11 @@ def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np
 def _touched(disks, changed, space):
     """Disks that are changed or closer than ``space`` to one that is."""
     out = changed.copy()
-    for i in np.flatnonzero(changed):
-        for j in range(len(disks)):
-            limit = disks[i, 2] + disks[j, 2] + space
-            if (disks[i, 0] - disks[j, 0]) ** 2 + (disks[i, 1] - disks[j, 1]) ** 2 < limit * limit:
-                out[j] = True
+    pairs = find_pairs(disks, 0.5 * space)
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        out[i] |= changed[j]
+        out[j] |= changed[i]
     return out
 
 

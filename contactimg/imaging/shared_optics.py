@@ -15,14 +15,12 @@ between, and what is known of q beforehand enters as a normal prior.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Prior, fit_disks, render_disks, stand_alone
-from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable, disk_table
+from contactimg.imaging.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, fit_disks
+from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import Halo
 from contactimg.imaging.noise import Noise
-from contactimg.imaging.normal import CROSS, RIGHT, SUMS, disk_sums, unpack
 
 __all__ = ["Known", "Settled", "SharedOptics", "combine_errors", "settle_optics"]
 
@@ -30,6 +28,7 @@ EXACT = 1e-4  # relative width of a prior that is said to be exact
 STEPS = 20
 LONGEST = 0.4, 0.25  # step of ln C, and of the blur relative to it
 LINEAR = 0.003  # relative step up to which disks follow in proportion: what that leaves is its square
+FINE = 0.003  # of its standard deviation: error of a radius at which a fit tells how the optics should change
 SIGNIFICANT = 0.2  # of the uncertainty of the sum of a^3: a smaller step is not worth another fit
 PLATEAU = 0.02  # relative: error of the contrast that wide contacts show where edges are not those assumed
 DISAGREE = 2.0  # factor of the variance of the votes from which on edges are not those assumed
@@ -204,15 +203,11 @@ def settle_optics(
     Settled
         A frame whose contrast and blur are right to a fraction of the errors keeps its fit as it is.
     """
-    table = table or disk_table()
     contrast, relative = float(prior.mean[0]), float(prior.std[0] / prior.mean[0])
     per_level, least = noise.slope / contrast, float(np.median(inflation))
     blur, before = fit.blur, np.zeros(2)
     for remaining in reversed(range(STEPS)):
-        terms = _Terms.of(
-            image, weight, fit, contrast=contrast, relative=relative, noise=Noise(noise.variance, per_level),
-            brightness=brightness, table=table,
-        )  # fmt: skip
+        terms = _Terms.of(fit, contrast=contrast, relative=relative)
         scatter = terms.scatter(least)
         # where contacts disagree, edges are not those assumed; the plateau of wide contacts does not care
         plateau = np.isfinite(shown) * max(1.0 - DISAGREE / scatter, 0.0) / PLATEAU**2
@@ -237,7 +232,8 @@ def settle_optics(
         fit = fit_disks(
             image, weight, disks, blur=blur, noise=Noise(noise.variance, per_level * contrast),
             prior=Prior(np.full(n, contrast), np.full(n, relative * contrast)), brightness=brightness,
-            free_blur=False, iterations=6, table=table,
+            free_blur=False, iterations=6, tolerance=FINE, table=table,
+            drawing=Drawing.partly(image.shape, n),
         )  # fmt: skip
     least_information = np.diag(1e-6 / np.array([1.0, blur]) ** 2)
     modes = terms.response @ np.linalg.cholesky(covariance)
@@ -273,40 +269,20 @@ class _Terms:
         return self.follow[:, RADIUS]
 
     @classmethod
-    def of(
-        cls,
-        image: NDArray,
-        weight: NDArray,
-        fit: DiskFit,
-        *,
-        contrast: float,
-        relative: float,
-        noise: Noise,
-        brightness: NDArray,
-        table: EdgeTable,
-    ) -> "_Terms":
-        """From the normal equations of each disk; ``noise`` grows with its slope a grey level."""
-        alone = stand_alone(fit.disks, fit.blur, table.outer)
-        model = render_disks(fit.disks[~alone], fit.blur, image.shape, table=table)
-        normal, right = _normal_equations(
-            image, model, weight, fit.disks, alone, fit.blur, noise.variance / brightness, noise.slope,
-            table.values, table.outer,
-        )  # fmt: skip
+    def of(cls, fit: DiskFit, *, contrast: float, relative: float) -> "_Terms":
+        """From the last normal equations of a fit with this contrast and relative spread as its prior."""
         tight = 1.0 / (relative * contrast) ** 2
         excess = fit.disks[:, CONTRAST] - contrast
-        own, down = normal[:, :4, :4].copy(), right[:, :4].copy()
-        own[:, 3, 3] += tight
-        down[:, 3] -= tight * excess
+        own = fit.information[:, :4, :4].copy()
         cross = np.zeros((len(own), 4, 2))
-        cross[:, 3, 0], cross[:, :, 1] = -tight * contrast, normal[:, :4, 4]
+        cross[:, 3, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
         # a disk outside the image or under a mask tells nothing: keep its matrix regular
         own += 1e-9 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(4)
-        follow = -np.linalg.solve(own, cross)
+        follow = -np.asarray(np.linalg.solve(own, cross), float)
         information = np.swapaxes(cross, 1, 2) @ follow
         information[:, 0, 0] += tight * contrast**2
-        information[:, 1, 1] += normal[:, 4, 4]
-        gradient = np.stack([tight * contrast * excess, right[:, 4]], axis=-1)
-        gradient += np.einsum("nij,ni->nj", follow, down)
+        information[:, 1, 1] += fit.information[:, 4, 4]
+        gradient = np.stack([tight * contrast * excess, fit.pull], axis=-1)
         return cls(_without_negative(information), gradient, follow)
 
     def scatter(self, least: float) -> float:
@@ -323,20 +299,3 @@ def _without_negative(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Symmetric matrices with the negative eigenvalues, which rounding leaves, set to zero."""
     values, vectors = np.linalg.eigh(matrices)
     return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
-
-
-@njit(cache=True)
-def _normal_equations(image, model, weight, disks, alone, s, variance, slope, table, outer):
-    """Normal matrix and right side of (x, y, radius, contrast, blur) for each disk."""
-    n = len(disks)
-    normal, right, out = np.zeros((n, 5, 5)), np.zeros((n, 5)), np.empty(SUMS)
-    for i in range(n):
-        robust, every = True, 1
-        disk_sums(
-            image, model, weight, disks[i], s, variance[i], slope, alone[i], robust, every, table, outer, out
-        )
-        unpack(out, normal[i, :4, :4], right[i, :4])
-        for u in range(5):
-            normal[i, u, 4] = normal[i, 4, u] = out[CROSS + u]
-        right[i, 4] = out[RIGHT + 4]
-    return normal, right
