@@ -40,6 +40,8 @@ NOTHING = np.empty(0)
 RESOLVED = 0.05
 """Relative uncertainty of the contrast from which on a frame does not show it: 2.5 % of a small radius, 7.5 %
 of a force."""
+ENOUGH = 3  # contacts of which a third fit poorly: not their fault
+OTHER_CONTRAST = 1.3  # between what a frame shows and what is known of it: one of the two is wrong
 CUT = 1.3  # radii from the centre of what is counted: a hole that close cuts the contact
 LIGHT_CHANGE = 1.5  # a background this many times brighter or darker than the reference's is suspicious
 
@@ -180,7 +182,7 @@ def measure_image(
     coarse = Coarse.of(signed)
     shown = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(coarse, noise)
     contrast = shown
-    if np.isfinite(known.contrast) and not pixels.trivial:
+    if np.isfinite(known.contrast) and not pixels.trivial and not _contradicts(shown, known):
         contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
     foreign = NOTHING_FOREIGN
     if shown.resolved and not difference.clean:
@@ -188,6 +190,14 @@ def measure_image(
     pixels = pixels.without(foreign.mask)
     if pixels.valid is not None:
         signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
+    doubt = ""
+    if _contradicts(shown, known):
+        shown = measure_contrast(Coarse.of(signed), noise)  # what is brightest was perhaps no contact
+        if _contradicts(shown, known):
+            doubt = _refusal(shown.plateau * pixels.unit, known.contrast * pixels.unit)
+            contrast, known = shown, replace(known, contrast=np.nan, contrast_std=0.0, correlation=0.0)
+        else:
+            contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
     fraction = choose_threshold(signed, contrast, threshold)
     found = Fitted(dict.fromkeys(DISKS, NOTHING), NOTHING_FOREIGN.rejected, known, known)
     if contrast.plateau > 0:
@@ -199,6 +209,9 @@ def measure_image(
                 signed, pixels, difference, contrast=contrast, noise=noise, known=known, film=film
             )
     status, message, measurable = _judge(pixels, difference, found, known)
+    if not len(found.contacts["x_px"]) and not pixels.trivial:
+        doubt = doubt or _overlooked(shown.plateau * pixels.unit) if shown.resolved else _opposite(signed, noise, sign)
+    message = "; ".join(note for note in (message, doubt) if note)
     return ImageMeasurement(
         disks=_disks_table(found),
         rejected=_rejected_table(foreign.rejected, found.rejected),
@@ -235,6 +248,33 @@ def _rejected_table(*parts: pd.DataFrame | dict[str, NDArray]) -> pd.DataFrame:
     columns = {name: np.concatenate([part[name] for part in parts]).astype(float) for name in PLACE}
     reasons = np.concatenate([np.asarray(part["reason"]).astype(object) for part in parts])
     return pd.DataFrame({**columns, "reason": pd.array(reasons, dtype="str")})
+
+
+def _contradicts(shown: Contrast, known: SharedOptics) -> bool:
+    """Whether a frame that shows its contrast shows another one than was handed over."""
+    ratio = known.contrast / shown.plateau if shown.resolved and shown.plateau > 0 else 1.0
+    return bool(ratio > OTHER_CONTRAST or ratio < 1 / OTHER_CONTRAST)
+
+
+def _refusal(shown: float, known: float) -> str:
+    """What to say of it."""
+    return (
+        f"the frame shows a contrast of {shown:.3g} grey levels, not the {known:.3g} handed over, which were "
+        "not used"
+    )
+
+
+def _overlooked(shown: float) -> str:
+    """What to say of a frame in which something stands out and no contact was found."""
+    return f"something stands out by {shown:.3g} grey levels, but no contact of the optics assumed"
+
+
+def _opposite(signed: NDArray[np.float32], noise: float, sign: int) -> str:
+    """What to say of a frame without contacts in which something of the other sign stands out."""
+    if not measure_contrast(Coarse.of(-signed), noise).resolved:
+        return ""
+    found, other = ("brighter", "darker")[::sign]
+    return f"nothing {found} than the background was found, but something {other}: is the polarity right?"
 
 
 def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
@@ -304,18 +344,18 @@ def _check(
 
 def _subtract(pixels: Pixels, polarity: str, *, still: bool) -> tuple[Difference, int]:
     """Difference image and the sign that makes contacts positive."""
-    frame = np.asarray(pixels.frame, np.float32)
-    reference = None if pixels.reference is None else np.asarray(pixels.reference, np.float32)
+    frame, reference = pixels.frame, pixels.reference
     if pixels.trivial:
-        plain = frame - (frame if reference is None else reference)
+        plain = np.subtract(frame, frame if reference is None else reference, dtype=np.float32)
         return unregistered(plain), -1 if polarity == "dark" else 1
     if reference is not None:
         prefer = {"bright": "low", "dark": "high", "auto": "one"}[polarity]
         difference = subtract_reference(frame, reference, valid=pixels.valid, prefer=prefer, still=still)
     elif polarity == "auto":
-        return estimate_either_background(frame, valid=pixels.valid)
+        return estimate_either_background(np.asarray(frame, np.float32), valid=pixels.valid)
     else:
-        difference = estimate_background(frame, valid=pixels.valid, dark=polarity == "dark")
+        seen = np.asarray(frame, np.float32)
+        difference = estimate_background(seen, valid=pixels.valid, dark=polarity == "dark")
     if polarity != "auto":
         return difference, 1 if polarity == "bright" else -1
     blocks = block_means(difference.image)
@@ -359,6 +399,11 @@ def _judge(
         notes.append("nothing stands out of the noise")
     elif difference.unregistered:
         status = status or "not registered"
+    poor = np.count_nonzero(np.asarray(found.contacts["flags"], np.int64) & int(Flag.POOR_FIT))
+    if count >= ENOUGH and poor > count / 3:
+        notes.append(
+            f"{poor} of {count} contacts do not look like disks behind a blur of {found.optics.blur_px:.2g} px"
+        )
     if count and not found.own.contrast_relative_std < RESOLVED:
         notes.append(_unresolved(found.optics.scaled(pixels.unit), np.isfinite(known.contrast)))
     return status or "ok", "; ".join(note for note in notes if note), bool(count or not changed)
