@@ -200,21 +200,15 @@ def _report(
 ) -> Fitted:
     """The tables of a trial, dirt sorted out."""
     field, contacts = trial.field, _tabulate(trial)
+    disks = np.column_stack([contacts["x_px"], contacts["y_px"], contacts["radius_px"]])
     reasons = reject_disks(
-        pixels, image, difference, contacts[["x_px", "y_px", "radius_px"]].to_numpy(),
-        blur=trial.fit.blur * field.bin, contrast=contrast.plateau,
-    )  # fmt: skip
+        pixels, image, difference, disks, blur=trial.fit.blur * field.bin, contrast=contrast.plateau
+    )
     bad = reasons != ""
     dropped = trial.assembly.dropped
-    tried = pd.DataFrame(
-        {
-            "x_px": field.unbin(dropped[:, X]),
-            "y_px": field.unbin(dropped[:, Y]),
-            "radius_px": dropped[:, RADIUS] * field.bin,
-            "reason": "not needed to explain the pixels",
-        }
-    )
-    gone = contacts[bad].assign(reason=reasons[bad])[["x_px", "y_px", "radius_px", "reason"]]
+    tried = np.column_stack([field.unbin(dropped[:, [X, Y]]), dropped[:, RADIUS] * field.bin])
+    rejected = pd.DataFrame(np.vstack([tried, disks[bad]]), columns=["x_px", "y_px", "radius_px"])
+    rejected["reason"] = ["not needed to explain the pixels"] * len(tried) + reasons[bad].tolist()
     if trial.settled is None:
         optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
     else:
@@ -222,8 +216,8 @@ def _report(
             replace(trial.settled.optics(covariance, binning=field.bin), halo=trial.halo)
             for covariance in (trial.settled.covariance, trial.settled.own)
         )
-    rejected = pd.concat([tried, gone], ignore_index=True)
-    return Fitted(contacts[~bad], rejected, optics, own, trial.assembly.smallest * field.bin)
+    asserted = pd.DataFrame({name: values[~bad] for name, values in contacts.items()})
+    return Fitted(asserted, rejected, optics, own, trial.assembly.smallest * field.bin)
 
 
 def _without_halo(
@@ -416,8 +410,8 @@ def _binned_mask(mask: NDArray[np.uint8], bin_: int, marked: int) -> NDArray[np.
     return np.ascontiguousarray(bins.max(axis=(1, 3)) if marked else bins.min(axis=(1, 3)))
 
 
-def _tabulate(trial: _Trial) -> pd.DataFrame:
-    """Table of the disks in pixels of the frame, with flags; from top to bottom."""
+def _tabulate(trial: _Trial) -> dict[str, NDArray]:
+    """Columns of a table of the disks in pixels of the frame, with flags; from top to bottom."""
     field, fit, settled = trial.field, trial.fit, trial.settled
     disks, std = fit.disks, fit.std[:, RADIUS]
     modes = np.zeros((0, 2)) if settled is None else settled.modes
@@ -451,4 +445,4 @@ def _tabulate(trial: _Trial) -> pd.DataFrame:
     finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
     seen = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > 2.0))
     order = seen[np.lexsort([contacts["x_px"][seen], contacts["y_px"][seen]])]
-    return pd.DataFrame({name: values[order] for name, values in contacts.items()})
+    return {name: values[order] for name, values in contacts.items()}
