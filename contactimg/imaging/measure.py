@@ -13,10 +13,11 @@ from contactimg.imaging.background import estimate_background, estimate_either_b
 from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
 from contactimg.imaging.dust import absent_in_frame
 from contactimg.imaging.fitting import Fitted, fit_contacts
-from contactimg.imaging.foreign import NOTHING_FOREIGN, find_foreign
+from contactimg.imaging.foreground import Foreground, find_foreground
+from contactimg.imaging.foreign import NOTHING_FOREIGN
+from contactimg.imaging.judgement import LIGHT_CHANGE, RESOLVED, judge
 from contactimg.imaging.light import block_means
-from contactimg.imaging.noise import estimate_noise
-from contactimg.imaging.pixels import Coarse, Pixels
+from contactimg.imaging.pixels import Pixels
 from contactimg.imaging.reference import (
     Difference,
     subtract_reference,
@@ -24,7 +25,7 @@ from contactimg.imaging.reference import (
 )
 from contactimg.imaging.rim import Rim
 from contactimg.imaging.shared_optics import SharedOptics, combine_errors
-from contactimg.imaging.threshold import Contrast, choose_threshold, find_polarity, measure_contrast
+from contactimg.imaging.threshold import choose_threshold, find_polarity
 from contactimg.tables import Flag
 
 __all__ = ["CORRECTIONS", "ImageMeasurement", "measure_image"]
@@ -37,13 +38,7 @@ DISKS = {"x_px": "float64", "y_px": "float64", "radius_px": "float64", "radius_s
          "flags": "int64", "contrast_shift_px": "float64", "blur_shift_px": "float64"}  # fmt: skip
 NOTHING = np.empty(0)
 
-RESOLVED = 0.05
-"""Relative uncertainty of the contrast from which on a frame does not show it: 2.5 % of a small radius, 7.5 %
-of a force."""
-ENOUGH = 3  # contacts of which a third fit poorly: not their fault
-OTHER_CONTRAST = 1.3  # between what a frame shows and what is known of it: one of the two is wrong
 CUT = 1.3  # radii from the centre of what is counted: a hole that close cuts the contact
-LIGHT_CHANGE = 1.5  # a background this many times brighter or darker than the reference's is suspicious
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,47 +171,24 @@ def measure_image(
     difference, sign = _subtract(pixels, polarity, still="position_drift" in absent)
     difference = replace(difference, clean="dust" in absent)
     pixels = pixels if difference.valid is None else pixels.within(difference.valid)
-    signed = difference.image if sign > 0 else -difference.image
-    noise = estimate_noise(signed, difference.light.background)
-    known = known.scaled(1.0 / pixels.unit)
-    coarse = Coarse.of(signed)
-    shown = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(coarse, noise)
-    contrast = shown
-    if np.isfinite(known.contrast) and not pixels.trivial and not _contradicts(shown, known):
-        contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
-    foreign = NOTHING_FOREIGN
-    if shown.resolved and not difference.clean:
-        foreign = find_foreign(signed, coarse, contrast.plateau, frame=pixels.frame, difference=difference)
-    pixels = pixels.without(foreign.mask)
-    if pixels.valid is not None:
-        signed = np.where(pixels.valid > 0, signed, np.float32(0.0))
-    doubt = ""
-    if _contradicts(shown, known):
-        shown = measure_contrast(Coarse.of(signed), noise)  # what is brightest was perhaps no contact
-        if _contradicts(shown, known):
-            doubt = _refusal(shown.plateau * pixels.unit, known.contrast * pixels.unit)
-            contrast, known = shown, replace(known, contrast=np.nan, contrast_std=0.0, correlation=0.0)
-        else:
-            contrast = Contrast(known.contrast, shown.resolved, known.contrast_std)
-    fraction = choose_threshold(signed, contrast, threshold)
-    found = Fitted(dict.fromkeys(DISKS, NOTHING), NOTHING_FOREIGN.rejected, known, known)
+    seen = find_foreground(pixels, difference, sign, known.scaled(1.0 / pixels.unit))
+    contrast, pixels = seen.contrast, seen.pixels
+    fraction = choose_threshold(seen.image, contrast, threshold)
+    found = Fitted(dict.fromkeys(DISKS, NOTHING), NOTHING_FOREIGN.rejected, seen.known, seen.known)
     if contrast.plateau > 0:
         if method == "threshold":
-            found = _count(signed, pixels, difference, contrast, fraction=fraction, noise=noise)
-            found = replace(found, own=SharedOptics(max(shown.plateau, 1e-9), shown.std, blur_std_px=np.nan))
+            found = _count(seen, difference, fraction)
         else:
             found = fit_contacts(
-                signed, pixels, difference, contrast=contrast, noise=noise, known=known, film=film
-            )
-    status, message, measurable = _judge(pixels, difference, found, known)
-    if not len(found.contacts["x_px"]) and not pixels.trivial:
-        doubt = doubt or _overlooked(shown.plateau * pixels.unit) if shown.resolved else _opposite(signed, noise, sign)
-    message = "; ".join(note for note in (message, doubt) if note)
+                seen.image, pixels, difference,
+                contrast=contrast, noise=seen.noise, known=seen.known, film=film,
+            )  # fmt: skip
+    status, message, measurable = judge(pixels, difference, seen, found)
     return ImageMeasurement(
         disks=_disks_table(found),
-        rejected=_rejected_table(foreign.rejected, found.rejected),
+        rejected=_rejected_table(seen.foreign.rejected, found.rejected),
         contrast=sign * found.optics.contrast * pixels.unit if contrast.plateau > 0 else 0.0,
-        noise=noise * pixels.unit,
+        noise=seen.noise * pixels.unit,
         threshold=fraction if method == "threshold" else float("nan"),
         blur_px=found.optics.blur_px,
         shift_x_px=difference.shift.x_px if difference.shift else float("nan"),
@@ -250,33 +222,6 @@ def _rejected_table(*parts: pd.DataFrame | dict[str, NDArray]) -> pd.DataFrame:
     return pd.DataFrame({**columns, "reason": pd.array(reasons, dtype="str")})
 
 
-def _contradicts(shown: Contrast, known: SharedOptics) -> bool:
-    """Whether a frame that shows its contrast shows another one than was handed over."""
-    ratio = known.contrast / shown.plateau if shown.resolved and shown.plateau > 0 else 1.0
-    return bool(ratio > OTHER_CONTRAST or ratio < 1 / OTHER_CONTRAST)
-
-
-def _refusal(shown: float, known: float) -> str:
-    """What to say of it."""
-    return (
-        f"the frame shows a contrast of {shown:.3g} grey levels, not the {known:.3g} handed over, which were "
-        "not used"
-    )
-
-
-def _overlooked(shown: float) -> str:
-    """What to say of a frame in which something stands out and no contact was found."""
-    return f"something stands out by {shown:.3g} grey levels, but no contact of the optics assumed"
-
-
-def _opposite(signed: NDArray[np.float32], noise: float, sign: int) -> str:
-    """What to say of a frame without contacts in which something of the other sign stands out."""
-    if not measure_contrast(Coarse.of(-signed), noise).resolved:
-        return ""
-    found, other = ("brighter", "darker")[::sign]
-    return f"nothing {found} than the background was found, but something {other}: is the polarity right?"
-
-
 def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
     """What is known beforehand, checked."""
     known = SharedOptics() if optics is None else optics
@@ -288,23 +233,16 @@ def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
     return known
 
 
-def _count(
-    image: NDArray[np.float32],
-    pixels: Pixels,
-    difference: Difference,
-    contrast: Contrast,
-    *,
-    fraction: float,
-    noise: float,
-) -> Fitted:
+def _count(seen: Foreground, difference: Difference, fraction: float) -> Fitted:
     """The paper's measurement, with what an error of the contrast does to it."""
+    contrast, pixels = seen.contrast, seen.pixels
     contacts, rejected = count_contacts(
-        image, fraction=fraction, contrast=contrast, noise=noise, saturated=pixels.saturated
+        seen.image, fraction=fraction, contrast=contrast, noise=seen.noise, saturated=pixels.saturated
     )
     cut = pixels.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     dust = absent_in_frame(
-        pixels.frame, image, difference, np.column_stack([contacts[name] for name in PLACE])
+        pixels.frame, seen.image, difference, np.column_stack([contacts[name] for name in PLACE])
     )
     gone = np.full(np.count_nonzero(dust), "dust in the reference")
     rejected = {
@@ -320,7 +258,8 @@ def _count(
     optics = SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan)
     # the middle of a blurred disk reaches 1 - exp(-a^2/(2 s^2)) of the contrast
     smallest = TYPICAL_BLUR * np.sqrt(-2.0 * np.log1p(-fraction))
-    return Fitted(contacts, rejected, optics, optics, float(smallest))
+    own = SharedOptics(max(seen.shown.plateau, 1e-9), seen.shown.std, blur_std_px=np.nan)
+    return Fitted(contacts, rejected, optics, own, float(smallest))
 
 
 def _check(
@@ -373,46 +312,3 @@ def _same_levels(image: NDArray, reference: NDArray | None) -> NDArray | None:
     if len(levels) < 2 or min(levels) <= 0 or 1 / LIGHT_CHANGE < levels[0] / levels[1] < LIGHT_CHANGE:
         return reference
     return np.asarray(reference, np.float32) * np.float32(levels[0] / levels[1])
-
-
-def _judge(
-    pixels: Pixels, difference: Difference, found: Fitted, known: SharedOptics
-) -> tuple[str, str, bool]:
-    """Status and message of the frame, and whether it can be measured at all."""
-    if pixels.trivial:
-        # a frame that is its own reference shows as little contact as that; the others show nothing at all
-        return pixels.defect, pixels.message, pixels.defect == "identical to reference"
-    count, status = len(found.contacts["x_px"]), pixels.defect
-    notes = [pixels.message, difference.remark]
-    if pixels.reference is None and not pixels.defect:
-        notes.append("no reference: the background was estimated from the frame")
-    ratio = float(difference.light.coefficients[0, 0])
-    changed = difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE
-    if changed:
-        status = status or "light changed"
-        who = "contacts fill" if count else "one contact fills"
-        notes.append(
-            f"the background is {ratio:.2g} times the reference: the light changed or {who} the frame"
-        )
-    elif not count:
-        status = status or "no contact"
-        notes.append("nothing stands out of the noise")
-    elif difference.unregistered:
-        status = status or "not registered"
-    poor = np.count_nonzero(np.asarray(found.contacts["flags"], np.int64) & int(Flag.POOR_FIT))
-    if count >= ENOUGH and poor > count / 3:
-        notes.append(
-            f"{poor} of {count} contacts do not look like disks behind a blur of {found.optics.blur_px:.2g} px"
-        )
-    if count and not found.own.contrast_relative_std < RESOLVED:
-        notes.append(_unresolved(found.optics.scaled(pixels.unit), np.isfinite(known.contrast)))
-    return status or "ok", "; ".join(note for note in notes if note), bool(count or not changed)
-
-
-def _unresolved(optics: SharedOptics, given: np.bool_) -> str:
-    """What to say of a frame that does not show its contrast."""
-    source = "handed over" if given else "estimated from their light"
-    return (
-        "the contacts are too small to show their brightness: radii lean on a contrast of "
-        f"{optics.contrast:.3g} +- {optics.contrast_std:.2g} grey levels {source}"
-    )
