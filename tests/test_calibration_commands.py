@@ -138,6 +138,24 @@ def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
     assert (found[1]["shift_x_px"] == 0).all()  # the switch changes what is measured
 
 
+def test_a_bar_counts_at_no_threshold(small_series, tmp_path):
+    folder = copy_of(small_series, tmp_path / "frames")
+    for source in open_experiment(read_scene(folder)).frames:
+        image = source.read().image.copy()
+        image[4:9, 20:330] = np.minimum(image[4:9, 20:330].astype(int) + 90, 255)  # no contact is there
+        write_frame(Frame(image), source.path)
+    with_scene(folder, measure={"method": "threshold", "threshold": 0.5})
+    with_scene(
+        folder, effects={"dust": "on"}, images={"frames": "frame_[23].tif"}
+    )  # frame_1 shows no plateau
+    experiment = open_experiment(read_scene(folder))
+    run, series = measure_experiment(experiment, workers=1), measure_thresholds(experiment, [0.3, 0.5, 0.7])
+    assert run.rejected["reason"].str.startswith("long").sum() == 2
+    np.testing.assert_allclose(series.areas[1], run.frames["area_m2"], rtol=1e-12)
+    assert (np.diff(series.areas, axis=0) < 0).all()
+    assert series.areas.max() < 1.5e-7  # the bar alone covers 5.6e-8 m2 of each frame
+
+
 def test_circles_are_measured_on_frames_prepared_as_process_does(smooth_frames, tmp_path):
     folder = copy_of(smooth_frames, tmp_path / "frames")
     loads = pd.read_csv(folder / "loads.csv").iloc[[0, 3, 4]]

@@ -12,6 +12,7 @@ from contact_frames import Optics, expose, match, render, scatter
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.edge import blurred_disk
 from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.imaging.shared_optics import SharedOptics
 from contactimg.tables import Flag
 
 OPTICS = Optics(shape=(260, 340), dust=3)
@@ -378,3 +379,41 @@ def test_accuracy_on_whole_frames():
     # itself
     assert np.mean(np.abs(error) < std) == pytest.approx(0.683, abs=0.09)
     assert np.mean(np.abs(error) < 2 * std) == pytest.approx(0.954, abs=0.04)
+
+
+@pytest.mark.parametrize("method", ["disk", "threshold"])
+@pytest.mark.parametrize("factor", [0.1, 0.5, 2.0, 10.0])
+def test_a_contrast_that_the_frame_contradicts_is_refused_and_said(usual, method, factor):
+    _, frame, reference = usual
+    alone = measure_image(frame, reference, method=method)
+    known = SharedOptics(factor * alone.contrast, 0.01 * alone.contrast)
+    result = measure_image(frame, reference, method=method, optics=known)
+    assert "handed over, which were not used" in result.message
+    pd.testing.assert_frame_equal(result.disks, alone.disks)
+
+
+def test_a_contrast_that_the_frame_confirms_is_used(usual):
+    _, frame, reference = usual
+    alone = measure_image(frame, reference)
+    result = measure_image(
+        frame, reference, optics=SharedOptics(1.02 * alone.contrast, 0.01 * alone.contrast)
+    )
+    assert "not used" not in result.message
+    assert alone.contrast < result.contrast < 1.02 * alone.contrast
+
+
+def test_a_blur_that_the_frame_contradicts_is_said(usual):
+    _, frame, reference = usual
+    assert (
+        "do not look like disks behind a blur of 3 px" in measure_image(frame, reference, blur_px=3.0).message
+    )
+
+
+@pytest.mark.parametrize(("polarity", "other"), [("dark", "brighter"), ("bright", "darker")])
+def test_the_wrong_polarity_is_suspected(usual, polarity, other):
+    _, frame, reference = usual
+    if polarity == "bright":
+        frame, reference = 255 - frame, 255 - reference
+    result = measure_image(frame, reference, polarity=polarity)
+    assert result.status == "no contact"
+    assert f"but something {other}: is the polarity right?" in result.message

@@ -80,6 +80,8 @@ class ImageMeasurement:
         Radius of a contact that just stands out: what is smaller is not seen. NaN if that is not known.
     measurable : bool
         False if nothing can be said about contacts: no contact found is then no measurement.
+    foreign : ndarray of uint8, shape (rows, columns)
+        1 on objects that are no contacts and on their blurred rims; shape (1, 1) if there are none.
     """
 
     disks: pd.DataFrame
@@ -99,6 +101,15 @@ class ImageMeasurement:
     level: float
     smallest_px: float
     measurable: bool
+    foreign: NDArray[np.uint8]
+
+    @property
+    def foreground(self) -> NDArray[np.float32]:
+        """The difference with contacts positive, and 0 on what is foreign."""
+        signed = self.difference * np.float32(np.sign(self.contrast))
+        return (
+            signed if self.foreign.shape != signed.shape else np.where(self.foreign, np.float32(0.0), signed)
+        )
 
     @property
     def resolved(self) -> bool:
@@ -202,6 +213,7 @@ def measure_image(
         level=difference.level * pixels.unit,
         smallest_px=found.smallest_px,
         measurable=measurable,
+        foreign=seen.foreign.mask,
     )
 
 

@@ -153,7 +153,7 @@ def _count_source(
 def count_at(
     measurement: ImageMeasurement, threshold: float, *, holes: NDArray[np.bool_] | None = None
 ) -> pd.DataFrame:
-    """Contacts of a measured frame at another threshold, from its difference image.
+    """Contacts of a measured frame at another threshold, from its difference image without what is foreign.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def count_at(
     DataFrame
         Columns label, x_px, y_px, radius_px, radius_std_px, flags.
     """
-    signed = measurement.difference * np.float32(np.sign(measurement.contrast))
+    signed = measurement.foreground
     if holes is not None:
         signed = np.where(holes, np.float32(0.0), signed)
     contacts, _ = count_contacts(

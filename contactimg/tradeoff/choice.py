@@ -140,7 +140,7 @@ def estimate_count_error(
     disks = measurement.disks
     if not len(disks) or not measurement.resolved:
         return inf
-    signed = measurement.difference * np.float32(np.sign(measurement.contrast))
+    signed = measurement.foreground
     signed[~np.isfinite(signed)] = 0.0
     plateau, fraction = abs(measurement.contrast), measurement.threshold
     blur = estimate_blur(signed, plateau) if blur_px is None else hypot(blur_px, PIXEL_VARIANCE**0.5)

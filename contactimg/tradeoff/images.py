@@ -168,7 +168,7 @@ def _count_corrected(
 def _count_split(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
     """The threshold, and contacts that touch parted at the saddles of the distance to the edge."""
     measurement = _measure(scene, "threshold", image, reference, full_scale)
-    mask = measurement.difference * np.sign(measurement.contrast) > HALF * abs(measurement.contrast)
+    mask = measurement.foreground > HALF * abs(measurement.contrast)
     distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     smooth = ndimage.gaussian_filter(distance, 1.0)
     peaks = peak_local_max(smooth, min_distance=2, labels=ndimage.label(mask, np.ones((3, 3)))[0])
