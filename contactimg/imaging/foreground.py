@@ -14,7 +14,7 @@ from contactimg.imaging.threshold import Contrast, measure_contrast
 
 __all__ = ["Foreground", "find_foreground"]
 
-OTHER = 1.3  # between the contrast that a frame shows and what is known of it: one of the two is wrong
+BRIGHTER = 1.3  # times the contrast that is known: a frame that shows as much has another one
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +108,5 @@ def _believed(shown: Contrast, known: SharedOptics) -> Contrast:
 
 
 def _contradicts(shown: Contrast, known: SharedOptics) -> bool:
-    """Whether a frame that shows its contrast shows another one than is known."""
-    ratio = known.contrast / shown.plateau if shown.resolved and shown.plateau > 0 else 1.0
-    return bool(ratio > OTHER or ratio < 1 / OTHER)
+    """Whether a frame shows more contrast than is known; less it may show because of the blur."""
+    return bool(shown.resolved and shown.plateau > BRIGHTER * known.contrast)
