@@ -155,15 +155,26 @@ def measure_slope(
         Returned where no contact is wide enough to look inside.
     """
     for every in (8, 1):
-        level = model[::every]
-        plateau = np.abs(level - contrast) < 0.03 * contrast
-        inside = image[::every][plateau] - level[plateau]
+        inside = _inside(image[::every], model[::every], np.float32(contrast), np.float32(0.03 * contrast))
         if len(inside) >= 10 * ENOUGH:
             break
     if len(inside) < ENOUGH:
         return default
-    spread = 1.4826 * float(np.median(np.abs(inside - np.median(inside))))
-    return float(np.clip(spread**2 / variance - 1.0, 0.0, 20.0))
+    return float(np.clip(robust_std(inside) ** 2 / variance - 1.0, 0.0, 20.0))
+
+
+@njit(cache=True)
+def _inside(image, model, contrast, margin):
+    """What the model leaves over where it is close to the contrast."""
+    rows, columns = image.shape
+    out = np.empty(image.size, np.float32)
+    count = 0
+    for y in range(rows):
+        for x in range(columns):
+            if abs(model[y, x] - contrast) < margin:
+                out[count] = image[y, x] - model[y, x]
+                count += 1
+    return out[:count]
 
 
 def measure_correlation(
