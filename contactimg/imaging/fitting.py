@@ -26,6 +26,7 @@ from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import Halo, estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
+from contactimg.imaging.order import median
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.rim import Rim, rim_table
@@ -335,8 +336,8 @@ def _level(field: "_Field", fit: DiskFit) -> NDArray[np.float32]:
     dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
     if np.count_nonzero(dark) < ENOUGH_BLOCKS:
         return field.image
-    blocks = np.where(dark, block_means(field.image) - model, np.nan)
-    spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
+    blocks = np.where(dark, block_means(field.image) - model, np.float32(np.nan))
+    spread = 1.4826 * median(np.abs(blocks[dark]))
     slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
     return slow.subtract_from(field.image)
 
