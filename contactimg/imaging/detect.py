@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.filters import TAPS, filter_image, kernel_of
+from contactimg.imaging.order import median, robust_std
 from contactimg.imaging.pixels import NO_MASK, share_seen
 from contactimg.imaging.segment import label_components
 
@@ -259,14 +261,19 @@ def _select(summits):
 
 
 def find_peaks(
-    residual: NDArray[np.float32], *, width: float, height: float, background: NDArray[np.uint8]
+    image: NDArray[np.float32],
+    model: NDArray[np.float32],
+    *,
+    width: float,
+    height: float,
+    background: NDArray[np.uint8],
 ) -> tuple[NDArray[np.float64], float]:
-    """Peaks of the residual image after a matched filter.
+    """Peaks of what the model leaves over, after a matched filter.
 
     Parameters
     ----------
-    residual : ndarray, shape (rows, columns)
-        Difference image minus the model found so far.
+    image, model : ndarray, shape (rows, columns)
+        Difference image and the model found so far.
     width : float, px
         Standard deviation of the Gaussian filter: that of the blur.
     height : float
@@ -281,13 +288,11 @@ def find_peaks(
     lowest : float
         Height that counted as a peak.
     """
-    smooth = _smooth(residual, width)
+    smooth = _smooth(image, model, width)
     sample = smooth[::7, ::11][background[::7, ::11] > 0]
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
-    middle = float(np.median(sample))
-    noise = 1.4826 * float(np.median(np.abs(sample - middle)))
-    lowest = max(middle + FALSE_ALARM_SIGMA * noise, height)
+    lowest = max(median(sample) + FALSE_ALARM_SIGMA * robust_std(sample), height)
     return _sorted_peaks(smooth, lowest, width), lowest
 
 
@@ -302,15 +307,19 @@ def find_peaks_near(
         part = (slice(y0, max(round(y) + reach + 1, 0)), slice(x0, max(round(x) + reach + 1, 0)))
         if image[part].size:
             found.append(
-                _sorted_peaks(_smooth(image[part] - model[part], width), lowest, width)
+                _sorted_peaks(_smooth(image[part], model[part], width), lowest, width)
                 + np.array([x0, y0, 0.0])
             )
     return np.unique(np.vstack(found), axis=0)
 
 
-def _smooth(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+def _smooth(image: NDArray[np.float32], model: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """What the model leaves over, blurred."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
-    return cv2.GaussianBlur(image, (taps, taps), width, borderType=cv2.BORDER_REPLICATE)
+    if taps > TAPS:
+        return cv2.GaussianBlur(image - model, (taps, taps), width, borderType=cv2.BORDER_REPLICATE)
+    kernel = kernel_of(cv2.getGaussianKernel(taps, width)[:, 0])
+    return filter_image(image, kernel, kernel, minus=model)
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from contactimg.imaging.light import block_means
 
@@ -74,8 +74,9 @@ def _best(
     if np.count_nonzero(dark) < 20 * PARTS:
         return None
     data = small[dark]
-    fits = [(_regress(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
-    (fraction, least, _), width = min(fits, key=lambda item: item[0][2])
+    fits = [(_slope(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
+    (fraction, scatter, _), width = min(fits, key=lambda item: item[0][2])
+    least = -special.stdtrit(parts - 1, CHANCE) * scatter
     return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
 
 
@@ -89,12 +90,6 @@ def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Ha
 
 def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
-
-
-def _regress(data: NDArray, wide: NDArray, parts: int) -> tuple[float, float, float]:
-    """Slope of the data on the halo, its least significant value, and what is left."""
-    slope, scatter, rest = _slope(data, wide, parts)
-    return slope, float(stats.t.isf(CHANCE, parts - 1) * scatter), rest
 
 
 @njit(cache=True)
