@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.filters import TAPS, filter_image, kernel_of
+from contactimg.imaging.order import median, robust_std
 from contactimg.imaging.pixels import NO_MASK, share_seen
 from contactimg.imaging.segment import label_components
 
@@ -27,6 +29,7 @@ FALSE_ALARM_SIGMA = 6.0
 ``pixels/(2 width^2) (2 pi)^(-3/2) z exp(-z^2/2)`` maxima above z: 3e-3 in 1600 x 1200 pixels at 1.4 px."""
 
 MOST_SLOPES = 8000  # pixels at half height that give the blur
+STRIP = 64  # pixels of a row looked at together
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
 SMALLEST_ROUND = 1.6  # px: the same of what is round by itself
 ROUND = 0.01  # by which the second moment of a region may exceed that of a disk, besides 1/area ...
@@ -51,32 +54,53 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
 
 
 @njit(cache=True)
-def _smooth_row(image, y):
-    """Means of 3 x 3 pixels about those of a row."""
-    column = image[y - 1] + image[y] + image[y + 1]
-    out = np.zeros_like(column)
-    out[1:-1] = (column[:-2] + column[1:-1] + column[2:]) / np.float32(9.0)
-    return out
-
-
-@njit(cache=True)
 def _slopes(image, low, high, most):
     """Gradients of the pixels between two levels, every so many rows such that not too many come out."""
     rows, columns = image.shape
     out = np.empty(most)
+    column = np.empty(columns, np.float32)
+    low, high = np.float32(9.0) * low, np.float32(9.0) * high  # of a sum over 3 x 3 pixels
     count = 0
     for first in range(8):
         for y in range(2 + first, rows - 2, 8):
-            above, here, below = _smooth_row(image, y - 1), _smooth_row(image, y), _smooth_row(image, y + 1)
-            for x in range(2, columns - 2):
-                if low < here[x] < high and count < most:
-                    gx = 0.5 * (here[x + 1] - here[x - 1])
-                    gy = 0.5 * (below[x] - above[x])
-                    out[count] = np.sqrt(gx * gx + gy * gy)
-                    count += 1
+            _add_rows(column, image[y - 1], image[y], image[y + 1])
+            for left in range(2, columns - 2, STRIP):
+                right = min(left + STRIP, columns - 2)
+                if not _exceeds(column[left - 1 : right + 1], low / np.float32(3.0)):
+                    continue
+                for x in range(left, right):
+                    if low < column[x - 1] + column[x] + column[x + 1] < high and count < most:
+                        out[count] = _slope_at(image, x, y)
+                        count += 1
         if count > most // 4:
             break
     return out[:count]
+
+
+@njit(cache=True)
+def _slope_at(image, x, y):
+    """Gradient, from central differences of means of 3 x 3 pixels."""
+    gx = gy = np.float32(0.0)
+    for i in range(-1, 2):
+        gx += image[y + i, x + 2] + image[y + i, x + 1] - image[y + i, x - 1] - image[y + i, x - 2]
+        gy += image[y + 2, x + i] + image[y + 1, x + i] - image[y - 1, x + i] - image[y - 2, x + i]
+    return np.sqrt(gx * gx + gy * gy) / np.float32(18.0)
+
+
+@njit(cache=True, fastmath=True)
+def _add_rows(out, one, two, three):
+    """Sum of three rows, in vector instructions."""
+    for x in range(len(out)):
+        out[x] = one[x] + two[x] + three[x]
+
+
+@njit(cache=True, fastmath=True)
+def _exceeds(row, level):
+    """Whether a value of the row does, in vector instructions."""
+    total = np.int32(0)
+    for x in range(len(row)):
+        total += np.int32(row[x] > level)
+    return total > 0
 
 
 def find_inscribed(
@@ -237,14 +261,19 @@ def _select(summits):
 
 
 def find_peaks(
-    residual: NDArray[np.float32], *, width: float, height: float, background: NDArray[np.uint8]
+    image: NDArray[np.float32],
+    model: NDArray[np.float32],
+    *,
+    width: float,
+    height: float,
+    background: NDArray[np.uint8],
 ) -> tuple[NDArray[np.float64], float]:
-    """Peaks of the residual image after a matched filter.
+    """Peaks of what the model leaves over, after a matched filter.
 
     Parameters
     ----------
-    residual : ndarray, shape (rows, columns)
-        Difference image minus the model found so far.
+    image, model : ndarray, shape (rows, columns)
+        Difference image and the model found so far.
     width : float, px
         Standard deviation of the Gaussian filter: that of the blur.
     height : float
@@ -259,13 +288,11 @@ def find_peaks(
     lowest : float
         Height that counted as a peak.
     """
-    smooth = _smooth(residual, width)
+    smooth = _smooth(image, model, width)
     sample = smooth[::7, ::11][background[::7, ::11] > 0]
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
-    middle = float(np.median(sample))
-    noise = 1.4826 * float(np.median(np.abs(sample - middle)))
-    lowest = max(middle + FALSE_ALARM_SIGMA * noise, height)
+    lowest = max(median(sample) + FALSE_ALARM_SIGMA * robust_std(sample), height)
     return _sorted_peaks(smooth, lowest, width), lowest
 
 
@@ -280,15 +307,19 @@ def find_peaks_near(
         part = (slice(y0, max(round(y) + reach + 1, 0)), slice(x0, max(round(x) + reach + 1, 0)))
         if image[part].size:
             found.append(
-                _sorted_peaks(_smooth(image[part] - model[part], width), lowest, width)
+                _sorted_peaks(_smooth(image[part], model[part], width), lowest, width)
                 + np.array([x0, y0, 0.0])
             )
     return np.unique(np.vstack(found), axis=0)
 
 
-def _smooth(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+def _smooth(image: NDArray[np.float32], model: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """What the model leaves over, blurred."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
-    return cv2.GaussianBlur(image, (taps, taps), width, borderType=cv2.BORDER_REPLICATE)
+    if taps > TAPS:
+        return cv2.GaussianBlur(image - model, (taps, taps), width, borderType=cv2.BORDER_REPLICATE)
+    kernel = kernel_of(cv2.getGaussianKernel(taps, width)[:, 0])
+    return filter_image(image, kernel, kernel, minus=model)
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:

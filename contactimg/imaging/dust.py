@@ -53,7 +53,9 @@ def reject_disks(
     weight = NO_MASK if pixels.valid is None else pixels.valid
     hidden = share_seen(disks, signed.shape, weight) < LEAST_SEEN
     dust = absent_in_frame(pixels.frame, signed, difference, disks)
-    vague = _without_rim(signed, weight, disks, blur, contrast)
+    blur = min(max(blur, SHARPEST_BLUR), WIDEST_BLUR)
+    vague = disks[:, 2] > WIDE * blur
+    vague[vague] = _without_rim(signed, weight, disks[vague], blur, contrast)
     reasons = ["hardly any of it is in sight", "dust in the reference", "without a rim"]
     return np.select([hidden, dust, vague], reasons, "")
 
@@ -65,11 +67,10 @@ def _without_rim(
     blur: float,
     contrast: float,
 ) -> NDArray[np.bool_]:
-    """Wide disks across whose rim the image hardly falls: uneven light, not contacts.
+    """Those of wide disks across whose rim the image hardly falls: uneven light, not contacts.
 
     Over four blur widths a contact falls by 95 % of its contrast, wherever no neighbour touches it.
     """
-    blur = min(max(blur, SHARPEST_BLUR), WIDEST_BLUR)
     angles = np.exp(2j * np.pi * np.arange(ANGLES) / ANGLES)
     place = disks[:, 0] + 1j * disks[:, 1]
     levels = []
@@ -85,7 +86,7 @@ def _without_rim(
     count = np.isfinite(fall).sum(axis=1)
     rank = np.rint(STEEPEST / 100.0 * np.maximum(count - 1, 0)).astype(int)
     steep = np.take_along_axis(np.sort(fall, axis=1), rank[:, None], axis=1)[:, 0]  # NaN sorts last
-    return (disks[:, 2] > WIDE * blur) & (count >= ANGLES // 8) & ~(steep >= FALL * contrast)
+    return np.asarray((count >= ANGLES // 8) & ~(steep >= FALL * contrast))
 
 
 def absent_in_frame(

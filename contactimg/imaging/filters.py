@@ -23,6 +23,8 @@ __all__ = [
 TAPS = 9
 """Coefficients of each filter."""
 
+NO_IMAGE = np.empty((0, 0), np.float32)
+
 
 def kernel_of(taps: NDArray[np.float64]) -> NDArray[np.float32]:
     """Coefficients of an odd number filled up with zeros, or cut and summing to 1, to `TAPS`.
@@ -41,16 +43,22 @@ def kernel_of(taps: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def filter_image(
-    image: NDArray, along: NDArray[np.float32], across: NDArray[np.float32]
+    image: NDArray,
+    along: NDArray[np.float32],
+    across: NDArray[np.float32],
+    minus: NDArray[np.float32] = NO_IMAGE,
 ) -> NDArray[np.float32]:
-    """The image correlated with a filter along its rows and one across them; its border repeats."""
+    """The image correlated with a filter along its rows and one across them; its border repeats.
+
+    ``minus`` is an image that is subtracted before.
+    """
     out = np.empty(image.shape, np.float32)
-    _filter_image(out, np.ascontiguousarray(image), along, across)
+    _filter_image(out, np.ascontiguousarray(image), along, across, np.ascontiguousarray(minus))
     return out
 
 
 @njit(cache=True)
-def _filter_image(out, image, along, across):
+def _filter_image(out, image, along, across, minus):
     """`filter_image`; a ring keeps the rows that were filtered."""
     rows, columns = image.shape
     half = TAPS // 2
@@ -58,7 +66,10 @@ def _filter_image(out, image, along, across):
     line = np.empty(columns + 2 * half, np.float32)
     turned = np.empty(TAPS, np.float32)
     for ahead in range(-half, rows + half):
-        pad_row(line, image[min(max(ahead, 0), rows - 1)])
+        source = min(max(ahead, 0), rows - 1)
+        pad_row(line, image[source])
+        if minus.shape == image.shape:
+            _subtract_row(line, minus[source])
         filter_row(ring[(ahead + half) % TAPS], line, along)
         y = ahead - half
         if y >= 0:
@@ -81,6 +92,16 @@ def pad_row(line, row):
         line[half + x] = np.float32(row[x])
     line[:half] = np.float32(row[0])
     line[half + len(row) :] = np.float32(row[-1])
+
+
+@njit(cache=True, fastmath=True)
+def _subtract_row(line, row):
+    """Subtract a row from a padded one."""
+    half = TAPS // 2
+    for x in range(len(row)):
+        line[half + x] -= row[x]
+    line[:half] = line[half]
+    line[half + len(row) :] = line[half + len(row) - 1]
 
 
 @njit(cache=True, fastmath=True)

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.imaging.detect import estimate_blur
@@ -26,6 +25,7 @@ from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import Halo, estimate_halo, remove_halo
 from contactimg.imaging.light import BLOCK, block_means, fit_light
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
+from contactimg.imaging.order import median
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.rim import Rim, rim_table
@@ -61,9 +61,9 @@ class Fitted:
 
     Parameters
     ----------
-    contacts : DataFrame or dict of arrays
+    contacts : dict of arrays
         Columns x_px, y_px, radius_px, radius_std_px, contrast_shift_px, blur_shift_px, flags.
-    rejected : DataFrame or dict of arrays
+    rejected : dict of arrays
         Columns x_px, y_px, radius_px, reason.
     optics : SharedOptics
         Contrast and blur that the radii stand for.
@@ -73,8 +73,8 @@ class Fitted:
         Radius of a contact that just stands out of the noise; NaN if that is not known.
     """
 
-    contacts: pd.DataFrame | dict[str, NDArray]
-    rejected: pd.DataFrame | dict[str, NDArray]
+    contacts: dict[str, NDArray]
+    rejected: dict[str, NDArray]
     optics: SharedOptics
     own: SharedOptics
     smallest_px: float = float("nan")
@@ -207,8 +207,9 @@ def _report(
     bad = reasons != ""
     dropped = trial.assembly.dropped
     tried = np.column_stack([field.unbin(dropped[:, [X, Y]]), dropped[:, RADIUS] * field.bin])
-    rejected = pd.DataFrame(np.vstack([tried, disks[bad]]), columns=["x_px", "y_px", "radius_px"])
-    rejected["reason"] = ["not needed to explain the pixels"] * len(tried) + reasons[bad].tolist()
+    unneeded = np.full(len(tried), "not needed to explain the pixels")
+    rejected = dict(zip(("x_px", "y_px", "radius_px"), np.vstack([tried, disks[bad]]).T, strict=True))
+    rejected["reason"] = np.append(unneeded, reasons[bad])
     if trial.settled is None:
         optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
     else:
@@ -216,7 +217,7 @@ def _report(
             replace(trial.settled.optics(covariance, binning=field.bin), halo=trial.halo)
             for covariance in (trial.settled.covariance, trial.settled.own)
         )
-    asserted = pd.DataFrame({name: values[~bad] for name, values in contacts.items()})
+    asserted = {name: values[~bad] for name, values in contacts.items()}
     return Fitted(asserted, rejected, optics, own, trial.assembly.smallest * field.bin)
 
 
@@ -335,8 +336,8 @@ def _level(field: "_Field", fit: DiskFit) -> NDArray[np.float32]:
     dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
     if np.count_nonzero(dark) < ENOUGH_BLOCKS:
         return field.image
-    blocks = np.where(dark, block_means(field.image) - model, np.nan)
-    spread = 1.4826 * float(np.nanmedian(np.abs(blocks)))
+    blocks = np.where(dark, block_means(field.image) - model, np.float32(np.nan))
+    spread = 1.4826 * median(np.abs(blocks[dark]))
     slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
     return slow.subtract_from(field.image)
 

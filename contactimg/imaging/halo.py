@@ -12,12 +12,14 @@ import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
+
+from contactimg.imaging.light import block_means
 
 __all__ = ["Halo", "estimate_halo", "remove_halo"]
 
 WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
-COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way
+COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way (a power of 2)
 DARK = 5e-4  # of the contrast: the core has ended where it is below
 CHANCE = 3e-6  # probability of a halo that is none: 8 standard deviations of 12 parts
 LARGEST = 0.6  # of the light: more would be no halo but the point spread function
@@ -67,36 +69,27 @@ def _best(
     image: NDArray, model: NDArray, contrast: float, coarse: int, widths: tuple[float, ...], *, parts: int
 ) -> Halo | None:
     """The halo of one of some widths that explains most, on means of so many pixels each way."""
-    small, core = _means(image, coarse), _means(model, coarse)
+    small, core = block_means(image, side=coarse), block_means(model, side=coarse)
     dark = np.abs(core) < DARK * contrast
     if np.count_nonzero(dark) < 20 * PARTS:
         return None
-    data = small[dark].astype(float)
-    fits = [(_regress(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
-    (fraction, least, _), width = min(fits, key=lambda item: item[0][2])
+    data = small[dark]
+    fits = [(_slope(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
+    (fraction, scatter, _), width = min(fits, key=lambda item: item[0][2])
+    least = -special.stdtrit(parts - 1, CHANCE) * scatter
     return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
 
 
 def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
     """The image as the core of the point spread function alone would show it."""
-    wide = _spread(_means(model, COARSE), halo.sigma_px / COARSE)
-    wide = cv2.resize(wide, image.shape[::-1], interpolation=cv2.INTER_CUBIC)
+    wide = _spread(block_means(model, side=COARSE), halo.sigma_px / COARSE)
+    wide = cv2.resize(wide, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_CUBIC)
+    wide = wide[: image.shape[0], : image.shape[1]]
     return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
-
-
-def _means(image: NDArray[np.float32], coarse: int) -> NDArray[np.float32]:
-    size = (max(image.shape[1] // coarse, 1), max(image.shape[0] // coarse, 1))
-    return cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
-
-
-def _regress(data: NDArray, wide: NDArray, parts: int) -> tuple[float, float, float]:
-    """Slope of the data on the halo, its least significant value, and what is left."""
-    slope, scatter, rest = _slope(data, wide.astype(float), parts)
-    return slope, float(stats.t.isf(CHANCE, parts - 1) * scatter), rest
 
 
 @njit(cache=True)
@@ -106,18 +99,39 @@ def _slope(data, wide, parts):
     Pixels share noise, so the uncertainty comes from the scatter between parts of the image that tell as much
     as each other.
     """
-    x, y = wide - wide.mean(), data - data.mean()
-    n, power = len(x), np.dot(x, x)
+    n = len(data)
+    middle, level = _sum(wide) / n, _sum(data) / n
+    power, common, squares = _products(data, wide, level, middle)
     if power <= 1e-9 * n:
-        return 0.0, np.inf, np.dot(y, y)
-    slope = np.dot(x, y) / power
-    told, squares, part, variance, number = 0.0, 0.0, 0.0, 0.0, 1
+        return 0.0, np.inf, squares
+    slope, share = common / power, power / parts
+    told, part, variance, full = 0.0, 0.0, 0.0, share
     for i in range(n):
-        rest = y[i] - slope * x[i]
-        told += x[i] * x[i]
-        part += x[i] * rest
-        squares += rest * rest
-        if told >= power * number / parts or i == n - 1:
+        x = wide[i] - middle
+        told += x * x
+        part += x * (data[i] - level - slope * x)
+        if told >= full or i == n - 1:
             variance += part * part
-            part, number = 0.0, number + 1
-    return slope, np.sqrt(variance) / power, squares
+            part, full = 0.0, full + share
+    return slope, np.sqrt(variance) / power, squares - slope * common
+
+
+@njit(cache=True, fastmath=True)
+def _sum(values):
+    """Sum in double precision, in vector instructions."""
+    total = 0.0
+    for i in range(len(values)):
+        total += values[i]
+    return total
+
+
+@njit(cache=True, fastmath=True)
+def _products(data, wide, level, middle):
+    """Sums of squares and products about the means, in vector instructions."""
+    power = common = squares = 0.0
+    for i in range(len(data)):
+        x, y = wide[i] - middle, data[i] - level
+        power += x * x
+        common += x * y
+        squares += y * y
+    return power, common, squares

@@ -227,10 +227,10 @@ def _disks_table(found: Fitted) -> pd.DataFrame:
     )
 
 
-def _rejected_table(*parts: pd.DataFrame | dict[str, NDArray]) -> pd.DataFrame:
+def _rejected_table(*parts: dict[str, NDArray]) -> pd.DataFrame:
     """The rejected candidates of several tables."""
     columns = {name: np.concatenate([part[name] for part in parts]).astype(float) for name in PLACE}
-    reasons = np.concatenate([np.asarray(part["reason"]).astype(object) for part in parts])
+    reasons = np.concatenate([part["reason"].astype(object) for part in parts])
     return pd.DataFrame({**columns, "reason": pd.array(reasons, dtype="str")})
 
 

@@ -132,7 +132,7 @@ def assemble_disks(
         find_inscribed(image, 0.5 * plateau, smoothing=width, weight=weight), image.shape, plateau, blur
     )
     start, state = fits.pruned(start, fits.first(start))
-    peaks, lowest = find_peaks(image - state.model, width=state.blur, height=0.0, background=background)
+    peaks, lowest = find_peaks(image, state.model, width=state.blur, height=0.0, background=background)
     smallest = float(_disks_from_peaks(np.array([[0.0, 0.0, lowest]]), state.blur, plateau)[0, 2])
     lowest = max(lowest, LEAST_HEIGHT * plateau)
     peaks = peaks[(peaks[:, 2] > lowest) | ~_at_a_rim(peaks, state.disks, RIM * state.blur)]
