@@ -77,7 +77,7 @@ def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
     Examples
     --------
     >>> round(stated_change("area", radius=[3.0, 4.0], std=[0.03, 0.04]), 6)
-    0.013481
+    0.014686
     """
     a, s = np.asarray(radius, float), np.asarray(std, float)
     if not a.size:

@@ -26,6 +26,7 @@ Values = NDArray[np.float64]
 WIDEST_FILM_PX = 80.0  # beyond, fringes help no more
 OUTLIER = 3.0  # standard deviations from which a sample loses weight
 SCANNED = (-2.0, 4.0, 19)  # powers of two of the natural opening: from first to last, how many
+EARNED = 2.0  # by how much one number more must lower chi-square (Akaike)
 PASSES = 2
 WIDEST_BLUR_PX = 20.0
 HALO_START = (0.02, 5.0)  # share of the light that goes into a wide halo, and what it is wider than the blur
@@ -278,9 +279,7 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> float:
     )
     costs = {scale * 2.0 ** float(refined.x): float(refined.fun), 0.0: cost(0.0), np.inf: cost(np.inf)}
     simple = min((0.0, np.inf), key=lambda opening: costs[opening])
-    # one number more must lower chi-square by ln n (Schwarz): many openings are tried
-    earned = np.log(sum(len(one.value) for one in means))
-    return simple if costs[simple] <= min(costs.values()) + earned else min(costs, key=lambda q: costs[q])
+    return simple if costs[simple] <= min(costs.values()) + EARNED else min(costs, key=lambda q: costs[q])
 
 
 def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
