@@ -85,7 +85,7 @@ def test_workers_do_not_change_the_result(series, tmp_path):
     assert main(["process", str(series), "-o", str(tmp_path / "two"), "--workers", "2", "--quiet"]) == 0
     one, two = (pd.read_csv(tmp_path / name / "contacts.csv") for name in ("one", "two"))
     # another process aligns its arrays differently, and sums in another order: rounding, 1e-16, times the
-    # condition of a fit, at most some 1e4, times what a place loses that is a difference of larger numbers: 10
+    # condition of a fit, at most some 1e4, times 10 for places, differences of larger numbers
     pd.testing.assert_frame_equal(one, two, check_exact=False, rtol=1e-10, atol=0)
 
 
