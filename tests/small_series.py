@@ -3,6 +3,8 @@
 import shutil
 from pathlib import Path
 
+import numpy as np
+
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -38,3 +40,15 @@ def copy_of(folder: Path, target: Path) -> Path:
     """A copy that a test may spoil."""
     shutil.copytree(folder, target)
     return target
+
+
+def break_measurement(monkeypatch, module) -> None:
+    """Let the measurement that a module calls break on images whose brightest pixel is 7."""
+    measure = module.measure_image
+
+    def breaking(image, *arguments, **options):
+        if image.max() == 7:
+            raise np.linalg.LinAlgError("singular")
+        return measure(image, *arguments, **options)
+
+    monkeypatch.setattr(module, "measure_image", breaking)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from small_series import copy_of
+from small_series import break_measurement, copy_of
 
 import contactimg.pipeline.circles as circles_module
 import contactimg.pipeline.frames as frames_module
@@ -209,14 +209,7 @@ def test_full_scale_is_that_of_the_scene_in_every_command(module, monkeypatch, t
 def test_a_frame_that_breaks_a_calibration_is_one_failed_row(request, monkeypatch, kind, frames, module):
     tmp_path, capsys = (request.getfixturevalue(name) for name in ("tmp_path", "capsys"))
     folder = copy_of(request.getfixturevalue(frames), tmp_path / "frames")
-    measure = module.measure_image
-
-    def breaking(image, *arguments, **options):
-        if image.max() == 7:
-            raise np.linalg.LinAlgError("singular")
-        return measure(image, *arguments, **options)
-
-    monkeypatch.setattr(module, "measure_image", breaking)
+    break_measurement(monkeypatch, module)
     bad = next(source for source in list_frames(folder) if source.name == "frame_2.tif")
     write_frame(Frame(np.full(bad.read().shape, 7, np.uint8)), bad.path)
     assert run("calibrate", kind, folder, "-o", tmp_path / "out", "--workers", 1) == 1

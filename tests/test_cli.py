@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import tifffile
-from small_series import copy_of
+from small_series import break_measurement, copy_of
 
 from contactimg.cli import main
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
@@ -456,14 +456,7 @@ def test_another_pattern_is_said_in_the_message(series, tmp_path):
 def test_a_frame_that_breaks_the_measurement_is_one_failed_row(series, tmp_path, monkeypatch):
     import contactimg.pipeline.frames as module
 
-    measure = module.measure_image
-
-    def breaking(image, *arguments, **options):
-        if image.max() == 7:
-            raise np.linalg.LinAlgError("singular")
-        return measure(image, *arguments, **options)
-
-    monkeypatch.setattr(module, "measure_image", breaking)
+    break_measurement(monkeypatch, module)
     tifffile.imwrite(series / "frame_2.tif", np.full((340, 360), 7, np.uint8))
     assert process(series, "-o", tmp_path / "out") == 1
     row = frames_of(tmp_path / "out").loc["frame_2.tif"]
