@@ -95,7 +95,7 @@ def measured(image, opening=None):
         samples = sample_edge(image, rough, outside_px=outside, noise=NOISE)
         rough = fit_circle(samples, MODEL, opening=np.inf)
     samples = sample_edge(image, rough, outside_px=outside, noise=NOISE)
-    opening = choose_opening([samples], MODEL) if opening is None else opening
+    opening = choose_opening([samples], MODEL).value if opening is None else opening
     return fit_circle(samples, MODEL, opening=opening), opening
 
 

@@ -55,6 +55,20 @@ class CoverageEstimate:
             "high_95": self.high,
         }
 
+    def widened(self, std: float) -> "CoverageEstimate":
+        """The same value with one more standard uncertainty, in quadrature.
+
+        Examples
+        --------
+        >>> CoverageEstimate(1.0, 0.03, 0.94, 1.06).widened(0.04).std
+        0.05
+        """
+        low, high = (
+            self.value + sign * float(np.hypot(end - self.value, NORMAL_95 * std))
+            for sign, end in ((-1, self.low), (1, self.high))
+        )
+        return CoverageEstimate(self.value, float(np.hypot(self.std, std)), low, high)
+
 
 def estimate_from_draws(draws: NDArray[np.float64]) -> CoverageEstimate:
     """Median and central 95 % interval of draws from a distribution."""

@@ -19,7 +19,7 @@ from contactimg.imaging.edge import PIXEL_VARIANCE
 from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
 
-__all__ = ["EdgeModel", "choose_opening", "fit_circle"]
+__all__ = ["EdgeModel", "Opening", "choose_opening", "fit_circle"]
 
 Values = NDArray[np.float64]
 
@@ -243,7 +243,25 @@ def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circl
     )
 
 
-def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> float:
+@dataclass(frozen=True)
+class Opening:
+    """How fast a film opens, and the next best answer.
+
+    Parameters
+    ----------
+    value : float, sqrt(m)
+    rival : float, sqrt(m)
+        An edge without film, or a film, where ``value`` is the other.
+    doubt : float
+        Probability of the rival against the value (Akaike's weight), at most 1/2.
+    """
+
+    value: float
+    rival: float
+    doubt: float
+
+
+def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
     """How fast the film around wide contacts opens, from their images alone.
 
     Parameters
@@ -254,7 +272,7 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> float:
 
     Returns
     -------
-    float, sqrt(m)
+    Opening
         The ``q`` (`contactimg.optics.wide_edge.film_opening`) of the best fit: 0 for Hertz's wide film,
         infinity if an edge without film fits as well as any.
 
@@ -277,9 +295,12 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> float:
     refined = optimize.minimize_scalar(
         lambda k: cost(scale * 2.0**k), bounds=bracket, method="bounded", options={"xatol": 0.02}
     )
-    costs = {scale * 2.0 ** float(refined.x): float(refined.fun), 0.0: cost(0.0), np.inf: cost(np.inf)}
-    simple = min((0.0, np.inf), key=lambda opening: costs[opening])
-    return simple if costs[simple] <= min(costs.values()) + EARNED else min(costs, key=lambda q: costs[q])
+    simple_cost, simple = min((cost(opening), opening) for opening in (0.0, np.inf))
+    # a number more has to earn itself
+    free_cost, free = float(refined.fun) + EARNED, scale * 2.0 ** float(refined.x)
+    (least, value), (more, rival) = sorted([(simple_cost, simple), (free_cost, free)])
+    odds = float(np.exp(-0.5 * (more - least)))
+    return Opening(value, rival, odds / (1 + odds))
 
 
 def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:

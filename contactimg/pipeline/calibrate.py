@@ -1,7 +1,7 @@
 """The calibrations of the paper on folders of frames: JKR, threshold, modulus, plateau."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -109,13 +109,20 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     scene = experiment.scene
     poisson = scene.elastic.poisson_ratio if scene.elastic is not None else 0.5
     sphere_radius = scene.need("indenter", "a JKR fit").radius
-    found = calibrate_jkr(
-        part["load_N"],
-        part["radius_m"],
-        radius_std=part["radius_std_m"],
-        sphere_radius=sphere_radius,
-        poisson_ratio=poisson,
-    )
+
+    def calibrate(circles: pd.DataFrame) -> JkrCalibration:
+        return calibrate_jkr(
+            circles["load_N"],
+            circles["radius_m"],
+            radius_std=circles["radius_std_m"],
+            sphere_radius=sphere_radius,
+            poisson_ratio=poisson,
+        )
+
+    found = calibrate(part)
+    if series.rival is not None:
+        there = series.rival[chosen & np.isfinite(series.rival["radius_m"])]
+        found = _doubted(found, calibrate(there), series.doubt)
     for column in ("branch", "fitted_N", "residual_N", "used"):
         table.loc[chosen, column] = found.points[column].to_numpy()
     notes = [str(text) for text in table["message"] if text]
@@ -136,6 +143,17 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         notes,
         failed=bool((table["status"] == FAILED).any()),
     )
+
+
+def _doubted(found: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
+    """The calibration with the uncertainty that another opening of the film, of that probability, adds."""
+    wider = {
+        name: getattr(found, name).widened(
+            np.sqrt(doubt) * abs(getattr(rival, name).value - getattr(found, name).value)
+        )
+        for name in ("young_modulus", "work_of_adhesion")
+    }
+    return replace(found, **wider)
 
 
 def _jkr_record(found: JkrCalibration, series: CircleSeries, contact_modulus: float) -> dict[str, Any]:
@@ -159,6 +177,7 @@ def _jkr_record(found: JkrCalibration, series: CircleSeries, contact_modulus: fl
             "load_residual_rms_N": found.load_noise,
             "radius_std_median_m": float(series.table["radius_std_m"].median()),
             "film_opening_images_sqrt_m": series.opening,
+            "film_opening_doubt": series.doubt,
             "film_opening_fit_sqrt_m": film_opening(
                 contact_modulus=contact_modulus, work_of_adhesion=max(found.work_of_adhesion.value, 0.0)
             ),

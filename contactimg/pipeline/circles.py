@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource
 from contactimg.imaging.circle import Circle, EdgeSamples, find_circle, sample_edge
-from contactimg.imaging.circle_fit import EdgeModel, choose_opening, fit_circle
+from contactimg.imaging.circle_fit import EdgeModel, Opening, choose_opening, fit_circle
 from contactimg.imaging.measure import measure_image
 from contactimg.optics.film import excess_table
 from contactimg.optics.recipe import lamp
@@ -49,6 +49,8 @@ CIRCLES = Schema(
 
 BEYOND_FILM_PX = 12.0  # background that is sampled outside the film
 OPENING_FRAMES = 3  # frames from which the opening of the film is found
+NO_FILM = Opening(np.inf, np.inf, 0.0)
+CERTAIN = 0.01  # probability of another opening that need not be looked into
 FAR = 4.0  # standard deviations at which a centre has lost half its weight
 
 
@@ -62,10 +64,16 @@ class CircleSeries:
         Columns of `CIRCLES`, one row a frame.
     opening : float, sqrt(m)
         How fast the film opens; infinity where none is seen.
+    doubt : float
+        Probability that the film opens as in the rival.
+    rival : DataFrame or None
+        The circles with the next best opening; None where that is out of the question.
     """
 
     table: pd.DataFrame
     opening: float
+    doubt: float = 0.0
+    rival: pd.DataFrame | None = None
 
 
 @dataclass(frozen=True)
@@ -119,12 +127,15 @@ def measure_circles(
     seen = [samples for _, samples in parts if samples is not None]
     if not seen:
         raise InputError(f"no frame shows a contact circle; the first: {parts[0][0]['message']}")
-    opening = np.inf if scene.effects.film == "off" else choose_opening(_spread_out(seen), model)
-    rows = [_with_circle(row, samples, model, opening) for row, samples in parts]
-    table = CIRCLES.conform(pd.DataFrame(rows)).assign(
-        load_N=[experiment.load_of(str(row["frame"])) for row, _ in parts]
-    )
-    return CircleSeries(table, opening)
+    found = NO_FILM if scene.effects.film == "off" else choose_opening(_spread_out(seen), model)
+
+    def circles(opening: float) -> pd.DataFrame:
+        rows = [_with_circle(row, samples, model, opening) for row, samples in parts]
+        loads = [experiment.load_of(str(row["frame"])) for row, _ in parts]
+        return CIRCLES.conform(pd.DataFrame(rows)).assign(load_N=loads)
+
+    rival = circles(found.rival) if found.doubt > CERTAIN else None
+    return CircleSeries(circles(found.value), found.value, found.doubt, rival)
 
 
 def _edge_model(scene: Scene) -> EdgeModel:
