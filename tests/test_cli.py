@@ -84,10 +84,7 @@ def test_workers_do_not_change_the_result(series, tmp_path):
     process(series, "-o", tmp_path / "one")
     assert main(["process", str(series), "-o", str(tmp_path / "two"), "--workers", "2", "--quiet"]) == 0
     one, two = (pd.read_csv(tmp_path / name / "contacts.csv") for name in ("one", "two"))
-    # another process aligns its arrays differently, and sums in another order: the last bit of a weight turns
-    # that of some pixels in single precision, 1e-5 of a level. A place is good to 0.01 px behind 2 levels
-    # of noise in a hundred pixels: one of them moves it by 5e-9 px, of a hundred or more from the origin
-    pd.testing.assert_frame_equal(one, two, check_exact=False, rtol=1e-10, atol=0)
+    pd.testing.assert_frame_equal(one, two, check_exact=True)
 
 
 def test_overlay_writes_matches_and_scores_for_both_models(series, tmp_path):

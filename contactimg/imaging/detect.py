@@ -87,14 +87,14 @@ def _slope_at(image, x, y):
     return np.sqrt(gx * gx + gy * gy) / np.float32(18.0)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _add_rows(out, one, two, three):
     """Sum of three rows, in vector instructions."""
     for x in range(len(out)):
         out[x] = one[x] + two[x] + three[x]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _exceeds(row, level):
     """Whether a value of the row does, in vector instructions."""
     total = np.int32(0)

@@ -84,7 +84,7 @@ def _neighbours(y, side, rows):
     return above, min(above + 1, rows - 1), np.float32(place - above)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _weight_bands(out, sharp, narrow, middle, wide, numbers):
     """Put the bands of a row together; the number of pixels where one of them shows dirt."""
     finest, finer, coarser, per_finer, per_coarser = numbers[:5]
@@ -97,7 +97,7 @@ def _weight_bands(out, sharp, narrow, middle, wide, numbers):
     return dirty
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def _restore_dirt(out, dirty, y, reference, sharp, narrow, middle, wide, numbers):
     """In so many pixels of the row, where a band shows dirt, the reference as it is, merely moved."""
     per_finer, per_coarser = numbers[3:5]
@@ -119,7 +119,7 @@ def _restore_dirt(out, dirty, y, reference, sharp, narrow, middle, wide, numbers
             break
 
 
-@njit(cache=True, fastmath=True, error_model="numpy")
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def _divide_row(out, frame, along, across, numbers):
     """The frame's relative excess over the background, times the level."""
     c0, c1, c2, c3 = along

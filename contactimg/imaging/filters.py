@@ -84,7 +84,7 @@ def turn_taps(turned, taps, y):
         turned[(y + k) % TAPS] = taps[k]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def pad_row(line, row):
     """The row in single precision, its ends repeated."""
     half = TAPS // 2
@@ -94,7 +94,7 @@ def pad_row(line, row):
     line[half + len(row) :] = np.float32(row[-1])
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _subtract_row(line, row):
     """Subtract a row from a padded one."""
     half = TAPS // 2
@@ -104,7 +104,7 @@ def _subtract_row(line, row):
     line[half + len(row) :] = line[half + len(row) - 1]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def filter_row(out, line, taps):
     """Filter a padded row."""
     for x in range(len(out)):
@@ -114,7 +114,7 @@ def filter_row(out, line, taps):
         out[x] = total
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def sum_rows(out, rows, taps):
     """Weighted sum of `TAPS` rows."""
     for x in range(len(out)):
@@ -124,7 +124,7 @@ def sum_rows(out, rows, taps):
         out[x] = total
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def double_row(out, row):
     """A row of twice as many pixels, between those of the row."""
     near, far = np.float32(0.75), np.float32(0.25)
@@ -134,7 +134,7 @@ def double_row(out, row):
         out[2 * i + 2] = far * row[i] + near * row[i + 1]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def mix_rows(out, one, other, share):
     """The row between two, at a share of the way."""
     for x in range(len(out)):

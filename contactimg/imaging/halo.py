@@ -116,7 +116,7 @@ def _slope(data, wide, parts):
     return slope, np.sqrt(variance) / power, squares - slope * common
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _sum(values):
     """Sum in double precision, in vector instructions."""
     total = 0.0
@@ -125,7 +125,7 @@ def _sum(values):
     return total
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _products(data, wide, level, middle):
     """Sums of squares and products about the means, in vector instructions."""
     power = common = squares = 0.0

@@ -131,14 +131,14 @@ def _mean_blocks(out, image, side):
         out[i] = total[now, :width] * np.float32(1.0 / side**2)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _add_row_to(total, row):
     """Add a row; contiguous and in single precision, so that it compiles to vector instructions."""
     for x in range(len(row)):
         total[x] += np.float32(row[x])
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _add_neighbours(out, row):
     """Sums of pairs of pixels."""
     for x in range(len(out)):
@@ -243,7 +243,7 @@ def _normal_equations(basis, data, keep):
     return power, common
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _product(one, other):
     """Scalar product, in vector instructions."""
     total = 0.0
@@ -259,14 +259,14 @@ def _orders_supported(count: int) -> int:
     )
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _add_rows(out, image, along, across, sign):
     """``image + sign x`` polynomial, row by row."""
     for y in range(len(out)):
         _add_row(out[y], image[y], along[y], across, sign)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _add_row(out, image, along, across, sign):
     """One row; contiguous vectors and single precision, so that it compiles to vector instructions."""
     c0, c1, c2, c3 = along

@@ -247,7 +247,7 @@ def _mark(top, bottom, counted):
         counted[x] = top[x // BLOCK] and bottom[x // BLOCK] and top[far]
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _clip(image, model, row, clip, value, usual):
     """What the model leaves over in a row, dirt set to zero, and where it is none; the buffers go round."""
     levels, fitted = image[row], model[row]
@@ -258,7 +258,7 @@ def _clip(image, model, row, clip, value, usual):
         usual[x], value[x] = keep, rest * keep
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _product(one, rows, row, lag, n):
     """Sum of products with a row, ``lag`` pixels further on."""
     total, first, other = np.float32(0.0), one[:n], rows[row, lag : lag + n]

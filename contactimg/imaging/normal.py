@@ -103,7 +103,7 @@ def add_disk(model, disk, s, table, sign):
         top = j
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def _add(model, j, run, height, pixels, n):
     """Add a run of pixels gathered; how many have been added."""
     first, end = run
@@ -191,7 +191,7 @@ def _add_seen(image, model, weight, j, run, c, flat, alone, robust, whole, out):
             _add_plateau(image, model, j, (i, i + 1), c, flat, alone, robust, whole, out)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _add_plateau(image, model, j, run, c, flat, alone, robust, whole, out):
     """Add a run of pixels inside a disk to the right side, and what they tell about the contrast."""
     first, end = run
@@ -217,7 +217,7 @@ def _add_rim(pixels, n, disk, s, row, variance, slope, alone, robust, whole, out
     _add_right(pixels, n, height, np.float32(OUTLIER**2 if robust else np.inf), out)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _weigh(level, weight, plain, growth):
     """Weights of pixels at some levels of a disk."""
     one, zero = np.float32(1.0), np.float32(0.0)
@@ -225,7 +225,7 @@ def _weigh(level, weight, plain, growth):
         weight[i] = plain / (one + growth * max(level[i], zero))
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _add_right(pixels, n, height, cut, out):
     """Right sides, chi-square and count; the model of ``height`` is still to be taken from the data."""
     data, weight, level = pixels[DATA, :n], pixels[WEIGHT, :n], pixels[BY_C, :n]
@@ -264,7 +264,7 @@ def _add_information(pixels, n, out):
         out[CROSS + u] += _product(pixels[WEIGHT, :n], pixels[u, :n], pixels[BY_S, :n])
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def _product(weight, one, other):
     total = np.float32(0.0)
     for i in range(len(weight)):
@@ -272,7 +272,7 @@ def _product(weight, one, other):
     return total
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def _add_expected(pixels, disk, s, row, inner, half, variance, slope, out):
     """Add the information that a whole disk carries, ring by ring."""
     n = int(RINGS * (half - inner) / s) + 1
@@ -339,7 +339,7 @@ def pair_sums(model, weight, one, two, s, variance, slope, table, out):
     _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, out)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, out):
     """Add weighted products of the derivatives with respect to one disk and to the other."""
     derivatives(first, n, one[2], one[3], s, row1)

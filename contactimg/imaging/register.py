@@ -267,7 +267,7 @@ def _tile_sums(frame, reference, mask, middle, clip, tops, edges, sums):
                 )  # fmt: skip
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _sum_row(frame, above, below, reference, over, under, mask, middle, clip, out):
     """Add the inside of a row of a tile; single precision within it, for vector instructions."""
     half, zero, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)

@@ -182,7 +182,7 @@ def _measure(image, runs, marks, out):
         finish_component(c)
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _light(pixels):
     """Sum and largest of some pixels."""
     flux, peak = 0.0, pixels[0]

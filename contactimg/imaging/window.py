@@ -60,7 +60,7 @@ def chord(radius, dy, centre, columns):
     return first, max(min(int(np.floor(centre + half)) + 1, columns), first)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def locate(pixels, n, j, run, x, y):
     """Add a run of pixels of row ``j`` by their distances from a centre; the number there are now."""
     first, end = run
@@ -87,7 +87,7 @@ def subtract(pixels, n, model, j, run):
         pixels[DATA, n + i] -= model[j, first + i]
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def profile(pixels, n, a, s, row):
     """The profile at the first ``n`` pixels, into the row of the derivative with respect to the contrast."""
     if len(row) > DEGREE + 1:
@@ -98,7 +98,7 @@ def profile(pixels, n, a, s, row):
     _polynomial(u, row, 0, level)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def derivatives(pixels, n, a, c, s, row):
     """Derivatives of the model at the first ``n`` pixels with respect to x, y, a, c and s."""
     if len(row) > DEGREE + 1:
@@ -118,7 +118,7 @@ def derivatives(pixels, n, a, c, s, row):
         by_s[i] = -per_width * (radius * pa + r * pr)
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _polynomials(pixels, n, a, s, row):
     """Profile and derivatives by their polynomials."""
     u = pixels[PLACE, :n]
@@ -128,7 +128,7 @@ def _polynomials(pixels, n, a, s, row):
     _polynomial(u, row, 2, pixels[BY_S, :n])
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _from_rim(along, across, a, s, u):
     """Distance from the rim in units of ``ENDS`` blur widths, within -1 and 1."""
     one = np.float32(1.0)
@@ -138,7 +138,7 @@ def _from_rim(along, across, a, s, u):
         u[i] = min(max(place, -one), one)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(cache=True, fastmath=FAST, forceinline=True)
 def _polynomial(u, powers, column, out):
     """One of the polynomials of a row at each place ``u``."""
     for i in range(len(u)):
@@ -148,7 +148,7 @@ def _polynomial(u, powers, column, out):
         out[i] = value
 
 
-@njit(cache=True, error_model="numpy", fastmath=FAST)
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _look_up(pixels, n, a, s, row):
     """Profile and derivatives by linear interpolation between their values."""
     scale = np.float32(STEPS_PER_WIDTH / s)
