@@ -8,13 +8,14 @@ from numba.core.registry import CPUDispatcher
 
 import contactimg.imaging
 
-MODULES = [f"contactimg.imaging.{module.name}" for module in pkgutil.iter_modules(contactimg.imaging.__path__)]
+ROOM = contactimg.imaging
+MODULES = [f"{ROOM.__name__}.{module.name}" for module in pkgutil.iter_modules(ROOM.__path__)]
 
 
 @pytest.mark.parametrize("name", MODULES)
 def test_sums_in_any_order_are_inlined(name):
-    """A sum that may be reordered is compiled again within each caller, in another order: unless it is inlined,
-    a process that compiled its callers adds in another order than one that loads them, by the last bits."""
+    """A sum that may be reordered is compiled again with each caller, in another order: unless it is inlined,
+    a process that compiles adds in another order than one that loads what was compiled."""
     module = importlib.import_module(name)
     for function in vars(module).values():
         if isinstance(function, CPUDispatcher) and function.targetoptions.get("fastmath"):
