@@ -16,14 +16,17 @@ from contactimg.imaging.window import (
     BY_Y,
     DATA,
     FAST,
-    FIELDS,
+    PLACE,
     WEIGHT,
-    chord,
+    between,
     derivatives,
     edge_row,
     locate,
+    pad,
     profile,
-    subtract,
+    row_of,
+    space,
+    strip,
     take,
 )
 
@@ -43,7 +46,6 @@ REACH = 3.6  # blur widths about the rim that enter the fit: beyond, the profile
 THINNED = 4.0  # px: radius for each row in between that a disk can spare
 OUTLIER = 5.0  # standard deviations from which a pixel loses weight
 LARGEST_Z2 = 4.0 * OUTLIER**2  # share of one pixel in chi-square
-GATHERED = 500  # pixels at a time: they stay in the fastest cache
 RINGS = 4  # in a blur width, for the information that a rim carries
 
 SUMS = 22
@@ -58,58 +60,49 @@ def _reach(table, near):
 
 
 @njit(cache=True)
-def _space(half):
-    """Room for the pixels of some rows of a window, one row at least."""
-    return np.empty((FIELDS, max(GATHERED, 2 * int(half) + 3)), np.float32)
-
-
-@njit(cache=True)
-def _runs(half, inner, dy, x, columns):
-    """Pixels of a row about the rim, left and right, and between them; each run up to its end."""
-    first, end = chord(half, dy, x, columns)
-    left, right = chord(inner, dy, x, columns)
-    if left < right:
-        return (first, left), (right, end), (left, right)
-    return (first, end), (end, end), (end, end)
-
-
-@njit(cache=True)
 def add_disk(model, disk, s, table, sign):
     """Add ``sign`` times one disk to the model image."""
     x, y, a, c = disk
-    row = edge_row(table, a, s)
     rows, columns = model.shape
-    half, inner = a + _reach(table, ENDS) * s, a - ENDS * s
-    height = np.float32(sign * c)
-    pixels = _space(half)
-    top, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
-    while top <= bottom:
-        j, n = top, 0
-        while j <= bottom:
-            left, right, _ = _runs(half, inner, j - y, x, columns)
-            if n + right[1] - left[0] > pixels.shape[1]:
-                break
-            n = locate(pixels, n, j, left, x, y)
-            n = locate(pixels, n, j, right, x, y)
-            j += 1
+    reach = _reach(table, ENDS)
+    half, inner = a + reach * s, a - ENDS * s
+    row, pixels, height = edge_row(table, a, s), space(half), np.float32(sign * c)
+    j, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
+    while j <= bottom:
+        left, right = strip(j, bottom, 1, half, inner, x, y, columns)
+        n = pad(pixels, locate(pixels, locate(pixels, 0, left, x, y), right, x, y))
         profile(pixels, n, a, s, row)
-        n = 0
-        for i in range(top, j):
-            left, right, middle = _runs(half, inner, i - y, x, columns)
-            n = _add(model, i, left, height, pixels, n)
-            n = _add(model, i, right, height, pixels, n)
-            for k in range(middle[0], middle[1]):
-                model[i, k] += height
-        top = j
+        _raise(pixels[BY_C, :n], pixels[PLACE, :n], np.float32(reach / ENDS), height)
+        _add(model, left, pixels[BY_C], 0)
+        _add(model, right, pixels[BY_C], left[1] * left[4])
+        _add_flat(model, between(left, right), height)
+        j += left[1]
 
 
 @njit(cache=True, fastmath=FAST, forceinline=True)
-def _add(model, j, run, height, pixels, n):
-    """Add a run of pixels gathered; how many have been added."""
-    first, end = run
-    for i in range(end - first):
-        model[j, first + i] += height * pixels[BY_C, n + i]
-    return n + max(end - first, 0)
+def _raise(level, place, reach, height):
+    """Multiply a profile with its height, and cut it off at its end."""
+    for i in range(len(level)):
+        level[i] = height * level[i] if place[i] <= reach else np.float32(0.0)
+
+
+@njit(cache=True)
+def _add(model, block, levels, n):
+    """Add the levels from ``n`` on to a block of the model image."""
+    for k in range(block[1]):
+        line, more = row_of(block, k, model, levels, n)
+        for i in range(len(line)):
+            line[i] += more[i]
+
+
+@njit(cache=True)
+def _add_flat(model, block, height):
+    """Add one level to a block of the model image."""
+    top, rows, _, first, width = block
+    for j in range(top, top + rows):
+        line = model[j, first : first + width]
+        for i in range(len(line)):
+            line[i] += height
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,30 +117,27 @@ def disk_sums(image, model, weight, disk, s, variance, slope, alone, robust, eve
     out[:] = 0.0
     x, y, a, c = disk
     rows, columns = image.shape
-    half, inner = a + _reach(table, REACH) * s, a - REACH * s
-    top, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
-    row, pixels, n = edge_row(table, a, s), _space(half), 0
-    masked = _masked(weight, image.shape, top, bottom + 1, x, half)
+    reach = _reach(table, REACH)
+    half, inner = a + reach * s, a - REACH * s
+    j, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
+    row, pixels, n = edge_row(table, a, s), space(half), 0
+    masked = _masked(weight, image.shape, j, bottom + 1, x, half)
     whole = not masked and x > half and x + half < columns - 1 and y > half and y + half < rows - 1
     flat = np.float32(1.0 / (variance * (1.0 + slope * c)))
     step = min(every, 1 + int(a / THINNED))
-    for j in range(top, bottom + 1, step):
-        left, right, middle = _runs(half, inner, j - y, x, columns)
-        if n + right[1] - left[0] > pixels.shape[1]:
-            _add_rim(pixels, n, disk, s, row, variance, slope, alone, robust, whole, out)
+    while j <= bottom:
+        left, right = strip(j, bottom, step, half, 0.0 if masked else inner, x, y, columns)
+        if n + left[1] * (left[4] + right[4]) > pixels.shape[1]:
+            _add_rim(pixels, n, disk, s, row, variance, slope, reach, alone, robust, whole, out)
             n = 0
-        if masked:
-            n = _gather_seen(pixels, n, image, model, weight, j, left, x, y, alone)
-            n = _gather_seen(pixels, n, image, model, weight, j, right, x, y, alone)
-            _add_seen(image, model, weight, j, middle, c, flat, alone, robust, whole, out)
-        else:
-            n = _gather(pixels, n, image, model, j, left, x, y, alone)
-            n = _gather(pixels, n, image, model, j, right, x, y, alone)
-            _add_plateau(image, model, j, middle, c, flat, alone, robust, whole, out)
-    _add_rim(pixels, n, disk, s, row, variance, slope, alone, robust, whole, out)
+        n = _gather(pixels, n, left, image, model, weight, x, y, alone, masked)
+        n = _gather(pixels, n, right, image, model, weight, x, y, alone, masked)
+        _add_plateau(image, model, between(left, right), c, flat, alone, robust, whole, out)
+        j += left[1] * step
+    _add_rim(pixels, n, disk, s, row, variance, slope, reach, alone, robust, whole, out)
     out[:CHI] *= step
     if whole:
-        _add_expected(pixels, disk, s, row, max(inner, 0.0), half, variance, slope, out)
+        _add_expected(pixels, disk, s, row, max(inner, 0.0), half, variance, slope, reach, out)
 
 
 @njit(cache=True)
@@ -166,51 +156,69 @@ def _masked(weight, shape, top, end, x, half):
 
 
 @njit(cache=True)
-def _gather(pixels, n, image, model, j, run, x, y, alone):
-    """Add a run of pixels; the number there are now."""
-    take(pixels, n, image, j, run)
-    if not alone:
-        subtract(pixels, n, model, j, run)
-    return locate(pixels, n, j, run, x, y)
+def _gather(pixels, n, block, image, model, weight, x, y, alone, masked):
+    """Add a block of pixels, less the model if need be; the number there are now."""
+    if alone:
+        take(pixels, n, block, image)
+    else:
+        _take_difference(pixels, n, block, image, model)
+    end = locate(pixels, n, block, x, y)
+    pixels[WEIGHT, n:end] = np.float32(1.0)
+    if masked:
+        _mask(pixels, n, block, weight)
+    return end
 
 
 @njit(cache=True)
-def _gather_seen(pixels, n, image, model, weight, j, run, x, y, alone):
-    """`_gather` the pixels of a run that are not masked."""
-    for i in range(run[0], run[1]):
-        if weight[j, i] > 0:
-            n = _gather(pixels, n, image, model, j, (i, i + 1), x, y, alone)
-    return n
+def _take_difference(pixels, n, block, image, model):
+    """The levels of a block of pixels less those of the model."""
+    for k in range(block[1]):
+        line, levels = row_of(block, k, image, pixels[DATA], n)
+        known, _ = row_of(block, k, model, pixels[DATA], n)
+        for i in range(len(line)):
+            levels[i] = line[i] - known[i]
 
 
 @njit(cache=True)
-def _add_seen(image, model, weight, j, run, c, flat, alone, robust, whole, out):
-    """`_add_plateau` with the pixels of a run that are not masked."""
-    for i in range(run[0], run[1]):
-        if weight[j, i] > 0:
-            _add_plateau(image, model, j, (i, i + 1), c, flat, alone, robust, whole, out)
+def _mask(pixels, n, block, weight):
+    """Give masked pixels, whatever their level, none, and no weight."""
+    for k in range(block[1]):
+        line, levels = row_of(block, k, weight, pixels[DATA], n)
+        _, weights = row_of(block, k, weight, pixels[WEIGHT], n)
+        for i in range(len(line)):
+            if line[i] == 0:
+                levels[i] = weights[i] = 0.0
+
+
+@njit(cache=True)
+def _add_plateau(image, model, block, c, flat, alone, robust, whole, out):
+    """Add a block of pixels inside a disk to the right side, and what they tell about the contrast."""
+    top, rows, step, first, width = block
+    cut = np.float32(OUTLIER**2 if robust else np.inf)
+    for j in range(top, top + rows * step if width else top, step):
+        line, known = image[j, first : first + width], model[j, first : first + width]
+        out[RIGHT + 3] += flat * _sum_residuals(line, known, np.float32(c), flat, cut, alone)
+    if not whole:
+        out[9] += flat * rows * width
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _add_plateau(image, model, j, run, c, flat, alone, robust, whole, out):
-    """Add a run of pixels inside a disk to the right side, and what they tell about the contrast."""
-    first, end = run
-    cut = np.float32(OUTLIER**2 if robust else np.inf)
-    height, total = np.float32(c), np.float32(0.0)
-    for i in range(end - first):
-        residual = image[j, first + i] - (height if alone else model[j, first + i])
+def _sum_residuals(line, known, height, flat, cut, alone):
+    """Residuals of a row, outliers weighted down."""
+    total = np.float32(0.0)
+    for i in range(len(line)):
+        residual = line[i] - (height if alone else known[i])
         z2 = residual * residual * flat
         total += residual * (cut / z2 if z2 > cut else np.float32(1.0))
-    out[RIGHT + 3] += flat * total
-    if not whole:
-        out[9] += flat * max(end - first, 0)
+    return total
 
 
 @njit(cache=True)
-def _add_rim(pixels, n, disk, s, row, variance, slope, alone, robust, whole, out):
+def _add_rim(pixels, n, disk, s, row, variance, slope, reach, alone, robust, whole, out):
     """Add the pixels gathered to the right sides, to chi-square and to the count, and their information."""
+    n = pad(pixels, n)
     derivatives(pixels, n, disk[2], disk[3], s, row)
-    _weigh(pixels[BY_C, :n], pixels[WEIGHT, :n], np.float32(1.0 / variance), np.float32(slope * disk[3]))
+    _weigh(pixels, n, np.float32(1.0 / variance), np.float32(slope * disk[3]), np.float32(reach / ENDS))
     if not whole:
         _add_information(pixels, n, out)
     height = np.float32(disk[3] if alone else 0.0)
@@ -218,26 +226,33 @@ def _add_rim(pixels, n, disk, s, row, variance, slope, alone, robust, whole, out
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _weigh(level, weight, plain, growth):
-    """Weights of pixels at some levels of a disk."""
+def _weigh(pixels, n, plain, growth, reach):
+    """Weights of pixels, none beyond the reach of a disk."""
+    level, weight, place = pixels[BY_C, :n], pixels[WEIGHT, :n], pixels[PLACE, :n]
     one, zero = np.float32(1.0), np.float32(0.0)
-    for i in range(len(level)):
-        weight[i] = plain / (one + growth * max(level[i], zero))
+    for i in range(n):
+        near = one if place[i] <= reach else zero
+        weight[i] *= near * plain / (one + growth * max(level[i], zero))
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _add_right(pixels, n, height, cut, out):
-    """Right sides, chi-square and count; the model of ``height`` is still to be taken from the data."""
-    data, weight, level = pixels[DATA, :n], pixels[WEIGHT, :n], pixels[BY_C, :n]
+    """Right sides; chi-square and count of what lies about the rim.
+
+    The model of ``height`` is still to be taken from the data.
+    """
+    data, weight, level, place = pixels[DATA, :n], pixels[WEIGHT, :n], pixels[BY_C, :n], pixels[PLACE, :n]
     by_x, by_y, by_a, by_s = pixels[BY_X, :n], pixels[BY_Y, :n], pixels[BY_A, :n], pixels[BY_S, :n]
-    x = y = a = c = s = chi = np.float32(0.0)
-    most = np.float32(LARGEST_Z2)
+    x = y = a = c = s = chi = count = zero = np.float32(0.0)
+    one, most, inside = np.float32(1.0), np.float32(LARGEST_Z2), np.float32(-REACH / ENDS)
     for i in range(n):
         residual = data[i] - height * level[i]
         w = weight[i]
         z2 = residual * residual * w
-        chi += min(z2, most)
-        share = w * residual * (cut / z2 if z2 > cut else np.float32(1.0))
+        about = one if (place[i] >= inside) & (w > zero) else zero
+        chi += about * min(z2, most)
+        count += about
+        share = w * residual * (cut / z2 if z2 > cut else one)
         x += by_x[i] * share
         y += by_y[i] * share
         a += by_a[i] * share
@@ -249,7 +264,7 @@ def _add_right(pixels, n, height, cut, out):
     out[RIGHT + 3] += c
     out[RIGHT + 4] += s
     out[CHI] += chi
-    out[COUNT] += n
+    out[COUNT] += count
 
 
 @njit(cache=True)
@@ -272,20 +287,19 @@ def _product(weight, one, other):
     return total
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
-def _add_expected(pixels, disk, s, row, inner, half, variance, slope, out):
+@njit(cache=True)
+def _add_expected(pixels, disk, s, row, inner, half, variance, slope, reach, out):
     """Add the information that a whole disk carries, ring by ring."""
     n = int(RINGS * (half - inner) / s) + 1
     width = (half - inner) / n
     for k in range(n):
-        pixels[BY_X, k], pixels[BY_Y, k] = inner + width * (k + 0.5), 0.0
-        pixels[DATA, k] = 2.0 * np.pi * width * pixels[BY_X, k]
+        r = inner + width * (k + 0.5)
+        pixels[BY_X, k], pixels[BY_Y, k], pixels[WEIGHT, k] = r, 0.0, 2.0 * np.pi * width * r
+    n = pad(pixels, n)
     derivatives(pixels, n, disk[2], disk[3], s, row)
+    _weigh(pixels, n, np.float32(1.0 / variance), np.float32(slope * disk[3]), np.float32(reach / ENDS))
     weight, by_x, by_a = pixels[WEIGHT, :n], pixels[BY_X, :n], pixels[BY_A, :n]
     by_c, by_s = pixels[BY_C, :n], pixels[BY_S, :n]
-    _weigh(by_c, weight, np.float32(1.0 / variance), np.float32(slope * disk[3]))
-    for k in range(n):
-        weight[k] *= pixels[DATA, k]
     inside = np.pi * inner * inner / (variance * (1.0 + slope * disk[3]))
     out[0] = out[4] = 0.5 * _product(weight, by_x, by_x)
     out[7] = _product(weight, by_a, by_a)
@@ -313,41 +327,44 @@ def pair_sums(model, weight, one, two, s, variance, slope, table, out):
     """The 4 x 4 block of the normal matrix between two disks, over the pixels in the windows of both."""
     out[:] = 0.0
     row1, row2 = edge_row(table, one[2], s), edge_row(table, two[2], s)
-    reach = _reach(table, REACH) * s
-    half1, half2 = one[2] + reach, two[2] + reach
+    reach = _reach(table, REACH)
+    half1, half2 = one[2] + reach * s, two[2] + reach * s
     rows, columns = model.shape
-    masked = weight.shape == model.shape
-    first, second = _space(half1), _space(half1)
-    top = max(int(np.ceil(max(one[1] - half1, two[1] - half2))), 0)
+    left = max(int(np.ceil(max(one[0] - half1, two[0] - half2))), 0)
+    width = min(int(np.floor(min(one[0] + half1, two[0] + half2))), columns - 1) + 1 - left
+    j = max(int(np.ceil(max(one[1] - half1, two[1] - half2))), 0)
     bottom = min(int(np.floor(min(one[1] + half1, two[1] + half2))), rows - 1)
-    n = 0
-    for j in range(top, bottom + 1):
-        a0, a1 = chord(half1, j - one[1], one[0], columns)
-        b0, b1 = chord(half2, j - two[1], two[0], columns)
-        start, end = max(a0, b0), min(a1, b1)
-        if end <= start:
-            continue
-        if n + end - start > first.shape[1]:
-            _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, out)
-            n = 0
-        run = (start, end)
-        take(first, n, model, j, run)
-        locate(first, n, j, run, one[0], one[1])
-        for i in range(start, end):
-            first[WEIGHT, n + i - start] = 0.0 if masked and weight[j, i] == 0 else 1.0
-        n = locate(second, n, j, run, two[0], two[1])
-    _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, out)
+    if width <= 0:
+        return
+    first, second = space(half1), space(half1)
+    tall = first.shape[1] // width
+    while j <= bottom:
+        block = (j, min(tall, bottom + 1 - j), 1, left, width)
+        take(first, 0, block, model)
+        n = locate(first, 0, block, one[0], one[1])
+        first[WEIGHT, :n] = np.float32(1.0)
+        if weight.shape == model.shape:
+            _mask(first, 0, block, weight)
+        locate(second, 0, block, two[0], two[1])
+        second[WEIGHT, :n] = np.float32(1.0)
+        pad(second, n)
+        n = pad(first, n)
+        _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, reach, out)
+        j += block[1]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, out):
+def _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, reach, out):
     """Add weighted products of the derivatives with respect to one disk and to the other."""
     derivatives(first, n, one[2], one[3], s, row1)
     derivatives(second, n, two[2], two[3], s, row2)
-    plain, growth, zero = np.float32(1.0 / variance), np.float32(slope), np.float32(0.0)
+    plain, growth, limit = np.float32(1.0 / variance), np.float32(slope), np.float32(reach / ENDS)
     level, weight = first[DATA, :n], first[WEIGHT, :n]
+    place, other = first[PLACE, :n], second[PLACE, :n]
+    one_, zero = np.float32(1.0), np.float32(0.0)
     for i in range(n):
-        weight[i] *= plain / (np.float32(1.0) + growth * max(level[i], zero))
+        near = one_ if (place[i] <= limit) & (other[i] <= limit) else zero
+        weight[i] *= near * plain / (one_ + growth * max(level[i], zero))
     for u in range(4):
         for v in range(4):
             out[u, v] += _product(weight, first[u, :n], second[v, :n])

@@ -1,7 +1,8 @@
-"""The pixels about the rim of a disk, run by run, and what a blurred disk shows there (compiled).
+"""The pixels about the rim of a disk, block by block, and what a blurred disk shows there (compiled).
 
-Runs of pixels are gathered into the rows of one small array, on which everything is then computed pixel after
-pixel without a branch: profile and derivatives are polynomials (or, with a bright rim, looked up).
+Blocks of pixels are gathered into the rows of one small array, on which everything is then computed pixel after
+pixel without a branch: profile and derivatives are polynomials (or, with a bright rim, looked up). A block is
+its first row, the number of its rows, the step between them, its first column and the number of its columns.
 """
 
 import numpy as np
@@ -17,14 +18,17 @@ __all__ = [
     "BY_Y",
     "DATA",
     "FAST",
-    "FIELDS",
+    "PLACE",
     "WEIGHT",
-    "chord",
+    "between",
     "derivatives",
     "edge_row",
     "locate",
+    "pad",
     "profile",
-    "subtract",
+    "row_of",
+    "space",
+    "strip",
     "take",
 ]
 
@@ -33,6 +37,10 @@ FIELDS = 8
 BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE = range(FIELDS)
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # everything but assumptions on NaN and infinity
+GATHERED = 512  # pixels at a time: they stay in the fastest cache
+STRIP = 8  # rows of a block at most
+SKIPPED = 12  # px: a narrower inside is not worth a second block
+LANES = 32  # pixels that vector instructions take at once: what is left over would be taken one by one
 
 
 @njit(cache=True, error_model="numpy")
@@ -50,7 +58,7 @@ def edge_row(table, a, s):
 
 
 @njit(cache=True)
-def chord(radius, dy, centre, columns):
+def _chord(radius, dy, centre, columns):
     """First column of the pixels of a row inside a circle, and the one after the last."""
     square = radius * radius - dy * dy
     if radius <= 0.0 or square < 0.0:
@@ -60,31 +68,74 @@ def chord(radius, dy, centre, columns):
     return first, max(min(int(np.floor(centre + half)) + 1, columns), first)
 
 
-@njit(cache=True, fastmath=FAST, forceinline=True)
-def locate(pixels, n, j, run, x, y):
-    """Add a run of pixels of row ``j`` by their distances from a centre; the number there are now."""
-    first, end = run
-    along, across = np.float32(first - x), np.float32(j - y)
-    for i in range(end - first):
-        pixels[BY_X, n + i] = along + np.float32(np.int32(i))
-        pixels[BY_Y, n + i] = across
-    return n + max(end - first, 0)
+@njit(cache=True)
+def space(half):
+    """Room for some blocks of a window, one at least."""
+    width = 2 * int(half) + 3
+    return np.empty((FIELDS, -(-max(GATHERED, STRIP * width) // LANES) * LANES), np.float32)
 
 
 @njit(cache=True)
-def take(pixels, n, image, j, run):
-    """The levels of a run of pixels that is about to be added."""
-    first, end = run
-    for i in range(end - first):
-        pixels[DATA, n + i] = image[j, first + i]
+def strip(j, bottom, step, half, inner, x, y, columns):
+    """Blocks of the next rows of a window, left and right of its inside; the right one may be empty."""
+    rows = min(STRIP, (bottom - j) // step + 1)
+    last = j + (rows - 1) * step
+    nearest = 0.0 if j <= y <= last else min(abs(j - y), abs(last - y))
+    first, end = _chord(half, nearest, x, columns)
+    left, right = _chord(inner, max(abs(j - y), abs(last - y)), x, columns)
+    if right - left < SKIPPED:
+        left = right = end
+    return (j, rows, step, first, left - first), (j, rows, step, right, end - right)
 
 
 @njit(cache=True)
-def subtract(pixels, n, model, j, run):
-    """Less those of the model."""
-    first, end = run
-    for i in range(end - first):
-        pixels[DATA, n + i] -= model[j, first + i]
+def between(left, right):
+    """The block between two others."""
+    start = left[3] + left[4]
+    return left[0], left[1], left[2], start, right[3] - start
+
+
+@njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
+def locate(pixels, n, block, x, y):
+    """Add the pixels of a block by their distances from a centre; the number there are now."""
+    top, rows, step, first, width = block
+    along, across = np.float32(first - x), np.float32(top - y)
+    size, down = np.float32(width), np.float32(step)
+    per, half = np.float32(1.0 / max(width, 1)), np.float32(0.5)
+    end = n + rows * width
+    by_x, by_y = pixels[BY_X, n:end], pixels[BY_Y, n:end]
+    for i in range(len(by_x)):
+        place = np.float32(np.int32(i))
+        row = np.floor((place + half) * per)
+        by_x[i] = along + (place - row * size)
+        by_y[i] = across + row * down
+    return end
+
+
+@njit(cache=True)
+def row_of(block, k, image, levels, n):
+    """Row ``k`` of a block in an image, and its place in levels that start at ``n``."""
+    top, _, step, first, width = block
+    start = n + k * width
+    return image[top + k * step, first : first + width], levels[start : start + width]
+
+
+@njit(cache=True)
+def take(pixels, n, block, image):
+    """The levels of a block of pixels that is about to be added."""
+    for k in range(block[1]):
+        source, levels = row_of(block, k, image, pixels[DATA], n)
+        for i in range(len(source)):
+            levels[i] = source[i]
+
+
+@njit(cache=True)
+def pad(pixels, n):
+    """Add pixels of no weight until vector instructions can take all of them; the number there are now."""
+    end = -(-n // LANES) * LANES
+    for i in range(n, end):
+        pixels[BY_X, i] = pixels[BY_Y, i] = pixels[DATA, i] = pixels[WEIGHT, i] = 0.0
+    return end
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -93,9 +144,9 @@ def profile(pixels, n, a, s, row):
     if len(row) > DEGREE + 1:
         _look_up(pixels, n, a, s, row)
         return
-    u, level = pixels[PLACE, :n], pixels[BY_C, :n]
+    u = pixels[PLACE, :n]
     _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _polynomial(u, row, 0, level)
+    _polynomial(u, row, 0, 1.0, pixels[BY_C, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -123,29 +174,30 @@ def _polynomials(pixels, n, a, s, row):
     """Profile and derivatives by their polynomials."""
     u = pixels[PLACE, :n]
     _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _polynomial(u, row, 0, pixels[BY_C, :n])
-    _polynomial(u, row, 1, pixels[BY_A, :n])
-    _polynomial(u, row, 2, pixels[BY_S, :n])
+    _polynomial(u, row, 0, 1.0, pixels[BY_C, :n])
+    _polynomial(u, row, 1, 0.0, pixels[BY_A, :n])
+    _polynomial(u, row, 2, 0.0, pixels[BY_S, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
 def _from_rim(along, across, a, s, u):
-    """Distance from the rim in units of ``ENDS`` blur widths, within -1 and 1."""
-    one = np.float32(1.0)
+    """Distance from the rim in units of ``ENDS`` blur widths."""
     scale, start = np.float32(1.0 / (ENDS * s)), np.float32(a / (ENDS * s))
     for i in range(len(u)):
-        place = np.sqrt(along[i] * along[i] + across[i] * across[i]) * scale - start
-        u[i] = min(max(place, -one), one)
+        u[i] = np.sqrt(along[i] * along[i] + across[i] * across[i]) * scale - start
 
 
 @njit(cache=True, fastmath=FAST, forceinline=True)
-def _polynomial(u, powers, column, out):
-    """One of the polynomials of a row at each place ``u``."""
+def _polynomial(u, powers, column, inside, out):
+    """One of the polynomials of a row at each place ``u``; farther in its limit ``inside``, farther out 0."""
+    one, within, beyond = np.float32(1.0), np.float32(inside), np.float32(0.0)
     for i in range(len(u)):
-        value, place = powers[0, column], u[i]
+        place = u[i]
+        value = powers[0, column]
         for k in range(1, DEGREE + 1):
             value = value * place + powers[k, column]
-        out[i] = value
+        limit = within if place < -one else beyond
+        out[i] = value if abs(place) <= one else limit
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -153,6 +205,7 @@ def _look_up(pixels, n, a, s, row):
     """Profile and derivatives by linear interpolation between their values."""
     scale = np.float32(STEPS_PER_WIDTH / s)
     offset, last = np.float32((INNER - a / s) * STEPS_PER_WIDTH), np.float32(len(row) - 1.001)
+    _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, pixels[PLACE, :n])
     for i in range(n):
         r = np.sqrt(pixels[BY_X, i] ** 2 + pixels[BY_Y, i] ** 2)
         t = min(max(r * scale + offset, np.float32(0.0)), last)
