@@ -8,7 +8,7 @@ its first row, the number of its rows, the step between them, its first column a
 import numpy as np
 from numba import njit
 
-from contactimg.imaging.edge import DEGREE, ENDS, INNER, STEPS_PER_WIDTH
+from contactimg.imaging.edge import DEGREE, ENDS, INNER, SLOPE_DEGREE, STEPS_PER_WIDTH
 
 __all__ = [
     "BY_A",
@@ -146,7 +146,7 @@ def profile(pixels, n, a, s, row):
         return
     u = pixels[PLACE, :n]
     _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _polynomial(u, row, 0, 1.0, pixels[BY_C, :n])
+    _polynomial(u, row, 0, DEGREE, 1.0, pixels[BY_C, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -174,9 +174,9 @@ def _polynomials(pixels, n, a, s, row):
     """Profile and derivatives by their polynomials."""
     u = pixels[PLACE, :n]
     _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _polynomial(u, row, 0, 1.0, pixels[BY_C, :n])
-    _polynomial(u, row, 1, 0.0, pixels[BY_A, :n])
-    _polynomial(u, row, 2, 0.0, pixels[BY_S, :n])
+    _polynomial(u, row, 0, DEGREE, 1.0, pixels[BY_C, :n])
+    _polynomial(u, row, 1, SLOPE_DEGREE, 0.0, pixels[BY_A, :n])
+    _polynomial(u, row, 2, SLOPE_DEGREE, 0.0, pixels[BY_S, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -188,13 +188,13 @@ def _from_rim(along, across, a, s, u):
 
 
 @njit(cache=True, fastmath=FAST, forceinline=True)
-def _polynomial(u, powers, column, inside, out):
+def _polynomial(u, powers, column, degree, inside, out):
     """One of the polynomials of a row at each place ``u``; farther in its limit ``inside``, farther out 0."""
     one, within, beyond = np.float32(1.0), np.float32(inside), np.float32(0.0)
     for i in range(len(u)):
         place = u[i]
-        value = powers[0, column]
-        for k in range(1, DEGREE + 1):
+        value = powers[DEGREE - degree, column]
+        for k in range(DEGREE - degree + 1, DEGREE + 1):
             value = value * place + powers[k, column]
         limit = within if place < -one else beyond
         out[i] = value if abs(place) <= one else limit
