@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.filters import TAPS, filter_image, kernel_of
+from contactimg.imaging.light import sample_background
 from contactimg.imaging.order import median, robust_std
 from contactimg.imaging.pixels import NO_MASK, share_seen
 from contactimg.imaging.segment import label_components
@@ -49,7 +50,7 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     slopes = _slopes(image, np.float32(0.4 * plateau), np.float32(0.6 * plateau), MOST_SLOPES)
     if len(slopes) < 20:
         return 1.5
-    width = plateau / max(float(np.median(slopes)), 1e-6 * plateau) / np.sqrt(2 * np.pi)
+    width = plateau / max(median(slopes), 1e-6 * plateau) / np.sqrt(2 * np.pi)
     return float(np.sqrt(max(width**2 - 1.0, 0.35)))
 
 
@@ -266,7 +267,7 @@ def find_peaks(
     *,
     width: float,
     height: float,
-    background: NDArray[np.uint8],
+    background: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], float]:
     """Peaks of what the model leaves over, after a matched filter.
 
@@ -278,8 +279,8 @@ def find_peaks(
         Standard deviation of the Gaussian filter: that of the blur.
     height : float
         Smallest peak, grey levels, however quiet the background.
-    background : ndarray of uint8, shape (rows, columns)
-        1 on the background, where the noise of the filtered image is measured.
+    background : ndarray of bool
+        Background blocks, see `contactimg.imaging.light`, where the noise of the filtered image is measured.
 
     Returns
     -------
@@ -289,7 +290,7 @@ def find_peaks(
         Height that counted as a peak.
     """
     smooth = _smooth(image, model, width)
-    sample = smooth[::7, ::11][background[::7, ::11] > 0]
+    sample = sample_background(smooth, background, (7, 11))
     if len(sample) < 50:
         sample = smooth[::5, ::7].ravel()
     lowest = max(median(sample) + FALSE_ALARM_SIGMA * robust_std(sample), height)

@@ -174,7 +174,7 @@ def _attempt(
         blur = _blur_behind(film, field, contrast, first, blur) if free_blur else blur
         table, free_blur = rim_table(film, blur), False
     assembly = assemble_disks(
-        field.image, field.weight, field.background, plateau=contrast.plateau, noise=first,
+        field.image, field.weight, field.blocks, plateau=contrast.plateau, noise=first,
         brightness=field.brightness, blur=blur, free_blur=free_blur, table=table,
     )  # fmt: skip
     start, halo = assembly.fit, None
@@ -275,7 +275,7 @@ def _misfit(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, blur: f
     """Median chi-square of the contacts for one blur."""
     table = rim_table(rim, blur)
     assembly = assemble_disks(
-        field.image, field.weight, field.background, plateau=contrast.plateau, noise=noise,
+        field.image, field.weight, field.blocks, plateau=contrast.plateau, noise=noise,
         brightness=field.brightness, blur=blur, free_blur=False, table=table, thorough=False,
     )  # fmt: skip
     return float(np.median(assembly.fit.chi_square)) if len(assembly.fit.disks) else 0.0
@@ -349,7 +349,6 @@ class _Field:
     image: NDArray[np.float32]
     weight: NDArray[np.uint8]
     saturated: NDArray[np.uint8]
-    background: NDArray[np.uint8]
     blocks: NDArray[np.bool_]
     illumination: NDArray[np.float32]
     bin: int
@@ -371,9 +370,7 @@ class _Field:
             y = np.minimum(np.arange(-(-rows // BLOCK)) * bin_, blocks.shape[0] - 1)
             x = np.minimum(np.arange(-(-columns // BLOCK)) * bin_, blocks.shape[1] - 1)
             blocks = blocks[y][:, x]
-        rows, columns = image.shape
-        background = np.repeat(np.repeat(blocks.astype(np.uint8), BLOCK, 0), BLOCK, 1)[:rows, :columns]
-        return cls(image, weight, saturated, background, blocks, difference.illumination, bin_)
+        return cls(image, weight, saturated, blocks, difference.illumination, bin_)
 
     def brightness(self, disks: NDArray) -> NDArray[np.float64]:
         """Relative illumination where the disks stand."""

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["BLOCK", "LightField", "background_mode", "block_means", "fit_light"]
+__all__ = ["BLOCK", "LightField", "background_mode", "block_means", "fit_light", "sample_background"]
 
 BLOCK = 8
 """Side of the blocks, px."""
@@ -111,6 +111,14 @@ def block_means(
     weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
     total = cv2.resize(np.where(valid > 0, image, np.float32(0.0)), size, interpolation=cv2.INTER_AREA)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
+
+
+def sample_background(
+    image: NDArray[np.float32], background: NDArray[np.bool_], every: tuple[int, int]
+) -> NDArray[np.float32]:
+    """Pixels of the background blocks, one in so many rows and columns."""
+    rows, columns = (np.arange(0, size, step) for size, step in zip(image.shape, every, strict=True))
+    return image[:: every[0], :: every[1]][background[rows // BLOCK][:, columns // BLOCK]]
 
 
 @njit(cache=True)

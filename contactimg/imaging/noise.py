@@ -5,15 +5,15 @@ pixels share. The Fisher information of independent pixels then promises too muc
 pixels of their covariance, seen through the rim that determines a radius, gives the factor.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.imaging.light import BLOCK
+from contactimg.imaging.light import BLOCK, sample_background
 from contactimg.imaging.order import median, robust_std
 from contactimg.timings import stage
 
@@ -29,10 +29,13 @@ __all__ = [
 LARGEST_LAG = 10
 """Distance of pixels up to which their covariance is measured, px."""
 
-NODES = 256  # wave numbers; the widest rim in the table, 60 px, oscillates 40 times over them
+NODES, SHARPEST = 256, 4.0  # wave numbers, up to so many over the blur
+RADII = np.geomspace(0.3, 45.0, 12)  # blur widths; the widest rim oscillates 30 times over the wave numbers
+LAGS = np.arange(0.0, 25.0, 0.02)  # blur widths
 SAMPLE = 20_000  # pixels looked at, which give the noise to 0.6 %
 LAGGED = 240_000  # pixels whose covariance with others is looked at
 ENOUGH = 300  # pixels that give a variance to 8 %
+RUN = 2 * LARGEST_LAG  # rows in succession, whose partners below are for the most part the same
 CLIP = 4.0  # robust standard deviations beyond which a pixel is dirt, not noise
 
 
@@ -83,35 +86,47 @@ class NoiseCorrelation:
         The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
         s^2/2)``; its autocorrelation weighs the covariance of two pixels a lag apart.
         """
-        return self._inflation(radius, blur, noise, 0.5, gain, special.j0)
+        return self._inflation(radius / blur, blur, noise, 0.5, gain, _rim_autocorrelation())
 
     def plateau_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
     ) -> NDArray[np.float64]:
         """The same for the contrast, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
-        return self._inflation(radius, blur, noise, 1.0, gain, lambda ka: special.j1(ka) / ka)
+        return self._inflation(radius / blur, blur, noise, 1.0, gain, _plateau_autocorrelation())
 
     def _inflation(
-        self,
-        radius: NDArray,
-        blur: float,
-        noise: Noise,
-        level: float,
-        gain: float,
-        spectrum: Callable[[NDArray], NDArray],
+        self, radius: NDArray, blur: float, noise: Noise, level: float, gain: float, autocorrelation: NDArray
     ) -> NDArray[np.float64]:
-        """Factor for the template of a given spectrum at a contact level, interpolated over radii."""
-        grid = np.geomspace(0.5, 60.0, 12)
+        """Factor for a template at a contact level; radii in blur widths."""
         lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 1)
         distance = np.hypot(lags[:, None], lags[None, :]).ravel()
         unique, counts = np.unique(distance[(distance > 0) & (distance <= LARGEST_LAG)], return_counts=True)
         covariance = np.interp(unique, np.arange(LARGEST_LAG + 1), self.covariance) * counts
-        k = (np.arange(NODES) + 0.5) * (4.0 / blur / NODES)
-        power = spectrum(np.outer(grid, k)) ** 2 * np.exp(-((k * blur) ** 2)) * k
-        autocorrelation = power @ special.j0(np.outer(k, unique)) / power.sum(axis=1, keepdims=True)
-        excess = (1.0 + level * (gain - 1.0)) ** 2 * autocorrelation @ covariance
+        shared = np.array([np.interp(unique / blur, LAGS, row) @ covariance for row in autocorrelation])
+        excess = (1.0 + level * (gain - 1.0)) ** 2 * shared
         factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * (1.0 + level * noise.slope))
-        return np.interp(np.log(np.clip(radius, grid[0], grid[-1])), np.log(grid), factor)
+        return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
+
+
+@lru_cache(maxsize=1)
+def _rim_autocorrelation() -> NDArray[np.float64]:
+    """Of the derivative with respect to the radius: a row for each of `RADII`, over `LAGS`."""
+    k = (np.arange(NODES) + 0.5) * (SHARPEST / NODES)
+    return _autocorrelation(k, special.j0(np.outer(RADII, k)))
+
+
+@lru_cache(maxsize=1)
+def _plateau_autocorrelation() -> NDArray[np.float64]:
+    """Of the derivative with respect to the contrast."""
+    k = (np.arange(NODES) + 0.5) * (SHARPEST / NODES)
+    ka = np.outer(RADII, k)
+    return _autocorrelation(k, special.j1(ka) / ka)
+
+
+def _autocorrelation(k: NDArray[np.floating], spectrum: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Of a template behind a blur, from its spectrum at wave numbers (over the blur)."""
+    power = spectrum**2 * np.exp(-(k**2)) * k
+    return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
 
 
 @stage("contrast")
@@ -126,8 +141,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
         Background blocks, see `contactimg.imaging.light`.
     """
     every = max(int(np.sqrt(image.size / SAMPLE)), 1)
-    rows, columns = (np.arange(0, size, every) for size in image.shape)
-    sample = image[::every, ::every][background[rows // BLOCK][:, columns // BLOCK]]
+    sample = sample_background(image, background, (every, every))
     if len(sample) < ENOUGH:
         # no background to look at: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
@@ -214,14 +228,18 @@ def measure_correlation(
 
 @njit(cache=True)
 def _covariance(image, model, background, clip):
-    """Covariance of pixels a lag apart, along and below every so many rows of the background."""
+    """Covariance of pixels a lag apart, along and below some runs of rows of the background."""
     rows, columns = image.shape
     size, seen = LARGEST_LAG + 1, 0
     value, usual = np.zeros((size, columns), np.float32), np.zeros((size, columns), np.float32)
     counted, wide = np.empty(columns, np.float32), columns - LARGEST_LAG
     total, count = np.zeros(LARGEST_LAG + 1), np.zeros(LARGEST_LAG + 1)
     middle = 0.0
-    for y in range(1, rows - LARGEST_LAG, max(rows * columns // LAGGED, 1)):
+    every = max(rows * columns // LAGGED, 1)
+    for y in range(1, rows - LARGEST_LAG):
+        if (y // RUN) % every:
+            continue
+        seen = max(seen, y)
         while seen <= y + LARGEST_LAG:
             _clip(image, model, seen, clip, value, usual)
             seen += 1

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.filters import filter_image, kernel_of
 from contactimg.imaging.light import BLOCK, LightField
 from contactimg.imaging.move import Shift, shift_kernel
+from contactimg.imaging.order import median
 from contactimg.timings import stage
 
 __all__ = ["GOOD_STD", "Found", "estimate_shift", "estimate_shift_closely"]
@@ -126,7 +127,7 @@ def _estimate(
 def _dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """1 about pixels that stand out of the usual texture and noise of the reference."""
     detail = smooth - cv2.blur(smooth, (WINDOW, WINDOW))
-    spread = 1.4826 * float(np.median(np.abs(detail[mask > 0]))) if mask.any() else 0.0
+    spread = 1.4826 * median(np.abs(detail[mask > 0])) if mask.any() else 0.0
     grains = (np.abs(detail) > STANDS_OUT * spread).astype(np.uint8) & mask
     return cv2.dilate(grains, np.ones((5, 5), np.uint8))
 
@@ -176,8 +177,8 @@ def _refine(
     for _ in range(STEPS):
         moved = filter_image(reference, kernel_of(shift_kernel(x)), kernel_of(shift_kernel(y)))
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
-        middle = float(np.median(residuals)) if len(residuals) else 0.0
-        clip = 4.0 * float(np.median(np.abs(residuals - middle))) if len(residuals) else 1.0
+        middle = median(residuals) if len(residuals) else 0.0
+        clip = 4.0 * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0
         limits = np.float32(middle), np.float32(max(clip, 1e-6))
         _tile_sums(frame, moved, mask, *limits, np.r_[tops, len(rows)], edges, sums)
         cross, own, right, squares, count = _unpack(sums.sum(axis=(0, 1)))

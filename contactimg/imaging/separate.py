@@ -93,7 +93,7 @@ class _Start:
 def assemble_disks(
     image: NDArray[np.float32],
     weight: NDArray[np.uint8],
-    background: NDArray[np.uint8],
+    background: NDArray[np.bool_],
     *,
     plateau: float,
     noise: Noise,
@@ -109,7 +109,7 @@ def assemble_disks(
     ----------
     image, weight, table
         As for `contactimg.imaging.disks.fit_disks`.
-    background : ndarray of uint8
+    background : ndarray of bool
         As for `contactimg.imaging.detect.find_peaks`.
     plateau : float
         Contrast, grey levels.

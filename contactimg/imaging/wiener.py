@@ -15,6 +15,7 @@ from contactimg.imaging.division import CLEAN, DUST_FROM, divide_rows
 from contactimg.imaging.filters import filter_image, kernel_of
 from contactimg.imaging.light import BLOCK, LightField, block_means
 from contactimg.imaging.move import Shift, shift_kernel
+from contactimg.imaging.order import median
 
 __all__ = ["FLOOR", "divide_by_reference"]
 
@@ -156,9 +157,9 @@ def _share_common(
     rest: NDArray[np.float32], bands: NDArray[np.float32], detail: NDArray[np.float32]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights of the bands that come closest to the rest, and robust scatters of the detail; without dirt."""
-    rest = rest - np.median(rest)
-    scatters = 1.4826 * np.median(np.abs(detail), axis=1)
-    usual = np.abs(rest) < 6 * 1.4826 * np.median(np.abs(rest))
+    rest = rest - np.float32(median(rest))
+    scatters = 1.4826 * np.array([median(np.abs(part)) for part in detail])
+    usual = np.abs(rest) < 6 * 1.4826 * median(np.abs(rest))
     usual &= np.all(np.abs(detail) < DUST_FROM * scatters[:, None], axis=0)
     bands, rest = bands[:, usual], rest[usual]
     power, common = (bands @ bands.T).astype(float), (bands @ rest).astype(float)

@@ -1,8 +1,9 @@
 """The pixels about the rim of a disk, block by block, and what a blurred disk shows there (compiled).
 
-Blocks of pixels are gathered into the rows of one small array, on which everything is then computed pixel after
-pixel without a branch: profile and derivatives are polynomials (or, with a bright rim, looked up). A block is
-its first row, the number of its rows, the step between them, its first column and the number of its columns.
+Blocks of pixels are gathered into the rows of one small array, on which everything is then computed pixel
+after pixel without a branch: profile and derivatives are polynomials (or, with a bright rim, looked up). A
+block is its first row, the number of its rows, the step between them, its first column and the number of its
+columns.
 """
 
 import numpy as np
