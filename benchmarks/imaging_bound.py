@@ -2,7 +2,8 @@
 
 Unknown are centre and radius of every contact and, shared by all, contrast, blur and background. Contacts
 whose rims share pixels are coupled. Noise is that of the photons, of the read-out and of the rounding;
-``references`` says how often the background was photographed as well (0: it is known exactly).
+``references`` says how often the background was photographed as well (0: it is known exactly). Where contacts
+differ in contrast by a relative ``spread``, each has one of its own, known to that spread beforehand.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy import sparse, special
 REACH = 6.0  # blur widths from the rim beyond which a disk's image does not depend on the radius
 
 
-def radius_bounds(truth, optics, cameras, *, references=1):
+def radius_bounds(truth, optics, cameras, *, references=1, spread=0.0):
     """Smallest standard deviations of the radii in ``truth`` (x_px, y_px, radius_px), px."""
     rows, columns = optics.shape
     width = np.hypot(optics.sigma, np.sqrt(1 / 12))
@@ -21,20 +22,26 @@ def radius_bounds(truth, optics, cameras, *, references=1):
         px, py, profile, slopes = _disk(x, y, a, width, optics.shape)
         brightness[py, px] += profile
         signal = optics.level * optics.contrast * light.vignetting(px, py)
-        # x, y, radius; contrast (relative) and blur (px) follow those of all contacts
+        # x, y, radius; contrast (relative) and blur (px) follow those of all contacts, then the own contrasts
         columns_of = [3 * i, 3 * i + 1, 3 * i + 2, 3 * len(truth), 3 * len(truth) + 1]
+        slopes = [*slopes[:3], profile, slopes[3]]
+        if spread:
+            columns_of, slopes = [*columns_of, 3 * len(truth) + 2 + i], [*slopes, profile]
         entries += [
             (py * columns + px, np.full(len(px), k), signal * slope)
-            for k, slope in zip(columns_of, [*slopes[:3], profile, slopes[3]], strict=True)
+            for k, slope in zip(columns_of, slopes, strict=True)
         ]
     pixel, parameter, value = (np.concatenate(part) for part in zip(*entries, strict=True))
-    n = 3 * len(truth) + 3
+    n = (4 if spread else 3) * len(truth) + 3
     jacobian = sparse.coo_array((value, (pixel, parameter)), (rows * columns, n - 1)).tocsr()
     weight = 1.0 / light.variance(brightness).ravel()
     information = np.zeros((n, n))
     information[:-1, :-1] = (jacobian.T @ (sparse.diags_array(weight) @ jacobian)).toarray()
     information[-1, :-1] = information[:-1, -1] = jacobian.T @ weight
     information[-1, -1] = weight.sum()
+    if spread:
+        own = np.arange(3 * len(truth) + 2, n - 1)
+        information[own, own] += 1.0 / spread**2
     return np.sqrt(np.diag(np.linalg.inv(information))[2 : 3 * len(truth) : 3])
 
 

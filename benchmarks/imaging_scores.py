@@ -28,12 +28,12 @@ class Shot:
     bounds: np.ndarray
 
 
-def shoot(optics, seed, *, count=500, radii=(1.5, 30.0)):
-    """One frame of ``count`` contacts with its reference."""
+def shoot(optics, seed, *, count=500, radii=(1.5, 30.0), spread=0.0):
+    """One frame of ``count`` contacts with its reference; ``spread`` is that of the contrasts in the bounds."""
     rng = np.random.default_rng(seed)
     truth = scatter(count, optics, rng, radii=radii)
     frame, reference = render(truth, optics, rng)
-    return Shot(frame, reference, truth, radius_bounds(truth, optics, CAMERAS))
+    return Shot(frame, reference, truth, radius_bounds(truth, optics, CAMERAS, spread=spread))
 
 
 def score(shot, disks):
