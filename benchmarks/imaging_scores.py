@@ -29,7 +29,7 @@ class Shot:
 
 
 def shoot(optics, seed, *, count=500, radii=(1.5, 30.0), spread=0.0):
-    """One frame of ``count`` contacts with its reference; ``spread`` is that of the contrasts in the bounds."""
+    """One frame of ``count`` contacts with its reference; bounds for contrasts of a relative ``spread``."""
     rng = np.random.default_rng(seed)
     truth = scatter(count, optics, rng, radii=radii)
     frame, reference = render(truth, optics, rng)
