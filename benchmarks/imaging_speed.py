@@ -1,9 +1,8 @@
 """Time of a whole measurement of one decoded frame, in multiples of what OpenCV alone needs to subtract,
 threshold and label it.
 
-F = ``cv2.absdiff`` + ``threshold`` + ``connectedComponentsWithStats`` on the same 1600 x 1200 frame and
-reference, same core, taken in turn with the measurement. Run with ``OMP_NUM_THREADS=1 python
-benchmarks/imaging_speed.py``.
+F = ``cv2.absdiff`` + ``threshold`` + ``connectedComponentsWithStats`` on the same frame and reference, same
+core, taken in turn with the measurement. Run with ``OMP_NUM_THREADS=1 python benchmarks/imaging_speed.py``.
 """
 
 import argparse
@@ -22,6 +21,7 @@ from contactimg.imaging.measure import measure_image
 
 # px: the larger crowds fit only as smaller disks; at equal radii 2000 contacts would cover the frame
 LARGEST = {1000: 20.0, 2000: 12.0, 5000: 5.0}
+WHOLE, QUARTER = (1200, 1600), (600, 800)  # rows and columns; at a quarter of the contacts, as crowded
 
 
 def label_with_opencv(frame, reference):
@@ -37,9 +37,9 @@ def seconds(function, *arguments, **options):
     return time.process_time() - start
 
 
-def compare(count, *, largest, repeats, seed):
+def compare(count, *, largest, repeats, seed, shape=WHOLE):
     """Best times of F, ``threshold`` and ``disk`` for ``count`` contacts, s."""
-    optics = Optics()
+    optics = Optics(shape=shape)
     rng = np.random.default_rng(seed)
     truth = scatter(count, optics, rng, radii=(1.5, largest))
     frame, reference = render(truth, optics, rng)
@@ -61,14 +61,15 @@ def main():
     parser.add_argument("--counts", type=int, nargs="+", default=[50, 200, 500, 1000, 2000, 5000])
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    print("contacts  radii (px)    F (ms)  threshold/F   disk/F")
-    for count in arguments.counts:
+    print("image      contacts  radii (px)    F (ms)  threshold/F   disk/F")
+    for shape, count in [(s, n) for n in arguments.counts for s in (QUARTER, WHOLE)]:
         largest = LARGEST.get(count, 30.0)
-        times, placed = compare(count, largest=largest, repeats=arguments.repeats, seed=count)
+        few = count if shape == WHOLE else count // 4
+        times, placed = compare(few, largest=largest, repeats=arguments.repeats, seed=count, shape=shape)
         base = times["F"]
         print(
-            f"{placed:8d}  1.5-{largest:<8.0f} {1e3 * base:7.1f}  {times['threshold'] / base:11.2f}  "
-            f"{times['disk'] / base:7.2f}"
+            f"{shape[1]}x{shape[0]:<5d} {placed:8d}  1.5-{largest:<8.0f} {1e3 * base:7.1f}  "
+            f"{times['threshold'] / base:11.2f}  {times['disk'] / base:7.2f}"
         )
 
 
