@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from imaging_frames import Optics
 from imaging_scores import BINS, ROOT, markdown, number, put_table, score, shoot, summarise
-from imaging_speed import LARGEST, QUARTER, WHOLE, compare, label_with_opencv
+from imaging_speed import LARGEST, compare, label_with_opencv
 
 from contactimg.imaging.measure import measure_image
 
@@ -127,14 +127,11 @@ def _lines(table):
 
 
 def tabulate_speed(seed, *, repeats=9):
-    """Times of the package's two methods over F, for small and large crowds, and for parts of these."""
+    """Times of the package's two methods over F, for small and large crowds."""
     rows = []
     for count in (50, 500, 2000, 5000):
         largest = LARGEST.get(count, 30.0)
-        row = [count, f"1.5-{largest:g} px"]
-        for shape, number_of_contacts in ((WHOLE, count), (QUARTER, count // 4)):
-            times, _ = compare(number_of_contacts, largest=largest, repeats=repeats, seed=seed, shape=shape)
-            row += [number(times[name] / times["F"]) for name in ("threshold", "disk")]
-        rows.append(row)
-    header = ["contacts", "radii", "threshold / F", "disk / F", "a quarter: threshold / F", "disk / F"]
-    put_table("speed", markdown(header, rows))
+        times, placed = compare(count, largest=largest, repeats=repeats, seed=seed)
+        ratios = [number(times[name] / times["F"]) for name in ("threshold", "disk")]
+        rows.append([placed, f"1.5-{largest:g} px", *ratios])
+    put_table("speed", markdown(["contacts", "radii", "threshold / F", "disk / F"], rows))
