@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from contact_frames import Optics, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.measure import measure_image
@@ -98,6 +99,18 @@ def test_close_pairs_are_two(gap):
     disks = measure_image(frame, reference, polarity="bright").disks
     assert len(disks) == 4
     np.testing.assert_allclose(np.sort(disks["radius_px"]), [4, 5, 5, 7], atol=0.25)
+
+
+def test_light_scattered_far_makes_no_contacts(rng):
+    optics = Optics(shape=(600, 800), halo=0.2)
+    truth = scatter(125, optics, rng)
+    frame, reference = render(truth, optics, rng)
+    found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
+    assert found.optics.halo.fraction == pytest.approx(0.2, abs=0.02)
+    pairs = match(truth, found.disks)
+    assert len(pairs) == len(found.disks) >= len(truth) - 1
+    # what stood for some of the scattered light before it was known is said to have been looked at
+    assert found.rejected["reason"].str.contains("not needed to explain").any()
 
 
 def test_contact_at_the_border_is_kept_and_flagged():

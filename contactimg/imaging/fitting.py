@@ -29,7 +29,7 @@ from contactimg.imaging.order import median
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.rim import Rim, rim_table
-from contactimg.imaging.separate import LOOSE, Assembly, assemble_disks, count_touching
+from contactimg.imaging.separate import LOOSE, Assembly, assemble_disks, count_touching, unneeded
 from contactimg.imaging.shared_optics import Known, Settled, SharedOptics, combine_errors, settle_optics
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
@@ -181,7 +181,8 @@ def _attempt(
     if not len(start.disks):
         return _Trial(assembly, field, start, halo, None)
     if film is None:
-        field, start, halo = _without_halo(field, start, contrast, first, known, free_blur=free_blur)
+        field, start, halo, dropped = _without_halo(field, start, contrast, first, known, free_blur=free_blur)
+        assembly = replace(assembly, dropped=np.vstack([assembly.dropped, dropped]))
     if film is not None:
         before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
     settled = _refine(
@@ -229,12 +230,14 @@ def _without_halo(
     known: SharedOptics,
     *,
     free_blur: bool,
-) -> tuple["_Field", DiskFit, Halo | None]:
+) -> tuple["_Field", DiskFit, Halo | None, NDArray[np.float64]]:
     """Take the wide part of the point spread function out of the image, in turn with the fit.
 
-    Where contrast and blur are known, so is the halo: there is the one that is known, or none.
+    Disks that stood for some of its light are dropped. Where contrast and blur are known, so is the halo:
+    there is the one that is known, or none.
     """
     image, before, found = field.image, 0.0, None
+    dropped = [np.empty((0, 3))]
     told = np.isfinite([known.contrast, known.blur_px]).all()
     for turn in range(HALO_ROUNDS):
         halo = (
@@ -246,13 +249,17 @@ def _without_halo(
             break
         before, found = halo.fraction, halo
         image = remove_halo(field.image, fit.model, halo)
-        n = len(fit.disks)
+        gone = unneeded(fit, contrast.plateau, last=True)
+        gone &= not gone.all()
+        dropped.append(fit.disks[gone, :3])
+        disks = fit.disks[~gone]
+        n = len(disks)
         prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
         fit = fit_disks(
-            image, field.weight, fit.disks, blur=fit.blur, noise=noise, prior=prior,
-            brightness=field.brightness(fit.disks), free_blur=free_blur, robust=False, iterations=4,
+            image, field.weight, disks, blur=fit.blur, noise=noise, prior=prior,
+            brightness=field.brightness(disks), free_blur=free_blur, robust=False, iterations=4,
         )  # fmt: skip
-    return replace(field, image=image), fit, found
+    return replace(field, image=image), fit, found, np.vstack(dropped)
 
 
 def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, guess: float) -> float:

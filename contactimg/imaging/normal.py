@@ -1,7 +1,7 @@
 """Sums over pixels: model image, and normal equations of one disk and of two overlapping ones (compiled).
 
 Parameters of a disk are x, y, radius a, contrast c; the blur s is common. Pixels far inside the rim tell only
-about c and are summed run by run; those about the rim are gathered first.
+about c and are summed row by row; those about the rim are gathered first, in blocks.
 """
 
 import numpy as np
@@ -346,7 +346,6 @@ def pair_sums(model, weight, one, two, s, variance, slope, table, out):
         if weight.shape == model.shape:
             _mask(first, 0, block, weight)
         locate(second, 0, block, two[0], two[1])
-        second[WEIGHT, :n] = np.float32(1.0)
         pad(second, n)
         n = pad(first, n)
         _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, reach, out)
@@ -361,10 +360,10 @@ def _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, reach,
     plain, growth, limit = np.float32(1.0 / variance), np.float32(slope), np.float32(reach / ENDS)
     level, weight = first[DATA, :n], first[WEIGHT, :n]
     place, other = first[PLACE, :n], second[PLACE, :n]
-    one_, zero = np.float32(1.0), np.float32(0.0)
+    full, zero = np.float32(1.0), np.float32(0.0)
     for i in range(n):
-        near = one_ if (place[i] <= limit) & (other[i] <= limit) else zero
-        weight[i] *= near * plain / (one_ + growth * max(level[i], zero))
+        near = full if (place[i] <= limit) & (other[i] <= limit) else zero
+        weight[i] *= near * plain / (full + growth * max(level[i], zero))
     for u in range(4):
         for v in range(4):
             out[u, v] += _product(weight, first[u, :n], second[v, :n])

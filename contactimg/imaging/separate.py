@@ -22,7 +22,7 @@ from contactimg.imaging.regroup import Regrouping, regroup_disks
 from contactimg.imaging.touching import DEEPEST, count_touching, overlapping
 from contactimg.timings import stage
 
-__all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping"]
+__all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping", "unneeded"]
 
 LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim ...
 RIM = 5.0  # blur widths: ... if they are as close to one as that
@@ -193,7 +193,7 @@ class _Fits:
         self, start: _Start, state: DiskFit, among: NDArray[np.bool_] | None = None, *, last: bool = False
     ) -> tuple[_Start, DiskFit]:
         """Without the disks (all, or among some) that are not needed."""
-        gone = _unneeded(state, self.plateau, last=last)
+        gone = unneeded(state, self.plateau, last=last)
         gone = gone if among is None else among & gone
         if not gone.any():
             return start, state
@@ -208,7 +208,7 @@ class _Fits:
         better = regroup_disks(
             self.image, self.weight, state, plateau=self.plateau, noise=self.noise,
             brightness=self.brightness(state.disks), table=self.table,
-            keep=lambda found: ~_unneeded(found, self.plateau, last=True),
+            keep=lambda found: ~unneeded(found, self.plateau, last=True),
         )  # fmt: skip
         if not better.gone.any():
             return start, state
@@ -257,7 +257,7 @@ def _touched(disks, changed, space):
     return out
 
 
-def _unneeded(state: DiskFit, plateau: float, *, last: bool) -> NDArray[np.bool_]:
+def unneeded(state: DiskFit, plateau: float, *, last: bool) -> NDArray[np.bool_]:
     """Disks whose light is not significant, that are much too faint, or that lie inside a larger one.
 
     A faint disk that fits badly may be two that stand close; until the last time it stays to be looked at.
