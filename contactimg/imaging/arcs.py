@@ -55,19 +55,19 @@ def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) 
     smooth = cv2.GaussianBlur(image, (0, 0), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
     points = _crossings(smooth, level)
     found: list[NDArray] = []
-    while len(found) < MOST and len(points) >= LEAST:
+    while len(found) < MOST and points.shape[1] >= LEAST:
         circle, on = _best_circle(points, smooth, np.float32(level), smallest)
         if not on.any():
             break
         found.append(np.append(circle, np.count_nonzero(on) / (PER_LENGTH * 2.0 * np.pi * circle[2])))
-        points = points[~on]
+        points = np.ascontiguousarray(points[:, ~on])
     return np.array(found).reshape(-1, 4)
 
 
 def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
-    """Points where rows and columns of pixels cross the level: x, y and the inward normal."""
+    """Points where rows and columns of pixels cross the level: rows of x, y and the inward normal."""
     if min(image.shape) < 2:
-        return np.empty((0, 4))
+        return np.empty((4, 0))
     gradient = np.array([np.gradient(image, axis=axis) for axis in (1, 0)])
     above = image > level
     parts = []
@@ -78,30 +78,32 @@ def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
         x, y = (i, j + f) if axis == 0 else (i + f, j)
         normal = gradient[:, j, i] * (1 - f) + gradient[(slice(None), *ahead)] * f
         length = np.maximum(np.hypot(*normal), 1e-12)
-        parts.append(np.stack([x, y, *(normal / length)], axis=-1))
-    return np.vstack(parts).astype(float)
+        parts.append(np.stack([x, y, *(normal / length)]))
+    return np.hstack(parts).astype(float)
 
 
 @njit(cache=True)
 def _best_circle(points, image, level, smallest):
     """The circle with most points, and which of them lie on it."""
-    n = len(points)
+    n = points.shape[1]
     every = max(n * (n - 1) // 2 // PAIRS, 1)
-    most, best, number = 0, np.zeros(3), 0
+    most, best, number = 0, (0.0, 0.0, 0.0), 0
+    on = np.zeros(n, np.bool_)
     for i in range(n):
         for j in range(i + 1, n):
             number += 1
             if number % every:
                 continue
-            circle = _through(points[i], points[j])
+            circle = _through(points[:, i], points[:, j])
             if not smallest < circle[2] < max(image.shape):
                 continue
-            count = _votes(points, circle)
+            _lie_on(points, circle, on)
+            count = on.sum()
             if count > most and _is_arc(count, circle[2]) and _bright(image, level, circle):
                 most, best = count, circle
-    on = np.zeros(n, np.bool_)
-    for k in range(n if most else 0):
-        on[k] = _lies_on(points[k], best)
+    on[:] = False
+    if most:
+        _lie_on(points, best, on)
     return best, on
 
 
@@ -111,29 +113,22 @@ def _through(p, q):
     mx, my = q[2] - p[2], q[3] - p[3]
     square = mx * mx + my * my
     if square < ALIKE:
-        return np.array([0.0, 0.0, -1.0])
+        return 0.0, 0.0, -1.0
     r = ((p[0] - q[0]) * mx + (p[1] - q[1]) * my) / square
-    return np.array([0.5 * (p[0] + q[0] + r * (p[2] + q[2])), 0.5 * (p[1] + q[1] + r * (p[3] + q[3])), r])
+    return 0.5 * (p[0] + q[0] + r * (p[2] + q[2])), 0.5 * (p[1] + q[1] + r * (p[3] + q[3])), r
 
 
 @njit(cache=True)
-def _lies_on(point, circle):
-    """Whether a point lies on a circle and faces its centre."""
-    dx, dy = circle[0] - point[0], circle[1] - point[1]
-    square = dx * dx + dy * dy
-    low, high = max(circle[2] - OFF, 0.0), circle[2] + OFF
-    if not low * low < square < high * high:
-        return False
-    return dx * point[2] + dy * point[3] > FACING * math.sqrt(square)
-
-
-@njit(cache=True)
-def _votes(points, circle):
-    """Number of points that lie on a circle."""
-    count = 0
-    for k in range(len(points)):
-        count += _lies_on(points[k], circle)
-    return count
+def _lie_on(points, circle, on):
+    """Which points lie on a circle and face its centre."""
+    x, y, along, across = points[0], points[1], points[2], points[3]
+    middle_x, middle_y, r = circle
+    low, high = max(r - OFF, 0.0) ** 2, (r + OFF) ** 2
+    for k in range(len(x)):
+        dx, dy = middle_x - x[k], middle_y - y[k]
+        square = dx * dx + dy * dy
+        near = (low < square) & (square < high)
+        on[k] = near & (dx * along[k] + dy * across[k] > FACING * math.sqrt(square))
 
 
 @njit(cache=True)
