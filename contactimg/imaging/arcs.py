@@ -13,6 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.window import FAST
+
 __all__ = ["cover_outline"]
 
 SMOOTHING = 0.8  # px: takes noise off the normals; rounds no arc that can be told from another
@@ -64,7 +66,7 @@ def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) 
     return np.array(found).reshape(-1, 4)
 
 
-def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
     """Points where rows and columns of pixels cross the level: rows of x, y and the inward normal."""
     if min(image.shape) < 2:
         return np.empty((4, 0))
@@ -79,7 +81,7 @@ def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
         normal = gradient[:, j, i] * (1 - f) + gradient[(slice(None), *ahead)] * f
         length = np.maximum(np.hypot(*normal), 1e-12)
         parts.append(np.stack([x, y, *(normal / length)]))
-    return np.hstack(parts).astype(float)
+    return np.asarray(np.hstack(parts), np.float32)
 
 
 @njit(cache=True)
@@ -87,8 +89,8 @@ def _best_circle(points, image, level, smallest):
     """The circle with most points, and which of them lie on it."""
     n = points.shape[1]
     every = max(n * (n - 1) // 2 // PAIRS, 1)
-    most, best, number = 0, (0.0, 0.0, 0.0), 0
-    on = np.zeros(n, np.bool_)
+    most, best, number = 0.0, (0.0, 0.0, 0.0), 0
+    votes = np.zeros(n, np.float32)
     for i in range(n):
         for j in range(i + 1, n):
             number += 1
@@ -97,14 +99,13 @@ def _best_circle(points, image, level, smallest):
             circle = _through(points[:, i], points[:, j])
             if not smallest < circle[2] < max(image.shape):
                 continue
-            _lie_on(points, circle, on)
-            count = on.sum()
+            count = _vote(points, circle, votes)
             if count > most and _is_arc(count, circle[2]) and _bright(image, level, circle):
                 most, best = count, circle
-    on[:] = False
+    votes[:] = 0.0
     if most:
-        _lie_on(points, best, on)
-    return best, on
+        _vote(points, best, votes)
+    return best, votes > 0
 
 
 @njit(cache=True)
@@ -118,17 +119,21 @@ def _through(p, q):
     return 0.5 * (p[0] + q[0] + r * (p[2] + q[2])), 0.5 * (p[1] + q[1] + r * (p[3] + q[3])), r
 
 
-@njit(cache=True)
-def _lie_on(points, circle, on):
-    """Which points lie on a circle and face its centre."""
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def _vote(points, circle, votes):
+    """1 for the points that lie on a circle and face its centre, else 0; and how many these are."""
     x, y, along, across = points[0], points[1], points[2], points[3]
-    middle_x, middle_y, r = circle
-    low, high = max(r - OFF, 0.0) ** 2, (r + OFF) ** 2
-    for k in range(len(x)):
+    middle_x, middle_y, r = np.float32(circle[0]), np.float32(circle[1]), np.float32(circle[2])
+    off, facing, one, none = np.float32(OFF), np.float32(FACING), np.float32(1.0), np.float32(0.0)
+    low, high = max(r - off, none) ** 2, (r + off) ** 2
+    count = none
+    for k in range(len(votes)):
         dx, dy = middle_x - x[k], middle_y - y[k]
         square = dx * dx + dy * dy
         near = (low < square) & (square < high)
-        on[k] = near & (dx * along[k] + dy * across[k] > FACING * math.sqrt(square))
+        votes[k] = one if near & (dx * along[k] + dy * across[k] > facing * np.sqrt(square)) else none
+        count += votes[k]
+    return count
 
 
 @njit(cache=True)

@@ -133,10 +133,10 @@ def _improve(patch: Patch, disks: NDArray, usual: float) -> NDArray[np.float64]:
     slack = SLACK * usual * np.sqrt(2.0 * patch.image.size)
     first = squares = patch.squares(disks)
     best = disks
-    for number in range(ROUNDS):
+    for number in range(-1, ROUNDS):
         if squares < expected + slack:
             break
-        tried = list(_outlined(patch) if number == 0 else _enlarged(patch, best))
+        tried = list(_other_covers(patch, best, number))
         prices = [value + PRICE * (len(cover) - len(best)) for cover, value in tried]
         if prices and min(prices) < squares:
             best, squares = tried[int(np.argmin(prices))]
@@ -161,6 +161,14 @@ def _simplify(patch: Patch, disks: NDArray, usual: float) -> NDArray[np.float64]
         if rest > LEFT * (patch.squares(fitted, window) - expected):
             disks = fitted
     return disks
+
+
+def _other_covers(patch: Patch, disks: NDArray, number: int) -> Iterator[Fitted]:
+    """What to try: the same disks, if they had not settled; those of the outline; then one more and more."""
+    if number < 0:
+        yield patch.fit(disks, np.full(len(disks), np.inf))
+    else:
+        yield from _outlined(patch) if number == 0 else _enlarged(patch, disks)
 
 
 def _outlined(patch: Patch) -> Iterator[Fitted]:
