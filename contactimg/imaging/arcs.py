@@ -69,7 +69,7 @@ def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) 
 def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
     """Points where rows and columns of pixels cross the level: rows of x, y and the inward normal."""
     if min(image.shape) < 2:
-        return np.empty((4, 0))
+        return np.empty((4, 0), np.float32)
     gradient = np.array([np.gradient(image, axis=axis) for axis in (1, 0)])
     above = image > level
     parts = []
