@@ -95,6 +95,22 @@ def test_sums_of_a_disk(name, masked, residual, rng):
         assert found[3] == count
 
 
+@pytest.mark.parametrize("masked", [False, True])
+def test_a_disk_far_wider_than_its_rim_stays_finite(masked, residual):
+    """Hundreds of blur widths inside the rim, where the edge's polynomials overflow."""
+    disk, s, model = np.array([60.0, 45.0, 3000.0, 100.0]), 0.4, np.zeros(SHAPE, np.float32)
+    add_disk(model, disk, s, disk_table(), 1.0)
+    assert np.all(model == 100.0)
+    weight = np.ones(SHAPE, np.uint8)
+    weight[0, 0] = not masked
+    out = np.zeros(SUMS)
+    disk_sums(residual + model, model, weight, disk, s, VARIANCE, 0.0, False, False, 1, disk_table(), out)
+    assert np.all(np.isfinite(out))
+    assert out[9] == pytest.approx(np.count_nonzero(weight) / VARIANCE, rel=1e-5)
+    assert out[RIGHT + 3] == pytest.approx(residual[weight > 0].sum() / VARIANCE, rel=1e-4)
+    assert out[COUNT] == 0
+
+
 def test_one_row_in_two_stands_for_both(residual):
     disk, model = DISKS["wide"], np.zeros(SHAPE, np.float32)
     whole = summed(residual, model, disk, NO_MASK, alone=False)
