@@ -123,6 +123,37 @@ def test_disks_that_all_look_unneeded_beside_a_halo_are_kept(rng, monkeypatch):
     assert np.isfinite(found.disks["radius_px"]).all()
 
 
+def lattice(across, down, rng):
+    """Contacts of 1.5-5 px on a jittered lattice that fills 1600 x 1200 pixels."""
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(8.0, 1600, across), np.arange(12.0, 1200, down)))
+    x, y = x + rng.uniform(-1, 1, x.size), y + rng.uniform(-5, 5, y.size)
+    return pd.DataFrame({"x_px": x, "y_px": y, "radius_px": rng.uniform(1.5, 5.0, x.size), "kind": 0})
+
+
+@pytest.mark.slow
+def test_five_thousand_contacts(rng):
+    truth = scatter(5000, Optics(), rng, radii=(1.5, 5.0))
+    assert len(truth) == 5000
+    frame, reference = render(truth, Optics(), rng)
+    found = measure_image(frame, reference, polarity="bright", full_scale=255.0).disks
+    pairs = match(truth, found)
+    assert len(pairs) >= 0.999 * max(len(found), len(truth))
+    assert np.isfinite(found.drop(columns="flags").to_numpy(float)).all()
+    error = found["radius_px"].to_numpy()[pairs[:, 1]] - truth["radius_px"].to_numpy()[pairs[:, 0]]
+    assert abs(error.mean()) < 0.005
+    assert np.sqrt(np.mean(error**2)) < 0.03
+
+
+@pytest.mark.slow
+def test_a_crowd_that_leaves_no_background_is_said_to_fit_badly(rng):
+    """No 8 x 8 pixels are free of contacts' light, which counts as background: radii are 0.2 px too small."""
+    frame, reference = render(lattice(16, 24, rng), Optics(), rng)
+    found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
+    assert np.isfinite(found.disks.drop(columns="flags").to_numpy(float)).all()
+    assert "do not look like disks" in found.message
+    assert np.mean(found.disks["flags"] & int(Flag.POOR_FIT) != 0) > 0.9
+
+
 def test_contact_at_the_border_is_kept_and_flagged():
     frame, reference, _ = shoot([3.0, 120.0, 220.0], [90.0, 90.0, 180.0], [7.0, 6.0, 5.0])
     disks = measure_image(frame, reference, polarity="bright").disks.sort_values("x_px")
