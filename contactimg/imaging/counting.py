@@ -18,6 +18,10 @@ SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noi
 HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp
 TYPICAL_BLUR = 1.4  # px, for the slope of the rim in the uncertainty
 SMALLEST = 4  # pixels
+SPECK, AROUND = (
+    12,
+    3,
+)  # pixels of what may be noise on the slope of a soft edge, and how far off it is looked for
 QUIET = 12.0  # contrast/noise below which noise notches the components
 
 
@@ -60,7 +64,8 @@ def count_contacts(
     noisy = contrast.plateau < QUIET * noise
     found, split = split_components(image, level, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0)
     hot = (found["area"] <= 2) & (_surroundings(image, found) < HOT * found["peak"])
-    weak = found["flux"] < SIGNIFICANT * noise * np.sqrt(found["area"])
+    light = found["flux"] - found["area"] * np.maximum(_slope_under(image, found), 0.0)
+    weak = light < SIGNIFICANT * noise * np.sqrt(found["area"])
     radius = np.sqrt(found["area"] / np.pi)
     bad = hot | weak
     rejected = {
@@ -105,3 +110,15 @@ def _surroundings(image: NDArray[np.float32], found: NDArray[np.void]) -> NDArra
         + image[np.maximum(y - 1, 0), x]
         + image[np.minimum(y + 1, rows - 1), x]
     ).astype(float)
+
+
+def _slope_under(image: NDArray[np.float32], found: NDArray[np.void]) -> NDArray[np.float64]:
+    """Median of eight points about each speck: about its own level on a slope, 0 beside a single contact."""
+    out = np.zeros(len(found))
+    specks = np.flatnonzero(found["area"] <= SPECK)
+    part, (rows, columns) = found[specks], image.shape
+    x = np.stack([part["left"] - AROUND, part["peak_x"], part["right"] + AROUND])
+    y = np.stack([part["top"] - AROUND, part["peak_y"], part["bottom"] + AROUND])
+    grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
+    out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
+    return out

@@ -23,7 +23,7 @@ from contactimg.imaging.disks import (
 from contactimg.imaging.dust import reject_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import Halo, estimate_halo, remove_halo
-from contactimg.imaging.light import BLOCK, block_means, fit_light
+from contactimg.imaging.light import BLOCK, LightField, block_means, fit_light, side_of
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.order import median
 from contactimg.imaging.pixels import NO_MASK, Pixels
@@ -42,7 +42,11 @@ BINNED_BLUR = 1.6  # ... such that they are about this wide
 QUANTISATION = 1e-3  # levels: the least noise that is believed ...
 LEAST_NOISE = 5e-3  # ... and of the contrast: no edge is so round that residuals below that mean anything
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
-ENOUGH_BLOCKS = 60
+ENOUGH_BLOCKS = 0.05  # of the blocks
+GAP = 2  # px: side of squares that are looked at where there are no such blocks ...
+GAPS, SHADED = 0.05, 0.2  # ... those least brightened, as long as it is by less than that of the contrast
+LEVELLED, LEVEL_ROUNDS = 3e-3, 8  # of the contrast: rest of the light that no fit feels
+LONGEST, MOST_RISEN = 4.0, 0.5  # times the rest, and of the contrast: what is taken out at most
 BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
 ATTEMPTS = 3
 LEAST_SPREAD = 1e-4  # of the contrast
@@ -136,9 +140,11 @@ def fit_contacts(
         if found is None or abs(np.log(found.contrast / contrast.plateau)) < SAME_CONTRAST:
             break
         # disks were told apart at another contrast: look again
+        moved = abs(trial.field.light[0, 0]) > SAME_CONTRAST * contrast.plateau
         contrast, blur = replace(contrast, plateau=found.contrast), found.fit.blur
         anchor = found.shown
-        free_blur = free_blur and film is not None
+        free_blur = free_blur and (film is not None or moved)
+        field = field.without_light(trial.field.light)
     return _report(best or trial, pixels, image, difference, contrast)
 
 
@@ -185,6 +191,7 @@ def _attempt(
         assembly = replace(assembly, dropped=np.vstack([assembly.dropped, dropped]))
     if film is not None:
         before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
+    field, start, contrast = _level(field, start, contrast, first, free_blur=free_blur, table=table)
     settled = _refine(
         field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=known.spread,
         free_blur=free_blur, table=table, anchor=anchor,
@@ -252,14 +259,29 @@ def _without_halo(
         gone = unneeded(fit, contrast.plateau, last=True)
         gone &= not gone.all()
         dropped.append(fit.disks[gone, :3])
-        disks = fit.disks[~gone]
-        n = len(disks)
-        prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
-        fit = fit_disks(
-            image, field.weight, disks, blur=fit.blur, noise=noise, prior=prior,
-            brightness=field.brightness(disks), free_blur=free_blur, robust=False, iterations=4,
-        )  # fmt: skip
+        fit = _fit_again(
+            replace(field, image=image), fit, fit.disks[~gone], contrast, noise, free_blur=free_blur
+        )
     return replace(field, image=image), fit, found, np.vstack(dropped)
+
+
+def _fit_again(
+    field: "_Field",
+    fit: DiskFit,
+    disks: NDArray[np.float64],
+    contrast: Contrast,
+    noise: Noise,
+    *,
+    free_blur: bool,
+    table: EdgeTable | None = None,
+) -> DiskFit:
+    """Fit disks from where they are, with loosely bound contrasts."""
+    n = len(disks)
+    prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
+    return fit_disks(
+        field.image, field.weight, disks, blur=fit.blur, noise=noise, prior=prior,
+        brightness=field.brightness(disks), free_blur=free_blur, robust=False, table=table, iterations=4,
+    )  # fmt: skip
 
 
 def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, guess: float) -> float:
@@ -302,7 +324,7 @@ def _refine(
     anchor: float,
 ) -> Settled:
     """Last fit, with noise, background, contrast and spread of contrasts as the first one shows them."""
-    image = _level(field, start)
+    image = field.image
     slope = measure_slope(
         image, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
     )
@@ -333,25 +355,61 @@ def _refine(
     return replace(settled, fit=fit.replace(std=inflated))
 
 
-def _level(field: "_Field", fit: DiskFit) -> NDArray[np.float32]:
-    """The image with the slow rest of its background taken out.
+def _level(
+    field: "_Field",
+    fit: DiskFit,
+    contrast: Contrast,
+    noise: Noise,
+    *,
+    free_blur: bool,
+    table: EdgeTable | None,
+) -> tuple["_Field", DiskFit, Contrast]:
+    """Take the slow rest of the background out of the image, in turn with the fit as long as that matters.
 
     The light was fitted when the faint surroundings of contacts still counted as background; now they are
     known.
     """
-    model = block_means(fit.model)
-    dark = np.abs(model) < UNTOUCHED * np.max(fit.disks[:, CONTRAST], initial=1e-6)
-    if np.count_nonzero(dark) < ENOUGH_BLOCKS:
-        return field.image
-    blocks = np.where(dark, block_means(field.image) - model, np.float32(np.nan))
+    taken, before = 0.0, np.inf
+    for _ in range(LEVEL_ROUNDS):
+        slow = _rest_of_light(field.image, fit)
+        if slow is None:
+            break
+        rest = float(slow.coefficients[0, 0])
+        # the fit takes a part of the rest for contrast and blur: a secant tells which
+        factor = float(np.clip(taken / (before - rest), 1.0, LONGEST)) if taken and before != rest else 1.0
+        taken, before = factor * rest, rest
+        if taken > MOST_RISEN * contrast.plateau:
+            break  # what the contacts would leave standing is no contact
+        field = field.without_light(factor * slow.coefficients)
+        if abs(taken) < LEVELLED * contrast.plateau:
+            break
+        contrast = replace(contrast, plateau=contrast.plateau - taken)
+        fit = _fit_again(field, fit, fit.disks, contrast, noise, free_blur=free_blur, table=table)
+    return field, fit, contrast
+
+
+def _rest_of_light(image: NDArray[np.float32], fit: DiskFit) -> LightField | None:
+    """Slow field of what a fit leaves over where there is next to no contact; None if that is nowhere."""
+    side, highest = BLOCK, float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
+    model, limit = np.abs(block_means(fit.model)), UNTOUCHED * highest
+    if np.mean(model < limit) < ENOUGH_BLOCKS:
+        side = GAP
+        model = np.abs(block_means(fit.model, side=side))
+        limit = max(limit, 1.01 * float(np.quantile(model, GAPS)))
+        if limit > SHADED * highest:
+            return None
+    dark = model < limit
+    blocks = np.where(dark, block_means(image, side=side) - model, np.float32(np.nan))
     spread = 1.4826 * median(np.abs(blocks[dark]))
-    slow = fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, QUANTISATION))
-    return slow.subtract_from(field.image)
+    return fit_light(blocks, image.shape, start=0.0, spread=max(spread, QUANTISATION))
 
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """What the fit looks at: the difference image, binned where the blur is wide, and what belongs to it."""
+    """What the fit looks at: the difference image, binned where the blur is wide, and what belongs to it.
+
+    ``light`` is the slow polynomial that was taken out of the image since.
+    """
 
     image: NDArray[np.float32]
     weight: NDArray[np.uint8]
@@ -359,6 +417,7 @@ class _Field:
     blocks: NDArray[np.bool_]
     illumination: NDArray[np.float32]
     bin: int
+    light: NDArray[np.float64]
 
     @classmethod
     def of(cls, image: NDArray, pixels: Pixels, difference: Difference, bin_: int) -> "_Field":
@@ -370,14 +429,22 @@ class _Field:
             weight = usable if weight is NO_MASK else weight * usable
         if bin_ > 1:
             rows, columns = max(image.shape[0] // bin_, 1), max(image.shape[1] // bin_, 1)
+            side = side_of(blocks.shape, image.shape)
             weight, saturated = _binned_mask(weight, bin_, 0), _binned_mask(saturated, bin_, 1)
             image = cv2.resize(
                 image[: rows * bin_, : columns * bin_], (columns, rows), interpolation=cv2.INTER_AREA
             )
-            y = np.minimum(np.arange(-(-rows // BLOCK)) * bin_, blocks.shape[0] - 1)
-            x = np.minimum(np.arange(-(-columns // BLOCK)) * bin_, blocks.shape[1] - 1)
+            y = np.minimum(np.arange(-(-rows // side)) * bin_, blocks.shape[0] - 1)
+            x = np.minimum(np.arange(-(-columns // side)) * bin_, blocks.shape[1] - 1)
             blocks = blocks[y][:, x]
-        return cls(image, weight, saturated, blocks, difference.illumination, bin_)
+        return cls(image, weight, saturated, blocks, difference.illumination, bin_, np.zeros((4, 4)))
+
+    def without_light(self, coefficients: NDArray[np.float64]) -> "_Field":
+        """The field with a slow polynomial taken out of its image."""
+        if not coefficients.any():
+            return self
+        light = LightField(coefficients, self.blocks, 0.0)
+        return replace(self, image=light.subtract_from(self.image), light=self.light + coefficients)
 
     def brightness(self, disks: NDArray) -> NDArray[np.float64]:
         """Relative illumination where the disks stand."""

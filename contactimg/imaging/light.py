@@ -11,16 +11,26 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["BLOCK", "LightField", "background_mode", "block_means", "fit_light", "sample_background"]
+__all__ = [
+    "BLOCK",
+    "LightField",
+    "background_mode",
+    "block_means",
+    "fit_light",
+    "is_background",
+    "neighbour_scatter",
+    "sample_background",
+    "side_of",
+]
 
 BLOCK = 8
-"""Side of the blocks, px."""
+"""Side of the blocks, px; a power of 2."""
 
 ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
 FIT_CLIP = 2.0  # the same for the fit, in which the rims of contacts would count on one side only
-ENOUGH_BLOCKS = 3000  # blocks that determine the field; more are left out in turn
+ENOUGH_BLOCKS = 3000  # blocks that determine the field; of smaller ones as much area
 LEAST_RATIO = 0.05  # of the ratio in the middle: where the field extrapolates to less, it is that
 MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread of its own
 
@@ -34,7 +44,7 @@ class LightField:
     coefficients : ndarray, shape (4, 4)
         ``coefficients[j, i]`` multiplies ``u**i v**j`` with ``u = 2 x/columns - 1`` and ``v = 2 y/rows - 1``.
     background : ndarray of bool, shape (block rows, block columns)
-        Blocks taken as background.
+        Blocks taken as background; their side follows from the shape (`side_of`).
     spread : float
         Robust standard deviation of one background block about the field.
     """
@@ -118,7 +128,29 @@ def sample_background(
 ) -> NDArray[np.float32]:
     """Pixels of the background blocks, one in so many rows and columns."""
     rows, columns = (np.arange(0, size, step) for size, step in zip(image.shape, every, strict=True))
-    return image[:: every[0], :: every[1]][background[rows // BLOCK][:, columns // BLOCK]]
+    return image[:: every[0], :: every[1]][is_background(background, rows, columns, image.shape)]
+
+
+def is_background(
+    background: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """Whether the pixels where some rows and columns of an image of ``shape`` cross are background."""
+    side = side_of(background.shape, shape)
+    return background[rows // side][:, columns // side]
+
+
+def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
+    """Side (px) of so many rows and columns of blocks that cover an image of ``shape``.
+
+    Examples
+    --------
+    >>> side_of((150, 200), (1200, 1600)), side_of((2, 3), (9, 17)), side_of((600, 800), (1200, 1600))
+    (8, 8, 2)
+    """
+    side = 1
+    while any(-(-size // side) > count for size, count in zip(shape, blocks, strict=True)):
+        side *= 2
+    return side
 
 
 @njit(cache=True)
@@ -171,11 +203,10 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
     LightField
         A field of lower order where too few blocks are background to determine the full one.
     """
-    every = int(max(np.sqrt(blocks.size / ENOUGH_BLOCKS), 1))
-    part = np.ascontiguousarray(blocks[every // 2 :: every, every // 2 :: every], float)
-    basis = _basis(blocks.shape, shape, every)
-    finite = np.isfinite(part).ravel()
-    data = np.where(finite, part.ravel() - start, 0.0)
+    part, basis = _basis(blocks.shape, shape)
+    data = blocks.ravel()[part].astype(float)
+    finite = np.isfinite(data)
+    data = np.where(finite, data - start, 0.0)
     deviation = data
     coefficients = np.zeros(len(TERMS))
     keep = finite
@@ -207,8 +238,9 @@ def _clean_scatter(deviation: NDArray) -> float:
 
 def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray, NDArray]:
     """Normalised coordinates (u, v) of the columns and rows of blocks."""
-    u = ((2 * np.arange(blocks[1]) + 1) * BLOCK - 1) / shape[1] - 1
-    v = ((2 * np.arange(blocks[0]) + 1) * BLOCK - 1) / shape[0] - 1
+    side = side_of(blocks, shape)
+    u = ((2 * np.arange(blocks[1]) + 1) * side - 1) / shape[1] - 1
+    v = ((2 * np.arange(blocks[0]) + 1) * side - 1) / shape[0] - 1
     return u, v
 
 
@@ -220,10 +252,22 @@ def _at_blocks(coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int,
 
 
 @lru_cache(maxsize=4)
-def _basis(blocks: tuple[int, int], shape: tuple[int, int], every: int) -> NDArray[np.float64]:
-    """Each term of the polynomial at the centre of every so many blocks."""
-    u, v = (axis[every // 2 :: every] for axis in _block_centres(blocks, shape))
-    return np.stack([np.outer(v**j, u**i).ravel() for i, j in TERMS])
+def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Which blocks determine a field, and each term of the polynomial at their centres."""
+    enough = ENOUGH_BLOCKS * (BLOCK // side_of(blocks, shape)) ** 2
+    part = _some_of(blocks[0] * blocks[1], enough)
+    rows, columns = np.divmod(part, blocks[1])
+    u, v = _block_centres(blocks, shape)
+    return part, np.stack([v[rows] ** j * u[columns] ** i for i, j in TERMS])
+
+
+@lru_cache(maxsize=8)
+def _some_of(count: int, enough: int) -> NDArray[np.int64]:
+    """Numbers below ``count``, at most ``enough``, in order; at random: contacts may stand in lattices."""
+    chosen = np.random.default_rng(0).permutation(count)[:enough]
+    chosen.sort()
+    chosen.flags.writeable = False  # it is handed out again
+    return chosen
 
 
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
@@ -283,7 +327,7 @@ def _add_row(out, image, along, across, sign):
         out[x] = image[x] + sign * (c0 + u * (c1 + u * (c2 + u * c3)))
 
 
-def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
+def background_mode(blocks: NDArray, *, prefer: str, scatter: float | None = None) -> tuple[float, float]:
     """Most likely level of the background among block means, and the scatter of a block.
 
     Parameters
@@ -293,6 +337,8 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
     prefer : {"low", "high", "one", "common"}
         Which of several well-populated levels is the background: the lowest (bright contacts), the highest
         (dark contacts), the one closest to 1 (ratio to a reference) or the most common.
+    scatter : float or None
+        Of one block of background, if it is known; None: from the differences of neighbours.
 
     Returns
     -------
@@ -303,7 +349,7 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
         return 1.0, MINIMUM_SPREAD
     low, high = float(values.min()), float(values.max())
     least = max(MINIMUM_SPREAD * max(abs(low), abs(high)), 1e-9)
-    spread = max(_neighbour_scatter(blocks), least)
+    spread = max(neighbour_scatter(blocks) if scatter is None else scatter, least)
     bins = int(np.clip((high - low) / spread, 1, 2000)) + 4
     edges = np.linspace(low - 2 * spread, high + 2 * spread, bins + 1)
     places = ((values - edges[0]) * (bins / (edges[-1] - edges[0]))).astype(np.int64)
@@ -320,13 +366,14 @@ def background_mode(blocks: NDArray, *, prefer: str) -> tuple[float, float]:
         "common": int(np.argmax(smooth[peaks])),
     }[prefer]
     level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
-    sample = values[:: max(len(values) // ENOUGH_BLOCKS, 1)]
+    sample = values[_some_of(len(values), ENOUGH_BLOCKS)]
     return level, 2.0 * max(min(spread, _clean_scatter(sample - level)), width, least)
 
 
-def _neighbour_scatter(blocks: NDArray) -> float:
+def neighbour_scatter(blocks: NDArray) -> float:
     """Scatter of one block from the differences of neighbours; half of them may straddle rims of contacts."""
-    difference = np.diff(blocks[:: max(blocks.size // ENOUGH_BLOCKS, 1)], axis=1).ravel()
+    rows = _some_of(len(blocks), max(ENOUGH_BLOCKS // blocks.shape[1], 1))
+    difference = np.diff(blocks[rows], axis=1).ravel()
     difference = difference[np.isfinite(difference)]
     if not len(difference):
         return 0.0

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.imaging.light import BLOCK, sample_background
+from contactimg.imaging.light import sample_background, side_of
 from contactimg.imaging.order import median, robust_std
 from contactimg.timings import stage
 
@@ -223,12 +223,17 @@ def measure_correlation(
     noise : float
         Standard deviation of a background pixel.
     """
-    return NoiseCorrelation(_covariance(image, model, background, np.float32(CLIP * noise)))
+    side = side_of(background.shape, image.shape)
+    wide = background.repeat(side, axis=1)[:, : image.shape[1]]
+    return NoiseCorrelation(_covariance(image, model, wide, side, np.float32(CLIP * noise)))
 
 
 @njit(cache=True)
-def _covariance(image, model, background, clip):
-    """Covariance of pixels a lag apart, along and below some runs of rows of the background."""
+def _covariance(image, model, background, side, clip):
+    """Covariance of pixels a lag apart, along and below some runs of rows of the background.
+
+    ``background`` has a row for every ``side`` rows of the image, and all its columns.
+    """
     rows, columns = image.shape
     size, seen = LARGEST_LAG + 1, 0
     value, usual = np.zeros((size, columns), np.float32), np.zeros((size, columns), np.float32)
@@ -244,7 +249,7 @@ def _covariance(image, model, background, clip):
             _clip(image, model, seen, clip, value, usual)
             seen += 1
         # both ends of the longest lags in background blocks: so are, but for corners, the pixels between
-        _mark(background[y // BLOCK], background[(y + LARGEST_LAG) // BLOCK], counted)
+        _mark(background[y // side], background[(y + LARGEST_LAG) // side], counted)
         counted *= usual[y % size]
         here = counted * value[y % size]
         middle += here[:wide].sum()
@@ -259,10 +264,10 @@ def _covariance(image, model, background, clip):
 
 @njit(cache=True)
 def _mark(top, bottom, counted):
-    """Pixels of a row whose block and those `LARGEST_LAG` further on and below are background."""
-    for x in range(len(counted)):
-        far = min((x + LARGEST_LAG) // BLOCK, len(top) - 1)
-        counted[x] = top[x // BLOCK] and bottom[x // BLOCK] and top[far]
+    """Pixels of a row that are background, as those `LARGEST_LAG` further on and below."""
+    counted[:] = 0.0
+    for x in range(len(counted) - LARGEST_LAG):
+        counted[x] = top[x] & bottom[x] & top[x + LARGEST_LAG]
 
 
 @njit(cache=True, fastmath=True, forceinline=True)

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
+from contactimg.imaging.gaps import find_light
+from contactimg.imaging.light import BLOCK, LightField, block_means, neighbour_scatter, side_of
 from contactimg.imaging.move import Shift, move_reference
 from contactimg.imaging.register import GOOD_STD, Found, estimate_shift, estimate_shift_closely
 from contactimg.imaging.search import search_shift
@@ -108,7 +109,7 @@ def subtract_reference(
     """
     view = _View.of(frame, reference, valid, prefer, NO_SHIFT)
     if view is None:
-        return _subtract_offset(frame, reference, block_means(frame, valid) - block_means(reference, valid))
+        return _subtract_offset(frame, reference, valid)
     rest, textured = STILL, False
     if not still:
         view, rest, textured = _register(frame, reference, valid, prefer, view)
@@ -158,13 +159,20 @@ class _View:
             valid = _lit(moved, valid, FLOOR * level)
             half = block_means(moved, valid, side=2)
             blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
-        ratio = blocks_f / np.maximum(blocks_r, FLOOR * level)
-        start, spread = background_mode(ratio, prefer=prefer)
-        light = fit_light(ratio, frame.shape, start=start, spread=spread)
-        if valid is not None:  # what holes leave of a block is noisier than a block
-            light = replace(
-                light, background=light.background & (block_means(valid.astype(np.float32)) == 1.0)
+
+        def ratio(side: int) -> tuple[NDArray, float]:
+            means, of_reference = (
+                (blocks_f, blocks_r)
+                if side == BLOCK
+                else (block_means(frame, valid, side=side), block_means(moved, valid, side=side))
             )
+            return means / np.maximum(of_reference, FLOOR * level), _noise_of_two(of_reference) / level
+
+        light = find_light(ratio, frame.shape, prefer=prefer)
+        if valid is not None:  # what holes leave of a block is noisier than a block
+            side = side_of(light.background.shape, frame.shape)
+            whole = block_means(valid.astype(np.float32), side=side) == 1.0
+            light = replace(light, background=light.background & whole)
         illumination = np.maximum(blocks_r, FLOOR * level) / level
         illumination[~np.isfinite(illumination)] = 1.0
         return cls(moved, half, valid, level, illumination.astype(np.float32), light, shift)
@@ -174,6 +182,11 @@ def _blocks(image: NDArray, valid: NDArray | None, half: NDArray[np.float32]) ->
     """Block means of an image of which those of two pixels are known."""
     whole = all(size % BLOCK == 0 for size in image.shape)
     return block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
+
+
+def _noise_of_two(reference: NDArray) -> float:
+    """Scatter of the difference of two images without contacts, from the means of one of them."""
+    return float(np.sqrt(2.0) * neighbour_scatter(reference))
 
 
 def _lit(reference: NDArray, valid: NDArray | None, lowest: float) -> NDArray[np.uint8]:
@@ -240,12 +253,17 @@ def _approach(
     return view, found.shift
 
 
-def _subtract_offset(frame: NDArray, reference: NDArray, blocks: NDArray) -> Difference:
+def _subtract_offset(frame: NDArray, reference: NDArray, valid: NDArray | None) -> Difference:
     """Plain difference for a background that is dark or was subtracted before: nothing to divide by."""
-    start, spread = background_mode(blocks, prefer="common")
-    light = fit_light(blocks, frame.shape, start=start, spread=spread)
+
+    def difference(side: int) -> tuple[NDArray, float]:
+        of_reference = block_means(reference, valid, side=side)
+        return block_means(frame, valid, side=side) - of_reference, _noise_of_two(of_reference)
+
+    light = find_light(difference, frame.shape, prefer="common")
     image = light.subtract_from(np.subtract(frame, reference, dtype=np.float32))
-    return Difference(image, 0.0, np.ones(blocks.shape, np.float32), light, UNKNOWN)
+    illumination = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
+    return Difference(image, 0.0, illumination, light, UNKNOWN)
 
 
 @stage("light")

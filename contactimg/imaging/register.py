@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.filters import filter_image, kernel_of
-from contactimg.imaging.light import BLOCK, LightField
+from contactimg.imaging.light import LightField, side_of
 from contactimg.imaging.move import Shift, shift_kernel
 from contactimg.imaging.order import median
 from contactimg.timings import stage
@@ -148,8 +148,9 @@ def _strip_mask(
     breaks = np.flatnonzero(np.diff(rows) != 1)
     for edge in np.r_[-1, breaks, len(rows) - 1]:
         row_ok[max(edge + 1 - MARGIN, 0) : edge + 1 + MARGIN] = False
-    usual = background[rows // BLOCK] & row_ok[:, None]
-    mask = usual.astype(np.uint8).repeat(BLOCK, axis=1)[:, : shape[1]].copy()
+    side = side_of(background.shape, shape)
+    usual = background[rows // side] & row_ok[:, None]
+    mask = usual.astype(np.uint8).repeat(side, axis=1)[:, : shape[1]].copy()
     mask[:, :MARGIN] = mask[:, -MARGIN:] = 0
     if valid is not None:
         mask &= cv2.erode(valid[rows], np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.division import CLEAN, DUST_FROM, divide_rows
 from contactimg.imaging.filters import filter_image, kernel_of
-from contactimg.imaging.light import BLOCK, LightField, block_means
+from contactimg.imaging.light import BLOCK, LightField, block_means, is_background, side_of
 from contactimg.imaging.move import Shift, shift_kernel
 from contactimg.imaging.order import median
 
@@ -128,7 +128,7 @@ def _measure_gains(
     shape = (frame.shape[0], frame.shape[1])
     tiles = _emptiest_tiles(light.background, shape)
     every = EVERY if len(tiles) == TILES else EVERY // 2
-    mask = np.array([_background_inside(light.background, *tile, every) for tile in tiles], np.bool_)
+    mask = np.array([_background_inside(light.background, *tile, every, shape) for tile in tiles], np.bool_)
     if np.count_nonzero(mask) < ENOUGH:
         return np.ones(3), np.full(2, CLEAN)
 
@@ -178,9 +178,11 @@ def _emptiest_tiles(background: NDArray[np.bool_], shape: tuple[int, int]) -> li
     if not high * long:
         return []
     down, across = inside[0] // high, inside[1] // long
-    around = REACH // BLOCK
-    inner = background[around : around + down * high, around : around + across * long]
-    share = inner.reshape(down, high, across, long).mean(axis=(1, 3)).ravel()
+    around, per = REACH // BLOCK, BLOCK // side_of(background.shape, shape)
+    inner = background[
+        around * per : (around + down * high) * per, around * per : (around + across * long) * per
+    ]
+    share = inner.reshape(down, high * per, across, long * per).mean(axis=(1, 3)).ravel()
     spread = np.argsort(np.arange(len(share)) * GOLDEN % 1.0)
     chosen = spread[np.argsort(-share[spread], kind="stable")[:TILES]]
     corners = zip(*np.divmod(chosen, across) * np.array([[high], [long]]) * BLOCK, strict=True)
@@ -191,11 +193,11 @@ def _emptiest_tiles(background: NDArray[np.bool_], shape: tuple[int, int]) -> li
 
 
 def _background_inside(
-    background: NDArray[np.bool_], rows: slice, columns: slice, every: int
+    background: NDArray[np.bool_], rows: slice, columns: slice, every: int, shape: tuple[int, int]
 ) -> NDArray[np.bool_]:
     """Whether the pixels that are looked at inside a tile are background."""
-    inner = (slice((part.start + REACH) // BLOCK, (part.stop - REACH) // BLOCK) for part in (rows, columns))
-    return background[tuple(inner)].repeat(BLOCK // every, axis=0).repeat(BLOCK // every, axis=1)
+    y, x = (np.arange(part.start + REACH, part.stop - REACH, every) for part in (rows, columns))
+    return is_background(background, y, x, shape)
 
 
 def _between(coarse: NDArray[np.float32], rows: slice, columns: slice, side: int) -> NDArray[np.float32]:

@@ -1,0 +1,72 @@
+"""The slow light under a crowd: from the gaps between contacts where no block is free, and only there."""
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from contactimg.imaging.gaps import SQUARE, find_light
+from contactimg.imaging.light import BLOCK, background_mode, block_means, fit_light, side_of
+
+SHAPE = (480, 640)
+Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
+LEVEL, NOISE = 1.1, 0.03
+
+
+def crowd(pitch, radius):
+    """Coverage by blurred disks in a square lattice."""
+    distance = np.hypot((X + 0.3) % pitch - pitch / 2, (Y + 0.2) % pitch - pitch / 2)
+    return ndtr((radius - distance) / 1.4)
+
+
+def means_of(ratio, rng):
+    """Means over squares of a noisy ratio, and the scatter of one."""
+    image = (ratio + NOISE * rng.standard_normal(SHAPE)).astype(np.float32)
+    return lambda side: (block_means(image, side=side), NOISE / side)
+
+
+def coarse_light(means):
+    blocks, _ = means(BLOCK)
+    start, spread = background_mode(blocks, prefer="low")
+    return fit_light(blocks, SHAPE, start=start, spread=spread)
+
+
+def side_and_level(light):
+    return side_of(light.background.shape, SHAPE), light.at_blocks((60, 80), SHAPE).mean()
+
+
+def test_background_is_found_between_contacts_that_leave_no_block_free(rng):
+    means = means_of(LEVEL + 0.05 * X / SHAPE[1] + 1.2 * crowd(15, 4), rng)
+    side, level = side_and_level(find_light(means, SHAPE, prefer="low"))
+    assert side == SQUARE
+    # half-way between two contacts 0.007 x 2 x 1.2 of their light is left
+    assert level == pytest.approx(LEVEL + 0.025, abs=0.015)
+    assert side_and_level(coarse_light(means))[1] > LEVEL + 0.1
+
+
+def test_blocks_do_where_some_are_free(rng):
+    means = means_of(LEVEL + 1.2 * crowd(60, 8), rng)
+    found, blocks = find_light(means, SHAPE, prefer="low"), coarse_light(means)
+    assert side_and_level(found)[0] == BLOCK
+    np.testing.assert_array_equal(found.coefficients, blocks.coefficients)
+
+
+def test_uneven_light_is_no_crowd(rng):
+    dome = np.exp(-((X - 320) ** 2 + (Y - 240) ** 2) / (2 * 90.0**2))
+    assert side_and_level(find_light(means_of(LEVEL + dome, rng), SHAPE, prefer="low"))[0] == BLOCK
+
+
+def test_nothing_but_holes_is_no_crowd():
+    def holes(side):
+        return np.full([-(-size // side) for size in SHAPE], np.nan), 0.0
+
+    assert not find_light(holes, SHAPE, prefer="low").background.any()
+
+
+def test_contacts_in_step_with_the_blocks_do_not_hide_the_background(rng):
+    """Every third block of every third row is covered, as if the sample of blocks were drawn from them."""
+    for phase in range(3):
+        blocks = (LEVEL + 0.001 * rng.standard_normal((240, 320))).astype(np.float32)
+        blocks[phase::3] += 0.4
+        blocks[:, phase::3] += 0.4
+        light = fit_light(blocks, (1920, 2560), start=LEVEL, spread=0.003)
+        assert light.background.mean() == pytest.approx(4 / 9, abs=0.01)
