@@ -9,6 +9,7 @@ from contact_frames import Optics, match, render
 from contactimg.imaging.coupled import find_pairs, invert
 from contactimg.imaging.disks import Prior, contrast_prior, fit_disks, render_disks
 from contactimg.imaging.halo import estimate_halo, remove_halo
+from contactimg.imaging.light import BlockMeans
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.noise import Noise, NoiseCorrelation, measure_correlation
 from contactimg.imaging.separate import overlapping
@@ -150,13 +151,13 @@ def test_halo_is_found_and_taken_out():
         np.float32
     )
     model = clean - 80.0
-    halo = estimate_halo(hazy - 80.0, model, contrast=100.0, contacts=12)
+    halo = estimate_halo(BlockMeans(hazy - 80.0, model), contrast=100.0, contacts=12)
     # pixels beyond the core tell the fraction to a per cent or two of itself
     assert halo.sigma_px == 8.0
     assert halo.fraction == pytest.approx(0.2, abs=0.01)
-    assert estimate_halo(model, model, contrast=100.0, contacts=12) is None
+    assert estimate_halo(BlockMeans(model, model), contrast=100.0, contacts=12) is None
     # the scatter of two contacts says nothing about that of more
-    assert estimate_halo(hazy - 80.0, model, contrast=100.0, contacts=2) is None
+    assert estimate_halo(BlockMeans(hazy - 80.0, model), contrast=100.0, contacts=2) is None
     left = remove_halo(hazy - 80.0, model, halo) - model
     # 5 % for the fraction, and half a step, 10 %, for the width
     assert np.sqrt(np.mean(left**2)) < 0.15 * np.sqrt(np.mean((hazy - clean) ** 2))

@@ -23,7 +23,7 @@ from contactimg.imaging.disks import (
 from contactimg.imaging.dust import reject_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.halo import Halo, estimate_halo, remove_halo
-from contactimg.imaging.light import BLOCK, LightField, block_means, fit_light, side_of
+from contactimg.imaging.light import BLOCK, BlockMeans, LightField, fit_light, side_of
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.order import median
 from contactimg.imaging.pixels import NO_MASK, Pixels
@@ -186,12 +186,16 @@ def _attempt(
     start, halo = assembly.fit, None
     if not len(start.disks):
         return _Trial(assembly, field, start, halo, None)
+    means = BlockMeans(field.image, start.model)
     if film is None:
-        field, start, halo, dropped = _without_halo(field, start, contrast, first, known, free_blur=free_blur)
+        field, start, halo, dropped = _without_halo(
+            field, start, means, contrast, first, known=known, free_blur=free_blur
+        )
         assembly = replace(assembly, dropped=np.vstack([assembly.dropped, dropped]))
-    if film is not None:
+        means = means if halo is None else BlockMeans(field.image, start.model)
+    else:
         before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
-    field, start, contrast = _level(field, start, contrast, first, free_blur=free_blur, table=table)
+    field, start, contrast = _level(field, start, means, contrast, first, free_blur=free_blur, table=table)
     settled = _refine(
         field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=known.spread,
         free_blur=free_blur, table=table, anchor=anchor,
@@ -232,10 +236,11 @@ def _report(
 def _without_halo(
     field: "_Field",
     fit: DiskFit,
+    means: BlockMeans,
     contrast: Contrast,
     noise: Noise,
-    known: SharedOptics,
     *,
+    known: SharedOptics,
     free_blur: bool,
 ) -> tuple["_Field", DiskFit, Halo | None, NDArray[np.float64]]:
     """Take the wide part of the point spread function out of the image, in turn with the fit.
@@ -248,9 +253,7 @@ def _without_halo(
     told = np.isfinite([known.contrast, known.blur_px]).all()
     for turn in range(HALO_ROUNDS):
         halo = (
-            known.halo
-            if told
-            else estimate_halo(field.image, fit.model, contrast=contrast.plateau, contacts=len(fit.disks))
+            known.halo if told else estimate_halo(means, contrast=contrast.plateau, contacts=len(fit.disks))
         )
         if halo is None or (abs(halo.fraction - before) < HALO_SETTLED and turn >= told * KNOWN_ROUNDS):
             break
@@ -262,6 +265,7 @@ def _without_halo(
         fit = _fit_again(
             replace(field, image=image), fit, fit.disks[~gone], contrast, noise, free_blur=free_blur
         )
+        means = BlockMeans(field.image, fit.model)
     return replace(field, image=image), fit, found, np.vstack(dropped)
 
 
@@ -358,6 +362,7 @@ def _refine(
 def _level(
     field: "_Field",
     fit: DiskFit,
+    means: BlockMeans,
     contrast: Contrast,
     noise: Noise,
     *,
@@ -371,7 +376,7 @@ def _level(
     """
     taken, before = 0.0, np.inf
     for _ in range(LEVEL_ROUNDS):
-        slow = _rest_of_light(field.image, fit)
+        slow = _rest_of_light(means, fit, field.image.shape)
         if slow is None:
             break
         rest = float(slow.coefficients[0, 0])
@@ -385,23 +390,24 @@ def _level(
             break
         contrast = replace(contrast, plateau=contrast.plateau - taken)
         fit = _fit_again(field, fit, fit.disks, contrast, noise, free_blur=free_blur, table=table)
+        means = BlockMeans(field.image, fit.model)
     return field, fit, contrast
 
 
-def _rest_of_light(image: NDArray[np.float32], fit: DiskFit) -> LightField | None:
+def _rest_of_light(means: BlockMeans, fit: DiskFit, shape: tuple[int, int]) -> LightField | None:
     """Slow field of what a fit leaves over where there is next to no contact; None if that is nowhere."""
-    side, highest = BLOCK, float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
-    model, limit = np.abs(block_means(fit.model)), UNTOUCHED * highest
-    if np.mean(model < limit) < ENOUGH_BLOCKS:
-        side = GAP
-        model = np.abs(block_means(fit.model, side=side))
-        limit = max(limit, 1.01 * float(np.quantile(model, GAPS)))
+    highest = float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
+    limit = UNTOUCHED * highest
+    image, model = means(BLOCK)
+    if np.mean(np.abs(model) < limit) < ENOUGH_BLOCKS:
+        image, model = means(GAP)
+        limit = max(limit, 1.01 * float(np.quantile(np.abs(model), GAPS)))
         if limit > SHADED * highest:
             return None
-    dark = model < limit
-    blocks = np.where(dark, block_means(image, side=side) - model, np.float32(np.nan))
+    dark = np.abs(model) < limit
+    blocks = np.where(dark, image - model, np.float32(np.nan))
     spread = 1.4826 * median(np.abs(blocks[dark]))
-    return fit_light(blocks, image.shape, start=0.0, spread=max(spread, QUANTISATION))
+    return fit_light(blocks, shape, start=0.0, spread=max(spread, QUANTISATION))
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.imaging.light import block_means
+from contactimg.imaging.light import BlockMeans, block_means
 
 __all__ = ["Halo", "estimate_halo", "remove_halo"]
 
@@ -43,41 +43,47 @@ class Halo:
     sigma_px: float
 
 
-def estimate_halo(
-    image: NDArray[np.float32], model: NDArray[np.float32], *, contrast: float, contacts: int
-) -> Halo | None:
+def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:
     """Halo of a frame, or None if it has no significant one.
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns)
-        Difference image.
-    model : ndarray, shape (rows, columns)
-        Fitted disks through the core of the point spread function.
+    means : BlockMeans
+        Of the difference image and of the disks fitted through the core of the point spread function.
     contrast : float
         Of the contacts.
     contacts : int
         How many there are: fewer than three say nothing.
     """
     parts = min(contacts, PARTS)
-    if parts < FEWEST or _best(image, model, contrast, 2 * COARSE, WIDTHS[::3], parts=parts) is None:
+    if parts < FEWEST or _best(means, contrast, 2 * COARSE, WIDTHS[::3], parts=parts) is None:
         return None
-    return _best(image, model, contrast, COARSE, WIDTHS, parts=parts)
+    return _best(means, contrast, COARSE, WIDTHS, parts=parts)
 
 
 def _best(
-    image: NDArray, model: NDArray, contrast: float, coarse: int, widths: tuple[float, ...], *, parts: int
+    means: BlockMeans,
+    contrast: float,
+    side: int,
+    widths: tuple[float, ...],
+    *,
+    parts: int,
 ) -> Halo | None:
-    """The halo of one of some widths that explains most, on means of so many pixels each way."""
-    small, core = block_means(image, side=coarse), block_means(model, side=coarse)
+    """The halo of one of some widths that explains most, on means over squares of a side."""
+    image, core = means(side)
     dark = np.abs(core) < DARK * contrast
     if np.count_nonzero(dark) < 20 * PARTS:
         return None
-    data = small[dark]
-    fits = [(_slope(data, _spread(core, width / coarse)[dark], parts), width) for width in widths]
-    (fraction, scatter, _), width = min(fits, key=lambda item: item[0][2])
-    least = -special.stdtrit(parts - 1, CHANCE) * scatter
-    return None if fraction < max(LEAST, least) else Halo(min(fraction, LARGEST), width)
+    halos = [_spread(core, width / side) for width in widths]
+    fits = [_line(image, halo, dark) for halo in halos]
+    best = int(np.argmin([squares for _, squares in fits]))
+    fraction = fits[best][0]
+    if fraction < LEAST:
+        return None
+    scatter = _slope_std(image[dark], halos[best][dark], fraction, parts)
+    if fraction < -special.stdtrit(parts - 1, CHANCE) * scatter:
+        return None
+    return Halo(min(fraction, LARGEST), widths[best])
 
 
 def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
@@ -93,19 +99,45 @@ def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 
 @njit(cache=True)
-def _slope(data, wide, parts):
-    """Slope of the data on the halo, its uncertainty, and the squares that are left.
+def _line(data, wide, used):
+    """Slope of the data on the halo over the pixels that are used, and the squares that are left."""
+    power, common, squares = _moments(data.ravel(), wide.ravel(), used.ravel())
+    if power <= 1e-9 * data.size:
+        return 0.0, squares
+    return common / power, squares - common * common / power
 
-    Pixels share noise, so the uncertainty comes from the scatter between parts of the image that tell as much
-    as each other.
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _moments(data, wide, used):
+    """Sums of squares and products about the means."""
+    count = level = middle = power = common = squares = 0.0
+    for i in range(len(data)):
+        weight, x, y = np.float64(used[i]), wide[i], data[i]
+        count += weight
+        middle += weight * x
+        level += weight * y
+        power += weight * x * x
+        common += weight * x * y
+        squares += weight * y * y
+    middle, level = middle / count, level / count
+    return power - count * middle**2, common - count * middle * level, squares - count * level**2
+
+
+@njit(cache=True)
+def _slope_std(data, wide, slope, parts):
+    """Uncertainty of the slope.
+
+    Pixels share noise, so it comes from the scatter between parts of the image that tell as much as each
+    other.
     """
-    n = len(data)
-    middle, level = _sum(wide) / n, _sum(data) / n
-    power, common, squares = _products(data, wide, level, middle)
-    if power <= 1e-9 * n:
-        return 0.0, np.inf, squares
-    slope, share = common / power, power / parts
-    told, part, variance, full = 0.0, 0.0, 0.0, share
+    n, level, middle = len(data), data.mean(), wide.mean()
+    power = 0.0
+    for i in range(n):
+        power += (wide[i] - middle) ** 2
+    if not power > 0.0:
+        return np.inf
+    told, part, variance, share = 0.0, 0.0, 0.0, power / parts
+    full = share
     for i in range(n):
         x = wide[i] - middle
         told += x * x
@@ -113,25 +145,4 @@ def _slope(data, wide, parts):
         if told >= full or i == n - 1:
             variance += part * part
             part, full = 0.0, full + share
-    return slope, np.sqrt(variance) / power, squares - slope * common
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _sum(values):
-    """Sum in double precision, in vector instructions."""
-    total = 0.0
-    for i in range(len(values)):
-        total += values[i]
-    return total
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _products(data, wide, level, middle):
-    """Sums of squares and products about the means, in vector instructions."""
-    power = common = squares = 0.0
-    for i in range(len(data)):
-        x, y = wide[i] - middle, data[i] - level
-        power += x * x
-        common += x * y
-        squares += y * y
-    return power, common, squares
+    return np.sqrt(variance) / power

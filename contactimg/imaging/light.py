@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "BLOCK",
+    "BlockMeans",
     "LightField",
     "background_mode",
     "block_means",
@@ -26,6 +27,7 @@ __all__ = [
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 
+DIRECT = 4  # px: block means up to that side are taken of the pixels, larger ones of smaller blocks
 ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
@@ -121,6 +123,29 @@ def block_means(
     weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
     total = cv2.resize(np.where(valid > 0, image, np.float32(0.0)), size, interpolation=cv2.INTER_AREA)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
+
+
+class BlockMeans:
+    """Block means of some images for a side in px (a power of 2), each computed once.
+
+    Examples
+    --------
+    >>> means = BlockMeans(np.arange(16.0).reshape(4, 4), np.ones((4, 4)))
+    >>> [part.tolist() for part in means(4)], means(2)[0].tolist()
+    ([[[7.5]], [[1.0]]], [[2.5, 4.5], [10.5, 12.5]])
+    """
+
+    def __init__(self, *images: NDArray):
+        self._images = images
+        self._known: dict[int, list[NDArray[np.float32]]] = {}
+
+    def __call__(self, side: int) -> list[NDArray[np.float32]]:
+        """Means over squares of that side, one array for each image."""
+        if side not in self._known:
+            direct = side <= DIRECT
+            images, part = (self._images, side) if direct else (self(side // 2), 2)
+            self._known[side] = [block_means(image, side=part) for image in images]
+        return self._known[side]
 
 
 def sample_background(

@@ -1,7 +1,7 @@
 """A group of disks with its surroundings: fits of other covers for its pixels, and what they leave over."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,7 @@ class Patch:
     corner: NDArray[np.float64]
     noise: Noise
     frame: Surroundings
+    _misfits: dict[bytes, NDArray[np.float32]] = field(default_factory=dict, init=False)
 
     @classmethod
     def about(
@@ -109,14 +110,27 @@ class Patch:
         """Image of some disks."""
         return render_disks(disks, self.frame.blur, self.image.shape, table=self.frame.table)
 
-    def squares(self, disks: NDArray, window: NDArray[np.bool_] | None = None) -> float:
-        """Squares of what the disks leave over, in units of the variance; in all of the patch or a window."""
+    def squares(self, disks: NDArray) -> float:
+        """Squares of what the disks leave over, in units of the variance."""
+        return float(self.misfit(disks).sum())
+
+    def misfit(self, disks: NDArray) -> NDArray[np.float32]:
+        """The same pixel by pixel."""
+        known = disks.tobytes()
+        if known not in self._misfits:
+            self._misfits[known] = self._misfit(disks)
+        return self._misfits[known]
+
+    def _misfit(self, disks: NDArray) -> NDArray[np.float32]:
         model = self.model(disks)
-        growth = self.noise.slope / self.frame.plateau * np.maximum(model, 0.0)
-        squares = (self.image - model) ** 2 / (self.noise.variance * (1.0 + growth))
+        variance = np.maximum(model, np.float32(0.0))
+        variance *= np.float32(self.noise.variance * self.noise.slope / self.frame.plateau)
+        variance += np.float32(self.noise.variance)
+        squares = np.square(np.subtract(self.image, model, out=model), out=model)
+        squares /= variance
         if self.weight.shape == squares.shape:
             squares[self.weight == 0] = 0.0
-        return float(squares.sum() if window is None else squares[window].sum())
+        return squares
 
     def peak(self, disks: NDArray) -> NDArray[np.float64] | None:
         """The highest (x, y, height) of the light that disks leave over, as the blur smooths it."""

@@ -151,6 +151,20 @@ def share_seen(disks: NDArray, shape: tuple[int, int], weight: NDArray[np.uint8]
     >>> share_seen(np.array([[-0.5, 10.0, 5.0], [10.0, 10.0, 5.0]]), (30, 30), NO_MASK).tolist()
     [0.5, 1.0]
     """
+    if weight.shape != shape:  # nothing hides what lies inside
+        x, y, reach = disks[:, 0], disks[:, 1], disks[:, 2] + 1.0
+        cut = (x < reach) | (y < reach) | (x > shape[1] - reach) | (y > shape[0] - reach)
+    else:
+        cut = np.ones(len(disks), np.bool_)
+    share = np.ones(len(disks))
+    share[cut] = _share_of_points(disks[cut], shape, weight)
+    return share
+
+
+def _share_of_points(
+    disks: NDArray, shape: tuple[int, int], weight: NDArray[np.uint8]
+) -> NDArray[np.float64]:
+    """`share_seen` from points all over each disk."""
     x = np.rint(disks[:, :1] + disks[:, 2:3] * POINTS.real)
     y = np.rint(disks[:, 1:2] + disks[:, 2:3] * POINTS.imag)
     seen = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])

@@ -33,6 +33,7 @@ BELIEVED = 2.0  # chi-square that noise may have
 SLACK = 3.0  # standard deviations of the squares within which nothing is left to explain
 PRICE = 40.0  # of a disk in squares: six standard deviations, and four for its freedom
 LEFT = 0.35  # of what the squares exceeded their expectation by may be left over
+UNSETTLED = 1.5  # times the expectation: squares from which on it is not that disks had not settled
 ROUNDS = 5
 TALL = 0.3  # of the contrast: light left over that calls for one more disk in an outline
 GROWTH, TIGHT = 1.1, 0.3  # of the radius and in blur widths: what a disk that follows an arc may grow
@@ -133,10 +134,10 @@ def _improve(patch: Patch, disks: NDArray, usual: float) -> NDArray[np.float64]:
     slack = SLACK * usual * np.sqrt(2.0 * patch.image.size)
     first = squares = patch.squares(disks)
     best = disks
-    for number in range(-1, ROUNDS):
+    for number in range(-1 if first < UNSETTLED * expected else 0, ROUNDS):
         if squares < expected + slack:
             break
-        tried = list(_other_covers(patch, best, number))
+        tried = list(_other_covers(patch, best, number, expected + slack))
         prices = [value + PRICE * (len(cover) - len(best)) for cover, value in tried]
         if prices and min(prices) < squares:
             best, squares = tried[int(np.argmin(prices))]
@@ -150,29 +151,31 @@ def _simplify(patch: Patch, disks: NDArray, usual: float) -> NDArray[np.float64]
 
     Without a contact most of what its pixels show is left unexplained.
     """
+    misfit = patch.misfit(disks)
     for disk in disks[np.argsort(disks[:, RADIUS])][:-1]:
         window = patch.window(disk)
         expected = usual * np.count_nonzero(window)
-        rest = patch.squares(disks, window) - expected
+        rest = float(misfit[window].sum()) - expected
         if rest < SLACK * usual * np.sqrt(2.0 * expected):
             continue
         others = disks[(disks != disk).any(axis=1)]
         fitted, _ = patch.fit(others, np.full(len(others), np.inf))
-        if rest > LEFT * (patch.squares(fitted, window) - expected):
-            disks = fitted
+        without = patch.misfit(fitted)
+        if rest > LEFT * (float(without[window].sum()) - expected):
+            disks, misfit = fitted, without
     return disks
 
 
-def _other_covers(patch: Patch, disks: NDArray, number: int) -> Iterator[Fitted]:
+def _other_covers(patch: Patch, disks: NDArray, number: int, enough: float) -> Iterator[Fitted]:
     """What to try: the same disks, if they had not settled; those of the outline; then one more and more."""
     if number < 0:
         yield patch.fit(disks, np.full(len(disks), np.inf))
     else:
-        yield from _outlined(patch) if number == 0 else _enlarged(patch, disks)
+        yield from _outlined(patch, enough) if number == 0 else _enlarged(patch, disks)
 
 
-def _outlined(patch: Patch) -> Iterator[Fitted]:
-    """Fits of disks that follow the outline of the group."""
+def _outlined(patch: Patch, enough: float) -> Iterator[Fitted]:
+    """Fits of disks that follow the outline of the group, until the squares are few enough."""
     for level, shrunk in ((0.5, 0.0), (NARROW, SHRUNK)):
         arcs = cover_outline(
             patch.image, level * patch.frame.plateau, smallest=SMALLEST_ARC * patch.frame.blur
@@ -181,7 +184,10 @@ def _outlined(patch: Patch) -> Iterator[Fitted]:
         arcs[:, RADIUS] += shrunk * patch.frame.blur
         arcs[:, 3] = patch.frame.plateau
         if len(arcs):
-            yield _completed(patch, arcs[~hidden(arcs)])
+            cover = _completed(patch, arcs[~hidden(arcs)])
+            yield cover
+            if cover[1] < enough:
+                break
 
 
 def _completed(patch: Patch, disks: NDArray) -> Fitted:
