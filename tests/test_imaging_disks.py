@@ -6,10 +6,10 @@ import pandas as pd
 import pytest
 from contact_frames import Optics, match, render
 
+from contactimg.imaging.blocks import BlockMeans
 from contactimg.imaging.coupled import find_pairs, invert
 from contactimg.imaging.disks import Prior, contrast_prior, fit_disks, render_disks
 from contactimg.imaging.halo import estimate_halo, remove_halo
-from contactimg.imaging.light import BlockMeans
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.noise import Noise, NoiseCorrelation, measure_correlation
 from contactimg.imaging.separate import overlapping

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
+from contactimg.imaging.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.gaps import SQUARE, find_light
-from contactimg.imaging.light import BLOCK, background_mode, block_means, fit_light, side_of
+from contactimg.imaging.light import background_mode, fit_light
 
 SHAPE = (480, 640)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]

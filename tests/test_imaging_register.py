@@ -16,8 +16,9 @@ from contact_frames import (
 from scipy import ndimage
 
 from contactimg.imaging.background import estimate_background
+from contactimg.imaging.blocks import block_means
 from contactimg.imaging.filters import TAPS, double_row, filter_image, kernel_of
-from contactimg.imaging.light import background_mode, block_means, fit_light
+from contactimg.imaging.light import background_mode, fit_light
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.move import Shift, move_rows, shift_kernel, shift_whole_pixels
 from contactimg.imaging.noise import estimate_noise

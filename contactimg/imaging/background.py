@@ -10,9 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.blocks import BLOCK, block_means
 from contactimg.imaging.envelope import WINDOW, flatten_crowd
 from contactimg.imaging.foreign import find_objects
-from contactimg.imaging.light import BLOCK, LightField, background_mode, block_means, fit_light
+from contactimg.imaging.light import LightField, background_mode, fit_light
 from contactimg.imaging.noise import estimate_noise
 from contactimg.imaging.pixels import Coarse
 from contactimg.imaging.reference import Difference

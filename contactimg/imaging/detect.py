@@ -10,8 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.blocks import sample_background
 from contactimg.imaging.filters import TAPS, filter_image, kernel_of
-from contactimg.imaging.light import sample_background
 from contactimg.imaging.order import median, robust_std
 from contactimg.imaging.pixels import NO_MASK, share_seen
 from contactimg.imaging.segment import label_components
@@ -280,7 +280,7 @@ def find_peaks(
     height : float
         Smallest peak, grey levels, however quiet the background.
     background : ndarray of bool
-        Background blocks, see `contactimg.imaging.light`, where the noise of the filtered image is measured.
+        Background blocks, see `contactimg.imaging.blocks`, where the noise of the filtered image is measured.
 
     Returns
     -------

@@ -5,7 +5,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.light import BLOCK
+from contactimg.imaging.blocks import BLOCK
 from contactimg.imaging.pixels import NO_MASK, Levels, Pixels, share_seen
 from contactimg.imaging.reference import Difference
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.light import BLOCK
+from contactimg.imaging.blocks import BLOCK
 
 __all__ = ["flatten_crowd"]
 

@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.blocks import BlockMeans
+from contactimg.imaging.clearing import level_out, without_halo
 from contactimg.imaging.detect import estimate_blur
 from contactimg.imaging.disks import (
-    CONTRAST,
     ENOUGH,
     RADIUS,
     DiskFit,
@@ -22,14 +22,13 @@ from contactimg.imaging.disks import (
 )
 from contactimg.imaging.dust import reject_disks
 from contactimg.imaging.edge import PIXEL_VARIANCE, EdgeTable
-from contactimg.imaging.halo import Halo, estimate_halo, remove_halo
-from contactimg.imaging.light import BLOCK, BlockMeans, LightField, fit_light, side_of
+from contactimg.imaging.field import Field
+from contactimg.imaging.halo import Halo
 from contactimg.imaging.noise import Noise, estimate_noise, measure_correlation, measure_slope
-from contactimg.imaging.order import median
 from contactimg.imaging.pixels import NO_MASK, Pixels
 from contactimg.imaging.reference import Difference
 from contactimg.imaging.rim import Rim, rim_table
-from contactimg.imaging.separate import LOOSE, Assembly, assemble_disks, count_touching, unneeded
+from contactimg.imaging.separate import Assembly, assemble_disks, count_touching
 from contactimg.imaging.shared_optics import Known, Settled, SharedOptics, combine_errors, settle_optics
 from contactimg.imaging.threshold import Contrast
 from contactimg.tables import Flag
@@ -41,19 +40,10 @@ WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
 BINNED_BLUR = 1.6  # ... such that they are about this wide
 QUANTISATION = 1e-3  # levels: the least noise that is believed ...
 LEAST_NOISE = 5e-3  # ... and of the contrast: no edge is so round that residuals below that mean anything
-UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background
-ENOUGH_BLOCKS = 0.05  # of the blocks
-GAP = 2  # px: side of squares that are looked at where there are no such blocks ...
-GAPS, SHADED = 0.05, 0.2  # ... those least brightened, as long as it is by less than that of the contrast
-LEVELLED, LEVEL_ROUNDS = 3e-3, 8  # of the contrast: rest of the light that no fit feels
-LONGEST, MOST_RISEN = 4.0, 0.5  # times the rest, and of the contrast: what is taken out at most
 BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
 ATTEMPTS = 3
 LEAST_SPREAD = 1e-4  # of the contrast
 SAME_CONTRAST = 0.1  # change of ln contrast from which on disks are told apart again
-HALO_SETTLED = 2e-3  # of the light
-KNOWN_ROUNDS = 3  # of a halo that is known: each leaves a fifth of what the fit takes for edge
-HALO_ROUNDS = 5  # the fit takes halo for edge at first; each round leaves a fifth of that
 POOR_CHI_SQUARE = 1.5
 FAINT = 10.0  # standard deviations of the light of a contact
 CUT = 2.0  # blur widths: a rim closer to the border is cut
@@ -120,7 +110,7 @@ def fit_contacts(
     blur = float(
         estimate_blur(image, contrast.plateau) if guess is None else np.hypot(guess, PIXEL_VARIANCE**0.5)
     )
-    field = _Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
+    field = Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
     noise = noise if field.bin == 1 else estimate_noise(field.image, field.blocks)
     noise = max(noise, QUANTISATION, LEAST_NOISE * contrast.plateau)
     blur = blur / field.bin if guess is None else float(np.hypot(guess / field.bin, PIXEL_VARIANCE**0.5))
@@ -153,14 +143,14 @@ class _Trial:
     """Disks fitted from one guess of the contrast; nothing is settled where there is no disk."""
 
     assembly: Assembly
-    field: "_Field"
+    field: Field
     fit: DiskFit
     halo: Halo | None
     settled: Settled | None
 
 
 def _attempt(
-    field: "_Field",
+    field: Field,
     *,
     contrast: Contrast,
     noise: float,
@@ -188,14 +178,14 @@ def _attempt(
         return _Trial(assembly, field, start, halo, None)
     means = BlockMeans(field.image, start.model)
     if film is None:
-        field, start, halo, dropped = _without_halo(
+        field, start, halo, dropped = without_halo(
             field, start, means, contrast, first, known=known, free_blur=free_blur
         )
         assembly = replace(assembly, dropped=np.vstack([assembly.dropped, dropped]))
         means = means if halo is None else BlockMeans(field.image, start.model)
     else:
         before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
-    field, start, contrast = _level(field, start, means, contrast, first, free_blur=free_blur, table=table)
+    field, start, contrast = level_out(field, start, means, contrast, first, free_blur=free_blur, table=table)
     settled = _refine(
         field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=known.spread,
         free_blur=free_blur, table=table, anchor=anchor,
@@ -233,62 +223,7 @@ def _report(
     return Fitted(asserted, rejected, optics, own, trial.assembly.smallest * field.bin)
 
 
-def _without_halo(
-    field: "_Field",
-    fit: DiskFit,
-    means: BlockMeans,
-    contrast: Contrast,
-    noise: Noise,
-    *,
-    known: SharedOptics,
-    free_blur: bool,
-) -> tuple["_Field", DiskFit, Halo | None, NDArray[np.float64]]:
-    """Take the wide part of the point spread function out of the image, in turn with the fit.
-
-    Disks that stood for some of its light are dropped. Where contrast and blur are known, so is the halo:
-    there is the one that is known, or none.
-    """
-    image, before, found = field.image, 0.0, None
-    dropped = [np.empty((0, 3))]
-    told = np.isfinite([known.contrast, known.blur_px]).all()
-    for turn in range(HALO_ROUNDS):
-        halo = (
-            known.halo if told else estimate_halo(means, contrast=contrast.plateau, contacts=len(fit.disks))
-        )
-        if halo is None or (abs(halo.fraction - before) < HALO_SETTLED and turn >= told * KNOWN_ROUNDS):
-            break
-        before, found = halo.fraction, halo
-        image = remove_halo(field.image, fit.model, halo)
-        gone = unneeded(fit, contrast.plateau, last=True)
-        gone &= not gone.all()
-        dropped.append(fit.disks[gone, :3])
-        fit = _fit_again(
-            replace(field, image=image), fit, fit.disks[~gone], contrast, noise, free_blur=free_blur
-        )
-        means = BlockMeans(field.image, fit.model)
-    return replace(field, image=image), fit, found, np.vstack(dropped)
-
-
-def _fit_again(
-    field: "_Field",
-    fit: DiskFit,
-    disks: NDArray[np.float64],
-    contrast: Contrast,
-    noise: Noise,
-    *,
-    free_blur: bool,
-    table: EdgeTable | None = None,
-) -> DiskFit:
-    """Fit disks from where they are, with loosely bound contrasts."""
-    n = len(disks)
-    prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
-    return fit_disks(
-        field.image, field.weight, disks, blur=fit.blur, noise=noise, prior=prior,
-        brightness=field.brightness(disks), free_blur=free_blur, robust=False, table=table, iterations=4,
-    )  # fmt: skip
-
-
-def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, guess: float) -> float:
+def _blur_behind(rim: Rim, field: Field, contrast: Contrast, noise: Noise, guess: float) -> float:
     """Blur for which contacts with a rim fit best.
 
     A rim has lengths of its own, so its table holds for one blur; and too sharp an edge can pass for a
@@ -304,7 +239,7 @@ def _blur_behind(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, gu
     return float(blurs[best] * BLUR_STEP**shift)
 
 
-def _misfit(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, blur: float) -> float:
+def _misfit(rim: Rim, field: Field, contrast: Contrast, noise: Noise, blur: float) -> float:
     """Median chi-square of the contacts for one blur."""
     table = rim_table(rim, blur)
     assembly = assemble_disks(
@@ -315,7 +250,7 @@ def _misfit(rim: Rim, field: "_Field", contrast: Contrast, noise: Noise, blur: f
 
 
 def _refine(
-    field: "_Field",
+    field: Field,
     start: DiskFit,
     *,
     contrast: Contrast,
@@ -357,135 +292,6 @@ def _refine(
     common = min(float(np.median(fit.chi_square)), 1.0) if len(radius) >= 10 else 1.0
     inflated = fit.std * np.sqrt(inflation * np.maximum(fit.chi_square, common))[:, None]
     return replace(settled, fit=fit.replace(std=inflated))
-
-
-def _level(
-    field: "_Field",
-    fit: DiskFit,
-    means: BlockMeans,
-    contrast: Contrast,
-    noise: Noise,
-    *,
-    free_blur: bool,
-    table: EdgeTable | None,
-) -> tuple["_Field", DiskFit, Contrast]:
-    """Take the slow rest of the background out of the image, in turn with the fit as long as that matters.
-
-    The light was fitted when the faint surroundings of contacts still counted as background; now they are
-    known.
-    """
-    taken, before = 0.0, np.inf
-    for _ in range(LEVEL_ROUNDS):
-        slow = _rest_of_light(means, fit, field.image.shape)
-        if slow is None:
-            break
-        rest = float(slow.coefficients[0, 0])
-        # the fit takes a part of the rest for contrast and blur: a secant tells which
-        factor = float(np.clip(taken / (before - rest), 1.0, LONGEST)) if taken and before != rest else 1.0
-        taken, before = factor * rest, rest
-        if taken > MOST_RISEN * contrast.plateau:
-            break  # what the contacts would leave standing is no contact
-        field = field.without_light(factor * slow.coefficients)
-        if abs(taken) < LEVELLED * contrast.plateau:
-            break
-        contrast = replace(contrast, plateau=contrast.plateau - taken)
-        fit = _fit_again(field, fit, fit.disks, contrast, noise, free_blur=free_blur, table=table)
-        means = BlockMeans(field.image, fit.model)
-    return field, fit, contrast
-
-
-def _rest_of_light(means: BlockMeans, fit: DiskFit, shape: tuple[int, int]) -> LightField | None:
-    """Slow field of what a fit leaves over where there is next to no contact; None if that is nowhere."""
-    highest = float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
-    limit = UNTOUCHED * highest
-    image, model = means(BLOCK)
-    if np.mean(np.abs(model) < limit) < ENOUGH_BLOCKS:
-        image, model = means(GAP)
-        limit = max(limit, 1.01 * float(np.quantile(np.abs(model), GAPS)))
-        if limit > SHADED * highest:
-            return None
-    dark = np.abs(model) < limit
-    blocks = np.where(dark, image - model, np.float32(np.nan))
-    spread = 1.4826 * median(np.abs(blocks[dark]))
-    return fit_light(blocks, shape, start=0.0, spread=max(spread, QUANTISATION))
-
-
-@dataclass(frozen=True, eq=False)
-class _Field:
-    """What the fit looks at: the difference image, binned where the blur is wide, and what belongs to it.
-
-    ``light`` is the slow polynomial that was taken out of the image since.
-    """
-
-    image: NDArray[np.float32]
-    weight: NDArray[np.uint8]
-    saturated: NDArray[np.uint8]
-    blocks: NDArray[np.bool_]
-    illumination: NDArray[np.float32]
-    bin: int
-    light: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, image: NDArray, pixels: Pixels, difference: Difference, bin_: int) -> "_Field":
-        blocks = difference.light.background
-        weight = NO_MASK if pixels.valid is None else pixels.valid
-        saturated = pixels.saturated
-        if saturated.shape == image.shape:
-            usable = 1 - saturated
-            weight = usable if weight is NO_MASK else weight * usable
-        if bin_ > 1:
-            rows, columns = max(image.shape[0] // bin_, 1), max(image.shape[1] // bin_, 1)
-            side = side_of(blocks.shape, image.shape)
-            weight, saturated = _binned_mask(weight, bin_, 0), _binned_mask(saturated, bin_, 1)
-            image = cv2.resize(
-                image[: rows * bin_, : columns * bin_], (columns, rows), interpolation=cv2.INTER_AREA
-            )
-            y = np.minimum(np.arange(-(-rows // side)) * bin_, blocks.shape[0] - 1)
-            x = np.minimum(np.arange(-(-columns // side)) * bin_, blocks.shape[1] - 1)
-            blocks = blocks[y][:, x]
-        return cls(image, weight, saturated, blocks, difference.illumination, bin_, np.zeros((4, 4)))
-
-    def without_light(self, coefficients: NDArray[np.float64]) -> "_Field":
-        """The field with a slow polynomial taken out of its image."""
-        if not coefficients.any():
-            return self
-        light = LightField(coefficients, self.blocks, 0.0)
-        return replace(self, image=light.subtract_from(self.image), light=self.light + coefficients)
-
-    def brightness(self, disks: NDArray) -> NDArray[np.float64]:
-        """Relative illumination where the disks stand."""
-        rows, columns = self.illumination.shape
-        x = np.clip(disks[:, X] * self.bin / BLOCK, 0, columns - 1).astype(int)
-        y = np.clip(disks[:, Y] * self.bin / BLOCK, 0, rows - 1).astype(int)
-        return self.illumination[y, x].astype(float)
-
-    def unbin(self, position: NDArray) -> NDArray[np.float64]:
-        """Position in pixels of the frame."""
-        return np.asarray(position * self.bin + (self.bin - 1) / 2)
-
-    def touches(
-        self, mask: NDArray[np.uint8], wanted: int, disks: NDArray, reach: NDArray
-    ) -> NDArray[np.bool_]:
-        """Disks within ``reach`` of which a pixel of the mask has the wanted value."""
-        out = np.zeros(len(disks), np.bool_)
-        if mask.shape != self.image.shape:
-            return out
-        source = (mask != wanted).astype(np.uint8)
-        if source.all():
-            return out
-        distance = cv2.distanceTransform(source, cv2.DIST_L2, cv2.DIST_MASK_5)
-        x = np.clip(np.rint(disks[:, X]), 0, mask.shape[1] - 1).astype(int)
-        y = np.clip(np.rint(disks[:, Y]), 0, mask.shape[0] - 1).astype(int)
-        return np.asarray(distance[y, x] < reach)
-
-
-def _binned_mask(mask: NDArray[np.uint8], bin_: int, marked: int) -> NDArray[np.uint8]:
-    """Mask of binned pixels: ``marked`` where one pixel of the bin is."""
-    if mask.size == 1:
-        return mask
-    rows, columns = mask.shape[0] // bin_, mask.shape[1] // bin_
-    bins = mask[: rows * bin_, : columns * bin_].reshape(rows, bin_, columns, bin_)
-    return np.ascontiguousarray(bins.max(axis=(1, 3)) if marked else bins.min(axis=(1, 3)))
 
 
 def _tabulate(trial: _Trial) -> dict[str, NDArray]:

@@ -9,14 +9,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.light import (
-    BLOCK,
-    LightField,
-    background_mode,
-    block_means,
-    fit_light,
-    neighbour_scatter,
-)
+from contactimg.imaging.blocks import BLOCK, block_means
+from contactimg.imaging.light import LightField, background_mode, fit_light, neighbour_scatter
 
 __all__ = ["find_light"]
 

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.imaging.light import BlockMeans, block_means
+from contactimg.imaging.blocks import BlockMeans, block_means
 
 __all__ = ["Halo", "estimate_halo", "remove_halo"]
 

@@ -6,28 +6,14 @@ Everything here works on block averages of the frame, so that it costs next to n
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = [
-    "BLOCK",
-    "BlockMeans",
-    "LightField",
-    "background_mode",
-    "block_means",
-    "fit_light",
-    "is_background",
-    "neighbour_scatter",
-    "sample_background",
-    "side_of",
-]
+from contactimg.imaging.blocks import BLOCK, side_of
 
-BLOCK = 8
-"""Side of the blocks, px; a power of 2."""
+__all__ = ["LightField", "background_mode", "fit_light", "neighbour_scatter"]
 
-DIRECT = 4  # px: block means up to that side are taken of the pixels, larger ones of smaller blocks
 ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background
@@ -102,112 +88,6 @@ class LightField:
         out = np.empty_like(image)
         _add_rows(out, image, *self.row_polynomials(image.shape), np.float32(-1.0))
         return out
-
-
-def block_means(
-    image: NDArray, valid: NDArray[np.uint8] | None = None, *, side: int = BLOCK
-) -> NDArray[np.float32]:
-    """Mean of each block of ``side`` (a power of 2) squared pixels; the border repeats to fill the last ones.
-
-    Invalid pixels do not count; a block without a valid pixel is NaN.
-    """
-    rows, columns = image.shape
-    size = (-(-columns // side), -(-rows // side))
-    if valid is None:
-        means = np.empty(size[::-1], np.float32)
-        _mean_blocks(means, np.ascontiguousarray(image), side)
-        return means
-    pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
-    image = cv2.copyMakeBorder(np.asarray(image, np.float32), *pad, cv2.BORDER_REPLICATE)
-    valid = cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE).astype(np.float32)
-    weight = cv2.resize(valid, size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(np.where(valid > 0, image, np.float32(0.0)), size, interpolation=cv2.INTER_AREA)
-    return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
-
-
-class BlockMeans:
-    """Block means of some images for a side in px (a power of 2), each computed once.
-
-    Examples
-    --------
-    >>> means = BlockMeans(np.arange(16.0).reshape(4, 4), np.ones((4, 4)))
-    >>> [part.tolist() for part in means(4)], means(2)[0].tolist()
-    ([[[7.5]], [[1.0]]], [[2.5, 4.5], [10.5, 12.5]])
-    """
-
-    def __init__(self, *images: NDArray):
-        self._images = images
-        self._known: dict[int, list[NDArray[np.float32]]] = {}
-
-    def __call__(self, side: int) -> list[NDArray[np.float32]]:
-        """Means over squares of that side, one array for each image."""
-        if side not in self._known:
-            direct = side <= DIRECT
-            images, part = (self._images, side) if direct else (self(side // 2), 2)
-            self._known[side] = [block_means(image, side=part) for image in images]
-        return self._known[side]
-
-
-def sample_background(
-    image: NDArray[np.float32], background: NDArray[np.bool_], every: tuple[int, int]
-) -> NDArray[np.float32]:
-    """Pixels of the background blocks, one in so many rows and columns."""
-    rows, columns = (np.arange(0, size, step) for size, step in zip(image.shape, every, strict=True))
-    return image[:: every[0], :: every[1]][is_background(background, rows, columns, image.shape)]
-
-
-def is_background(
-    background: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, ...]
-) -> NDArray[np.bool_]:
-    """Whether the pixels where some rows and columns of an image of ``shape`` cross are background."""
-    side = side_of(background.shape, shape)
-    return background[rows // side][:, columns // side]
-
-
-def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
-    """Side (px) of so many rows and columns of blocks that cover an image of ``shape``.
-
-    Examples
-    --------
-    >>> side_of((150, 200), (1200, 1600)), side_of((2, 3), (9, 17)), side_of((600, 800), (1200, 1600))
-    (8, 8, 2)
-    """
-    side = 1
-    while any(-(-size // side) > count for size, count in zip(shape, blocks, strict=True)):
-        side *= 2
-    return side
-
-
-@njit(cache=True)
-def _mean_blocks(out, image, side):
-    """Mean of each block of a power of 2: rows added, then neighbours; the border repeats."""
-    rows, columns = image.shape
-    total = np.empty((2, out.shape[1] * side), np.float32)
-    for i in range(len(out)):
-        total[0] = 0.0
-        for y in range(i * side, (i + 1) * side):
-            _add_row_to(total[0], image[min(y, rows - 1)])
-        total[0, columns:] = total[0, columns - 1]
-        width, now = total.shape[1], 0
-        while width > out.shape[1]:
-            width //= 2
-            _add_neighbours(total[1 - now, :width], total[now])
-            now = 1 - now
-        out[i] = total[now, :width] * np.float32(1.0 / side**2)
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _add_row_to(total, row):
-    """Add a row; contiguous and in single precision, so that it compiles to vector instructions."""
-    for x in range(len(row)):
-        total[x] += np.float32(row[x])
-
-
-@njit(cache=True, fastmath=True, forceinline=True)
-def _add_neighbours(out, row):
-    """Sums of pairs of pixels."""
-    for x in range(len(out)):
-        out[x] = row[2 * x] + row[2 * x + 1]
 
 
 def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: float) -> LightField:

@@ -10,13 +10,13 @@ from scipy.special import ndtri
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background import estimate_background, estimate_either_background
+from contactimg.imaging.blocks import block_means
 from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
 from contactimg.imaging.dust import absent_in_frame
 from contactimg.imaging.fitting import Fitted, fit_contacts
 from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.foreign import NOTHING_FOREIGN
 from contactimg.imaging.judgement import LIGHT_CHANGE, RESOLVED, judge
-from contactimg.imaging.light import block_means
 from contactimg.imaging.pixels import Pixels
 from contactimg.imaging.reference import (
     Difference,

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.imaging.light import sample_background, side_of
+from contactimg.imaging.blocks import sample_background, side_of
 from contactimg.imaging.order import median, robust_std
 from contactimg.timings import stage
 
@@ -138,7 +138,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     image : ndarray, shape (rows, columns)
         Difference image.
     background : ndarray of bool
-        Background blocks, see `contactimg.imaging.light`.
+        Background blocks, see `contactimg.imaging.blocks`.
     """
     every = max(int(np.sqrt(image.size / SAMPLE)), 1)
     sample = sample_background(image, background, (every, every))

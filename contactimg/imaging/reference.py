@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.gaps import find_light
-from contactimg.imaging.light import BLOCK, LightField, block_means, neighbour_scatter, side_of
+from contactimg.imaging.light import LightField, neighbour_scatter
 from contactimg.imaging.move import Shift, move_reference
 from contactimg.imaging.register import GOOD_STD, Found, estimate_shift, estimate_shift_closely
 from contactimg.imaging.search import search_shift

@@ -13,8 +13,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.blocks import side_of
 from contactimg.imaging.filters import filter_image, kernel_of
-from contactimg.imaging.light import LightField, side_of
+from contactimg.imaging.light import LightField
 from contactimg.imaging.move import Shift, shift_kernel
 from contactimg.imaging.order import median
 from contactimg.timings import stage

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from contactimg.imaging.light import LEAST_RATIO, LightField, block_means, fit_light
+from contactimg.imaging.blocks import block_means
+from contactimg.imaging.light import LEAST_RATIO, LightField, fit_light
 from contactimg.imaging.move import Shift
 
 __all__ = ["Search", "search_shift"]

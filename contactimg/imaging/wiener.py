@@ -11,9 +11,10 @@ import numpy as np
 from cv2 import resize
 from numpy.typing import NDArray
 
+from contactimg.imaging.blocks import BLOCK, block_means, is_background, side_of
 from contactimg.imaging.division import CLEAN, DUST_FROM, divide_rows
 from contactimg.imaging.filters import filter_image, kernel_of
-from contactimg.imaging.light import BLOCK, LightField, block_means, is_background, side_of
+from contactimg.imaging.light import LightField
 from contactimg.imaging.move import Shift, shift_kernel
 from contactimg.imaging.order import median
 
@@ -51,7 +52,7 @@ def divide_by_reference(
     frame, reference : ndarray, shape (rows, columns)
         Grey levels of any type.
     half : ndarray, shape (rows / 2, columns / 2)
-        Means of the reference over 2 x 2 pixels, see `contactimg.imaging.light.block_means`; NaN in holes.
+        Means of the reference over 2 x 2 pixels, see `contactimg.imaging.blocks.block_means`; NaN in holes.
     light : LightField
         Slow ratio frame/reference.
     shift : Shift
