@@ -13,6 +13,7 @@ import argparse
 import cv2
 import imaging_beads
 import imaging_conditions
+import imaging_crowds
 import imaging_detection
 import imaging_figures
 import imaging_film
@@ -27,6 +28,10 @@ def methods(seed):
 
 def conditions(seed):
     imaging_conditions.tabulate_conditions(seed + 1000)
+
+
+def crowds(seed):
+    imaging_crowds.tabulate_crowds(seed + 5000)
 
 
 def detection(seed):
@@ -47,7 +52,7 @@ def beads(_seed):
     imaging_beads.show_beads()
 
 
-PARTS = {part.__name__: part for part in (methods, conditions, detection, film, speed, beads)}
+PARTS = {part.__name__: part for part in (methods, conditions, crowds, detection, film, speed, beads)}
 
 
 def main():

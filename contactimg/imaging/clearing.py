@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.blocks import BLOCK, BlockMeans, block_means
+from contactimg.imaging.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.disks import CONTRAST, DiskFit, Prior, fit_disks
 from contactimg.imaging.edge import EdgeTable
 from contactimg.imaging.field import Field
@@ -121,7 +121,7 @@ def level_out(
     free_blur: bool,
     table: EdgeTable | None,
 ) -> tuple[Field, DiskFit, Contrast]:
-    """Take the slow rest of the background out of the image, in turn with the fit as long as that matters.
+    """Take the slow rest of the background out of the image; of a crowd, in turn with the fit.
 
     The light was fitted when the faint surroundings of contacts still counted as background; now they are
     known.
@@ -144,6 +144,7 @@ def level_out(
         Above the new background.
     """
     taken, before = 0.0, np.inf
+    crowded = side_of(field.blocks.shape, field.image.shape) < BLOCK  # else it is little, and once is enough
     for _ in range(LEVEL_ROUNDS):
         slow = _rest_of_light(means, fit, field)
         if slow is None:
@@ -155,7 +156,7 @@ def level_out(
         if taken > MOST_RISEN * contrast.plateau:
             break  # what the contacts would leave standing is no contact
         field = field.without_light(factor * slow.coefficients)
-        if abs(taken) < LEVELLED * contrast.plateau:
+        if not crowded or abs(taken) < LEVELLED * contrast.plateau:
             break
         contrast = replace(contrast, plateau=contrast.plateau - taken)
         fit = _fit_again(field, fit, fit.disks, contrast, noise, free_blur=free_blur, table=table)

@@ -55,7 +55,7 @@ def iterate(
     near, known, known_blur = find_pairs(disks, far * s + ALLOWED), disks.copy(), s
     pairs = np.empty((0, 2), np.int64)
     blocks = np.zeros((0, 4, 4))
-    done, rough = 0, 2 if free_blur else 1  # iterations before a start is close
+    done = 0
     for iteration in range(iterations):
         done += 1
         if s > 1.1 * known_blur or _strayed(disks, known) > ALLOWED:
@@ -64,7 +64,7 @@ def iterate(
         redraw(model, disks, s, drawn, ~(alone & moving), near, table)
         pairs = closer(near, disks, (COUPLED if table.outer <= INNER else table.outer) * s)
         blocks = np.zeros((len(pairs), 4, 4))
-        every = 1 if robust else (4 if iteration < rough else 2)
+        every = 1 if robust else (4 if iteration == 0 else 2)
         for i in range(n):
             if moving[i]:
                 level = np.array([noise[0] / brightness[i], noise[1] / prior[0, i], prior[0, i], prior[1, i]])

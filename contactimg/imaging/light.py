@@ -160,19 +160,19 @@ def _at_blocks(coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int,
 def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Which blocks determine a field, and each term of the polynomial at their centres."""
     enough = ENOUGH_BLOCKS * (BLOCK // side_of(blocks, shape)) ** 2
-    part = _some_of(blocks[0] * blocks[1], enough)
-    rows, columns = np.divmod(part, blocks[1])
+    every = max(int(np.sqrt(blocks[0] * blocks[1] / enough)), 1)
+    rows, columns = (place.ravel() for place in _scattered(blocks, every))
     u, v = _block_centres(blocks, shape)
-    return part, np.stack([v[rows] ** j * u[columns] ** i for i, j in TERMS])
+    return rows * blocks[1] + columns, np.stack([v[rows] ** j * u[columns] ** i for i, j in TERMS])
 
 
-@lru_cache(maxsize=8)
-def _some_of(count: int, enough: int) -> NDArray[np.int64]:
-    """Numbers below ``count``, at most ``enough``, in order; at random: contacts may stand in lattices."""
-    chosen = np.random.default_rng(0).permutation(count)[:enough]
-    chosen.sort()
-    chosen.flags.writeable = False  # it is handed out again
-    return chosen
+def _scattered(shape: tuple[int, int], every: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of one element in each square of so many, at random: lattices are regular."""
+    rng = np.random.default_rng(0)
+    corners = np.meshgrid(*(np.arange(0, size, every) for size in shape), indexing="ij")
+    rows, columns = (np.minimum(corner + rng.integers(0, every, corner.shape), size - 1)
+                     for corner, size in zip(corners, shape, strict=True))  # fmt: skip
+    return rows, columns
 
 
 def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) -> NDArray[np.float64]:
@@ -271,13 +271,13 @@ def background_mode(blocks: NDArray, *, prefer: str, scatter: float | None = Non
         "common": int(np.argmax(smooth[peaks])),
     }[prefer]
     level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
-    sample = values[_some_of(len(values), ENOUGH_BLOCKS)]
+    sample = values[_scattered((1, len(values)), max(len(values) // ENOUGH_BLOCKS, 1))[1][0]]
     return level, 2.0 * max(min(spread, _clean_scatter(sample - level)), width, least)
 
 
 def neighbour_scatter(blocks: NDArray) -> float:
     """Scatter of one block from the differences of neighbours; half of them may straddle rims of contacts."""
-    rows = _some_of(len(blocks), max(ENOUGH_BLOCKS // blocks.shape[1], 1))
+    rows = _scattered((1, len(blocks)), max(blocks.size // ENOUGH_BLOCKS, 1))[1][0]
     difference = np.diff(blocks[rows], axis=1).ravel()
     difference = difference[np.isfinite(difference)]
     if not len(difference):
