@@ -1,12 +1,15 @@
 """The slow light under a crowd: from the gaps between contacts where no block is free, and only there."""
 
+import weakref
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from contactimg.imaging.blocks import BLOCK, block_means, side_of
+from contactimg.imaging.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.gaps import SQUARE, find_light
 from contactimg.imaging.light import background_mode, fit_light
+from contactimg.imaging.pixels import NO_MASK, share_seen
 
 SHAPE = (480, 640)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
@@ -71,3 +74,19 @@ def test_contacts_in_step_with_the_blocks_do_not_hide_the_background(rng):
         blocks[:, phase::3] += 0.4
         light = fit_light(blocks, (1920, 2560), start=LEVEL, spread=0.003)
         assert light.background.mean() == pytest.approx(4 / 9, abs=0.01)
+
+
+def test_block_means_do_not_outlive_their_images():
+    image = np.ones((64, 64), np.float32)
+    kept, means = weakref.ref(image), BlockMeans(image)
+    means(BLOCK)
+    del image, means
+    assert kept() is None
+
+
+def test_without_holes_only_the_border_hides(rng):
+    disks = np.column_stack([rng.uniform(-10, 90, 300), rng.uniform(-10, 70, 300), rng.uniform(0.5, 12, 300)])
+    everything = np.ones((60, 80), np.uint8)
+    np.testing.assert_array_equal(
+        share_seen(disks, everything.shape, NO_MASK), share_seen(disks, everything.shape, everything)
+    )

@@ -161,6 +161,13 @@ def hexagons(pitch, radius):
     return make
 
 
+def radius_errors(truth, disks):
+    """Errors of the radii of contacts, all of which must have been found."""
+    pairs = match(truth, disks)
+    assert len(pairs) == len(disks) == len(truth)
+    return disks["radius_px"].to_numpy()[pairs[:, 1]] - truth["radius_px"].to_numpy()[pairs[:, 0]]
+
+
 CROWDS = {
     "a lattice without a free block": (lattice(16, 24), 1.25),
     "rows in step with the blocks": (hexagons(24.0, 5.0), 1.25),
@@ -178,12 +185,77 @@ def test_contacts_may_cover_most_of_the_frame(crowd, rng):
     truth = make(rng)
     frame, reference = render(truth, optics, rng)
     polarity = "bright" if contrast > 0 else "dark"
-    found = measure_image(frame, reference, polarity=polarity, full_scale=255.0).disks
-    pairs = match(truth, found)
-    assert len(pairs) == len(found) == len(truth)
-    error = found["radius_px"].to_numpy()[pairs[:, 1]] - truth["radius_px"].to_numpy()[pairs[:, 0]]
+    error = radius_errors(truth, measure_image(frame, reference, polarity=polarity, full_scale=255.0).disks)
     assert abs(error.mean()) < 0.01
     assert np.sqrt(np.mean(error**2)) < (0.03 if contrast > 0 else 0.045)
+
+
+def crowd(rng, pitch=18.0, radius=5.0, **options):
+    """Truth, frame and reference of a lattice that fills 800 x 600 pixels."""
+    optics = Optics(shape=(600, 800), **options)
+    truth = hexagons(pitch, radius)(rng)
+    return truth, *render(truth, optics, rng)
+
+
+def test_a_crowd_behind_a_wide_blur(rng):
+    truth, frame, reference = crowd(rng, 60.0, 20.0, sigma=4.0)
+    found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
+    error = radius_errors(truth, found.disks)
+    assert abs(error.mean()) < 0.01
+    assert np.sqrt(np.mean(error**2)) < 0.04
+
+
+def test_a_crowd_with_holes_behind_a_field_stop(rng):
+    truth, frame, reference = crowd(rng)
+    frame, reference = frame.astype(np.float32), reference.astype(np.float32)
+    frame[100:160, 200:300] = np.nan
+    frame[400:] = reference[400:] = 0.0
+    found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
+    assert found.status == "holes"
+    x, y = truth["x_px"], truth["y_px"]
+    clear = truth[(y < 385) & ~((x > 185) & (x < 315) & (y > 85) & (y < 175))]
+    pairs = match(clear, found.disks)
+    assert len(pairs) == len(clear)
+    error = found.disks["radius_px"].to_numpy()[pairs[:, 1]] - clear["radius_px"].to_numpy()[pairs[:, 0]]
+    assert abs(error.mean()) < 0.02
+
+
+def test_a_crowd_before_a_constant_reference(rng):
+    truth, frame, _ = crowd(rng, texture=0.0, dust=0, vignetting=0.0)
+    found = measure_image(frame, np.full_like(frame, 80), polarity="bright", full_scale=255.0)
+    assert abs(radius_errors(truth, found.disks).mean()) < 0.01
+
+
+def test_a_crowd_without_a_reference(rng):
+    """Texture of 2 % stays in the frame: some 0.07 px of a rim."""
+    truth, frame, _ = crowd(rng)
+    found = measure_image(frame, polarity="bright", full_scale=255.0)
+    assert np.sqrt(np.mean(radius_errors(truth, found.disks) ** 2)) < 0.1
+
+
+@pytest.mark.parametrize("size", [16, 40, 64, 100])
+def test_a_small_part_of_a_crowd_stays_finite(size, rng):
+    _, frame, reference = crowd(rng)
+    part = (slice(200, 200 + size), slice(400, 400 + size))
+    found = measure_image(frame[part], reference[part], polarity="bright", full_scale=255.0)
+    assert np.isfinite(found.disks.drop(columns="flags").to_numpy(float)).all()
+
+
+@pytest.mark.parametrize(("polarity", "options"), [("auto", {"contrast": -0.5}), ("bright", {"halo": 0.2})])
+def test_a_crowd_that_is_too_much_is_not_said_to_be_fine(polarity, options, rng):
+    """58 per cent covered, and dark of unknown polarity or with a fifth of the light scattered far."""
+    _, frame, reference = crowd(rng, 25.0, 10.0, **options)
+    assert measure_image(frame, reference, polarity=polarity, full_scale=255.0).status != "ok"
+
+
+def test_noise_on_a_soft_slope_is_no_contact(rng):
+    """Pixels that noise lifts over the threshold beside it: without a look at their surroundings, 30 more."""
+    y, x = np.mgrid[0:480, 0:640]
+    distance = np.hypot(x % 160 - 80, y % 120 - 60)
+    soft = 14 / (1 + np.exp((distance - 25) / 4))
+    frame, reference = (80 + part + rng.normal(0, 1.0, x.shape) for part in (soft, 0.0))
+    found = measure_image(frame.astype(np.float32), reference.astype(np.float32), method="threshold")
+    assert len(found.disks) == 16
 
 
 def test_a_crowd_without_gaps_is_not_said_to_be_fine(rng):
