@@ -18,10 +18,7 @@ SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noi
 HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp
 TYPICAL_BLUR = 1.4  # px, for the slope of the rim in the uncertainty
 SMALLEST = 4  # pixels
-SPECK, AROUND = (
-    12,
-    3,
-)  # pixels of what may be noise on the slope of a soft edge, and how far off it is looked for
+SPECK, AROUND = 12, 3  # pixels of what may be noise on a soft slope, and how far off the slope shows
 QUIET = 12.0  # contrast/noise below which noise notches the components
 
 
