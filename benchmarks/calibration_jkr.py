@@ -14,7 +14,7 @@ import pandas as pd
 from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.files import open_experiment, read_scene, write_table
 from contactimg.mechanics import jkr
-from contactimg.pipeline.calibrate import run_jkr
+from contactimg.pipeline.calibrate.jkr import run_jkr
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 from contactimg.tables import LOADS

@@ -16,7 +16,8 @@ from pattern_scene import PIXEL, pattern_scene
 from contactimg.calibration.estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.files import open_experiment, read_scene
-from contactimg.pipeline.calibrate import run_modulus, run_threshold
+from contactimg.pipeline.calibrate.modulus import run_modulus
+from contactimg.pipeline.calibrate.threshold import run_threshold
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation

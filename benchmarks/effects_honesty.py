@@ -21,7 +21,7 @@ from effect_scenes import SA_LENS, SCENES, mechanical_scene, pattern
 
 from contactimg import generate_asperities, solve_adhesive, solve_interacting
 from contactimg.effects.change import OUTPUTS, relative_change
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.plan import make_plan
 from contactimg.scene import scene_from_dict
 

@@ -13,7 +13,7 @@ from imaging_frames import Optics, expose, match
 from imaging_scores import markdown, put_table, root_mean_square
 
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.rim import FilmRim
+from contactimg.imaging.profile.film_rim import FilmRim
 from contactimg.optics.film import Light
 
 SPHERE = 100.0  # um

@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 
 from contactimg.effects.change import POWER
-from contactimg.effects.optics import OPTICS
-from contactimg.effects.optics_edge import film_makes_the_contrast
+from contactimg.effects.optics.edge import film_makes_the_contrast
+from contactimg.effects.optics.estimates import OPTICS
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.prediction import predict_contacts

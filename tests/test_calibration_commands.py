@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from small_series import break_measurement, copy_of
 
-import contactimg.pipeline.circles as circles_module
+import contactimg.pipeline.calibrate.circles as circles_module
+import contactimg.pipeline.calibrate.thresholds as thresholds_module
 import contactimg.pipeline.frames as frames_module
-import contactimg.pipeline.thresholds as thresholds_module
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -21,10 +21,10 @@ from contactimg.files import (
     write_scene,
 )
 from contactimg.frame import Frame
-from contactimg.pipeline.circles import mean_centre, measure_circles
+from contactimg.pipeline.calibrate.circles import mean_centre, measure_circles
+from contactimg.pipeline.calibrate.thresholds import measure_thresholds
 from contactimg.pipeline.series import measure_experiment
 from contactimg.pipeline.simulate import write_simulation
-from contactimg.pipeline.thresholds import measure_thresholds
 from contactimg.scene import scene_from_dict
 
 E, W = 2.83e6, 0.043

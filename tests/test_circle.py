@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.circle import find_circle, sample_edge
-from contactimg.imaging.circle_fit import EdgeModel, choose_opening, fit_circle
+from contactimg.imaging.smooth.find_circle import find_circle, sample_edge
+from contactimg.imaging.smooth.fit_circle import EdgeModel, choose_opening, fit_circle
 from contactimg.mechanics import hertz, jkr
 from contactimg.optics.film import Light, excess_table, hertz_gap
 from contactimg.optics.psf import gaussian_psf

@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 
 from contactimg import InputError, ModelRangeError, generate_asperities, solve_interacting
 from contactimg.effects.change import OUTPUTS, relative_change
-from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
-from contactimg.effects.mechanics_state import CELLS, SAMPLE, Stage
+from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.mechanics.state import CELLS, SAMPLE, Stage
 from contactimg.effects.plan import make_plan
 from contactimg.models.problem import Setting, pose_problem
 from contactimg.prediction import predict_contacts
@@ -201,7 +201,7 @@ def test_a_sample_of_many_says_the_same(monkeypatch):
     """Every fourth candidate for all: the changes by some per cent the same."""
     scene, table, load = mechanical_scene("SA+ large load")
     whole = estimate_mechanics(scene, table, load=load)[1]
-    monkeypatch.setattr("contactimg.effects.mechanics_state.SAMPLE", 200)
+    monkeypatch.setattr("contactimg.effects.mechanics.state.SAMPLE", 200)
     part = estimate_mechanics(scene, table, load=load)[1]
     for one, other in zip(whole, part, strict=True):
         assert other.change == pytest.approx(one.change, rel=0.5), one.effect

@@ -13,11 +13,12 @@ from small_series import SCENE
 
 from contactimg import measure_image, render_contacts, render_reference, scene_from_dict
 from contactimg.cli import main
-from contactimg.effects.optics import OPTICS, estimate_optics
-from contactimg.effects.optics_edge import film_makes_the_contrast
+from contactimg.effects.optics.edge import film_makes_the_contrast
+from contactimg.effects.optics.estimates import OPTICS, estimate_optics
 from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
-from contactimg.imaging import dust, reference
+from contactimg.imaging.background import subtract as reference
+from contactimg.imaging.reject import dirt as dust
 from contactimg.optics import recipe as optics_recipe
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.measured_effects import SHARP_PX, resolve_measurement

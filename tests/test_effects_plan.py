@@ -11,8 +11,8 @@ from effect_scenes import hexagon, mechanical_scene, pattern
 import contactimg
 from contactimg import InputError
 from contactimg.cli import main
-from contactimg.effects import mechanics
 from contactimg.effects.estimate import Estimate
+from contactimg.effects.mechanics import estimates as mechanics
 from contactimg.effects.plan import EFFECTS, MARGIN, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer

@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 from scipy import special
 
-from contactimg.imaging.disks import render_disks
-from contactimg.imaging.edge import INNER, PIXEL_VARIANCE, STEPS_PER_WIDTH, blurred_disk, disk_table
-from contactimg.imaging.rim import PlainRim, rim_table
+from contactimg.imaging.fit.disks import render_disks
+from contactimg.imaging.profile.blurred_disk import (
+    INNER,
+    PIXEL_VARIANCE,
+    STEPS_PER_WIDTH,
+    blurred_disk,
+    disk_table,
+)
+from contactimg.imaging.profile.film_rim import PlainRim, rim_table
 
 
 def brute_force(a, sigma, x0, y0, *, half=12, k=40):

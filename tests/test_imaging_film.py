@@ -10,7 +10,7 @@ from contact_frames import match
 
 from contactimg.errors import InputError
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.rim import FilmRim, PlainRim, rim_table
+from contactimg.imaging.profile.film_rim import FilmRim, PlainRim, rim_table
 from contactimg.optics.film import Light, excess_table
 
 LED = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))

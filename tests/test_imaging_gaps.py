@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from contactimg.imaging.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.gaps import SQUARE, find_light
-from contactimg.imaging.light import background_mode, fit_light
-from contactimg.imaging.pixels import NO_MASK, share_seen
+from contactimg.imaging.background.illumination import background_mode, fit_light
+from contactimg.imaging.background.illumination_in_crowds import SQUARE, find_light
+from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
+from contactimg.imaging.pixels.masks import NO_MASK, share_seen
 
 SHAPE = (480, 640)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]

@@ -7,8 +7,8 @@ import pytest
 from contact_frames import Optics, coverage, expose, match, scatter, sub_pixel_shift, surface_texture
 from hostile_frames import hostile_frame
 
-from contactimg.imaging.foreign import find_objects
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.shapes.objects import find_objects
 from contactimg.tables import Flag
 
 OPTICS = Optics(shape=(300, 400), contrast=60 / 80, dust=2)

@@ -10,9 +10,9 @@ import pytest
 from contact_frames import Optics, expose, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.edge import blurred_disk
 from contactimg.imaging.measure import ImageMeasurement, measure_image
-from contactimg.imaging.shared_optics import SharedOptics
+from contactimg.imaging.profile.blurred_disk import blurred_disk
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.tables import Flag
 
 OPTICS = Optics(shape=(260, 340), dust=3)

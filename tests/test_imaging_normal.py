@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy import special
 
-from contactimg.imaging.edge import blurred_disk, disk_table
-from contactimg.imaging.normal import (
+from contactimg.imaging.kernels.normal_equations import (
     CHI,
     COUNT,
     CROSS,
@@ -18,6 +17,7 @@ from contactimg.imaging.normal import (
     pair_sums,
     unpack,
 )
+from contactimg.imaging.profile.blurred_disk import blurred_disk, disk_table
 
 SHAPE = (90, 120)
 S, VARIANCE, SLOPE = 1.43, 4.0, 0.004

@@ -15,14 +15,14 @@ from contact_frames import (
 )
 from scipy import ndimage
 
-from contactimg.imaging.background import estimate_background
-from contactimg.imaging.blocks import block_means
-from contactimg.imaging.filters import TAPS, double_row, filter_image, kernel_of
-from contactimg.imaging.light import background_mode, fit_light
+from contactimg.imaging.background.illumination import background_mode, fit_light
+from contactimg.imaging.background.no_reference import estimate_background
+from contactimg.imaging.background.resample import Shift, move_rows, shift_kernel, shift_whole_pixels
+from contactimg.imaging.background.subtract import subtract_reference
+from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.move import Shift, move_rows, shift_kernel, shift_whole_pixels
-from contactimg.imaging.noise import estimate_noise
-from contactimg.imaging.reference import subtract_reference
+from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.filters import TAPS, double_row, filter_image, kernel_of
 
 SHAPE = (400, 560)
 

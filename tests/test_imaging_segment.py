@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from contactimg.imaging.segment import label_components
+from contactimg.imaging.shapes.components import label_components
 
 NO_MARKS = np.zeros((1, 1), np.uint8)
 

@@ -6,14 +6,14 @@ import pandas as pd
 import pytest
 from contact_frames import Optics, expose, match, render
 
-from contactimg.imaging.arcs import cover_outline
-from contactimg.imaging.disks import Prior, fit_disks, render_disks
-from contactimg.imaging.lens import add_lens
+from contactimg.imaging.contrast.noise import Noise
+from contactimg.imaging.count.split_touching import split_components
+from contactimg.imaging.fit.disks import Prior, fit_disks, render_disks
+from contactimg.imaging.kernels.disk_union import add_lens
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.noise import Noise
-from contactimg.imaging.segment import label_components
-from contactimg.imaging.split import split_components
-from contactimg.imaging.touching import DEEPEST, hidden, visible_share
+from contactimg.imaging.shapes.arcs import cover_outline
+from contactimg.imaging.shapes.components import label_components
+from contactimg.imaging.shapes.overlap import DEEPEST, hidden, visible_share
 from contactimg.tables import Flag
 
 NO_MARKS = np.zeros((1, 1), np.uint8)

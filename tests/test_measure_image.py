@@ -6,7 +6,7 @@ import pytest
 from contact_frames import Optics, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging import clearing
+from contactimg.imaging.fit import residual_light as clearing
 from contactimg.imaging.measure import measure_image
 from contactimg.matching import pair_points
 from contactimg.render import render_contacts, render_reference

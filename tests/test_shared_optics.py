@@ -11,11 +11,11 @@ from contactimg.errors import InputError
 from contactimg.files import read_frames, read_scene
 from contactimg.forces import total_area, total_force
 from contactimg.frame import Frame
-from contactimg.imaging.disks import render_disks
-from contactimg.imaging.edge import PIXEL_VARIANCE
+from contactimg.imaging.fit.disks import render_disks
+from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.pooling import gain_of_pooling, pool_optics
-from contactimg.imaging.shared_optics import SharedOptics
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.mechanics import hertz
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.pipeline.measure import measure_frame

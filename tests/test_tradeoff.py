@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from contactimg.errors import InputError, ModelRangeError
-from contactimg.imaging.edge import blurred_disk
-from contactimg.imaging.half_height import disk_radius, threshold_radius
+from contactimg.imaging.profile.blurred_disk import blurred_disk
+from contactimg.imaging.profile.threshold_radius import disk_radius, threshold_radius
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.greenwood_williamson import solve_greenwood_williamson
 from contactimg.models.heights import UniformHeights

@@ -17,7 +17,7 @@ from contactimg.cli.common import (
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
-    from contactimg.pipeline.analyse import AnalysisOptions
+    from contactimg.pipeline.analyse.places_together import AnalysisOptions
 
 __all__ = ["analyse"]
 
@@ -106,10 +106,10 @@ def analyse(
         import pandas as pd
 
         from contactimg.files import OutputFolder, provenance, read_topography
-        from contactimg.pipeline.analyse import analyse_places
-        from contactimg.pipeline.analysis_files import write_analysis, write_results, write_topography
-        from contactimg.pipeline.model_places import MODEL_COUPLINGS, count_solutions
-        from contactimg.pipeline.places import open_place, read_centre
+        from contactimg.pipeline.analyse.files import write_analysis, write_results, write_topography
+        from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS, count_solutions
+        from contactimg.pipeline.analyse.places import open_place, read_centre
+        from contactimg.pipeline.analyse.places_together import analyse_places
 
     if not runs and topography is None:
         raise click.UsageError("Missing argument 'RUN': give the output folders of `process`.")
@@ -161,8 +161,8 @@ def _origin(
 def _options(given: dict[str, Any]) -> "AnalysisOptions":
     """The settings of the analysis."""
     from contactimg.analysis.estimates import Estimate
-    from contactimg.pipeline.analyse import AnalysisOptions, smooth_shear_stress
-    from contactimg.pipeline.places import open_place
+    from contactimg.pipeline.analyse.places import open_place
+    from contactimg.pipeline.analyse.places_together import AnalysisOptions, smooth_shear_stress
 
     if given["smooth"] is not None and given["smooth_stress"] is not None:
         raise click.UsageError("--smooth and --smooth-stress-MPa are both given; keep one of the two.")

@@ -20,7 +20,7 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     from contactimg.calibration.estimate import CoverageEstimate
     from contactimg.files import Experiment
-    from contactimg.pipeline.calibrate import Calibrated
+    from contactimg.pipeline.calibrate.result import Calibrated
     from contactimg.scene import Scene
 
 __all__ = ["calibrate"]
@@ -73,7 +73,7 @@ def jkr(*, folder: str, **given: Any) -> int:
       contactimg calibrate jkr sample_data/smooth_jkr -o jkr
     """
     with stage("loading"):
-        from contactimg.pipeline.calibrate import run_jkr
+        from contactimg.pipeline.calibrate.jkr import run_jkr
 
     return _run("jkr", folder, given, {}, run_jkr, pulled=True)
 
@@ -92,7 +92,7 @@ def threshold(*, folder: str, **given: Any) -> int:
     """
     with stage("loading"):
         from contactimg.files import read_calibration, shares_frames
-        from contactimg.pipeline.calibrate import run_threshold
+        from contactimg.pipeline.calibrate.threshold import run_threshold
 
     record = read_calibration(given["jkr"]) if given["jkr"] else {}
 
@@ -129,7 +129,7 @@ def modulus(*, folder: str, **given: Any) -> int:
     """
     with stage("loading"):
         from contactimg.files import read_calibration, shares_frames
-        from contactimg.pipeline.calibrate import run_modulus
+        from contactimg.pipeline.calibrate.modulus import run_modulus
 
     record = read_calibration(given["calibration"]) if given["calibration"] else {}
 
@@ -152,7 +152,7 @@ def plateau(*, folder: str, **given: Any) -> int:
       contactimg calibrate plateau sample_data/ra_plus
     """
     with stage("loading"):
-        from contactimg.pipeline.calibrate import run_plateau
+        from contactimg.pipeline.calibrate.plateau import run_plateau
 
     return _run("plateau", folder, given, {}, run_plateau)
 
@@ -170,7 +170,7 @@ def _run(
     with stage("loading"):
         from contactimg.cli.scenes import scene_of_folder
         from contactimg.files import OutputFolder, open_experiment, provenance, read_calibration
-        from contactimg.pipeline.calibrate import write_calibration
+        from contactimg.pipeline.calibrate.result import write_calibration
         from contactimg.scene import scene_from_dict
 
     scene = scene_of_folder(folder, {"scene": given["scene"]})

@@ -45,7 +45,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         from contactimg.files import OutputFolder, open_experiment, provenance, read_run
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
-        from contactimg.pipeline.process import run_of_folder
+        from contactimg.pipeline.run import run_of_folder
 
     measured = run_of_folder(read_run(run))
     experiment = open_experiment(measured.scene)

@@ -71,7 +71,8 @@ def process(
     with stage("loading"):
         from contactimg.cli.scenes import calibration_options, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
-        from contactimg.pipeline.process import draw_overlays, write_run
+        from contactimg.pipeline.overlays import draw_overlays
+        from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import FAILED, measure_experiment
 
     if tolerance is not None and options["method"] is not None:

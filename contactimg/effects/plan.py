@@ -13,8 +13,8 @@ from typing import Any, Literal
 import pandas as pd
 
 from contactimg.effects.estimate import Estimate
-from contactimg.effects.mechanics import weigh_mechanics
-from contactimg.effects.optics import estimate_optics
+from contactimg.effects.mechanics.estimates import weigh_mechanics
+from contactimg.effects.optics.estimates import estimate_optics
 from contactimg.scene import Effects, Scene
 from contactimg.tables import Schema
 from contactimg.timings import stage

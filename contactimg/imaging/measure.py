@@ -9,23 +9,22 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.background import estimate_background, estimate_either_background
-from contactimg.imaging.blocks import block_means
-from contactimg.imaging.counting import TYPICAL_BLUR, count_contacts
-from contactimg.imaging.dust import absent_in_frame
-from contactimg.imaging.fitting import Fitted, fit_contacts
-from contactimg.imaging.foreground import Foreground, find_foreground
-from contactimg.imaging.foreign import NOTHING_FOREIGN
-from contactimg.imaging.judgement import LIGHT_CHANGE, RESOLVED, judge
-from contactimg.imaging.pixels import Pixels
-from contactimg.imaging.reference import (
-    Difference,
-    subtract_reference,
-    unregistered,
-)
-from contactimg.imaging.rim import Rim
-from contactimg.imaging.shared_optics import SharedOptics, combine_errors
-from contactimg.imaging.threshold import choose_threshold, find_polarity
+from contactimg.imaging.background.difference import Difference, unregistered
+from contactimg.imaging.background.no_reference import estimate_background, estimate_either_background
+from contactimg.imaging.background.subtract import subtract_reference
+from contactimg.imaging.contrast.polarity import find_polarity
+from contactimg.imaging.count.method import TYPICAL_BLUR, count_contacts
+from contactimg.imaging.count.threshold import choose_threshold
+from contactimg.imaging.fit.method import fit_contacts
+from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.frame_pair import Pixels
+from contactimg.imaging.profile.film_rim import Rim
+from contactimg.imaging.profile.optics import SharedOptics, combine_errors
+from contactimg.imaging.reject.detections import Fitted
+from contactimg.imaging.reject.dirt import absent_in_frame
+from contactimg.imaging.reject.foreground import Foreground, find_foreground
+from contactimg.imaging.reject.foreign_objects import NOTHING_FOREIGN
+from contactimg.imaging.status import LIGHT_CHANGE, RESOLVED, judge
 from contactimg.tables import Flag
 
 __all__ = ["CORRECTIONS", "ImageMeasurement", "measure_image"]
@@ -152,7 +151,8 @@ def measure_image(
         adds what it shows itself. A ``blur_px`` that is given is exact and takes its place.
     film : Rim or None
         Bright rim that the air film draws around the contacts, for ``"disk"``:
-        `contactimg.imaging.rim.FilmRim` or `contactimg.imaging.rim.PlainRim`; None: the edge is sharp.
+        `contactimg.imaging.profile.film_rim.FilmRim` or `contactimg.imaging.profile.film_rim.PlainRim`;
+        None: the edge is sharp.
     absent : collection of str
         Of `CORRECTIONS`, what the frame is known not to show and is not looked for: ``"position_drift"`` (the
         reference is taken where it lies), ``"dust"`` (nothing is rejected as dirt).

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameSource
 from contactimg.frame import Frame
+from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.measure import ImageMeasurement, measure_image
-from contactimg.imaging.pooling import gain_of_pooling, pool_optics
-from contactimg.imaging.rim import FilmRim
-from contactimg.imaging.shared_optics import SharedOptics
+from contactimg.imaging.profile.film_rim import FilmRim
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.optics.recipe import lamp
 from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.local_forces import common_radius

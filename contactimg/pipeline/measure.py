@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.frame import Frame
 from contactimg.imaging.measure import ImageMeasurement, measure_image
-from contactimg.imaging.shared_optics import SharedOptics
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, REJECTED
 

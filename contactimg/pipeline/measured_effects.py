@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from contactimg.effects.optics_edge import film_makes_the_contrast
+from contactimg.effects.optics.edge import film_makes_the_contrast
 from contactimg.scene import Scene
 
 __all__ = ["SHARP_PX", "resolve_measurement"]

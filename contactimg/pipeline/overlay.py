@@ -11,10 +11,10 @@ import pandas as pd
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
-from contactimg.pipeline.model_places import MODEL_COUPLINGS
+from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS
+from contactimg.pipeline.overlays import picture_name
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted
-from contactimg.pipeline.process import picture_name
 from contactimg.pipeline.series import FAILED, Run, shift_of
 from contactimg.pose import Pose
 from contactimg.prediction import hertz_circle, predict_contacts, see_contacts

@@ -19,7 +19,7 @@ from contactimg.files import (
     read_run,
     read_table,
 )
-from contactimg.pipeline.process import picture_name
+from contactimg.pipeline.overlays import picture_name
 from contactimg.pipeline.series import FAILED
 from contactimg.report.embedding import Picture, embed_figure, embed_picture
 from contactimg.tables import REJECTED, RESULTS, SCORES, Flag

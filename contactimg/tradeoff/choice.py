@@ -1,8 +1,8 @@
 """The cheapest measurement of a frame that meets a tolerance: the threshold if good enough, else the fit.
 
 What the threshold gets wrong is estimated on the frame itself: the radii of blurred disks that cross the
-threshold where it counted (`contactimg.imaging.half_height`), contacts that do not reach it but a lower one,
-contacts that it joins, and the stated uncertainty.
+threshold where it counted (`contactimg.imaging.profile.threshold_radius`), contacts that do not reach it
+but a lower one, contacts that it joins, and the stated uncertainty.
 """
 
 from dataclasses import dataclass
@@ -13,14 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.effects.change import relative_change, stated_change
-from contactimg.imaging.counting import count_contacts
-from contactimg.imaging.detect import estimate_blur, find_inscribed
-from contactimg.imaging.edge import PIXEL_VARIANCE
-from contactimg.imaging.half_height import disk_radius
+from contactimg.imaging.contrast.plateau import Contrast
+from contactimg.imaging.count.method import count_contacts
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
-from contactimg.imaging.pixels import NO_MASK
-from contactimg.imaging.rim import Rim
-from contactimg.imaging.threshold import Contrast
+from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.film_rim import Rim
+from contactimg.imaging.profile.threshold_radius import disk_radius
+from contactimg.imaging.shapes.inscribed_disks import find_inscribed
+from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.scene import Scene
 
 __all__ = ["Choice", "estimate_count_error", "measure_cheapest"]

@@ -13,9 +13,9 @@ from skimage.segmentation import watershed
 
 from contactimg.effects.change import relative_change, stated_change
 from contactimg.errors import InputError
-from contactimg.imaging.edge import PIXEL_VARIANCE
-from contactimg.imaging.half_height import disk_radius
 from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.threshold_radius import disk_radius
 from contactimg.matching import pair_points
 from contactimg.models.solution import InteractingSolution
 from contactimg.prediction import solve_scene

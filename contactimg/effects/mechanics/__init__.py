@@ -1,0 +1,1 @@
+"""What leaving out an effect of the mechanics changes."""

@@ -1,0 +1,1 @@
+"""Take the background out of a frame."""

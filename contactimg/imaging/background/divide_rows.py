@@ -1,0 +1,138 @@
+"""One pass over the rows of a frame: move and filter the reference, weight its bands, divide by it.
+
+Whatever a row needs stays in the cache; how the loops become vector instructions is said in
+`contactimg.imaging.pixels.filters`.
+"""
+
+import numpy as np
+from numba import njit
+
+from contactimg.imaging.pixels.filters import (
+    TAPS,
+    double_row,
+    filter_row,
+    mix_rows,
+    pad_row,
+    sum_rows,
+    turn_taps,
+)
+
+__all__ = ["CLEAN", "DUST_FROM", "divide_rows"]
+
+CLEAN = 1e30
+"""Scatter of a band in which nothing counts as dirt."""
+
+DUST_FROM, DUST_FULL = 4.0, 6.0
+"""Robust standard deviations of a band between which detail is dirt."""
+
+
+@njit(cache=True)
+def divide_rows(out, frame, reference, half, quarter, along, across, filters, sharp, numbers):
+    """Divide a frame by the weighted bands of its reference.
+
+    Parameters
+    ----------
+    out : ndarray of float32, shape (rows, columns)
+        Gets the frame's relative excess over the background, times the level.
+    frame, reference : ndarray, shape (rows, columns)
+    half, quarter : ndarray of float32
+        The reference at half and quarter of the resolution, moved and blurred.
+    along, across : ndarray of float32
+        Slow ratio, see `contactimg.imaging.background.illumination.LightField.row_polynomials`.
+    filters : ndarray of float32, shape (1 or 2, 2, TAPS)
+        Filters along rows and columns that move the reference (where its finest band counts) and that move
+        and blur it narrowly.
+    sharp : ndarray of float32, shape (2, TAPS)
+        Filter that moves the reference.
+    numbers : ndarray of float32
+        Weights of the three finer bands, finest first; one over the scatter of the coarser two of them; the
+        level; the least background to divide by.
+    """
+    rows, columns = reference.shape
+    reach, kinds = TAPS // 2, len(filters)
+    ring = np.empty((kinds, TAPS, columns), np.float32)
+    bands = np.empty((kinds + 2, columns), np.float32)
+    line, turned = np.empty(columns + 2 * reach, np.float32), np.empty(TAPS, np.float32)
+    halves = np.empty((2, 2 * half.shape[1]), np.float32)
+    twice = np.empty(2 * quarter.shape[1], np.float32)
+    quarters = np.empty((2, 2 * len(twice)), np.float32)
+    halves_done = quarters_done = 0
+    for ahead in range(-reach, rows + reach):
+        pad_row(line, reference[min(max(ahead, 0), rows - 1)])
+        for i in range(kinds):
+            filter_row(ring[i, (ahead + reach) % TAPS], line, filters[i, 0])
+        y = ahead - reach
+        if y < 0:
+            continue
+        for i in range(kinds):
+            turn_taps(turned, filters[i, 1], y)
+            sum_rows(bands[i], ring[i], turned)
+        above, below, share = _neighbours(y, 2, len(half))
+        for row in range(halves_done, below + 1):
+            double_row(halves[row % 2], half[row])
+        halves_done = below + 1
+        mix_rows(bands[-2], halves[above % 2], halves[below % 2], share)
+        above, below, share = _neighbours(y, 4, len(quarter))
+        for row in range(quarters_done, below + 1):
+            double_row(twice, quarter[row])
+            double_row(quarters[row % 2], twice)
+        quarters_done = below + 1
+        mix_rows(bands[-1], quarters[above % 2], quarters[below % 2], share)
+        dirty = _weight_bands(out[y], bands[0], bands[-3], bands[-2], bands[-1], numbers)
+        if dirty:
+            _restore_dirt(out[y], dirty, y, reference, sharp, bands[-3], bands[-2], bands[-1], numbers)
+        _divide_row(out[y], frame[y], along[y], across, numbers)
+
+
+@njit(cache=True)
+def _neighbours(y, side, rows):
+    """Coarse rows above and below row y, and how far it lies from one to the other."""
+    place = min(max((y + 0.5) / side - 0.5, 0.0), rows - 1.0)
+    above = int(place)
+    return above, min(above + 1, rows - 1), np.float32(place - above)
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _weight_bands(out, sharp, narrow, middle, wide, numbers):
+    """Put the bands of a row together; the number of pixels where one of them shows dirt."""
+    finest, finer, coarser, per_finer, per_coarser = numbers[:5]
+    limit = np.float32(DUST_FROM)
+    dirty = np.int32(0)
+    for x in range(len(out)):
+        fine, coarse = narrow[x] - middle[x], middle[x] - wide[x]
+        out[x] = wide[x] + coarser * coarse + finer * fine + finest * (sharp[x] - narrow[x])
+        dirty += np.int32((abs(fine) * per_finer > limit) | (abs(coarse) * per_coarser > limit))
+    return dirty
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def _restore_dirt(out, dirty, y, reference, sharp, narrow, middle, wide, numbers):
+    """In so many pixels of the row, where a band shows dirt, the reference as it is, merely moved."""
+    per_finer, per_coarser = numbers[3:5]
+    rows, columns = reference.shape
+    reach = TAPS // 2
+    start, width = np.float32(DUST_FROM), np.float32(DUST_FULL - DUST_FROM)
+    for x in range(columns):
+        worst = max(abs(narrow[x] - middle[x]) * per_finer, abs(middle[x] - wide[x]) * per_coarser)
+        if not worst > start:
+            continue
+        moved = np.float32(0.0)
+        for j in range(TAPS):
+            row = reference[min(max(y + j - reach, 0), rows - 1)]
+            for i in range(TAPS):
+                moved += sharp[1, j] * sharp[0, i] * np.float32(row[min(max(x + i - reach, 0), columns - 1)])
+        out[x] += min((worst - start) / width, np.float32(1.0)) * (moved - out[x])
+        dirty -= 1
+        if dirty == 0:
+            break
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def _divide_row(out, frame, along, across, numbers):
+    """The frame's relative excess over the background, times the level."""
+    c0, c1, c2, c3 = along
+    level, lowest = numbers[5:]
+    for x in range(len(out)):
+        u = across[x]
+        background = (c0 + u * (c1 + u * (c2 + u * c3))) * out[x]
+        out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)

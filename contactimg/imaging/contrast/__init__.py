@@ -1,0 +1,1 @@
+"""Contrast of the contacts: noise, polarity, plateau."""

@@ -1,0 +1,290 @@
+"""Noise of the difference image: how large, how it grows with the level, and how it is correlated.
+
+What the reference cannot take out of the surface's texture stays in the difference as noise that neighbouring
+pixels share. The Fisher information of independent pixels then promises too much; the sum over pairs of
+pixels of their covariance, seen through the rim that determines a radius, gives the factor.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy import special
+
+from contactimg.imaging.pixels.blocks import sample_background, side_of
+from contactimg.imaging.pixels.robust import median, robust_std
+from contactimg.timings import stage
+
+__all__ = [
+    "LARGEST_LAG",
+    "Noise",
+    "NoiseCorrelation",
+    "estimate_noise",
+    "measure_correlation",
+    "measure_slope",
+]
+
+LARGEST_LAG = 10
+"""Distance of pixels up to which their covariance is measured, px."""
+
+NODES, SHARPEST = 256, 4.0  # wave numbers, up to so many over the blur
+RADII = np.geomspace(0.3, 45.0, 12)  # blur widths; the widest rim oscillates 30 times over the wave numbers
+LAGS = np.arange(0.0, 25.0, 0.02)  # blur widths
+SAMPLE = 20_000  # pixels looked at, which give the noise to 0.6 %
+LAGGED = 240_000  # pixels whose covariance with others is looked at
+ENOUGH = 300  # pixels that give a variance to 8 %
+RUN = 2 * LARGEST_LAG  # rows in succession, whose partners below are for the most part the same
+CLIP = 4.0  # robust standard deviations beyond which a pixel is dirt, not noise
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Variance of a pixel: ``variance (1 + slope m/contrast) / brightness`` at contact level m.
+
+    Parameters
+    ----------
+    variance : float
+        Of a background pixel, squared grey levels.
+    slope : float
+        Relative increase at full contrast: shot noise, and texture seen brighter through a contact.
+    """
+
+    variance: float
+    slope: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseCorrelation:
+    """Covariance of background pixels against their distance.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (LARGEST_LAG + 1,)
+        Squared grey levels at distances 0, 1, 2, ... px.
+    """
+
+    covariance: NDArray[np.float64]
+
+    def rim_inflation(
+        self, radius: NDArray, blur: float, *, noise: Noise, gain: float
+    ) -> NDArray[np.float64]:
+        """Factor by which the variance of a radius exceeds that for independent pixels.
+
+        Parameters
+        ----------
+        radius : ndarray, px
+        blur : float, px
+            Standard deviation of the profile's Gaussian, pixel included.
+        noise : Noise
+        gain : float
+            Brightness of a contact relative to the background, by which it multiplies the texture.
+
+        Notes
+        -----
+        The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
+        s^2/2)``; its autocorrelation weighs the covariance of two pixels a lag apart.
+        """
+        return self._inflation(radius / blur, blur, noise, 0.5, gain, _rim_autocorrelation())
+
+    def plateau_inflation(
+        self, radius: NDArray, blur: float, *, noise: Noise, gain: float
+    ) -> NDArray[np.float64]:
+        """The same for the contrast, whose derivative has the spectrum ``J1(k a)/(k a) exp(-k^2 s^2/2)``."""
+        return self._inflation(radius / blur, blur, noise, 1.0, gain, _plateau_autocorrelation())
+
+    def _inflation(
+        self, radius: NDArray, blur: float, noise: Noise, level: float, gain: float, autocorrelation: NDArray
+    ) -> NDArray[np.float64]:
+        """Factor for a template at a contact level; radii in blur widths."""
+        lags = np.arange(-LARGEST_LAG, LARGEST_LAG + 1)
+        distance = np.hypot(lags[:, None], lags[None, :]).ravel()
+        unique, counts = np.unique(distance[(distance > 0) & (distance <= LARGEST_LAG)], return_counts=True)
+        covariance = np.interp(unique, np.arange(LARGEST_LAG + 1), self.covariance) * counts
+        shared = np.array([np.interp(unique / blur, LAGS, row) @ covariance for row in autocorrelation])
+        excess = (1.0 + level * (gain - 1.0)) ** 2 * shared
+        factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * (1.0 + level * noise.slope))
+        return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
+
+
+@lru_cache(maxsize=1)
+def _rim_autocorrelation() -> NDArray[np.float64]:
+    """Of the derivative with respect to the radius: a row for each of `RADII`, over `LAGS`."""
+    k = (np.arange(NODES) + 0.5) * (SHARPEST / NODES)
+    return _autocorrelation(k, special.j0(np.outer(RADII, k)))
+
+
+@lru_cache(maxsize=1)
+def _plateau_autocorrelation() -> NDArray[np.float64]:
+    """Of the derivative with respect to the contrast."""
+    k = (np.arange(NODES) + 0.5) * (SHARPEST / NODES)
+    ka = np.outer(RADII, k)
+    return _autocorrelation(k, special.j1(ka) / ka)
+
+
+def _autocorrelation(k: NDArray[np.floating], spectrum: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Of a template behind a blur, from its spectrum at wave numbers (over the blur)."""
+    power = spectrum**2 * np.exp(-(k**2)) * k
+    return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
+
+
+@stage("contrast")
+def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) -> float:
+    """Robust standard deviation of a background pixel, grey levels.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image.
+    background : ndarray of bool
+        Background blocks, see `contactimg.imaging.pixels.blocks`.
+    """
+    every = max(int(np.sqrt(image.size / SAMPLE)), 1)
+    sample = sample_background(image, background, (every, every))
+    if len(sample) < ENOUGH:
+        # no background to look at: neighbouring pixels differ by the noise of both
+        difference = np.abs(np.diff(image[::every], axis=1))
+        return float(1.4826 * median(difference) / np.sqrt(2)) if difference.size else 0.0
+    return robust_std(sample)
+
+
+def measure_slope(
+    image: NDArray[np.float32],
+    model: NDArray[np.float32],
+    *,
+    contrast: float,
+    variance: float,
+    default: float,
+) -> float:
+    """Relative growth of the variance from the background to the plateau of the contacts.
+
+    Parameters
+    ----------
+    image, model : ndarray, shape (rows, columns)
+        Difference image and what was fitted to it.
+    contrast, variance : float
+        Plateau, and variance of a background pixel.
+    default : float
+        Returned where no contact is wide enough to look inside.
+    """
+    for every in (8, 1):
+        inside = _inside(image[::every], model[::every], np.float32(contrast), np.float32(0.03 * contrast))
+        if len(inside) >= 10 * ENOUGH:
+            break
+    if len(inside) < ENOUGH:
+        return default
+    return float(np.clip(robust_std(inside) ** 2 / variance - 1.0, 0.0, 20.0))
+
+
+@njit(cache=True)
+def _inside(image, model, contrast, margin):
+    """What the model leaves over where it is close to the contrast."""
+    rows, columns = image.shape
+    out = np.empty(image.size, np.float32)
+    # bytes in a vectorised pass over the row, then looked at eight at a time
+    mask = np.zeros((columns // 8 + 1) * 8, np.uint8)
+    words = mask.view(np.uint64)
+    count = 0
+    for y in range(rows):
+        _compare(model[y], contrast, margin, mask)
+        for k in range(len(words)):
+            if words[k] == 0:
+                continue
+            for x in range(8 * k, min(8 * k + 8, columns)):
+                if mask[x]:
+                    out[count] = image[y, x] - model[y, x]
+                    count += 1
+    return out[:count]
+
+
+@njit(cache=True)
+def _compare(row, level, margin, mask):
+    """1 where a row is close to a level, in vector instructions."""
+    for x in range(len(row)):
+        mask[x] = abs(row[x] - level) < margin
+
+
+def measure_correlation(
+    image: NDArray[np.float32],
+    model: NDArray[np.float32],
+    background: NDArray[np.bool_],
+    *,
+    noise: float,
+) -> NoiseCorrelation:
+    """Covariance of background pixels along rows and columns.
+
+    Parameters
+    ----------
+    image, model : ndarray, shape (rows, columns)
+        Difference image and what was fitted to it.
+    background : ndarray of bool
+        Background blocks.
+    noise : float
+        Standard deviation of a background pixel.
+    """
+    side = side_of(background.shape, image.shape)
+    wide = background.repeat(side, axis=1)[:, : image.shape[1]]
+    return NoiseCorrelation(_covariance(image, model, wide, side, np.float32(CLIP * noise)))
+
+
+@njit(cache=True)
+def _covariance(image, model, background, side, clip):
+    """Covariance of pixels a lag apart, along and below some runs of rows of the background.
+
+    ``background`` has a row for every ``side`` rows of the image, and all its columns.
+    """
+    rows, columns = image.shape
+    size, seen = LARGEST_LAG + 1, 0
+    value, usual = np.zeros((size, columns), np.float32), np.zeros((size, columns), np.float32)
+    counted, wide = np.empty(columns, np.float32), columns - LARGEST_LAG
+    total, count = np.zeros(LARGEST_LAG + 1), np.zeros(LARGEST_LAG + 1)
+    middle = 0.0
+    every = max(rows * columns // LAGGED, 1)
+    for y in range(1, rows - LARGEST_LAG):
+        if (y // RUN) % every:
+            continue
+        seen = max(seen, y)
+        while seen <= y + LARGEST_LAG:
+            _clip(image, model, seen, clip, value, usual)
+            seen += 1
+        # both ends of the longest lags in background blocks: so are, but for corners, the pixels between
+        _mark(background[y // side], background[(y + LARGEST_LAG) // side], counted)
+        counted *= usual[y % size]
+        here = counted * value[y % size]
+        middle += here[:wide].sum()
+        for lag in range(size):
+            total[lag] += _product(here, value, y % size, lag, wide)
+            total[lag] += _product(here, value, (y + lag) % size, 0, wide)
+            count[lag] += _product(counted, usual, y % size, lag, wide)
+            count[lag] += _product(counted, usual, (y + lag) % size, 0, wide)
+    middle /= max(0.5 * count[0], 1.0)
+    return total / np.maximum(count, 1.0) - middle * middle
+
+
+@njit(cache=True)
+def _mark(top, bottom, counted):
+    """Pixels of a row that are background, as those `LARGEST_LAG` further on and below."""
+    counted[:] = 0.0
+    for x in range(len(counted) - LARGEST_LAG):
+        counted[x] = top[x] & bottom[x] & top[x + LARGEST_LAG]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _clip(image, model, row, clip, value, usual):
+    """What the model leaves over in a row, dirt set to zero, and where it is none; the buffers go round."""
+    levels, fitted = image[row], model[row]
+    value, usual = value[row % len(value)], usual[row % len(usual)]
+    for x in range(len(levels)):
+        rest = levels[x] - fitted[x]
+        keep = np.float32(abs(rest) <= clip)
+        usual[x], value[x] = keep, rest * keep
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _product(one, rows, row, lag, n):
+    """Sum of products with a row, ``lag`` pixels further on."""
+    total, first, other = np.float32(0.0), one[:n], rows[row, lag : lag + n]
+    for x in range(len(other)):
+        total += first[x] * other[x]
+    return total

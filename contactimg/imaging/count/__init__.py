@@ -1,0 +1,1 @@
+"""The method "threshold": pixels counted above a fraction of the contrast."""

@@ -1,0 +1,179 @@
+"""Components of pixels that are several contacts, parted where they touch.
+
+A component whose pixels lie further from their centroid than a disk's is looked at: the disks inscribed in
+it, as far as they overlap no more than contacts do, share its pixels, each pixel to the disk in which it lies
+deepest (its power with respect to the circle). Pixels are parted, none is lost: the areas add up.
+"""
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.shapes.components import COMPONENT, add_pixel, finish_component, label_runs
+from contactimg.imaging.shapes.inscribed_disks import select_inscribed
+from contactimg.imaging.shapes.overlap import hidden
+
+__all__ = ["split_components"]
+
+ELONGATED = 1.015  # moment of the pixels over that of a disk: two that touch have 1.5, a small one on a
+# large one of five times its radius 1.03; rims in noise stay below
+STRAIGHT, DIAGONAL, KNIGHT = np.float32(1.0), np.float32(1.4), np.float32(2.1969)  # px, as `cv2.DIST_MASK_5`
+NEAR, FAR = np.float32(0.0), np.float32(1e6)
+FEWEST = 25  # pixels: two disks of 2 px, below which no inscribed disk is told from noise
+
+
+def split_components(
+    image: NDArray[np.float32], level: float, *, marks: NDArray[np.uint8], smoothing: float = 0.0
+) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
+    """Components of the pixels above a level, those parted that are several contacts.
+
+    Parameters
+    ----------
+    image, level, marks
+        As for `contactimg.imaging.shapes.components.label_components`.
+    smoothing : float, px
+        Gaussian that keeps noise from notching the components while disks are inscribed; 0 for none.
+
+    Returns
+    -------
+    parts : ndarray of `COMPONENT`
+        Whole components, and parts in the place of those that were split.
+    split : ndarray of bool
+        Which are parts.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[0:24, 0:44]
+    >>> disks = (np.hypot(x - 12, y - 12) < 9) | (np.hypot(x - 29, y - 12) < 9)
+    >>> parts, split = split_components(disks.astype(np.float32), 0.5, marks=np.zeros((1, 1), np.uint8))
+    >>> [int(area) for area in parts["area"]], split.tolist()
+    ([249, 249], [True, True])
+    """
+    found, runs = label_runs(image, level, marks=marks)
+    area = np.maximum(found["area"], 1)
+    # n pixels in a disk have the moment n^2/(2 pi), of which n/6 is that of each pixel about its centre
+    shape = 2.0 * np.pi * (found["moment"] + area / 6.0) / area**2 - 2.0 * np.pi / 6.0 / area
+    doubtful = np.flatnonzero((shape > ELONGATED) & (area >= FEWEST))
+    places = [found[name][doubtful].tolist() for name in ("top", "bottom", "left", "right")]
+    counts, groups = np.ones(len(found), np.int64), []
+    for number, top, bottom, left, right in zip(doubtful.tolist(), *places, strict=True):
+        box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
+        alone = np.zeros(image[box].shape, np.float32)
+        _copy_component(alone, image, runs, number, (box[0].start, box[1].start))
+        disks = _inscribe(_smoothed(alone, smoothing), np.float32(level))
+        if len(disks) > 1:
+            counts[number] = len(disks)
+            groups.append((alone, disks, box))
+    split = np.repeat(counts > 1, counts)
+    parts = np.zeros(np.count_nonzero(split), COMPONENT)
+    end = 0
+    for alone, disks, box in groups:
+        start, end = end, end + len(disks)
+        seen = marks[box] if marks.shape == image.shape else NO_MASK
+        _share(alone, seen, disks, parts[start:end], (box[0].start, box[1].start))
+    whole = np.repeat(found, counts)
+    whole[split] = parts
+    return whole, split
+
+
+@njit(cache=True)
+def _copy_component(out, image, runs, number, corner):
+    """Copy the pixels of one component to a smaller image whose first pixel is at (row, column)."""
+    top, left = corner
+    first, last = np.searchsorted(runs[:, 0], top), np.searchsorted(runs[:, 0], top + len(out))
+    for k in range(first, last):
+        y, start, end, owner = runs[k]
+        if owner == number:
+            out[y - top, start - left : end + 1 - left] = image[y, start : end + 1]
+
+
+def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """The image seen through a Gaussian; 0 for none."""
+    if not width:
+        return image
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), width, borderType=cv2.BORDER_REPLICATE))
+
+
+@njit(cache=True)
+def _inscribe(image, level):
+    """Disks inscribed in what lies above a level; of those that overlap too much, the largest."""
+    distance = _measure_distances(image, level)
+    if distance.min() > 0:
+        return np.empty((0, 3))  # nothing bounds a disk
+    disks = select_inscribed(distance)
+    return disks[~hidden(disks)]
+
+
+@njit(cache=True)
+def _measure_distances(image, level):
+    """Distance of pixels above a level to the next that is not, in moves of the king and the knight.
+
+    What `cv2.distanceTransform` finds (Borgefors, doi:10.1016/S0734-189X(86)80047-0); a call of that takes
+    longer than most components. A border that cuts the region is repeated: the region goes on beyond it.
+    """
+    rows, columns = image.shape
+    out = np.full((rows + 6, columns + 6), FAR, np.float32)
+    for y in range(-1, rows + 1):
+        pixels, row = image[min(max(y, 0), rows - 1)], out[y + 3, 3:-3]
+        for x in range(columns):
+            row[x] = FAR if pixels[x] > level else NEAR
+        out[y + 3, 2], out[y + 3, columns + 3] = row[0], row[-1]
+    for y in range(2, rows + 4):
+        _from_rows(out[y], out[y - 1], out[y - 2])
+        _along(out[y])
+    for y in range(rows + 3, 1, -1):
+        _from_rows(out[y], out[y + 1], out[y + 2])
+        _along(out[y, ::-1])
+    return out[3:-3, 3:-3]
+
+
+@njit(cache=True)
+def _from_rows(row, near, far):
+    """Shorten the distances of a row by moves from the two rows before."""
+    for x in range(len(row) - 4):
+        diagonal = min(near[x + 1], near[x + 3]) + DIAGONAL
+        knight = min(near[x], near[x + 4], far[x + 1], far[x + 3]) + KNIGHT
+        row[x + 2] = min(row[x + 2], near[x + 2] + STRAIGHT, diagonal, knight)
+
+
+@njit(cache=True)
+def _along(row):
+    """Shorten the distances of a row by moves along it."""
+    last = FAR
+    for x in range(len(row)):
+        last = min(row[x], last + STRAIGHT)
+        row[x] = last
+
+
+@njit(cache=True)
+def _share(image, marks, disks, parts, corner):
+    """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
+
+    What is not of the component is 0; the parts lie in an image with its first pixel at (row, column).
+    """
+    top, left = corner
+    parts["left"][:] = image.shape[1]
+    parts["top"][:] = image.shape[0]
+    marked = marks.shape == image.shape
+    for j in range(image.shape[0]):
+        for i in range(image.shape[1]):
+            if image[j, i] == 0:
+                continue
+            best, least = 0, np.inf
+            for k in range(len(disks)):
+                power = (i - disks[k, 0]) ** 2 + (j - disks[k, 1]) ** 2 - disks[k, 2] ** 2
+                if power < least:
+                    best, least = k, power
+            add_pixel(parts[best], i, j, image[j, i], marked and marks[j, i] > 0)
+    for part in parts:
+        finish_component(part)
+        part["x"] += left
+        part["peak_x"] += left
+        part["left"] += left
+        part["right"] += left
+        part["y"] += top
+        part["peak_y"] += top
+        part["top"] += top
+        part["bottom"] += top

@@ -1,0 +1,1 @@
+"""The method "disk": blurred disks fitted to the pixels."""

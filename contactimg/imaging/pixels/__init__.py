@@ -1,0 +1,1 @@
+"""Images as arrays: means over blocks, filters, robust statistics, masks."""

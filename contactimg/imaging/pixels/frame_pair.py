@@ -1,0 +1,164 @@
+"""A frame and its reference as the measurement takes them: levels of order 100, no holes, defects named."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.pixels.robust import median, quantile
+
+__all__ = ["Levels", "Pixels"]
+
+Levels = NDArray[np.float32] | NDArray[np.uint8]
+"""Grey levels of an image."""
+SPAN = 200.0  # internal levels between the darkest and the brightest pixels of an image of any unit
+MESSAGES = {
+    "black": "the frame is black: no light reached the sensor",
+    "white": "the frame is white: every pixel is at full scale",
+    "constant": "every pixel of the frame has the same value",
+    "identical to reference": "the frame is identical to its reference: no contact can show",
+    "all holes": "the frame has no finite pixel",
+    "holes": "pixels without a finite value were left out",
+    "reference without light": "the reference is black or white throughout: the background was estimated "
+    "from the frame",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """A frame and its reference.
+
+    Parameters
+    ----------
+    frame, reference : ndarray of float32 or uint8, shape (rows, columns)
+        In units of ``unit`` grey levels, holes filled; 8 bits as they are. The reference is None if there is
+        none or it is useless.
+    valid : ndarray of uint8 or None
+        0 where either has a hole; None without holes.
+    saturated : ndarray of uint8
+        1 where the frame is at full scale; `NO_MASK` if nowhere.
+    unit : float
+        Grey levels.
+    defect : str
+        What is wrong with the frame, empty if nothing; see ``MESSAGES``.
+    """
+
+    frame: Levels
+    reference: Levels | None
+    valid: NDArray[np.uint8] | None
+    saturated: NDArray[np.uint8]
+    unit: float
+    defect: str
+
+    @property
+    def trivial(self) -> bool:
+        """Whether the frame carries no information on contacts."""
+        return self.defect in ("black", "white", "constant", "identical to reference", "all holes")
+
+    @property
+    def message(self) -> str:
+        """One sentence on the defect."""
+        return MESSAGES.get(self.defect, "")
+
+    def within(self, valid: NDArray[np.uint8] | None) -> "Pixels":
+        """With other holes: those where a background has no value as well."""
+        return replace(self, valid=valid)
+
+    def without(self, mask: NDArray[np.uint8]) -> "Pixels":
+        """With further holes, where ``mask`` is not 0; `NO_MASK` for none."""
+        if mask is NO_MASK:
+            return self
+        valid = 1 - mask if self.valid is None else self.valid & (1 - mask)
+        return replace(self, valid=valid)
+
+    def near_hole(self, x: NDArray, y: NDArray, reach: NDArray) -> NDArray[np.bool_]:
+        """Whether a hole lies within ``reach`` (px) of places in the image."""
+        if self.valid is None or self.valid.all():
+            return np.zeros(len(x), np.bool_)
+        distance = cv2.distanceTransform(self.valid, cv2.DIST_L2, cv2.DIST_MASK_5)
+        rows = np.clip(np.rint(y), 0, self.valid.shape[0] - 1).astype(int)
+        columns = np.clip(np.rint(x), 0, self.valid.shape[1] - 1).astype(int)
+        return np.asarray(distance[rows, columns] < reach)
+
+    @classmethod
+    def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "Pixels":
+        """From arrays of uint8, uint16 or float with non-finite holes; see `contactimg.imaging.measure`."""
+        scale = _full_scale(image, full_scale)
+        valid = _valid([image] if reference is None else [image, reference])
+        frame = _filled(image, valid)
+        other = None if reference is None else _filled(reference, valid)
+        useless = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
+        if useless:
+            other = None
+        saturated = (frame >= np.float32(scale)).view(np.uint8) if _reaches(image, frame, scale) else NO_MASK
+        defect = _defect(frame, other, valid, scale) or ("reference without light" if useless else "")
+        unit = _unit(image, frame, other)
+        if unit != 1.0:
+            frame = np.divide(frame, np.float32(unit), out=frame)
+            other = None if other is None else (other / np.float32(unit)).astype(np.float32, copy=False)
+        return cls(frame, other, valid, saturated, unit, defect)
+
+
+def _reaches(image: NDArray, frame: NDArray, scale: float) -> bool:
+    """Whether any pixel is at full scale."""
+    return np.isfinite(scale) and float((image if image.dtype.kind == "u" else frame).max()) >= scale
+
+
+def _full_scale(image: NDArray, full_scale: float | None) -> float:
+    """Saturation level: as given, or that of the integer type; infinite for floats."""
+    if full_scale is not None:
+        return float(full_scale)
+    return float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else float("inf")
+
+
+def _valid(arrays: list[NDArray]) -> NDArray[np.uint8] | None:
+    """1 where all arrays are finite; None if they are everywhere."""
+    if all(array.dtype.kind != "f" for array in arrays):
+        return None
+    good = np.logical_and.reduce([np.isfinite(array) for array in arrays])
+    return None if good.all() else good.astype(np.uint8)
+
+
+def _constant(image: NDArray) -> bool:
+    """Whether all pixels have the same value; a few tell it for most images."""
+    some = image[::16, ::16]
+    return bool(some.min() == some.max() == image.min() == image.max())
+
+
+def _filled(array: NDArray, valid: NDArray | None) -> Levels:
+    """As float32 or 8 bits, holes filled with the median of the rest."""
+    if valid is None:
+        return array if array.dtype == np.uint8 else array.astype(np.float32)
+    good = valid > 0
+    fill = array[good][0] * 0 + np.median(array[good]) if good.any() else 0.0
+    return np.where(good, array, fill).astype(np.float32)
+
+
+def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
+    """Grey levels in one internal level: 1 for 8 bit, else such that the frame spans about `SPAN`."""
+    if image.dtype == np.uint8:
+        return 1.0
+    rows = slice(None, None, max(frame.shape[0] // 200, 1))
+    levels = [quantile(frame[rows], 0.001), quantile(frame[rows], 0.999)]
+    if reference is not None:
+        levels.append(median(reference[rows]))
+    span = max(levels) - min(levels)
+    return span / SPAN if span > 0 else max(float(np.abs(frame).max()), 1.0) / SPAN
+
+
+def _defect(frame: NDArray, reference: NDArray | None, valid: NDArray | None, scale: float) -> str:
+    """What is wrong with a frame as a whole; empty if nothing."""
+    if valid is not None and not valid.any():
+        return "all holes"
+    if _constant(frame):
+        level = float(frame[0, 0])
+        return "black" if level <= 0 else ("white" if level >= scale else "constant")
+    if (
+        reference is not None
+        and np.array_equal(frame[::16, ::16], reference[::16, ::16])
+        and np.array_equal(frame, reference)
+    ):
+        return "identical to reference"
+    return "holes" if valid is not None else ""

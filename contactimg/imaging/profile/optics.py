@@ -1,0 +1,79 @@
+"""Contrast, blur and halo, which all contacts of a frame share, with their uncertainties."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Halo", "SharedOptics", "combine_errors"]
+
+
+@dataclass(frozen=True)
+class Halo:
+    """Wide part of the point spread function.
+
+    Parameters
+    ----------
+    fraction : float
+        Of the light.
+    sigma_px : float
+        Standard deviation of its Gaussian.
+    """
+
+    fraction: float
+    sigma_px: float
+
+
+@dataclass(frozen=True)
+class SharedOptics:
+    """Contrast and blur of the contacts, with their uncertainties.
+
+    Parameters
+    ----------
+    contrast : float
+        Plateau minus background, grey levels, positive; NaN if not known.
+    contrast_std : float
+        Its standard uncertainty.
+    spread : float
+        Standard deviation of the contrast from contact to contact; NaN if not known.
+    blur_px : float
+        Standard deviation of the point spread function; NaN if not known.
+    blur_std_px : float
+        Its standard uncertainty.
+    correlation : float
+        Of the errors of contrast and blur.
+    halo : Halo or None
+        Wide part of the point spread function; None if there is none, or if it is not known.
+
+    Examples
+    --------
+    >>> SharedOptics(contrast=90.0, contrast_std=1.8, blur_px=1.4).scaled(0.5).contrast
+    45.0
+    """
+
+    contrast: float = np.nan
+    contrast_std: float = 0.0
+    spread: float = np.nan
+    blur_px: float = np.nan
+    blur_std_px: float = 0.0
+    correlation: float = 0.0
+    halo: Halo | None = None
+
+    def scaled(self, factor: float) -> "SharedOptics":
+        """The same in grey levels ``factor`` times as fine."""
+        return replace(
+            self,
+            contrast=self.contrast * factor,
+            contrast_std=self.contrast_std * factor,
+            spread=self.spread * factor,
+        )
+
+    @property
+    def contrast_relative_std(self) -> float:
+        """Standard uncertainty of the contrast over the contrast."""
+        return self.contrast_std / self.contrast
+
+
+def combine_errors(std: NDArray[np.float64], modes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard uncertainty of each radius from its own part and the parts common to all."""
+    return np.sqrt(std**2 + np.sum(modes**2, axis=1))

@@ -1,0 +1,1 @@
+"""What stands out of the background and is no contact."""

@@ -1,0 +1,1 @@
+"""Shapes in an image: components, objects, inscribed disks, arcs, peaks, overlaps."""

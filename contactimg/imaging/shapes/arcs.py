@@ -1,0 +1,157 @@
+"""Circles through the arcs of an outline: how a group of disks shows in its rim.
+
+Each disk of a group leaves an arc of its own in the group's outline. Two points of the rim of one circle, p
+and q with inward normals m and n, have ``p + r m = q + r n``; every pair of points proposes the circle that
+solves this best, the points that lie on it vote, and the circle with most votes takes its points away before
+the next one is sought.
+"""
+
+import math
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from contactimg.imaging.kernels.rim_pixels import FAST
+
+__all__ = ["cover_outline"]
+
+SMOOTHING = 0.8  # px: takes noise off the normals; rounds no arc that can be told from another
+PAIRS = 3000  # proposals: with five disks one in five pairs lies on one circle
+ALIKE = 0.15  # |m - n|^2 of normals too parallel to tell a radius: 22 degrees
+OFF = 0.5  # px: distance from a circle at which a point still lies on it
+FACING = 0.9  # cosine between a point's normal and the direction of the centre
+LEAST = 5  # points that make an arc ...
+SHARE = 0.2  # ... and of the circumference
+PER_LENGTH = 4.0 / math.pi  # crossings of a grid of pixels by a curve, per px of its length
+INSIDE = 0.9  # of a circle that must be bright
+SPOKES = 16
+MOST = 12  # circles
+
+
+def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) -> NDArray[np.float64]:
+    """Circles that follow the outline of what lies above a level, those with most of it first.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Bright inside.
+    level : float
+    smallest : float, px
+        Radius of the smallest circle.
+
+    Returns
+    -------
+    ndarray, shape (n, 4)
+        x, y, radius (px), and the share of its circumference that each follows.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[0:40, 0:60]
+    >>> two = np.minimum(np.hypot(x - 20, y - 20) - 9, np.hypot(x - 36, y - 20) - 8)
+    >>> circles = cover_outline(np.clip(0.5 - two, 0, 1).astype(np.float32), 0.5, smallest=2.0)
+    >>> np.abs(circles[circles[:, 0].argsort(), :3] - [[20, 20, 9], [36, 20, 8]]).max() < 0.5
+    np.True_
+    """
+    smooth = cv2.GaussianBlur(image, (0, 0), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
+    points = _crossings(smooth, level)
+    found: list[NDArray] = []
+    while len(found) < MOST and points.shape[1] >= LEAST:
+        circle, on = _best_circle(points, smooth, np.float32(level), smallest)
+        if not on.any():
+            break
+        found.append(np.append(circle, np.count_nonzero(on) / (PER_LENGTH * 2.0 * np.pi * circle[2])))
+        points = np.ascontiguousarray(points[:, ~on])
+    return np.array(found).reshape(-1, 4)
+
+
+def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
+    """Points where rows and columns of pixels cross the level: rows of x, y and the inward normal."""
+    if min(image.shape) < 2:
+        return np.empty((4, 0), np.float32)
+    gradient = np.array([np.gradient(image, axis=axis) for axis in (1, 0)])
+    above = image > level
+    parts = []
+    for axis in (0, 1):
+        j, i = np.nonzero(np.diff(above, axis=axis))
+        ahead = (j + 1, i) if axis == 0 else (j, i + 1)
+        f = (level - image[j, i]) / (image[ahead] - image[j, i])
+        x, y = (i, j + f) if axis == 0 else (i + f, j)
+        normal = gradient[:, j, i] * (1 - f) + gradient[(slice(None), *ahead)] * f
+        length = np.maximum(np.hypot(*normal), 1e-12)
+        parts.append(np.stack([x, y, *(normal / length)]))
+    return np.asarray(np.hstack(parts), np.float32)
+
+
+@njit(cache=True)
+def _best_circle(points, image, level, smallest):
+    """The circle with most points, and which of them lie on it."""
+    n = points.shape[1]
+    every = max(n * (n - 1) // 2 // PAIRS, 1)
+    most, best, number = 0.0, (0.0, 0.0, 0.0), 0
+    votes = np.zeros(n, np.float32)
+    for i in range(n):
+        for j in range(i + 1, n):
+            number += 1
+            if number % every:
+                continue
+            circle = _through(points[:, i], points[:, j])
+            if not smallest < circle[2] < max(image.shape):
+                continue
+            count = _vote(points, circle, votes)
+            if count > most and _is_arc(count, circle[2]) and _bright(image, level, circle):
+                most, best = count, circle
+    votes[:] = 0.0
+    if most:
+        _vote(points, best, votes)
+    return best, votes > 0
+
+
+@njit(cache=True)
+def _through(p, q):
+    """Circle (x, y, r) of two points with normals, in least squares."""
+    mx, my = q[2] - p[2], q[3] - p[3]
+    square = mx * mx + my * my
+    if square < ALIKE:
+        return 0.0, 0.0, -1.0
+    r = ((p[0] - q[0]) * mx + (p[1] - q[1]) * my) / square
+    return 0.5 * (p[0] + q[0] + r * (p[2] + q[2])), 0.5 * (p[1] + q[1] + r * (p[3] + q[3])), r
+
+
+@njit(cache=True, fastmath=FAST, forceinline=True)
+def _vote(points, circle, votes):
+    """1 for the points that lie on a circle and face its centre, else 0; and how many these are."""
+    x, y, along, across = points[0], points[1], points[2], points[3]
+    middle_x, middle_y, r = np.float32(circle[0]), np.float32(circle[1]), np.float32(circle[2])
+    off, facing, one, none = np.float32(OFF), np.float32(FACING), np.float32(1.0), np.float32(0.0)
+    low, high = max(r - off, none) ** 2, (r + off) ** 2
+    count = none
+    for k in range(len(votes)):
+        dx, dy = middle_x - x[k], middle_y - y[k]
+        square = dx * dx + dy * dy
+        near = (low < square) & (square < high)
+        votes[k] = one if near & (dx * along[k] + dy * across[k] > facing * np.sqrt(square)) else none
+        count += votes[k]
+    return count
+
+
+@njit(cache=True)
+def _is_arc(count, r):
+    """Whether so many points are enough of a circle."""
+    return count >= max(LEAST, SHARE * PER_LENGTH * 2.0 * math.pi * r)
+
+
+@njit(cache=True)
+def _bright(image, level, circle):
+    """Whether a circle is bright inside (what lies outside the image is not looked at)."""
+    inside = total = 0
+    for share in (0.0, 0.5, 0.8):
+        for k in range(SPOKES if share else 1):
+            angle = 2.0 * math.pi * k / SPOKES
+            i = round(circle[0] + share * circle[2] * math.cos(angle))
+            j = round(circle[1] + share * circle[2] * math.sin(angle))
+            if 0 <= i < image.shape[1] and 0 <= j < image.shape[0]:
+                total += 1
+                inside += image[j, i] > level
+    return inside >= INSIDE * total > 0

@@ -1,0 +1,180 @@
+"""Where contacts may be: disks inscribed in what lies above half height, and peaks of a matched filter.
+
+The first finds every contact that reaches half height, and both of two that touch; the second, applied to
+what a fit of the first has left over, finds small contacts (a disk with a < 1.18 blur widths never reaches
+half height) down to the noise.
+"""
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from contactimg.imaging.pixels.masks import NO_MASK, share_seen
+from contactimg.imaging.shapes.components import label_components
+
+__all__ = ["find_inscribed", "select_inscribed"]
+
+SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
+SMALLEST_ROUND = 1.6  # px: the same of what is round by itself
+ROUND = 0.01  # by which the second moment of a region may exceed that of a disk, besides 1/area ...
+WIDER = 1.7  # ... and px by which its sides may exceed the diameter
+LEAST_SEEN = 0.2  # of a disk's area: what lies in a hole to a larger part is not known to be one
+PENETRATION = 0.7  # of its radius: a disk deeper than this inside a larger one is part of its rim
+
+
+def find_inscribed(
+    image: NDArray[np.float32], level: float, *, smoothing: float, weight: NDArray[np.uint8]
+) -> NDArray[np.float64]:
+    """Disks inscribed in the regions above ``level``, largest first.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+    level : float
+    smoothing : float, px
+        Standard deviation of a Gaussian that keeps noise from making holes; about the blur, or 0.
+    weight : ndarray of uint8
+        0 for pixels without a value, which cut no contact (shape (1, 1): all have one).
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        x, y, radius (px); overlaps only as touching contacts overlap.
+    """
+    smooth = image
+    if smoothing > 0:
+        smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
+    if weight.shape != image.shape:
+        return _inscribed_by_region(smooth, level)
+    # a hole cuts no contact, but a hole alone is none
+    disks = _inscribed(((smooth > level) | (weight == 0)).astype(np.uint8), (True, True, True, True))
+    return disks[share_seen(disks, image.shape, weight) > LEAST_SEEN]
+
+
+def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+    """Disks for the regions above ``level``: one for a round region, those inscribed in the others."""
+    regions = label_components(image, level, marks=NO_MASK)
+    radius = np.sqrt(regions["area"] / np.pi)
+    longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
+    cut = (
+        (regions["left"] == 0) | (regions["right"] == image.shape[1] - 1)
+        | (regions["top"] == 0) | (regions["bottom"] == image.shape[0] - 1)
+    )  # fmt: skip
+    # of all regions of an area a disk has the least second moment, area^2/(2 pi)
+    excess = 2.0 * np.pi * regions["moment"] / regions["area"] ** 2.0 - 1.0
+    round_ = ~cut & (excess < ROUND + 1.0 / regions["area"]) & (longest < 2.0 * radius + WIDER)
+    disks = np.column_stack([regions["x"], regions["y"], radius])[round_ & (radius > SMALLEST_ROUND)]
+    found = [_inscribed_in(region, image, level) for region in regions[~round_ & (radius > SMALLEST_ROUND)]]
+    disks = np.vstack([disks, *found])
+    return disks[np.argsort(-disks[:, 2], kind="stable")]
+
+
+def _inscribed_in(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
+    """Disks inscribed in one region."""
+    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
+    above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
+    labels = cv2.connectedComponents(above, connectivity=8)[1]
+    own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
+    cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+    return _inscribed(own, cut) + np.array([left, top, 0.0])
+
+
+def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
+    """Disks inscribed in a mask, largest first; the mask goes on beyond its sides ``cut``, top to right."""
+    # a contact cut by the border goes on beyond it: repeat the border instead of closing it
+    closed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
+        if side:
+            rim[:] = inside
+    if closed.all():
+        return np.empty((0, 3))  # nothing bounds a disk
+    distance = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    return select_inscribed(distance)
+
+
+def _rims(array: NDArray, depth: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Rows and columns so far inside the four sides of an array."""
+    return array[depth], array[-1 - depth], array[:, depth], array[:, -1 - depth]
+
+
+@njit(cache=True)
+def select_inscribed(distance):
+    """Disks (x, y, radius) from the distances of pixels to the rim, largest first."""
+    summits = _summits(distance, SMALLEST_INSCRIBED)
+    return _select(summits[np.argsort(-summits[:, 2], kind="mergesort")])
+
+
+@njit(cache=True)
+def _summits(distance, smallest):
+    """Local maxima of the distance transform."""
+    rows, columns = distance.shape
+    out = np.empty((1024, 3))
+    count = 0
+    for y in range(rows):
+        for x in range(columns):
+            d = distance[y, x]
+            if d < smallest:
+                continue
+            top = True
+            for j in range(max(y - 1, 0), min(y + 2, rows)):
+                for i in range(max(x - 1, 0), min(x + 2, columns)):
+                    if distance[j, i] > d:
+                        top = False
+                        break
+                if not top:
+                    break
+            if not top:
+                continue
+            if count == len(out):
+                grown = np.empty((2 * count, 3))
+                grown[:count] = out
+                out = grown
+            # distances end at the centre of the first pixel outside, on average 0.4 px beyond the rim
+            out[count, 0], out[count, 1], out[count, 2] = x, y, d
+            count += 1
+    return out[:count]
+
+
+@njit(cache=True)
+def _select(summits):
+    """Greedy choice, largest first, of disks that do not lie inside one another; a grid keeps it linear."""
+    n = len(summits)
+    kept = np.empty((n, 3))
+    if n == 0:
+        return kept
+    size = 32.0
+    wide = int(summits[:, 0].max() // size) + 1
+    high = int(summits[:, 1].max() // size) + 1
+    head = np.full((high, wide), -1, np.int64)
+    capacity = 4 * n + 64
+    follow, owner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+    count = links = 0
+    for k in range(n):
+        x, y, r = summits[k]
+        free = True
+        q = head[int(y // size), int(x // size)]
+        while q >= 0:
+            other = kept[owner[q]]
+            dx, dy = x - other[0], y - other[1]
+            limit = other[2] + (1.0 - PENETRATION) * r
+            if dx * dx + dy * dy < limit * limit:
+                free = False
+                break
+            q = follow[q]
+        if not free:
+            continue
+        kept[count] = summits[k]
+        # later disks are no larger, so this one matters to centres within its radius plus a part of it
+        reach = (2.0 - PENETRATION) * r
+        for j in range(max(int((y - reach) // size), 0), min(int((y + reach) // size) + 1, high)):
+            for i in range(max(int((x - reach) // size), 0), min(int((x + reach) // size) + 1, wide)):
+                if links == capacity:
+                    follow = np.append(follow, np.empty(capacity, np.int64))
+                    owner = np.append(owner, np.empty(capacity, np.int64))
+                    capacity *= 2
+                follow[links], owner[links] = head[j, i], count
+                head[j, i] = links
+                links += 1
+        count += 1
+    return kept[:count]

@@ -1,0 +1,1 @@
+"""The circle of one wide, smooth contact."""

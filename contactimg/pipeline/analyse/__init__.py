@@ -1,0 +1,1 @@
+"""What the contacts of several runs say together."""

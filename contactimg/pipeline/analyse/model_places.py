@@ -1,0 +1,98 @@
+"""The places of an experiment as a model sees them: its contacts in the same fields of view."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import pandas as pd
+
+from contactimg.errors import ConvergenceError, ModelRangeError
+from contactimg.pipeline.analyse.load_groups import usable_frames
+from contactimg.pipeline.analyse.places import Place, radius_ratios
+from contactimg.pipeline.parallel import in_parallel
+from contactimg.prediction import predict_contacts
+from contactimg.tables import CONTACTS
+
+__all__ = ["MODEL_COUPLINGS", "count_solutions", "has_models", "predict_places"]
+
+MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
+"""Name of the model in the tables -> level of coupling."""
+
+
+def has_models(place: Place) -> bool:
+    """Whether the models can be solved for a place: its lens, rubber and asperities are known."""
+    scene = place.scene
+    return place.asperities is not None and scene.indenter is not None and scene.elastic is not None
+
+
+def count_solutions(places: Sequence[Place]) -> int:
+    """Solutions that `predict_places` finds for one model; none if a place is not known well enough."""
+    known = all(has_models(place) for place in places)
+    return sum(len(usable_frames(place)) for place in places) if known else 0
+
+
+def predict_places(
+    places: Sequence[Place],
+    model: str,
+    *,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> tuple[list[Place], list[str]]:
+    """Solve a model for every frame of places and keep what the camera would see.
+
+    Parameters
+    ----------
+    places : sequence of Place
+        For which `has_models` holds.
+    model : {"coupled", "uncoupled"}
+    workers : int, optional
+        Processes that share the solutions.
+    advance : callable, optional
+        Called once a solution.
+
+    Returns
+    -------
+    list of Place
+        The same places with the model's contacts and areas. A frame beyond the model's range is left out.
+    list of str
+        Why frames were left out.
+    """
+    jobs = [(place, row, model) for place in places for row in usable_frames(place).to_dict("records")]
+    tables: dict[str, tuple[list[pd.DataFrame], list[dict[str, Any]]]] = {p.name: ([], []) for p in places}
+    notes = []
+    solutions = in_parallel(_solve, jobs, count=len(jobs), workers=workers)
+    for (place, row, _), solved in zip(jobs, solutions, strict=True):
+        if isinstance(solved, str):
+            notes.append(f"{place.name}, {row['frame']}: the {model} model is left out: {solved}")
+        else:
+            contacts, rows = tables[place.name]
+            contacts.append(solved)
+            rows.append(row | {"n_contacts": len(solved), "area_m2": float(solved["area_m2"].sum())})
+        if advance is not None:
+            advance()
+    return [_as_predicted(place, *tables[place.name]) for place in places], notes
+
+
+def _solve(place: Place, row: dict[str, Any], model: str) -> pd.DataFrame | str:
+    """The contacts of one frame in its field of view, or why there are none."""
+    try:
+        prediction = predict_contacts(
+            place.scene,
+            place.asperities,
+            load=float(row["load_N"]),
+            coupling=MODEL_COUPLINGS[model],
+            frame=str(row["frame"]),
+        )
+    except (ModelRangeError, ConvergenceError) as error:
+        return str(error)
+    contacts, field = prediction.contacts, place.field(str(row["frame"]))
+    seen = contacts if field is None else contacts[field.holds(contacts["x_m"], contacts["y_m"])]
+    return seen.assign(radius_ratio=radius_ratios(seen, place.scene, place.asperities))
+
+
+def _as_predicted(place: Place, contacts: list[pd.DataFrame], rows: list[dict[str, Any]]) -> Place:
+    """The place with a model's contacts and areas, free of measurement errors."""
+    none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
+    frames = pd.DataFrame(rows, columns=place.frames.columns).assign(area_std_m2=0.0)
+    together = pd.concat(contacts, ignore_index=True) if contacts else none
+    return replace(place, contacts=together, frames=frames)

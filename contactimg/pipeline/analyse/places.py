@@ -1,0 +1,181 @@
+"""The places of an experiment: runs read back with what their analysis needs."""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from contactimg.analysis.annuli import Field
+from contactimg.errors import InputError
+from contactimg.files import RunFolder, open_experiment, read_calibration, read_run
+from contactimg.pipeline.inputs import scene_asperities
+from contactimg.pipeline.run import run_of_folder
+from contactimg.pipeline.series import shift_of
+from contactimg.pose import Pose
+from contactimg.scene import Scene
+from contactimg.tables import LOADS
+
+__all__ = ["Place", "open_place", "radius_ratios", "read_centre"]
+
+logger = logging.getLogger(__name__)
+
+Point = tuple[float, float]
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """One place on a sample: the frames taken there, measured.
+
+    Parameters
+    ----------
+    name : str
+        Folder of the run.
+    contacts, frames : DataFrame
+        Tables of the run; the contacts also have ``radius_ratio``, a/R, NaN where R is not known.
+    scene : Scene
+        With the indenter's apex at ``centre``.
+    pose : Pose or None
+        Of the camera; None for a run of `predict`, which sees everything.
+    centre : (float, float), m
+        Of the apparent contact, sample coordinates.
+    asperities : DataFrame or None
+    loads : DataFrame
+        Columns of `contactimg.tables.LOADS`, with the friction; empty if there are none.
+    predicted : bool
+        Whether its contacts are those of `predict`.
+    """
+
+    name: str
+    contacts: pd.DataFrame
+    frames: pd.DataFrame
+    scene: Scene
+    pose: Pose | None
+    centre: Point
+    asperities: pd.DataFrame | None
+    loads: pd.DataFrame
+    predicted: bool = False
+
+    def field(self, frame: str) -> Field | None:
+        """What the camera sees in a frame."""
+        return None if self.pose is None else Field(self.pose, shift_of(self.frames, frame))
+
+
+def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
+    """Read a run back as a place.
+
+    Parameters
+    ----------
+    folder : path-like
+        Output of `process` or `predict`.
+    centre_px : (float, float), optional
+        Column and row of the centre of the apparent contact in the reference frame, from `read_centre`;
+        default: that of the calibration the run was measured with, else the indenter's apex, else the image
+        centre.
+
+    Returns
+    -------
+    Place
+
+    Raises
+    ------
+    InputError
+        If the folder holds no complete run, or the run has no lengths in metres.
+    """
+    run = read_run(folder)
+    scene = run.scene
+    if scene is None:
+        raise InputError(f"{folder}: holds no scene; analyse the output of `process` or `predict`")
+    pose = _pose(run)
+    used = run.provenance["configuration"].get("options", {}).get("calibration") or {}
+    centre = _centre(run, pose, centre_px or _centre_in(used.get("record", {})))
+    asperities = _optional(lambda: scene_asperities(scene), run.folder, "no asperities")
+    loads = _optional(lambda: open_experiment(scene).loads, run.folder, "no friction forces")
+    return Place(
+        name=str(run.folder),
+        contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
+        frames=run.frames,
+        scene=_moved(scene, centre),
+        pose=pose,
+        centre=centre,
+        asperities=asperities,
+        loads=LOADS.empty() if loads is None else loads,
+        predicted=run.command == "predict",
+    )
+
+
+def read_centre(path: str | Path) -> Point:
+    """Centre of the apparent contact (column, row; px) from a ``calibration.json``.
+
+    Parameters
+    ----------
+    path : path-like
+        Written by `calibrate jkr`, or its folder.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no centre.
+    """
+    centre = _centre_in(read_calibration(path))
+    if centre is None:
+        raise InputError(f"{path}: holds no centre_x, centre_y; give the result of 'calibrate jkr'")
+    return centre
+
+
+def _centre_in(record: Mapping[str, Any]) -> Point | None:
+    """The centre that a calibration found, if it looked for one."""
+    if not {"centre_x", "centre_y"} <= set(record):
+        return None
+    return float(record["centre_x"]["value"]), float(record["centre_y"]["value"])
+
+
+def _pose(run: RunFolder) -> Pose | None:
+    """The camera's pose, if the run has one."""
+    return run_of_folder(run).need_pose() if "pose" in run.provenance else None
+
+
+def _centre(run: RunFolder, pose: Pose | None, centre_px: Point | None) -> Point:
+    """Where the centre of the apparent contact is on the sample."""
+    if centre_px is not None:
+        if pose is None:
+            raise InputError(f"{run.folder}: a centre in pixels needs a run with a pixel size")
+        x, y = pose.to_sample(*centre_px)
+        return float(x), float(y)
+    if run.scene is not None and run.scene.indenter is not None:
+        return run.scene.indenter.apex
+    if pose is None:
+        raise InputError(f"{run.folder}: has no lengths in metres; run `process` with a pixel size first")
+    logger.warning("%s: no indenter and no calibrated centre; the image centre is taken", run.folder)
+    return pose.centre
+
+
+def _moved(scene: Scene, centre: Point) -> Scene:
+    """The scene with the indenter's apex at the centre."""
+    if scene.indenter is None:
+        return scene
+    indenter = scene.indenter.model_copy(update={"apex": centre})
+    return scene.model_copy(update={"indenter": indenter})
+
+
+def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame | None) -> pd.Series:
+    """Contact radius over the radius of curvature of its asperity, NaN where that is not known."""
+    section = scene.asperities
+    radii = np.full(len(contacts), np.nan if section is None or section.radius is None else section.radius)
+    if asperities is not None:
+        known = contacts["asperity"].notna().to_numpy()
+        radii[known] = asperities["radius_m"].to_numpy(float)[contacts["asperity"][known].to_numpy(int)]
+    return contacts["radius_m"] / radii
+
+
+def _optional(read: Callable[[], Result], folder: Path, without: str) -> Result | None:
+    """What a file gives, or None and a warning if it is not there any more."""
+    try:
+        return read()
+    except InputError as error:
+        logger.warning("%s: %s (%s)", folder, without, error)
+        return None

@@ -1,0 +1,301 @@
+"""Analyse the runs of one or several places together, and the models of these places in the same way."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pandas as pd
+
+from contactimg.analysis.area import area_by_load, fit_area_law, frame_areas
+from contactimg.analysis.broken_laws import BrokenLaw
+from contactimg.analysis.contact_laws import QUANTITIES, fit_contact_law
+from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress
+from contactimg.analysis.power_laws import PowerLaw
+from contactimg.errors import ConvergenceError, InputError
+from contactimg.pipeline.analyse.load_averages import LoadAverage, Surface, average_load
+from contactimg.pipeline.analyse.load_groups import group_frames, joined, usable_frames
+from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS, has_models, predict_places
+from contactimg.pipeline.analyse.places import Place
+from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
+
+__all__ = ["Analysis", "AnalysisOptions", "analyse_places", "smooth_shear_stress"]
+
+Fit = TypeVar("Fit")
+
+
+@dataclass(frozen=True)
+class AnalysisOptions:
+    """Settings of an analysis.
+
+    Parameters
+    ----------
+    annulus : float, m
+        Width of an annulus.
+    confidence : float
+        Of every interval.
+    load_range : (float, float), N
+        Loads that enter the exponent of A(P).
+    load_tolerance : float
+        Loads are averaged as one that differ by no more, relatively.
+    load_relative_std, load_std : float
+        Standard uncertainty of a load, relative and in N; the two add in squares.
+    friction_std : float, N
+        Standard uncertainty of a friction force.
+    min_radius_px : float
+        Smallest contacts, measured or predicted, that count in annuli: what the camera does not show must not
+        count on one side only. Areas A(P) are those of all contacts.
+    min_contacts : float
+        Fewest contacts of an annulus that enters the laws against the local pressure.
+    models : bool
+        Whether the coupled, uncoupled and Greenwood-Tripp models are solved too.
+    smooth_stress : Estimate or None, Pa
+        Shear stress of a smooth contact, to compare with.
+    """
+
+    annulus: float = 2.5e-4
+    confidence: float = 0.95
+    load_range: tuple[float, float] = (0.0, np.inf)
+    load_tolerance: float = 0.05
+    load_relative_std: float = 0.0
+    load_std: float = 0.0
+    friction_std: float = 0.0
+    min_radius_px: float = 1.0
+    min_contacts: float = 5
+    models: bool = True
+    smooth_stress: Estimate | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What the contacts of all places say together.
+
+    Parameters
+    ----------
+    area, profile, normalised, pressure_law, friction : DataFrame
+        Tables of `contactimg.tables`; rows of the runs (`contactimg.tables.RUN_MODELS`: ``measured``, or
+        ``predicted`` if they are those of `predict`) and of the models side by side.
+    area_laws : dict
+        Model -> exponent of A(P).
+    contact_laws : dict
+        (Quantity, model) -> the two power laws against the local pressure.
+    shear_stress : ShearStress or None
+    stress_ratio : Estimate or None
+        Over the smooth contact's.
+    notes : tuple of str
+        What was left out, and why.
+    """
+
+    area: pd.DataFrame
+    profile: pd.DataFrame
+    normalised: pd.DataFrame
+    pressure_law: pd.DataFrame
+    friction: pd.DataFrame
+    area_laws: dict[str, PowerLaw]
+    contact_laws: dict[tuple[str, str], BrokenLaw]
+    shear_stress: ShearStress | None
+    stress_ratio: Estimate | None
+    notes: tuple[str, ...]
+
+
+def analyse_places(
+    places: Sequence[Place],
+    options: AnalysisOptions,
+    *,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> Analysis:
+    """Analyse the runs of one or several places of a sample.
+
+    Parameters
+    ----------
+    places : sequence of Place
+        From `open_place`, each folder once: one surface under one lens.
+    options : AnalysisOptions
+    workers : int, optional
+        Processes that share the model solutions.
+    advance : callable, optional
+        Called once a model solution.
+
+    Returns
+    -------
+    Analysis
+
+    Raises
+    ------
+    InputError
+        If a place is there twice, some places are measured and others predicted, or no place has a frame with
+        a load above zero and an area.
+    """
+    folders = {Path(place.name).resolve() for place in places}
+    if len(folders) < len(places):
+        raise InputError("a run is given more than once; its contacts would count as those of another place")
+    notes = [note for place in places for note in _left_out(place)]
+    groups = group_frames(places, tolerance=options.load_tolerance)
+    if not groups:
+        raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
+    own = _run_model(places)
+    seen = {own: list(places)}
+    if options.models and not all(has_models(place) for place in places):
+        notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
+    elif options.models:
+        for model in MODEL_COUPLINGS:
+            seen[model], left_out = predict_places(places, model, workers=workers, advance=advance)
+            notes += left_out
+    surface = Surface.of(places[0])
+    limits = {"width": options.annulus, "min_radius_px": options.min_radius_px}
+    averages = [average_load(group, seen, surface, notes=notes, **limits) for group in groups]
+    friction = _friction_table(places)
+    stress = None if friction.empty else _tried(notes, "friction", _shear_stress, friction, options)
+    ratio = None
+    if stress is not None and options.smooth_stress is not None:
+        ratio = compare_stress(stress, options.smooth_stress)
+    return Analysis(
+        area=_area_table(seen, averages, surface, options),
+        profile=joined([average.profile for average in averages], PROFILE),
+        normalised=joined([average.normalised for average in averages], NORMALISED),
+        pressure_law=joined(
+            [average.points(surface, min_contacts=options.min_contacts) for average in averages], PRESSURE_LAW
+        ),
+        friction=friction,
+        area_laws=_area_laws(seen, options, notes),
+        contact_laws=_contact_laws(averages, own, options, notes),
+        shear_stress=stress,
+        stress_ratio=ratio,
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
+    """Shear stress (Pa) of the run with a smooth lens, for ``AnalysisOptions.smooth_stress``.
+
+    Raises
+    ------
+    InputError
+        If its loads hold no ``friction_N`` of a frame with a contact.
+    """
+    return _shear_stress(_friction_table([place]), options).stress
+
+
+def _run_model(places: Sequence[Place]) -> str:
+    """What the contacts of the runs are called in the tables."""
+    predicted = {place.predicted for place in places}
+    if len(predicted) > 1:
+        raise InputError(
+            "measured and predicted runs are given together; analyse the outputs of `process` and those of "
+            "`predict` apart"
+        )
+    return "predicted" if predicted == {True} else "measured"
+
+
+def _left_out(place: Place) -> list[str]:
+    """The frames of a place that cannot be used, and why."""
+    unused = place.frames[~place.frames["frame"].isin(usable_frames(place)["frame"])]
+    notes = []
+    for row in unused.to_dict("records"):
+        if np.isnan(row["area_m2"]):
+            reason = row["message"] or "it has no area"
+        else:
+            reason = "its load is not known" if np.isnan(row["load_N"]) else "its load is not above zero"
+        notes.append(f"{place.name}, {row['frame']}: left out: {reason}")
+    return notes
+
+
+def _tried(notes: list[str], what: str, fit: Callable[..., Fit], *data: object) -> Fit | None:
+    """The fit, or None and a note where the data do not allow it."""
+    try:
+        return fit(*data)
+    except (InputError, ConvergenceError) as error:
+        notes.append(f"{what}: {error}")
+        return None
+
+
+def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
+    """Areas of all usable frames."""
+    tables = [frame_areas(usable_frames(place), place.contacts, place=place.name) for place in places]
+    return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True)
+
+
+def _area_table(
+    seen: dict[str, list[Place]], averages: list[LoadAverage], surface: Surface, options: AnalysisOptions
+) -> pd.DataFrame:
+    """Areas of each load, measured and of every model."""
+    number = {
+        (place, frame): k
+        for k, average in enumerate(averages)
+        for place, frames in average.group.frames.items()
+        for frame in frames
+    }
+    tables = []
+    for model, places in seen.items():
+        areas = _area_frames(places)
+        groups = np.array([number[key] for key in zip(areas["place"], areas["frame"], strict=True)], int)
+        table = area_by_load(areas, groups, model=model, asperity_density=surface.density)
+        spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
+        tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
+    rings = [
+        {"model": "gt", "load_N": average.group.load, "area_m2": average.ring_area}
+        for average in averages
+        if np.isfinite(average.ring_area)
+    ]
+    return joined([*tables, AREA.conform(pd.DataFrame(rings, columns=["model", "load_N", "area_m2"]))], AREA)
+
+
+def _area_laws(
+    seen: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
+) -> dict[str, PowerLaw]:
+    """Exponents of A(P), measured and of every model."""
+
+    def law(places: list[Place]) -> PowerLaw:
+        areas = _area_frames(places)
+        return fit_area_law(
+            areas[areas["load"].between(*options.load_range)],
+            load_relative_std=options.load_relative_std,
+            load_std=options.load_std,
+            confidence=options.confidence,
+        )
+
+    laws = {model: _tried(notes, f"A(P), {model}", law, places) for model, places in seen.items()}
+    return {model: found for model, found in laws.items() if found is not None}
+
+
+def _contact_laws(
+    averages: list[LoadAverage], own: str, options: AnalysisOptions, notes: list[str]
+) -> dict[tuple[str, str], BrokenLaw]:
+    """Density and mean radius against the local pressure, of the runs and of the coupled model."""
+
+    def law(quantity: str, model: str) -> BrokenLaw:
+        loads = [average.moments[model] for average in averages if average.moments[model]]
+        return fit_contact_law(
+            loads, quantity, min_contacts=options.min_contacts, confidence=options.confidence
+        )
+
+    models = [model for model in averages[0].moments if model != "uncoupled"]
+    if not any(place["n_forces"].any() for average in averages for place in average.moments[own].values()):
+        notes.append("no profiles of pressure and no laws against it: no contact has a force")
+        return {}
+    keys = [(quantity, model) for quantity in QUANTITIES for model in models]
+    laws = {key: _tried(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
+    return {key: found for key, found in laws.items() if found is not None}
+
+
+def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
+    """Frames with a friction force and an area."""
+    parts = [FRICTION.empty()]
+    for place in places:
+        slid = place.loads[place.loads["friction_N"].notna()]
+        both = slid[["frame", "friction_N", "velocity_m_s"]].merge(
+            place.frames[["frame", "load_N", "area_m2", "area_std_m2"]].dropna(subset="area_m2"), on="frame"
+        )
+        area = both["area_m2"].where(both["area_m2"] > 0)
+        parts.append(
+            FRICTION.conform(both.assign(place=place.name, stress_Pa=both["friction_N"].abs() / area))
+        )
+    return joined(parts, FRICTION)
+
+
+def _shear_stress(friction: pd.DataFrame, options: AnalysisOptions) -> ShearStress:
+    """The shear stress of all frames."""
+    return fit_shear_stress(friction, friction_std=options.friction_std, confidence=options.confidence)

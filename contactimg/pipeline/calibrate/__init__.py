@@ -1,0 +1,1 @@
+"""The calibrations of a folder of frames."""

@@ -1,0 +1,150 @@
+"""`calibrate jkr`: modulus and work of adhesion from the circles of a smooth contact."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
+from contactimg.files import Experiment
+from contactimg.mechanics import jkr
+from contactimg.optics.wide_edge import film_opening
+from contactimg.pipeline.calibrate.circles import CIRCLES, CircleSeries, mean_centre, measure_circles
+from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.pipeline.series import FAILED
+from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
+
+__all__ = ["run_jkr"]
+
+
+def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+    """Modulus, work of adhesion and centre from frames of the smooth contact.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        With loads; opened so that negative ones may be.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+
+    Raises
+    ------
+    InputError
+        If the loads and circles determine nothing; the message says why.
+    """
+    check_loads(experiment.loads["load_N"])
+    series = measure_circles(experiment, workers=workers, advance=advance)
+    table = series.table
+    chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
+    part = table[chosen]
+    scene = experiment.scene
+    poisson = scene.elastic.poisson_ratio if scene.elastic is not None else 0.5
+    sphere_radius = scene.need("indenter", "a JKR fit").radius
+
+    def calibrate(circles: pd.DataFrame) -> JkrCalibration:
+        return calibrate_jkr(
+            circles["load_N"],
+            circles["radius_m"],
+            radius_std=circles["radius_std_m"],
+            sphere_radius=sphere_radius,
+            poisson_ratio=poisson,
+        )
+
+    found = calibrate(part)
+    if series.rival is not None:
+        there = series.rival[chosen & np.isfinite(series.rival["radius_m"])]
+        found = _doubted(found, calibrate(there), series.doubt)
+    for column in ("branch", "fitted_N", "residual_N", "used"):
+        table.loc[chosen, column] = found.points[column].to_numpy()
+    notes = [str(text) for text in table["message"] if text]
+    notes += [
+        f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
+        for name in part["frame"][~found.points["used"].to_numpy()]
+    ]
+    modulus = found.young_modulus.value / (1 - poisson**2)
+    figures = _jkr_figures(found, sphere_radius, modulus)
+    record = _jkr_record(found, series, modulus) | {
+        "fixed": {"sphere_radius_m": sphere_radius, "poisson_ratio": poisson},
+        "notes": notes,
+    }
+    return Calibrated(
+        record,
+        {"circles.csv": (CIRCLES, table)},
+        figures,
+        notes,
+        failed=bool((table["status"] == FAILED).any()),
+    )
+
+
+def _doubted(found: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
+    """The calibration with the uncertainty that another opening of the film, of that probability, adds."""
+    wider = {
+        name: getattr(found, name).widened(
+            np.sqrt(doubt) * abs(getattr(rival, name).value - getattr(found, name).value)
+        )
+        for name in ("young_modulus", "work_of_adhesion")
+    }
+    return replace(found, **wider)
+
+
+def _jkr_record(found: JkrCalibration, series: CircleSeries, contact_modulus: float) -> dict[str, Any]:
+    """What ``calibration.json`` says of a JKR fit."""
+    centre = mean_centre(series.table)
+    point = [
+        CoverageEstimate(v, centre.std_px, v - 1.96 * centre.std_px, v + 1.96 * centre.std_px)
+        for v in (centre.x_px, centre.y_px)
+    ]
+    record: dict[str, Any] = {
+        "kind": "jkr",
+        "young_modulus": found.young_modulus.record("Pa"),
+        "work_of_adhesion": found.work_of_adhesion.record("J/m^2"),
+        "centre_x": point[0].record("px"),
+        "centre_y": point[1].record("px"),
+        "correlation": {"young_modulus, work_of_adhesion": found.correlation},
+        "fitted": ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"],
+        "quality": {
+            "frames_used": int(found.points["used"].sum()),
+            "frames": len(series.table),
+            "load_residual_rms_N": found.load_noise,
+            "radius_std_median_m": float(series.table["radius_std_m"].median()),
+            "film_opening_images_sqrt_m": series.opening,
+            "film_opening_doubt": series.doubt,
+            "film_opening_fit_sqrt_m": film_opening(
+                contact_modulus=contact_modulus, work_of_adhesion=max(found.work_of_adhesion.value, 0.0)
+            ),
+            "contact_moves_with_sample": centre.moves_with_sample,
+        },
+    }
+    if found.work_of_adhesion_unloading is not None:
+        record["work_of_adhesion_unloading"] = found.work_of_adhesion_unloading.record("J/m^2")
+    return record
+
+
+def _jkr_figures(found: JkrCalibration, sphere_radius: float, contact_modulus: float) -> dict[str, Axes]:
+    """The fit and its residuals."""
+    law = {
+        "sphere_radius": sphere_radius,
+        "contact_modulus": contact_modulus,
+        "work_of_adhesion": found.work_of_adhesion.value,
+    }
+    lowest = max(
+        float(found.points["load_N"].min()),
+        jkr.pull_off_load(sphere_radius=sphere_radius, work_of_adhesion=found.work_of_adhesion.value),
+    )
+    loads = np.linspace(lowest, float(found.points["load_N"].max()), 200)
+    curve = pd.DataFrame({"load_N": loads, "radius_m": jkr.radius(loads, **law)})
+    return {
+        f"{name}.{ending}": ax
+        for name, ax in (
+            ("jkr", plot_jkr(found.points, curve)),
+            ("residuals", plot_jkr_residuals(found.points)),
+        )
+        for ending in ("png", "svg")
+    }

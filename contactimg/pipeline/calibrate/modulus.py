@@ -1,0 +1,86 @@
+"""`calibrate modulus`: the modulus at which the forces add up to the load."""
+
+from typing import Any
+
+import numpy as np
+
+from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.modulus import calibrate_modulus
+from contactimg.calibration.threshold import load_slope
+from contactimg.errors import InputError
+from contactimg.files import Experiment
+from contactimg.pipeline.calibrate.result import (
+    Advance,
+    Calibrated,
+    _disk_slope,
+    _loaded,
+    _measured_modulus,
+    _messages,
+    _slope_quality,
+)
+from contactimg.pipeline.calibrate.threshold import _threshold_result
+from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresholds
+from contactimg.plots.calibration import plot_forces
+
+__all__ = ["run_modulus"]
+
+
+def run_modulus(
+    experiment: Experiment,
+    *,
+    threshold: CoverageEstimate | None,
+    workers: int | None = None,
+    advance: Advance = None,
+) -> Calibrated:
+    """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with asperities of known radii; its modulus and uncertainty are those measured before.
+    threshold : CoverageEstimate or None
+        The calibrated threshold; None for the disk method.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+    """
+    levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
+    if levels.min() <= 0 or levels.max() >= 1:
+        raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
+    series = _loaded(measure_thresholds(experiment, levels, workers=workers, advance=advance))
+    load = series.frames["load_N"].to_numpy(float)
+    measured, steepness = _measured_modulus(experiment), 0.0
+    if threshold is None:
+        _, forces = _disk_slope(experiment, series, 0.0, workers)
+    else:
+        forces = series.forces[1]
+        low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
+        steepness = abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
+    found = calibrate_modulus(
+        forces,
+        load,
+        young_modulus=measured.value,
+        young_modulus_std=measured.std,
+        relative_std=0.0 if threshold is None else steepness * threshold.std,
+    )
+    notes = _messages(series) + ([found.message] if found.message else [])
+    record: dict[str, Any] = {
+        "kind": "modulus",
+        "method": "disk" if threshold is None else "threshold",
+        "young_modulus": found.young_modulus.record("Pa"),
+        "slope": found.slope.record("1"),
+        "fixed": {"young_modulus_measured": measured.record("Pa")},
+        "fitted": ["young_modulus"],
+        "compatible": found.compatible,
+        "distance_std": found.distance,
+    }
+    if threshold is not None:
+        record["threshold"] = threshold.record("1")
+        record["fixed"]["threshold"] = threshold.record("1")
+    tuned = forces * found.young_modulus.value / measured.value
+    record["quality"] = _slope_quality(load, tuned, 1.0)
+    record["notes"] = notes
+    return _threshold_result(record, series, tuned, {"forces.png": plot_forces(load, tuned)})

@@ -1,0 +1,94 @@
+"""The calibrations of the paper on folders of frames: JKR, threshold, modulus, plateau."""
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.plateau import find_plateau
+from contactimg.files import Experiment
+from contactimg.pipeline.calibrate.result import Advance, Calibrated, _messages
+from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresholds
+from contactimg.plots.calibration import plot_plateau
+from contactimg.tables import Schema
+
+__all__ = ["CURVE", "FORCES", "run_plateau"]
+
+CURVE = Schema(
+    "curve",
+    {
+        "threshold": ("float64", "fraction of the contact contrast"),
+        "slope": ("float64", "of force sums against loads, least squares through the origin"),
+        "slope_std": ("float64", "its standard uncertainty"),
+        "area_m2": ("float64", "summed contact area of all frames"),
+        "fall_rate": ("float64", "-d ln A / d threshold"),
+    },
+)
+FORCES = Schema(
+    "forces",
+    {
+        "frame": ("str", "file name of the frame"),
+        "load_N": ("float64", "applied normal load P"),
+        "area_m2": ("float64", "contact area at the calibrated threshold"),
+        "area_std_m2": ("float64", "half the difference between the ends of the plateau"),
+        "force_sum_N": ("float64", "sum of the local forces at the calibrated threshold"),
+        "message": ("str", "what a person should know about this frame"),
+    },
+)
+
+
+def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+    """The two thresholds between which the total area changes marginally, and areas with error bars.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with a camera; loads are not needed.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+    """
+    series = measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance)
+    found = find_plateau(series.thresholds, series.areas)
+    notes = _messages(series)
+    if not found.marginal:
+        notes.append(
+            f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "
+            f"and {found.threshold_high:g}, more than marginally (20 %)"
+        )
+    exact = {
+        "threshold_low": found.threshold_low,
+        "threshold_high": found.threshold_high,
+        "threshold": found.threshold,
+    }
+    step = float(np.diff(series.thresholds).max()) / 12**0.5
+    record: dict[str, Any] = {
+        name: CoverageEstimate(value, step, value - 1.96 * step, value + 1.96 * step).record("1")
+        for name, value in exact.items()
+    }
+    record |= {
+        "kind": "plateau",
+        "method": "threshold",
+        "definition": "thresholds about the slowest fall of the total area A between which "
+        "|d ln A/d threshold| is at most 1.5 times its smallest value",
+        "fixed": {},
+        "fitted": ["threshold_low", "threshold_high", "threshold"],
+        "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
+        "notes": notes,
+    }
+    table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
+    rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
+    curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
+    figure = plot_plateau(series.thresholds, series.areas, low=found.threshold_low, high=found.threshold_high)
+    columns = [name for name in FORCES.columns if name in table]
+    return Calibrated(
+        record,
+        {"curve.csv": (CURVE, pd.DataFrame(curve)), "areas.csv": (FORCES, table[columns])},
+        {"plateau.png": figure},
+        notes,
+        failed=len(series.failed) > 0,
+    )

@@ -1,0 +1,205 @@
+"""A series measured at many thresholds: every frame is registered once and thresholded many times."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import FrameError, InputError
+from contactimg.files import Experiment, FrameSource
+from contactimg.imaging.contrast.plateau import Contrast
+from contactimg.imaging.count.method import count_contacts
+from contactimg.imaging.measure import ImageMeasurement, measure_image
+from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.pipeline.frame_options import failed_row, frame_options
+from contactimg.pipeline.inputs import contact_sites, scene_asperities
+from contactimg.pipeline.parallel import in_parallel
+from contactimg.pipeline.series import FAILED, Run, locate_frame, series_pose, shift_of, with_forces
+from contactimg.scene import Scene
+from contactimg.tables import CONTACTS, FRAMES, REJECTED
+
+__all__ = ["THRESHOLDS", "ThresholdSeries", "count_at", "measure_thresholds"]
+
+Values = NDArray[np.float64]
+
+THRESHOLDS = np.round(np.arange(0.05, 0.951, 0.025), 3)
+"""From where noise makes contacts to where small contacts are lost; between them curves are smooth."""
+
+
+@dataclass(frozen=True, eq=False)
+class ThresholdSeries:
+    """Area and force sums of a series' frames at many thresholds.
+
+    Parameters
+    ----------
+    thresholds : ndarray, shape (m,)
+    areas : ndarray, shape (m, n), m^2
+    forces : ndarray, shape (m, n), N
+        NaN where no asperity radius is known.
+    frames : DataFrame
+        The frames table's rows of the n frames that could be measured.
+    failed : DataFrame
+        Rows of those that could not.
+    """
+
+    thresholds: Values
+    areas: Values
+    forces: Values
+    frames: pd.DataFrame
+    failed: pd.DataFrame
+
+
+def measure_thresholds(
+    experiment: Experiment,
+    thresholds: ArrayLike = THRESHOLDS,
+    *,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> ThresholdSeries:
+    """Count the pixels of every frame above each of many thresholds.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with a camera; forces need the elastic body and the asperities' radii as well.
+    thresholds : array_like, shape (m,)
+        Fractions of the contact contrast, above 0 and below 1.
+    workers : int, optional
+        Processes that share the frames.
+    advance : callable, optional
+        Called once a frame.
+
+    Returns
+    -------
+    ThresholdSeries
+
+    Raises
+    ------
+    InputError
+        If no frame at all could be measured.
+
+    Notes
+    -----
+    The pose of the camera is found once, at the threshold next to one half.
+    """
+    levels = np.sort(np.asarray(thresholds, float))
+    scene = experiment.scene
+    scene.need("camera", "a calibration")
+    reference = experiment.reference.read().image if experiment.reference is not None else None
+    jobs = ((source, reference, scene, levels) for source in experiment.frames)
+    parts = []
+    for part in in_parallel(_count_source, jobs, count=len(experiment.frames), workers=workers):
+        parts.append(part)
+        if advance is not None:
+            advance()
+    frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
+        load_N=[experiment.load_of(str(part.row["frame"])) for part in parts]
+    )
+    good = (frames["status"] != FAILED).to_numpy()
+    measured = [part for part, fine in zip(parts, good, strict=True) if fine]
+    if not measured:
+        raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
+    kept = frames[good].reset_index(drop=True)
+    runs = _runs(scene, kept, measured, levels)
+    return ThresholdSeries(
+        levels,
+        np.array([run.frames["area_m2"].to_numpy(float) for run in runs]),
+        np.array([run.frames["force_sum_N"].to_numpy(float) for run in runs]),
+        kept,
+        frames[~good].reset_index(drop=True),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Counted:
+    """One frame's row and its contacts at each threshold."""
+
+    row: dict[str, object]
+    contacts: list[pd.DataFrame]
+    shape: tuple[int, int]
+
+
+def _count_source(
+    source: FrameSource, reference: NDArray | None, scene: Scene, thresholds: Values
+) -> _Counted:
+    """Read and register one frame, and count it at each threshold; a failure becomes a row."""
+    try:
+        frame = source.read()
+        measurement = measure_image(frame.image, reference, method="threshold", **frame_options(frame, scene))
+        if not measurement.contrast:
+            raise FrameError(measurement.message or "nothing stands out of the noise")
+        holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+        contacts = [
+            CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=source.name))
+            for t in thresholds
+        ]
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return _Counted(failed_row(source.name, error), [], (1, 1))
+    row: dict[str, object] = {
+        "frame": source.name,
+        "status": measurement.status,
+        "n_contacts": len(measurement.disks),
+        "contrast": measurement.contrast,
+        "noise": measurement.noise,
+        "shift_x_px": measurement.shift_x_px,
+        "shift_y_px": measurement.shift_y_px,
+        "message": measurement.message,
+    }
+    return _Counted(row, contacts, frame.shape)
+
+
+def count_at(
+    measurement: ImageMeasurement, threshold: float, *, holes: NDArray[np.bool_] | None = None
+) -> pd.DataFrame:
+    """Contacts of a measured frame at another threshold, from its difference image without what is foreign.
+
+    Parameters
+    ----------
+    measurement : ImageMeasurement
+    threshold : float
+        Fraction of the contact contrast.
+    holes : ndarray of bool, shape (rows, columns), optional
+        Pixels without a value.
+
+    Returns
+    -------
+    DataFrame
+        Columns label, x_px, y_px, radius_px, radius_std_px, flags.
+    """
+    signed = measurement.foreground
+    if holes is not None:
+        signed = np.where(holes, np.float32(0.0), signed)
+    contacts, _ = count_contacts(
+        signed,
+        fraction=threshold,
+        contrast=Contrast(abs(measurement.contrast), resolved=True),
+        noise=measurement.noise,
+        saturated=NO_MASK,
+    )
+    return pd.DataFrame({**contacts, "label": np.arange(1, len(contacts["x_px"]) + 1)})
+
+
+def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_Counted], thresholds: Values) -> list[Run]:
+    """One run a threshold, all under the pose found at the threshold next to one half."""
+    asperities = scene_asperities(scene)
+    sites = None if asperities is None else contact_sites(asperities, scene)
+    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
+    counted = [
+        pd.concat([part.contacts[k] for part in parts], ignore_index=True) for k in range(len(thresholds))
+    ]
+    middle = counted[int(np.abs(thresholds - 0.5).argmin())]
+    run = Run(scene, middle, REJECTED.empty(), frames, pose=None)
+    pose = scene.pose(parts[0].shape)
+    if targets is not None and scene.measure.pose == "fit" and len(middle):
+        pose = series_pose(run, pose, targets).pose
+    runs = []
+    for contacts in counted:
+        located = [
+            locate_frame(part, pose, shift_of(frames, str(name)), targets)
+            for name, part in contacts.groupby("frame", sort=False)
+        ]
+        table = pd.concat(located, ignore_index=True) if located else contacts
+        runs.append(with_forces(replace(run, contacts=CONTACTS.conform(table)), sites))
+    return runs
