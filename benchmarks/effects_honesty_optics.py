@@ -2,10 +2,9 @@
 
     python benchmarks/effects_honesty_optics.py [--seeds N] [SCENE ...]
 
-For every scene of tests/optics_scenes.py and every effect that it can show: the true change of the measured
-output when that effect is left out of all, from frames rendered with and without, against the estimate; then
-what the plan leaves out, the change by all of it together, and the time to render.
-"""
+For every scene of tests/helpers/optics_scenes.py and every effect that it can show: the true change of the
+measured output when that effect is left out of all, from frames rendered with and without, against the
+estimate; then what the plan leaves out, the change by all of it together, and the time to render. """
 
 import argparse
 import sys
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from optics_scenes import CHANGES, optics_scene
 from optics_truth import NOISE, Photographed

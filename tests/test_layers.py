@@ -1,6 +1,7 @@
 """Every import points down: a module imports only from rooms below its own, function-level included."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -36,25 +37,56 @@ ROOMS = [
 ]
 
 
+# the order inside rooms that have rooms of their own
+INNER_ROOMS = {
+    "imaging": [
+        "pixels",
+        "profile",
+        "kernels",
+        "shapes",
+        "contrast",
+        "background",
+        "reject",
+        "fit",
+        "count",
+        "smooth",
+        "status",
+        "measure",
+    ],
+}
+
+
 def room_of(module: str) -> str:
     return module.split(".")[1] if module.count(".") else "__init__"
 
 
-def imports_of(path: Path) -> set[str]:
-    """Rooms that a module imports from, wherever in the module the import stands."""
-    rooms = set()
+def modules_imported_by(path: Path) -> set[str]:
+    """Modules of the package that a module imports, wherever in the module the import stands."""
+    modules = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
-            names = [node.module or ""]
-            if node.module == "contactimg":
-                names = [f"contactimg.{alias.name}" for alias in node.names]
+            module = node.module or ""
+            names = [module] + [f"{module}.{alias.name}" for alias in node.names]
+            if module == "contactimg":
+                names = names[1:]
         else:
             continue
-        rooms |= {room_of(name) for name in names if name.startswith("contactimg")}
-    return rooms
+        modules |= {name for name in names if name.startswith("contactimg") and is_module(name)}
+    return modules
+
+
+def is_module(name: str) -> bool:
+    """Whether a dotted name is a module or a package, not something defined in one."""
+    path = PACKAGE.parent.joinpath(*name.split("."))
+    return path.with_suffix(".py").exists() or (path / "__init__.py").exists()
+
+
+def imports_of(path: Path) -> set[str]:
+    """Rooms that a module imports from."""
+    return {room_of(name) for name in modules_imported_by(path)}
 
 
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
@@ -69,6 +101,27 @@ def test_imports_point_down(path):
     for imported in imports_of(path) - {room, "__version__"}:
         assert imported in ROOMS, f"{path.name} imports unknown room {imported}"
         assert ROOMS.index(imported) < ROOMS.index(room), f"{room} must not import from {imported}"
+
+
+INNER = [path for path in MODULES if path.relative_to(PACKAGE).parts[0] in INNER_ROOMS]
+
+
+@pytest.mark.parametrize("path", INNER, ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_imports_inside_a_room_point_down(path):
+    outer, room = (part.removesuffix(".py") for part in path.relative_to(PACKAGE).parts[:2])
+    if room == "__init__":
+        return
+    order = INNER_ROOMS[outer]
+    for imported in modules_imported_by(path):
+        parts = imported.split(".")
+        if len(parts) > 2 and parts[1] == outer and parts[2] != room:
+            assert order.index(parts[2]) < order.index(room), f"{path} must not import {imported}"
+
+
+def test_no_module_imports_itself_through_others():
+    names = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for path in MODULES}
+    graph = {name: modules_imported_by(path) & set(names) for name, path in names.items()}
+    TopologicalSorter(graph).prepare()  # raises CycleError, which names the cycle
 
 
 def test_the_check_sees_an_upward_import(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from contactimg import solve_interacting
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 LOADS = ("0.02", "0.2", "0.5")
 SOLVER_ERROR = 1e-5  # of the boundary elements, of the load
 

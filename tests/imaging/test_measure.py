@@ -337,7 +337,7 @@ def test_what_cannot_be_measured_is_refused(usual):
 
 @pytest.mark.parametrize("method", ["disk", "threshold"])
 def test_real_pins_are_63_in_a_lattice(method):
-    folder = Path(__file__).parents[1] / "sample_data" / "pins"
+    folder = Path(__file__).parents[2] / "sample_data" / "pins"
     frame, reference = (
         cv2.imread(str(folder / f"{name}.png")).mean(axis=2).astype(np.float32)
         for name in ("frame_1", "reference")

@@ -10,7 +10,7 @@ import pytest
 from contactimg.imaging.measure import measure_image
 from contactimg.matching import pair_points
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 
 
 @pytest.fixture(scope="module")

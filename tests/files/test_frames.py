@@ -20,7 +20,7 @@ from contactimg import Frame, FrameError, InputError, read_frames
 from contactimg.files import FrameSource, list_frames, write_frame
 from contactimg.files.sources import SUFFIXES, natural_key
 
-DATA = Path(__file__).parent / "data" / "files_formats"
+DATA = Path(__file__).parents[1] / "data" / "files_formats"
 ROWS, COLUMNS = 37, 53  # not square, no multiple of a tile
 
 
