@@ -4,7 +4,7 @@
 
 For every scene of tests/helpers/optics_scenes.py and every effect that it can show: the true change of the
 measured output when that effect is left out of all, from frames rendered with and without, against the
-estimate; then what the plan leaves out, the change by all of it together, and the time to render. """
+estimate; then what the plan leaves out, the change by all of it together, and the time to render."""
 
 import argparse
 import sys

@@ -2,15 +2,6 @@
 
 from typing import Any
 
-__all__ = [
-    "ContactimgError",
-    "ConvergenceError",
-    "FrameError",
-    "InputError",
-    "ModelRangeError",
-    "finite_number",
-]
-
 
 class ContactimgError(Exception):
     """Base of every exception that contactimg raises on purpose."""

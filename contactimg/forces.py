@@ -17,16 +17,6 @@ from contactimg.mechanics import hertz, sphere
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.tables import Flag
 
-__all__ = [
-    "ForceLaw",
-    "Total",
-    "adhesive_pull",
-    "assign_forces",
-    "force_exponents",
-    "total_area",
-    "total_force",
-]
-
 ForceLaw = Literal["hertz", "sphere"]
 """Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
 

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
 
-__all__ = ["Frame"]
-
 
 @dataclass(frozen=True, eq=False)
 class Frame:

@@ -19,8 +19,6 @@ from contactimg.pose import Pose
 from contactimg.tables import MATCHES
 from contactimg.timings import stage
 
-__all__ = ["PoseFit", "PoseSearch", "fit_pose", "match_contacts", "pair_points", "pairing_distance"]
-
 
 @dataclass(frozen=True)
 class PoseSearch:

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
-__all__ = ["Pose"]
-
 
 @dataclass(frozen=True)
 class Pose:

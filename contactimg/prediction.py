@@ -25,23 +25,7 @@ from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius
-from contactimg.tables import CONTACTS, FRAMES, PROFILE
-
-__all__ = [
-    "FAILED",
-    "Coupling",
-    "Model",
-    "Prediction",
-    "asperity_density",
-    "hertz_circle",
-    "load_name",
-    "pattern_sides",
-    "predict_average",
-    "predict_contacts",
-    "see_contacts",
-    "solve_average",
-    "solve_scene",
-]
+from contactimg.tables import CONTACTS, FAILED, FRAMES, PROFILE
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
@@ -54,9 +38,6 @@ WIDER = 1.15
 """Factor between the stated side of a pattern and the span of its table from which one of them is wrong."""
 ENOUGH = 20
 """Asperities that fill their rectangle well enough to tell its sides."""
-
-FAILED = "failed"
-"""Status of a frame or load without an answer."""
 
 
 @dataclass(frozen=True)

@@ -26,20 +26,6 @@ from pydantic_core import ErrorDetails
 from contactimg.errors import InputError
 from contactimg.pose import Pose
 
-__all__ = [
-    "Asperities",
-    "Camera",
-    "Effects",
-    "Elastic",
-    "Images",
-    "Indenter",
-    "Measure",
-    "Scene",
-    "Simulate",
-    "Tolerance",
-    "scene_from_dict",
-]
-
 # strict: text and true/false are not numbers
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]

@@ -16,17 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.tables import ASPERITIES
 
-__all__ = [
-    "CapLaw",
-    "DropletCaps",
-    "GaussianCaps",
-    "UniformCaps",
-    "base_radius",
-    "check_asperities",
-    "composite_apexes",
-    "generate_asperities",
-]
-
 Values = NDArray[np.float64]
 
 

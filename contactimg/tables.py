@@ -11,27 +11,8 @@ from pandas.api.extensions import ExtensionArray
 
 from contactimg.errors import InputError
 
-__all__ = [
-    "AREA",
-    "ASPERITIES",
-    "CONTACTS",
-    "FRAMES",
-    "FRICTION",
-    "LOADS",
-    "MATCHES",
-    "NORMALISED",
-    "PRESSURE_LAW",
-    "PROFILE",
-    "REJECTED",
-    "RESULTS",
-    "RUN_MODELS",
-    "SCORES",
-    "TOPOGRAPHY",
-    "Flag",
-    "Schema",
-    "flag_names",
-]
-
+FAILED = "failed"
+"""Status of a frame or load without an answer."""
 
 RUN_MODELS = ("measured", "predicted")
 """What an analysis calls the contacts of the runs themselves, those of `process` and those of `predict`."""

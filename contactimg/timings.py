@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Self, TypeVar
 
-__all__ = ["OTHER", "WAITING", "Timings", "collect", "collect_call", "gather", "is_collecting", "stage"]
-
 OTHER = "other"
 """What is spent outside of all stages."""
 

@@ -15,8 +15,6 @@ from contactimg.errors import InputError
 from contactimg.optics.coverage import disk_rectangle_area
 from contactimg.pose import Pose
 
-__all__ = ["MOMENTS", "Field", "annulus_edges", "annulus_moments", "sum_moments"]
-
 Values = NDArray[np.float64]
 
 MOMENTS = ("area", "n", "n_forces", "a", "aa", "p", "pp", "ap")

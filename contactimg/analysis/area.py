@@ -11,8 +11,6 @@ from contactimg.analysis.profiles import FEWEST_PLACES
 from contactimg.errors import InputError
 from contactimg.tables import AREA
 
-__all__ = ["area_by_load", "fit_area_law", "frame_areas", "group_loads", "sampling_std"]
-
 Values = NDArray[np.float64]
 
 

@@ -11,8 +11,6 @@ from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.power_laws import PowerLaw, exponential, fit_power_law, logarithms
 from contactimg.errors import InputError
 
-__all__ = ["BrokenLaw", "fit_broken_law"]
-
 Values = NDArray[np.float64]
 
 _LEAST = 3

@@ -12,8 +12,6 @@ from contactimg.analysis.estimates import Estimate, jackknife_covariance, studen
 from contactimg.analysis.profiles import FEWEST_PLACES
 from contactimg.errors import InputError
 
-__all__ = ["QUANTITIES", "fit_contact_law", "pressure_points"]
-
 QUANTITIES = ("density", "mean_radius")
 
 

@@ -15,8 +15,6 @@ from scipy import optimize
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.errors import ConvergenceError, InputError
 
-__all__ = ["Curve", "CurveFit", "Points", "fit_curve", "fit_line", "fit_proportional"]
-
 Values = NDArray[np.float64]
 
 _ROUNDING = 1e-12

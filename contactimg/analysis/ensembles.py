@@ -11,8 +11,6 @@ from contactimg.errors import InputError
 from contactimg.models.ensemble import EnsembleMember
 from contactimg.models.solution import InteractingSolution
 
-__all__ = ["gather_annuli"]
-
 
 def gather_annuli(
     members: Iterable[EnsembleMember], *, centre: tuple[float, float], edges: ArrayLike, groups: int = 1

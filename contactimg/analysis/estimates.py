@@ -8,8 +8,6 @@ from scipy import stats
 
 from contactimg.errors import InputError
 
-__all__ = ["Estimate", "jackknife_covariance", "student_estimate"]
-
 Values = NDArray[np.float64]
 
 

@@ -9,8 +9,6 @@ from contactimg.analysis.curve_fit import Points, fit_proportional
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.errors import InputError
 
-__all__ = ["ShearStress", "compare_stress", "fit_shear_stress"]
-
 
 @dataclass(frozen=True)
 class ShearStress:

@@ -10,8 +10,6 @@ from contactimg.analysis.curve_fit import Points, fit_line
 from contactimg.analysis.estimates import Estimate, jackknife_covariance, student_estimate
 from contactimg.errors import InputError
 
-__all__ = ["PowerLaw", "exponential", "fit_power_law", "logarithms"]
-
 Values = NDArray[np.float64]
 
 

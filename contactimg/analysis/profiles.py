@@ -12,8 +12,6 @@ from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
 from contactimg.timings import stage
 
-__all__ = ["average_profile", "hertz_profile", "normalise_profile", "radial_profile", "ring_profile"]
-
 Values = NDArray[np.float64]
 
 FEWEST_PLACES = 4

@@ -11,8 +11,6 @@ from contactimg.analysis.curve_fit import Points, fit_proportional
 from contactimg.analysis.estimates import Estimate
 from contactimg.errors import InputError
 
-__all__ = ["Topography", "describe_topography"]
-
 
 @dataclass(frozen=True)
 class Topography:

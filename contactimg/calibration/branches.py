@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["tell_branches"]
-
 
 def tell_branches(load: ArrayLike) -> NDArray[np.str_]:
     """Branch on which each load lies.

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-__all__ = ["COVERAGE", "NORMAL_95", "CoverageEstimate", "coverage_estimate", "estimate_from_draws"]
-
 COVERAGE = 0.95
 NORMAL_95 = float(stats.norm.ppf(0.5 + COVERAGE / 2))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""

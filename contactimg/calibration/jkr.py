@@ -21,8 +21,6 @@ from contactimg.calibration.branches import tell_branches
 from contactimg.calibration.estimate import CoverageEstimate, estimate_from_draws
 from contactimg.errors import InputError
 
-__all__ = ["JkrCalibration", "calibrate_jkr", "check_loads"]
-
 Values = NDArray[np.float64]
 
 CONSTANT_SHARES = np.array([1.0, 0.1, 0.003])

@@ -9,8 +9,6 @@ from contactimg.calibration.estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 
-__all__ = ["ModulusCalibration", "calibrate_modulus"]
-
 
 @dataclass(frozen=True)
 class ModulusCalibration:

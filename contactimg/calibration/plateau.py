@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
-__all__ = ["Plateau", "find_plateau"]
-
 Values = NDArray[np.float64]
 
 FALL_MARGINAL = 0.2

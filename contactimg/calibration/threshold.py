@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.calibration.estimate import CoverageEstimate, coverage_estimate
 from contactimg.errors import InputError
 
-__all__ = ["ThresholdCalibration", "calibrate_threshold", "load_slope"]
-
 Values = NDArray[np.float64]
 
 

@@ -19,8 +19,6 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     from contactimg.pipeline.analyse.places_together import AnalysisOptions
 
-__all__ = ["analyse"]
-
 folder = click.Path(exists=True, file_okay=False)
 file = click.Path(exists=True, dir_okay=False)
 

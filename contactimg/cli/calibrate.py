@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from contactimg.pipeline.calibrate.result import Calibrated
     from contactimg.scene import Scene
 
-__all__ = ["calibrate"]
-
 Run = Callable[..., "Calibrated"]
 
 folder_argument = click.argument("folder", type=click.Path(exists=True, file_okay=False))

@@ -16,21 +16,6 @@ if TYPE_CHECKING:
 
     from contactimg.effects.plan import Plan
 
-__all__ = [
-    "command_line",
-    "echo_frames",
-    "echo_plan",
-    "echo_results",
-    "echo_scores",
-    "echo_tradeoff",
-    "output_option",
-    "progress",
-    "quiet_option",
-    "timings_option",
-    "verbose_option",
-    "workers_option",
-]
-
 output_option = click.option(
     "-o",
     "--output",

@@ -7,8 +7,6 @@ import click
 from contactimg.cli.common import command_line, echo_plan, quiet_option, verbose_option
 from contactimg.timings import stage
 
-__all__ = ["effects"]
-
 
 @click.command(short_help="Which effects a scene calls for, with the number that decides.")
 @click.argument("scene", type=click.Path(exists=True))

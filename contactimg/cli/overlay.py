@@ -15,8 +15,6 @@ from contactimg.cli.common import (
 )
 from contactimg.timings import stage
 
-__all__ = ["overlay"]
-
 
 @click.command(short_help="Predicted and measured contacts on each frame, with scores.")
 @click.argument("run", type=click.Path(exists=True, file_okay=False))

@@ -8,8 +8,6 @@ import click
 from contactimg.cli.common import command_line, echo_frames, output_option, quiet_option, verbose_option
 from contactimg.timings import stage
 
-__all__ = ["predict"]
-
 
 @click.command(short_help="Contacts that the models predict at given loads.")
 @click.argument("scene", type=click.Path(exists=True))
@@ -71,7 +69,7 @@ def predict(
             predict_loads,
             write_predictions,
         )
-        from contactimg.prediction import FAILED
+        from contactimg.tables import FAILED
 
     description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
     target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"

@@ -19,8 +19,6 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     from contactimg.scene import Scene
 
-__all__ = ["process"]
-
 
 @click.command(short_help="A folder of frames to contacts, local forces and overlays.")
 @click.argument("folder", type=click.Path(exists=True))
@@ -73,7 +71,8 @@ def process(
         from contactimg.files import OutputFolder, open_experiment, provenance
         from contactimg.pipeline.overlays import draw_overlays
         from contactimg.pipeline.run import write_run
-        from contactimg.pipeline.series import FAILED, measure_experiment
+        from contactimg.pipeline.series import measure_experiment
+        from contactimg.tables import FAILED
 
     if tolerance is not None and options["method"] is not None:
         raise click.UsageError("--tolerance chooses the method and --method names it; keep one of the two.")

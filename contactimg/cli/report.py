@@ -7,8 +7,6 @@ import click
 from contactimg.cli.common import quiet_option
 from contactimg.timings import stage
 
-__all__ = ["report"]
-
 folder = click.Path(exists=True, file_okay=False)
 
 

@@ -15,8 +15,6 @@ from contactimg.files import (
 )
 from contactimg.scene import Scene, scene_from_dict
 
-__all__ = ["calibration_options", "model_inputs", "scene_of_folder", "with_tolerance"]
-
 OPTION_KEYS = {
     "reference": ("images", "reference"),
     "frames": ("images", "frames"),

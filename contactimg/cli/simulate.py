@@ -11,8 +11,6 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     from contactimg.scene import Scene
 
-__all__ = ["simulate"]
-
 
 @click.command(short_help="Synthetic frames of a scene with their truth.")
 @click.argument("scene", type=click.Path(exists=True))

@@ -14,8 +14,6 @@ from contactimg.cli.common import (
 )
 from contactimg.timings import stage
 
-__all__ = ["tradeoff"]
-
 
 @click.command(short_help="What accuracy costs in time: table and figure.")
 @click.argument("scene", type=click.Path(exists=True))

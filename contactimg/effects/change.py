@@ -5,8 +5,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
-__all__ = ["OUTPUTS", "POWER", "relative_change", "stated_change"]
-
 Values = NDArray[np.float64]
 Contacts = tuple[ArrayLike, ArrayLike]
 

@@ -5,8 +5,6 @@ from dataclasses import dataclass
 
 from contactimg.errors import InputError
 
-__all__ = ["Estimate"]
-
 
 @dataclass(frozen=True)
 class Estimate:

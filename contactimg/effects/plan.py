@@ -19,8 +19,6 @@ from contactimg.scene import Effects, Scene
 from contactimg.tables import Schema
 from contactimg.timings import stage
 
-__all__ = ["EFFECTS", "Decision", "Plan", "decide", "make_plan"]
-
 EFFECTS = Schema(
     "effects",
     {

@@ -14,8 +14,6 @@ import numpy as np
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
-__all__ = ["replacing", "write_json", "write_text"]
-
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:

@@ -8,8 +8,6 @@ from typing import Any
 
 from contactimg.errors import InputError
 
-__all__ = ["CALIBRATION_FILE", "read_calibration", "shares_frames"]
-
 CALIBRATION_FILE = "calibration.json"
 
 

@@ -16,8 +16,6 @@ from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
 from contactimg.timings import stage
 
-__all__ = ["read_asperities", "read_loads", "read_table", "read_topography", "write_table"]
-
 _BLOCK = 50_000  # rows converted at once: text takes some twenty times the memory of numbers
 _SEPARATORS = (",", ";", "\t")
 _SIZE_SHOWN = 60

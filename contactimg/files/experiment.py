@@ -19,18 +19,6 @@ from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import LOADS
 from contactimg.timings import stage
 
-__all__ = [
-    "SCENE_FILE",
-    "Experiment",
-    "is_reference",
-    "named_file",
-    "open_experiment",
-    "read_scene",
-    "read_scene_asperities",
-    "read_scene_loads",
-    "write_scene",
-]
-
 logger = logging.getLogger(__name__)
 
 SCENE_FILE = "scene.toml"

@@ -9,8 +9,6 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.timings import stage
 
-__all__ = ["write_figure"]
-
 
 @stage("pictures")
 def write_figure(ax: Axes, path: str | Path) -> None:

@@ -5,8 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LUMA", "Pixels", "UnsupportedPixelsError", "to_grey"]
-
 LUMA = np.array([0.299, 0.587, 0.114])
 """Weights of red, green and blue (ITU-R BT.601, as in OpenCV); their sum is 1, so stored grey is kept."""
 

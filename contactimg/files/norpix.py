@@ -8,8 +8,6 @@ import numpy as np
 
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
 
-__all__ = ["list_images", "read_image"]
-
 # magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
 _HEADER = struct.Struct("<L24sll512s9Ld8L")
 _MAGIC = 0xFEED

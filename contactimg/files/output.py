@@ -15,8 +15,6 @@ from contactimg.files.atomic import write_json
 from contactimg.files.runs import PROVENANCE_FILE, read_records, relative_to_output
 from contactimg.timings import stage
 
-__all__ = ["OutputFolder"]
-
 logger = logging.getLogger(__name__)
 
 _LOCK = ".contactimg.lock"

@@ -22,16 +22,6 @@ from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
 from contactimg.timings import stage
 
-__all__ = [
-    "PROVENANCE_FILE",
-    "SCHEMA_VERSION",
-    "RunFolder",
-    "provenance",
-    "read_records",
-    "read_run",
-    "relative_to_output",
-]
-
 SCHEMA_VERSION = 1
 """Raised when a column or key is added to the output; names are never changed."""
 

@@ -17,8 +17,6 @@ from contactimg.files.grey import to_grey
 from contactimg.frame import Frame
 from contactimg.timings import stage
 
-__all__ = ["SUFFIXES", "FrameSeries", "FrameSource", "is_image", "list_frames", "natural_key", "read_frames"]
-
 PathLike = str | os.PathLike[str]
 
 _DECODERS: dict[str, ModuleType] = {

@@ -10,8 +10,6 @@ from PIL import Image, UnidentifiedImageError
 
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
 
-__all__ = ["list_images", "read_image"]
-
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 

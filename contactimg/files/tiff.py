@@ -16,8 +16,6 @@ from contactimg.files.grey import Pixels, UnsupportedPixelsError
 from contactimg.frame import Frame
 from contactimg.timings import stage
 
-__all__ = ["list_images", "read_image", "write_frame"]
-
 _MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
 _SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF

@@ -10,8 +10,6 @@ import cv2
 
 from contactimg.files.grey import Pixels
 
-__all__ = ["list_images", "read_image"]
-
 _lock = threading.Lock()  # stderr belongs to the whole process
 
 

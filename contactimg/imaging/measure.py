@@ -27,8 +27,6 @@ from contactimg.imaging.reject.foreign_objects import NOTHING_FOREIGN
 from contactimg.imaging.status import LIGHT_CHANGE, RESOLVED, judge
 from contactimg.tables import Flag
 
-__all__ = ["CORRECTIONS", "ImageMeasurement", "measure_image"]
-
 CORRECTIONS = ("position_drift", "dust")
 """What a frame need not be searched for where it is known to be absent."""
 

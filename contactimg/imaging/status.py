@@ -11,8 +11,6 @@ from contactimg.imaging.reject.detections import Fitted
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.tables import Flag
 
-__all__ = ["LIGHT_CHANGE", "RESOLVED", "judge"]
-
 RESOLVED = 0.05
 """Relative uncertainty of the contrast from which on a frame does not show it: 2.5 % of a small radius, 7.5 %
 of a force."""

@@ -7,8 +7,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 
-__all__ = ["non_negative", "positive"]
-
 
 def positive(name: str, value: ArrayLike, unit: str) -> Any:
     """``value`` as float or float64 array, or an `InputError` naming the first that is not positive."""

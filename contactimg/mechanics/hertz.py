@@ -9,21 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.mechanics.checks import non_negative, positive
 
-__all__ = [
-    "annulus",
-    "edge_gap",
-    "gap",
-    "indentation",
-    "indentation_from_radius",
-    "load",
-    "load_from_indentation",
-    "peak_pressure",
-    "pressure",
-    "radius",
-    "radius_from_indentation",
-    "surface_displacement",
-]
-
 Values = NDArray[np.float64]
 
 

@@ -14,19 +14,6 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.mechanics.checks import non_negative, positive
 
-__all__ = [
-    "gap",
-    "indentation",
-    "indentation_from_radius",
-    "load",
-    "pull_off_indentation",
-    "pull_off_load",
-    "pull_off_radius",
-    "radius",
-    "radius_from_indentation",
-    "zero_load_radius",
-]
-
 Values = NDArray[np.float64]
 
 

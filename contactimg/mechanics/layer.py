@@ -14,8 +14,6 @@ from scipy.special import j0, j1, roots_legendre
 from contactimg.errors import InputError
 from contactimg.mechanics.checks import non_negative, positive
 
-__all__ = ["STEP", "deficit", "deficit_table", "response", "surface_displacement"]
-
 Values = NDArray[np.float64]
 
 STEP = 0.01

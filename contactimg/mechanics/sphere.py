@@ -10,17 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import ModelRangeError
 from contactimg.mechanics.checks import non_negative, positive
 
-__all__ = [
-    "indentation_from_radius",
-    "load",
-    "radius",
-    "radius_from_indentation",
-    "scaled_indentation",
-    "scaled_load",
-    "scaled_radius",
-    "scaled_response",
-]
-
 Values = NDArray[np.float64]
 
 _SERIES_BELOW = 0.1

@@ -22,8 +22,6 @@ from contactimg.models.local_laws import LAWS
 from contactimg.models.problem import Problem, Setting, pose_problem
 from contactimg.models.solution import InteractingSolution
 
-__all__ = ["COUPLINGS", "solve_adhesive", "solve_adhesive_path"]
-
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from contactimg.mechanics import sphere
 
-__all__ = ["AdhesiveLaw"]
-
 Values = NDArray[np.float64]
 
 _MAX_STEPS = 60

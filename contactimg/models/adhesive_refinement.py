@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.problem import Problem
 
-__all__ = ["refine"]
-
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 

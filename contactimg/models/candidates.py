@@ -23,8 +23,6 @@ from contactimg.models.refinement import Refinement
 from contactimg.models.validity import Pairs, close_pairs, overlapping, unstable_pair
 from contactimg.timings import stage
 
-__all__ = ["METHODS", "CandidateSolver", "lowering_of_the_first"]
-
 Values = NDArray[np.float64]
 
 METHODS = ("auto", "dense", "fast")

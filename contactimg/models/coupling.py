@@ -18,17 +18,6 @@ from scipy.linalg import lapack
 from contactimg.mechanics import layer
 from contactimg.timings import stage
 
-__all__ = [
-    "Coupling",
-    "DenseCoupling",
-    "Fields",
-    "Kernel",
-    "NoCoupling",
-    "NotPositiveDefinite",
-    "displacement_excess",
-    "layer_deficit",
-]
-
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 

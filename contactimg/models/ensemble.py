@@ -11,8 +11,6 @@ from contactimg.models.interacting import COUPLINGS, solve_loads
 from contactimg.models.solution import InteractingSolution
 from contactimg.surfaces import CapLaw, generate_asperities
 
-__all__ = ["EnsembleMember", "solve_ensemble"]
-
 
 @dataclass(frozen=True, eq=False)
 class EnsembleMember:

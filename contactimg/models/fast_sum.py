@@ -19,8 +19,6 @@ from contactimg.models.coupling import DenseCoupling, Fields, Kernel, NotPositiv
 from contactimg.models.near_pairs import NearPairs
 from contactimg.timings import stage
 
-__all__ = ["FastCoupling"]
-
 Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rows = NDArray[np.intp]

@@ -29,8 +29,6 @@ from contactimg.models.greenwood_williamson import (
 from contactimg.models.heights import HeightLaw
 from contactimg.timings import stage
 
-__all__ = ["solve_greenwood_tripp"]
-
 Values = NDArray[np.float64]
 
 _SHORTEST_STEP = 2.0**-20

@@ -16,8 +16,6 @@ from contactimg.models.heights import HeightLaw
 from contactimg.tables import PROFILE
 from contactimg.timings import stage
 
-__all__ = ["AsperityLayer", "RingSolution", "solve_greenwood_williamson"]
-
 Values = NDArray[np.float64]
 
 

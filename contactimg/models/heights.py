@@ -16,8 +16,6 @@ from scipy.special import pbdv
 
 from contactimg.errors import InputError
 
-__all__ = ["GaussianHeights", "HeightLaw", "SampleHeights", "UniformHeights"]
-
 Values = NDArray[np.float64]
 
 

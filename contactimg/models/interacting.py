@@ -17,8 +17,6 @@ from contactimg.models.local_laws import LAWS, local_law
 from contactimg.models.problem import Setting, pose_problem
 from contactimg.models.solution import InteractingSolution
 
-__all__ = ["COUPLINGS", "solve_interacting", "solve_loads"]
-
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from contactimg.mechanics import sphere
 
-__all__ = ["LAWS", "HertzLaw", "LocalLaw", "SphereLaw", "local_law"]
-
 Values = NDArray[np.float64]
 
 

@@ -16,8 +16,6 @@ from contactimg.models.local_laws import LocalLaw
 from contactimg.models.newton import System, initial_iterate, solve_uncoupled, take_step
 from contactimg.models.problem import Problem
 
-__all__ = ["Cells", "mean_field"]
-
 Values = NDArray[np.float64]
 
 CELLS = 48

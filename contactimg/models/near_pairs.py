@@ -13,8 +13,6 @@ from scipy.special import erf
 
 from contactimg.models.coupling import Fields, displacement_excess
 
-__all__ = ["NearPairs"]
-
 Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 

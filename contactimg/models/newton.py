@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from contactimg.models.coupling import Coupling, NotPositiveDefinite
 from contactimg.models.local_laws import LocalLaw
 
-__all__ = ["Iterate", "System", "initial_iterate", "measure", "solve_uncoupled", "take_step"]
-
 Values = NDArray[np.float64]
 
 SHORTEST_STEP = 2.0**-12

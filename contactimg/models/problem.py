@@ -11,8 +11,6 @@ from contactimg.models.solution import InteractingSolution
 from contactimg.surfaces import composite_apexes
 from contactimg.timings import stage
 
-__all__ = ["Problem", "Setting", "pose_problem"]
-
 Values = NDArray[np.float64]
 
 LEAST_LOAD = 1e-100

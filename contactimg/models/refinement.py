@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from contactimg.models.newton import Iterate, System, measure
 
-__all__ = ["Refinement"]
-
 Values = NDArray[np.float64]
 
 MEMORY = 4

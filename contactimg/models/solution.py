@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from contactimg.models.validity import Validity, assess, contact_flags
 from contactimg.tables import CONTACTS
 
-__all__ = ["InteractingSolution"]
-
 Values = NDArray[np.float64]
 
 

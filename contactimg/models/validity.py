@@ -13,8 +13,6 @@ from scipy.spatial import cKDTree
 
 from contactimg.tables import Flag
 
-__all__ = ["HERTZ_LIMIT", "Validity", "assess", "close_pairs", "contact_flags", "unstable_pair"]
-
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Pairs = tuple[Rows, Rows, Values]

@@ -6,8 +6,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["cover_cells", "disk_rectangle_area", "sector_of"]
-
 Values = NDArray[np.float64]
 
 

@@ -21,8 +21,6 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 
-__all__ = ["ExcessTable", "Light", "excess_table", "hertz_gap", "thick_transmission", "transmission"]
-
 Values = NDArray[np.float64]
 
 LONGEST_GAP = 512  # wavelengths; a lamp still coherent there is a laser, and its fringes fill the image

@@ -7,8 +7,6 @@ from numba import njit
 
 from contactimg.optics.coverage import sector_of
 
-__all__ = ["film_cells"]
-
 
 @njit(cache=True, error_model="numpy")
 def _interpolate(place, values):  # type: ignore[no-untyped-def]

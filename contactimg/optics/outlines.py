@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["ROUGHEST", "rough_outlines"]
-
 Values = NDArray[np.float64]
 
 ROUGHEST = 1 / 6

@@ -15,8 +15,6 @@ from scipy import special
 
 from contactimg.errors import InputError
 
-__all__ = ["FINEST", "Halo", "Psf", "airy_psf", "gaussian_psf", "no_blur", "sampling_for"]
-
 Values = NDArray[np.float64]
 
 FINEST = 16  # samples a pixel, at most

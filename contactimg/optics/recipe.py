@@ -9,8 +9,6 @@ from contactimg.optics.film import Light
 from contactimg.optics.psf import Halo, Psf, airy_psf, gaussian_psf, no_blur, sampling_for
 from contactimg.scene import Scene, Simulate
 
-__all__ = ["PARAMETER", "Recipe", "lamp", "point_spread", "read_recipe"]
-
 PARAMETER = {
     "blur": "blur_px",
     "vignetting": "vignetting",

@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from contactimg.frame import Frame
 
-__all__ = ["add_read_noise", "add_shot_noise", "digitise"]
-
 Values = NDArray[np.float64]
 
 

@@ -19,8 +19,6 @@ from contactimg.optics.film import ExcessTable, hertz_gap
 from contactimg.optics.film_cells import film_cells
 from contactimg.optics.psf import Halo, Psf
 
-__all__ = ["FilmSpots", "Sampled", "Spots", "spots_image", "surround_with_film"]
-
 Values = NDArray[np.float64]
 Box = tuple[int, int, int, int]
 

@@ -11,8 +11,6 @@ from scipy import fft
 from contactimg.optics.psf import Psf
 from contactimg.optics.spots import Spots, spots_image
 
-__all__ = ["dust_shadow", "light_falloff", "surface_texture"]
-
 Values = NDArray[np.float64]
 
 TEXTURE_STREAM, DUST_STREAM = 1, 2

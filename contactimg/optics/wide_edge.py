@@ -18,8 +18,6 @@ from scipy.interpolate import CubicHermiteSpline
 from contactimg.errors import InputError
 from contactimg.optics.film import ExcessTable, hertz_gap
 
-__all__ = ["EdgeLight", "edge_light", "film_opening"]
-
 Values = NDArray[np.float64]
 
 NODES = 300

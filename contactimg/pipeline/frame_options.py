@@ -8,12 +8,10 @@ import numpy as np
 from contactimg.errors import FrameError
 from contactimg.frame import Frame
 from contactimg.imaging.measure import CORRECTIONS
-from contactimg.prediction import FAILED
 from contactimg.scene import Scene
+from contactimg.tables import FAILED
 
 logger = logging.getLogger(__name__)
-
-__all__ = ["failed_row", "frame_options"]
 
 
 def frame_options(frame: Frame, scene: Scene) -> dict[str, Any]:

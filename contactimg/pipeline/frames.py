@@ -29,8 +29,6 @@ from contactimg.tradeoff.choice import Choice, measure_cheapest
 
 logger = logging.getLogger(__name__)
 
-__all__ = ["MeasuredFrame", "film_rim", "measure_frames"]
-
 WORTH = 1.5  # times smaller the uncertainty of the sum of a^3 must become for a frame to be measured again
 
 

@@ -8,8 +8,6 @@ from contactimg.files import read_scene_asperities
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
-__all__ = ["contact_sites", "need_asperities", "scene_asperities"]
-
 
 def scene_asperities(scene: Scene) -> pd.DataFrame | None:
     """The scene's asperity table: read, or generated from its seed; None if it has neither."""

@@ -15,8 +15,6 @@ from contactimg.forces import (
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES
 
-__all__ = ["common_radius", "fill_forces"]
-
 
 def fill_forces(
     scene: Scene,

@@ -14,8 +14,6 @@ from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, REJECTED
 
-__all__ = ["contacts_table", "locate_contacts", "measure_frame", "rejected_table"]
-
 
 def measure_frame(
     frame: Frame | NDArray,

@@ -5,8 +5,6 @@ import pandas as pd
 from contactimg.effects.optics.edge import film_makes_the_contrast
 from contactimg.scene import Scene
 
-__all__ = ["SHARP_PX", "resolve_measurement"]
-
 SHARP_PX = 1e-3
 """Blur of a frame that is known to have none, next to which the pixel is wide."""
 

@@ -15,14 +15,12 @@ from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS
 from contactimg.pipeline.overlays import picture_name
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted
-from contactimg.pipeline.series import FAILED, Run, shift_of
+from contactimg.pipeline.series import Run, shift_of
 from contactimg.pose import Pose
 from contactimg.prediction import hertz_circle, predict_contacts, see_contacts
 from contactimg.scene import Scene
-from contactimg.tables import MATCHES, SCORES
+from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.timings import stage
-
-__all__ = ["Comparison", "compare_frame", "compare_run", "draw_comparison", "write_comparison"]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,10 @@ import pandas as pd
 from contactimg.files import Experiment, FrameSource, write_figure
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_measured
-from contactimg.pipeline.series import FAILED, Run
+from contactimg.pipeline.series import Run
 from contactimg.pose import Pose
-from contactimg.tables import CONTACTS
+from contactimg.tables import CONTACTS, FAILED
 from contactimg.timings import stage
-
-__all__ = ["draw_overlays", "picture_name"]
 
 
 def draw_overlays(

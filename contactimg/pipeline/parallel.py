@@ -7,8 +7,6 @@ from joblib import Parallel, delayed, effective_n_jobs
 
 from contactimg.timings import collect_call, gather, is_collecting
 
-__all__ = ["in_parallel"]
-
 Result = TypeVar("Result")
 FEW = 4
 """Below this number of items starting processes costs more than it gains."""

@@ -21,8 +21,6 @@ from contactimg.plots import (
 )
 from contactimg.pose import Pose
 
-__all__ = ["draw_measured", "draw_predicted"]
-
 
 def draw_measured(
     image: NDArray, contacts: pd.DataFrame, *, pose: Pose | None, title: str, ax: Axes | None = None

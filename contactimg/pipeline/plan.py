@@ -6,8 +6,6 @@ from contactimg.files import read_scene_loads
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.scene import Scene
 
-__all__ = ["largest_load", "plan_effects"]
-
 
 def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     """Decide which effects a scene calls for, each with the number that decides.

@@ -24,8 +24,6 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-__all__ = ["choice_sentence", "plan_records", "predict_loads", "solver_tolerance", "write_predictions"]
-
 SOLVER_SHARE = 0.01
 """Share of a tolerance that the solver's residual may take; the plan's effects have the rest."""
 

@@ -12,8 +12,6 @@ from contactimg.pipeline.series import Run
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
-__all__ = ["run_of_folder", "write_run"]
-
 
 def write_run(run: Run, folder: Path) -> dict[str, Any]:
     """Write contacts.csv, frames.csv and rejected.csv; return what else the provenance must say."""

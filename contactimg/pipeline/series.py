@@ -17,24 +17,12 @@ from contactimg.pipeline.local_forces import fill_forces
 from contactimg.pipeline.measure import locate_contacts
 from contactimg.pipeline.measured_effects import resolve_measurement
 from contactimg.pose import Pose
-from contactimg.prediction import FAILED
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 from contactimg.timings import stage
 from contactimg.tradeoff.choice import Choice
 
 logger = logging.getLogger(__name__)
-
-__all__ = [
-    "FAILED",
-    "Run",
-    "locate_frame",
-    "measure_experiment",
-    "measure_series",
-    "series_pose",
-    "shift_of",
-    "with_forces",
-]
 
 
 @dataclass(frozen=True)

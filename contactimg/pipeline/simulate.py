@@ -18,8 +18,6 @@ from contactimg.render import Rendered, render_contacts, render_reference, rende
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
-__all__ = ["SimulatedFrame", "simulate_series", "write_simulation"]
-
 
 @dataclass(frozen=True)
 class SimulatedFrame:

@@ -9,8 +9,6 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.optics.recipe import read_recipe
 from contactimg.scene import Scene
 
-__all__ = ["SimulationPlan", "explicit_switches", "plan_simulation"]
-
 
 @dataclass(frozen=True)
 class SimulationPlan:

@@ -19,8 +19,6 @@ from contactimg.tradeoff.case import Case, Measured, Truth
 from contactimg.tradeoff.knobs import TRADEOFF, Knob
 from contactimg.tradeoff.measure import Tradeoff, applicable_knobs, run_knobs
 
-__all__ = ["measure_tradeoff", "pose_tradeoff", "read_truth", "write_tradeoff"]
-
 SECONDS = {False: 15.0, True: 60.0}
 """What repetitions may take, by default and with the slow settings."""
 

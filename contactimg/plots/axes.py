@@ -6,8 +6,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-__all__ = ["image_axes", "new_axes", "scale_by_decades"]
-
 
 def new_axes(*, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
     """Axes on a new figure that no window or global state knows about."""

@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from contactimg.plots.axes import new_axes
 
-__all__ = ["plot_forces", "plot_jkr", "plot_jkr_residuals", "plot_plateau", "plot_slopes"]
-
 Values = NDArray[np.float64]
 
 MARKERS = {"loading": "^", "unloading": "v", "": "o"}

@@ -15,8 +15,6 @@ from contactimg.analysis.topography import Topography
 from contactimg.plots.axes import new_axes, scale_by_decades
 from contactimg.tables import RUN_MODELS
 
-__all__ = ["plot_area", "plot_areas", "plot_friction", "plot_pressure_law", "plot_profile", "plot_topography"]
-
 STYLES: dict[str, dict[str, Any]] = {
     "measured": {"color": "black", "marker": "o", "linestyle": "none", "label": "measured"},
     "predicted": {"color": "black", "marker": "s", "linestyle": "none", "label": "predicted"},

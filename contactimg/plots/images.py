@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from contactimg.plots.axes import image_axes
 from contactimg.pose import Pose
 
-__all__ = ["crop_to", "legend_of_circles", "plot_circles", "plot_image", "plot_scale_bar"]
-
 MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
 """Colours of measured contacts, of the two predictions, and of the Hertz circle (the paper's Fig. 6)."""
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from contactimg.plots.axes import new_axes
 
-__all__ = ["plot_knob", "plot_tradeoff"]
-
 Values = NDArray[np.float64]
 
 TITLES = {

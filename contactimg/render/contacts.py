@@ -12,8 +12,6 @@ from contactimg.optics.spots import FilmSpots, Spots, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
-__all__ = ["dress_contacts", "place_contacts"]
-
 Values = NDArray[np.float64]
 
 IN_PX = ["x_px", "y_px", "radius_px"]

@@ -22,8 +22,6 @@ from contactimg.render.smooth import dress_smooth_contact, smooth_contact
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
-__all__ = ["Rendered", "render_contacts", "render_frame", "render_reference", "render_smooth_contact"]
-
 Values = NDArray[np.float64]
 Shift = tuple[float, float]
 

@@ -15,8 +15,6 @@ from contactimg.render.contacts import dress_contacts
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
-__all__ = ["SmoothSpot", "dress_smooth_contact", "smooth_contact"]
-
 Values = NDArray[np.float64]
 
 NARROWEST = 1e-3  # cells: an edge along the grid is averaged over this much across it

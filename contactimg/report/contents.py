@@ -20,11 +20,8 @@ from contactimg.files import (
     read_table,
 )
 from contactimg.pipeline.overlays import picture_name
-from contactimg.pipeline.series import FAILED
 from contactimg.report.embedding import Picture, embed_figure, embed_picture
-from contactimg.tables import REJECTED, RESULTS, SCORES, Flag
-
-__all__ = ["Contents", "Part", "gather_contents"]
+from contactimg.tables import FAILED, REJECTED, RESULTS, SCORES, Flag
 
 FIGURES = (".svg", ".png")
 """Formats of figures, the preferred one first."""

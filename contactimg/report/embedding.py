@@ -9,8 +9,6 @@ from PIL import Image
 
 from contactimg.errors import InputError
 
-__all__ = ["Picture", "data_uri", "embed_figure", "embed_picture"]
-
 QUALITY = 85
 """Of the compressed pictures: outlines stay sharp, a frame of 2 megapixels takes about half a megabyte."""
 

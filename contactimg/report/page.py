@@ -16,8 +16,6 @@ from contactimg.report.contents import Contents, gather_contents
 from contactimg.report.embedding import Picture, data_uri
 from contactimg.tables import Flag
 
-__all__ = ["build_report"]
-
 
 def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_pictures: int = 40) -> str:
     """One self-contained HTML page of a run.

@@ -9,8 +9,6 @@ from contactimg.errors import InputError
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
 
-__all__ = ["Average", "average_change", "average_contacts", "average_rings"]
-
 Values = NDArray[np.float64]
 
 NODES = 4001

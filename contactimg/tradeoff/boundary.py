@@ -11,8 +11,6 @@ from contactimg.errors import ConvergenceError, InputError
 from contactimg.models.solution import InteractingSolution
 from contactimg.tradeoff.case import Case
 
-__all__ = ["GRIDS", "RESOLUTION", "solve_boundary"]
-
 Values = NDArray[np.float64]
 
 GRIDS = (128, 256, 512, 1024)

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from contactimg.frame import Frame
 from contactimg.scene import Scene
 
-__all__ = ["Case", "Measured", "Truth"]
-
 Values = NDArray[np.float64]
 
 

@@ -24,8 +24,6 @@ from contactimg.imaging.shapes.inscribed_disks import find_inscribed
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.scene import Scene
 
-__all__ = ["Choice", "estimate_count_error", "measure_cheapest"]
-
 Values = NDArray[np.float64]
 
 FAINT = 0.4

@@ -24,8 +24,6 @@ from contactimg.scene import Scene
 from contactimg.tradeoff.case import Case, Measured
 from contactimg.tradeoff.knobs import Knob, Setting
 
-__all__ = ["image_knob", "supersampling_knob"]
-
 Values = NDArray[np.float64]
 Disks = Values  # x, y, radius (px), one row a disk
 Method = Callable[[Scene, NDArray, NDArray | None, float | None], Disks]

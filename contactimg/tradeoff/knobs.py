@@ -12,8 +12,6 @@ import pandas as pd
 from contactimg.errors import ContactimgError
 from contactimg.tables import Schema
 
-__all__ = ["TRADEOFF", "Knob", "Setting", "mark_front", "measure_knob"]
-
 TRADEOFF = Schema(
     "tradeoff",
     {

@@ -14,8 +14,6 @@ from contactimg.tradeoff.models import model_knob, pattern_knob, ring_knob, solv
 from contactimg.tradeoff.sentences import knob_sentence
 from contactimg.tradeoff.sums import sum_knob
 
-__all__ = ["KNOBS", "Tradeoff", "applicable_knobs", "run_knobs"]
-
 
 @dataclass(frozen=True, eq=False)
 class Tradeoff:

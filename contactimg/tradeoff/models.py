@@ -19,8 +19,6 @@ from contactimg.tradeoff.boundary import GRIDS, RESOLUTION, solve_boundary
 from contactimg.tradeoff.case import Case, Truth
 from contactimg.tradeoff.knobs import Knob, Setting
 
-__all__ = ["model_knob", "pattern_knob", "ring_knob", "solver_knob"]
-
 Values = NDArray[np.float64]
 
 ANNULI = 8

@@ -4,8 +4,6 @@ import math
 
 import pandas as pd
 
-__all__ = ["error_text", "knob_sentence", "time_text"]
-
 DIGIT = 10.0
 
 OUTPUTS = {"area": "A", "force": "the forces", "radius": "the radii", "displacement": "a sum"}

@@ -11,8 +11,6 @@ from contactimg.models.fast_sum import FastCoupling
 from contactimg.tradeoff.case import Case
 from contactimg.tradeoff.knobs import Knob, Setting
 
-__all__ = ["sum_knob"]
-
 Values = NDArray[np.float64]
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-9)

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from contactimg.effects.mechanics.state import Response
 from contactimg.models.adhesive_laws import AdhesiveLaw
 
-__all__ = ["adhesive_response"]
-
 Values = NDArray[np.float64]
 
 MAX_ROUNDS = 50

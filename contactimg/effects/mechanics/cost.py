@@ -4,8 +4,6 @@ Times in ms of one core, for ``n`` asperities in the table and ``m`` contacts; o
 by no more than a factor of two or three in the range timed (`benchmarks/effects_honesty.py`).
 """
 
-__all__ = ["solve_cost"]
-
 FAST_SUM_FACTOR = 1.5e-2
 FAST_SUM_POWER = 1.23
 """Coupled solve with fast sums, ms: factor times contacts to the power."""

@@ -21,8 +21,6 @@ from contactimg.models.problem import Setting, pose_problem
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
-__all__ = ["MECHANICAL_EFFECTS", "Weighing", "estimate_mechanics", "weigh_mechanics"]
-
 MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
 
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.near_pairs import NearPairs
 
-__all__ = ["field_terms"]
-
 Values = NDArray[np.float64]
 
 ALL_PAIRS = 200

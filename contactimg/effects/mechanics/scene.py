@@ -21,8 +21,6 @@ from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, Flag
 
-__all__ = ["PURPOSE", "LoadedScene"]
-
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 

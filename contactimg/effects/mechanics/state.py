@@ -18,8 +18,6 @@ from contactimg.models.mean_field import Cells
 from contactimg.models.newton import Iterate, System, initial_iterate, measure, solve_uncoupled, take_step
 from contactimg.models.problem import Problem
 
-__all__ = ["Response", "Stage", "State"]
-
 Values = NDArray[np.float64]
 
 SINGLE = 300

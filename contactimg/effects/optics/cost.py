@@ -13,8 +13,6 @@ from contactimg.optics.film import excess_table
 from contactimg.optics.recipe import lamp
 from contactimg.scene import Scene
 
-__all__ = ["render_cost"]
-
 FRAME, CONTACT = 12.0, 1.5e5
 """A frame without any effect: a pixel, and a contact."""
 

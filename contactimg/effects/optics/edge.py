@@ -9,15 +9,6 @@ from contactimg.optics.psf import FINEST
 from contactimg.optics.recipe import lamp
 from contactimg.scene import Simulate
 
-__all__ = [
-    "blur_change",
-    "film_change",
-    "film_makes_the_contrast",
-    "film_strength",
-    "roughness_change",
-    "supersampling_change",
-]
-
 HARMLESS = 0.1
 """Of the tolerance: bounds below that need not be looked at more closely."""
 

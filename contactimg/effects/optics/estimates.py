@@ -28,8 +28,6 @@ from contactimg.effects.optics.trial import Trial
 from contactimg.optics.recipe import PARAMETER, read_recipe
 from contactimg.scene import Scene
 
-__all__ = ["OPTICS", "estimate_optics"]
-
 Change = Callable[[Trial], tuple[float, str]]
 
 OPTICS: dict[str, Change] = {

@@ -12,8 +12,6 @@ from contactimg.effects.optics.sensor import noise_shares, reaches_full_scale
 from contactimg.effects.optics.trial import Trial
 from contactimg.optics.static import DUST_OPACITY, DUST_RADIUS_PX
 
-__all__ = ["dust_change", "light_drift_change", "position_drift_change", "vignetting_change"]
-
 FAINT = 0.1  # of the central light: where less is left the measurement does not divide by all of it
 DUST_LEFT = 0.25  # of the light that dust takes from a contact: what the reference does not give back
 

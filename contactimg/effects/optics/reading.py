@@ -11,8 +11,6 @@ from contactimg.imaging.measure import measure_image
 from contactimg.optics.recipe import Recipe
 from contactimg.scene import Scene
 
-__all__ = ["Reader", "Reading"]
-
 Values = NDArray[np.float64]
 
 GEOMETRY = {"blur", "film", "edge_roughness", "supersampling"}

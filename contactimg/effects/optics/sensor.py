@@ -4,15 +4,6 @@ import numpy as np
 
 from contactimg.effects.optics.trial import Trial
 
-__all__ = [
-    "noise_change",
-    "noise_shares",
-    "quantisation_change",
-    "reaches_full_scale",
-    "saturation_change",
-    "variances",
-]
-
 ROUNDING = 1 / 12  # variance of rounding to whole levels
 DITHERED = 0.5  # levels of other noise that make rounding one more noise; below, it is a distortion
 TAIL = 4.0  # standard deviations

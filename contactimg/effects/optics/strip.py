@@ -20,8 +20,6 @@ from contactimg.optics.spots import FilmSpots, Spots, spots_image, surround_with
 from contactimg.optics.static import surface_texture
 from contactimg.scene import Scene
 
-__all__ = ["REALISATIONS", "Strip", "arrange_strip", "expose_strip", "strip_light"]
-
 Values = NDArray[np.float64]
 
 MOST_CONTACTS = 36

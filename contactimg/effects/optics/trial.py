@@ -11,8 +11,6 @@ from contactimg.effects.optics.reading import Reader, Reading
 from contactimg.effects.optics.strip import Strip
 from contactimg.scene import Scene, Simulate
 
-__all__ = ["Trial"]
-
 Values = NDArray[np.float64]
 
 

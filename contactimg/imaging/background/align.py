@@ -20,8 +20,6 @@ from contactimg.imaging.pixels.filters import filter_image, kernel_of
 from contactimg.imaging.pixels.robust import median
 from contactimg.timings import stage
 
-__all__ = ["GOOD_STD", "Found", "estimate_shift", "estimate_shift_closely"]
-
 SMOOTHING = 1.0  # px
 INDEPENDENT = 4.0 * np.pi * SMOOTHING**2  # pixels that share one independent value after the smoothing
 STRIP, STRIP_EVERY, MARGIN = 32, 400, 6  # rows of a strip, distance of strips, rows lost at its rims

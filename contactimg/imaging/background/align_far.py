@@ -16,8 +16,6 @@ from contactimg.imaging.background.illumination import LEAST_RATIO, LightField, 
 from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
 
-__all__ = ["Search", "search_shift"]
-
 COARSE = 4  # px
 REACH = 4  # shifts up to the size of the image divided by this
 WIDEST = 10  # coarse pixels: half width of the window whose mean is taken off the reference's detail

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK
 
-__all__ = ["flatten_crowd"]
-
 WINDOW = 1.0 / 6.0  # of the longer side of the image: contacts wider than that count as background
 DIMMEST = 0.3  # of the usual height: where the contacts are darker, they are outside the field of view
 SMOOTHING = 0.15  # of the window

@@ -10,8 +10,6 @@ from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.timings import stage
 
-__all__ = ["Difference", "unregistered"]
-
 
 @dataclass(frozen=True, eq=False)
 class Difference:

@@ -18,8 +18,6 @@ from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background, 
 from contactimg.imaging.pixels.filters import filter_image, kernel_of
 from contactimg.imaging.pixels.robust import median
 
-__all__ = ["FLOOR", "divide_by_reference"]
-
 FLOOR = 0.1
 """Of the median level: where the reference is darker there is no light to measure by."""
 

@@ -17,8 +17,6 @@ from contactimg.imaging.pixels.filters import (
     turn_taps,
 )
 
-__all__ = ["CLEAN", "DUST_FROM", "divide_rows"]
-
 CLEAN = 1e30
 """Scatter of a band in which nothing counts as dirt."""
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 
-__all__ = ["LightField", "background_mode", "fit_light", "neighbour_scatter"]
-
 ORDER = 3
 TERMS = [(i, j) for j in range(ORDER + 1) for i in range(ORDER + 1 - j)]  # powers of x and y
 CLIP = 3.5  # blocks further than this many robust standard deviations from the field are not background

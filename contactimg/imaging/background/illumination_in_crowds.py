@@ -17,8 +17,6 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 
-__all__ = ["find_light"]
-
 SQUARE = 2  # px: side of what fits between contacts
 SCATTERS = 1.1  # times as much as blocks of the reference: not background alone
 EDGES, CROWD = 3.0, 0.1  # share of the blocks that scatter inside by so many times what squares do: rims

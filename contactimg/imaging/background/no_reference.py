@@ -19,8 +19,6 @@ from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.coarse import Coarse
 from contactimg.imaging.shapes.objects import find_objects
 
-__all__ = ["estimate_background", "estimate_either_background"]
-
 CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
 LEAST_LIGHT = 0.2  # of the usual light: where the background is darker, it is not divided by
 GAP = 0.15  # of the height of the contacts: blocks darker than that lie between them

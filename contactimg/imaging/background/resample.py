@@ -12,8 +12,6 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
-__all__ = ["Shift", "move_reference", "move_rows", "shift_kernel", "shift_whole_pixels"]
-
 WINDOW = 8.0  # beta of the Kaiser window: errs by 3e-3 at periods of 4 px and more
 TAPS = 8
 PHASES = 512  # places between two pixels for which a filter is tabulated: off by 1/1024 px at most

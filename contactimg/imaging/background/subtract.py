@@ -22,8 +22,6 @@ from contactimg.imaging.background.resample import Shift, move_reference
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.timings import stage
 
-__all__ = ["subtract_reference"]
-
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
 BRIGHT = 98.0  # percentile of the blocks of the reference that is lit in any case
 RIM = 3  # px: width of the rim of a field stop

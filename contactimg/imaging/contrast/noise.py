@@ -17,15 +17,6 @@ from contactimg.imaging.pixels.blocks import sample_background, side_of
 from contactimg.imaging.pixels.robust import median, robust_std
 from contactimg.timings import stage
 
-__all__ = [
-    "LARGEST_LAG",
-    "Noise",
-    "NoiseCorrelation",
-    "estimate_noise",
-    "measure_correlation",
-    "measure_slope",
-]
-
 LARGEST_LAG = 10
 """Distance of pixels up to which their covariance is measured, px."""
 

@@ -15,8 +15,6 @@ from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.imaging.shapes.objects import find_objects
 from contactimg.timings import stage
 
-__all__ = ["Contrast", "measure_contrast"]
-
 BRIGHTER, FAINTER = 1.6, 0.6  # of the contacts: what is brighter or fainter is none
 
 CORE = 6  # px: the plateau is read where a window of this width lies inside a contact

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["find_polarity"]
-
 
 def find_polarity(blocks: NDArray, noise: float) -> str:
     """``"bright"`` or ``"dark"``: the side of zero on which block means of the difference have more tail."""

@@ -9,8 +9,6 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.tables import Flag
 from contactimg.timings import stage
 
-__all__ = ["TYPICAL_BLUR", "count_contacts"]
-
 Columns = dict[str, NDArray]
 """Columns of a table."""
 

@@ -15,8 +15,6 @@ from contactimg.imaging.shapes.components import COMPONENT, add_pixel, finish_co
 from contactimg.imaging.shapes.inscribed_disks import select_inscribed
 from contactimg.imaging.shapes.overlap import hidden
 
-__all__ = ["split_components"]
-
 ELONGATED = 1.015  # moment of the pixels over that of a disk: two that touch have 1.5, a small one on a
 # large one of five times its radius 1.03; rims in noise stay below
 STRAIGHT, DIAGONAL, KNIGHT = np.float32(1.0), np.float32(1.4), np.float32(2.1969)  # px, as `cv2.DIST_MASK_5`

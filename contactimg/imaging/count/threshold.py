@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.imaging.contrast.plateau import Contrast
 
-__all__ = ["choose_threshold"]
-
 
 def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: float | str | None) -> float:
     """The fraction to use: a number as given, 0.5 for None, Otsu's two-class optimum for ``"auto"``.

@@ -31,8 +31,6 @@ from contactimg.imaging.shapes.overlap import DEEPEST, count_touching, overlappi
 from contactimg.imaging.shapes.peaks import find_peaks, find_peaks_near
 from contactimg.timings import stage
 
-__all__ = ["Assembly", "assemble_disks", "count_touching", "overlapping", "unneeded"]
-
 LEAST_HEIGHT = 0.12  # of the contrast: smaller residual peaks belong to an imperfect rim ...
 RIM = 5.0  # blur widths: ... if they are as close to one as that
 SIGNIFICANT = 5.0  # standard deviations of the light of a disk

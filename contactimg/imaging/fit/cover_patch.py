@@ -11,8 +11,6 @@ from contactimg.imaging.fit.disks import RADIUS, DiskFit, Prior, fit_disks, rend
 from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.shapes.peaks import find_peaks_near
 
-__all__ = ["Patch", "Surroundings"]
-
 REACH = 4.0  # blur widths about a group that its fit sees
 AROUND = 2.0  # blur widths about a disk that belong to it
 ITERATIONS = 15

@@ -24,8 +24,6 @@ from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.shapes.arcs import cover_outline
 from contactimg.imaging.shapes.overlap import hidden
 
-__all__ = ["Regrouping", "regroup_disks"]
-
 NEAR = 2.0  # blur widths between rims of one group
 LARGEST_GROUP = 20  # disks: what is more is no group but a crowd
 WORST, SURE = 1.3, 6.0  # times the usual chi-square, and standard deviations above it: a bad fit

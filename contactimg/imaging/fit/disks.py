@@ -20,23 +20,6 @@ from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.shapes.overlap import visible_share
 from contactimg.timings import stage
 
-__all__ = [
-    "CONTRAST",
-    "ENOUGH",
-    "RADIUS",
-    "UNKNOWN_SPREAD",
-    "DiskFit",
-    "Drawing",
-    "Prior",
-    "X",
-    "Y",
-    "contrast_prior",
-    "erase_disks",
-    "fit_disks",
-    "render_disks",
-    "wide_disks",
-]
-
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk."""
 

@@ -15,8 +15,6 @@ from scipy import special
 from contactimg.imaging.pixels.blocks import BlockMeans, block_means
 from contactimg.imaging.profile.optics import Halo
 
-__all__ = ["estimate_halo", "remove_halo"]
-
 WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
 COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way (a power of 2)
 DARK = 5e-4  # of the contrast: the core has ended where it is below

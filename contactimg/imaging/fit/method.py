@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.difference import Difference
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.contrast.plateau import Contrast
-from contactimg.imaging.fit.assemble import Assembly, assemble_disks, count_touching
+from contactimg.imaging.fit.assemble import Assembly, assemble_disks
 from contactimg.imaging.fit.disks import (
     ENOUGH,
     RADIUS,
@@ -32,11 +32,10 @@ from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import Fitted
 from contactimg.imaging.reject.dirt import reject_disks
+from contactimg.imaging.shapes.overlap import count_touching
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.tables import Flag
 from contactimg.timings import stage
-
-__all__ = ["fit_contacts"]
 
 WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
 BINNED_BLUR = 1.6  # ... such that they are about this wide

@@ -14,8 +14,6 @@ from scipy.optimize import brentq
 
 from contactimg.imaging.profile.optics import SharedOptics
 
-__all__ = ["gain_of_pooling", "pool_optics"]
-
 LINEAR = 0.1  # relative uncertainty of a contrast up to which its distribution is about normal
 OUTLIER = 5.0  # standard deviations from which on a frame does not count
 

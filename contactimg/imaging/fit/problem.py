@@ -13,8 +13,6 @@ from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.frame_pair import Pixels
 from contactimg.imaging.pixels.masks import NO_MASK
 
-__all__ = ["Field"]
-
 
 @dataclass(frozen=True, eq=False)
 class Field:

@@ -21,8 +21,6 @@ from contactimg.imaging.pixels.robust import median
 from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
-__all__ = ["level_out", "without_halo"]
-
 UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background ...
 ENOUGH = 0.05  # ... if they are so many of all
 GAP = 2  # px: side of squares that are looked at where there are no such blocks ...

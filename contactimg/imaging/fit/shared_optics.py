@@ -22,8 +22,6 @@ from contactimg.imaging.fit.disks import CONTRAST, RADIUS, DiskFit, Drawing, Pri
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.profile.optics import SharedOptics
 
-__all__ = ["Known", "Settled", "settle_optics"]
-
 EXACT = 1e-4  # relative width of a prior that is said to be exact
 STEPS = 20
 LONGEST = 0.4, 0.25  # step of ln C, and of the blur relative to it

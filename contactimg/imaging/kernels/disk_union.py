@@ -16,8 +16,6 @@ import numpy as np
 from numba import njit
 from scipy import special
 
-__all__ = ["add_lens", "overlaps"]
-
 EDGE_REACH = 5.0  # blur widths beyond which an edge is 0 or 1 to 3e-7
 EDGE_STEPS = 64  # linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6
 EDGE = special.ndtr(

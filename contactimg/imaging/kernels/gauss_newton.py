@@ -24,8 +24,6 @@ from contactimg.imaging.kernels.pairs import closer, find_pairs, links
 from contactimg.imaging.kernels.solve import invert, relax, variances
 from contactimg.imaging.profile.blurred_disk import INNER
 
-__all__ = ["WELL_FITTED", "iterate", "redraw"]
-
 ALLOWED = 2.0  # px: by as much a rim may move, and by a tenth the blur grow, before pairs are sought anew
 SEPARATE = 5.5  # blur widths between rims: nearer, one rim adds 1e-4 to what the other's fit sees
 COUPLED = 2.6  # blur widths from each rim within which two disks are solved for together

@@ -30,18 +30,6 @@ from contactimg.imaging.kernels.rim_pixels import (
 )
 from contactimg.imaging.profile.blurred_disk import ENDS, INNER
 
-__all__ = [
-    "CHI",
-    "COUNT",
-    "CROSS",
-    "RIGHT",
-    "SUMS",
-    "add_disk",
-    "disk_sums",
-    "pair_sums",
-    "unpack",
-]
-
 REACH = 3.6  # blur widths about the rim that enter the fit: beyond, the profile is 0 or 1 to 2e-4
 THINNED = 4.0  # px: radius for each row in between that a disk can spare
 OUTLIER = 5.0  # standard deviations from which a pixel loses weight

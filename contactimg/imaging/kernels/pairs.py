@@ -3,8 +3,6 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["closer", "find_pairs", "links"]
-
 
 @njit(cache=True)
 def find_pairs(disks, space):

@@ -11,28 +11,6 @@ from numba import njit
 
 from contactimg.imaging.profile.blurred_disk import DEGREE, ENDS, INNER, SLOPE_DEGREE, STEPS_PER_WIDTH
 
-__all__ = [
-    "BY_A",
-    "BY_C",
-    "BY_S",
-    "BY_X",
-    "BY_Y",
-    "DATA",
-    "FAST",
-    "PLACE",
-    "WEIGHT",
-    "between",
-    "derivatives",
-    "edge_row",
-    "locate",
-    "pad",
-    "profile",
-    "row_of",
-    "space",
-    "strip",
-    "take",
-]
-
 FIELDS = 8
 """Rows of the array: the distance from the centre gives way to the derivatives with respect to x and y."""
 BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE = range(FIELDS)

@@ -5,8 +5,6 @@ from numba import njit
 
 from contactimg.imaging.kernels.pairs import links
 
-__all__ = ["invert", "relax", "variances"]
-
 INFLATION = (
     25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
 )

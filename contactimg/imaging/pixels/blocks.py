@@ -5,8 +5,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["BLOCK", "BlockMeans", "block_means", "is_background", "sample_background", "side_of"]
-
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 

@@ -6,8 +6,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Coarse"]
-
 FEW = 16  # rows or columns of an image that is not made coarser
 
 

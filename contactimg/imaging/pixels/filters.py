@@ -8,18 +8,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = [
-    "TAPS",
-    "double_row",
-    "filter_image",
-    "filter_row",
-    "kernel_of",
-    "mix_rows",
-    "pad_row",
-    "sum_rows",
-    "turn_taps",
-]
-
 TAPS = 9
 """Coefficients of each filter."""
 

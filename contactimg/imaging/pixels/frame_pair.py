@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.imaging.pixels.robust import median, quantile
 
-__all__ = ["Levels", "Pixels"]
-
 Levels = NDArray[np.float32] | NDArray[np.uint8]
 """Grey levels of an image."""
 SPAN = 200.0  # internal levels between the darkest and the brightest pixels of an image of any unit

@@ -3,8 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["NO_MASK", "share_seen"]
-
 NO_MASK = np.zeros((1, 1), np.uint8)
 """Stands for a mask in which nothing is masked."""
 COUNT = 64

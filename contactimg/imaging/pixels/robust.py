@@ -7,8 +7,6 @@ ten times as long.
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["median", "quantile", "robust_std"]
-
 
 def quantile(values: NDArray, share: float) -> float:
     """The value below which a share of the others lie; not interpolated.

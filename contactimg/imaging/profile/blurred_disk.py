@@ -18,8 +18,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
-__all__ = ["PIXEL_VARIANCE", "EdgeTable", "blurred_disk", "disk_table"]
-
 PIXEL_VARIANCE = 1.0 / 12.0
 """Variance of the position inside a square pixel, px^2."""
 

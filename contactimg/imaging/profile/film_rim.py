@@ -22,8 +22,6 @@ from contactimg.errors import InputError
 from contactimg.imaging.profile.blurred_disk import INNER, STEPS_PER_WIDTH, EdgeTable, disk_table
 from contactimg.optics.film import Light, excess_table
 
-__all__ = ["FilmRim", "PlainRim", "Rim", "rim_table"]
-
 ROWS = 80
 FEWEST_STEPS = 24  # nodes of the integral over the rim in a blur width
 NEGLIGIBLE = (

@@ -5,8 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Halo", "SharedOptics", "combine_errors"]
-
 
 @dataclass(frozen=True)
 class Halo:

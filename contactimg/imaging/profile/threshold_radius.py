@@ -15,8 +15,6 @@ from scipy.special import ndtri
 from contactimg.errors import InputError
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 
-__all__ = ["disk_radius", "threshold_radius"]
-
 Values = NDArray[np.float64]
 
 WIDEST = 60.0

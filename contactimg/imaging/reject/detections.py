@@ -6,8 +6,6 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.profile.optics import SharedOptics
 
-__all__ = ["Fitted"]
-
 
 @dataclass(frozen=True, eq=False)
 class Fitted:

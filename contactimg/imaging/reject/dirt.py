@@ -10,8 +10,6 @@ from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.frame_pair import Levels, Pixels
 from contactimg.imaging.pixels.masks import NO_MASK, share_seen
 
-__all__ = ["absent_in_frame", "reject_disks"]
-
 LEAST_SEEN = (
     0.2  # of its area: a disk of which less lies in the image and not in a hole is not known to be one
 )

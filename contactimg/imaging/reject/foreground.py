@@ -13,8 +13,6 @@ from contactimg.imaging.pixels.frame_pair import Pixels
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.foreign_objects import NOTHING_FOREIGN, Foreign, find_foreign
 
-__all__ = ["Foreground", "find_foreground"]
-
 BRIGHTER = 1.3  # times the contrast that is known: a frame that shows as much has another one
 
 

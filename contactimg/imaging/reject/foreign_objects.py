@@ -21,8 +21,6 @@ from contactimg.imaging.reject.dirt import absent_in_frame
 from contactimg.imaging.shapes.components import label_components
 from contactimg.imaging.shapes.objects import LENGTH, SHORT, Objects, find_objects
 
-__all__ = ["NOTHING_FOREIGN", "Foreign", "find_foreign"]
-
 SPRAWLING = 4.0  # squared diagonal of the bounding box over the area: 2.5 for a disk, 3.2 for two that touch
 NARROW = 1.0  # px: half width of a streak
 SKIRT = 3  # coarse pixels of blur about an object

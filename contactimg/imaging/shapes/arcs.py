@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.kernels.rim_pixels import FAST
 
-__all__ = ["cover_outline"]
-
 SMOOTHING = 0.8  # px: takes noise off the normals; rounds no arc that can be told from another
 PAIRS = 3000  # proposals: with five disks one in five pairs lies on one circle
 ALIKE = 0.15  # |m - n|^2 of normals too parallel to tell a radius: 22 degrees

@@ -4,8 +4,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["COMPONENT", "add_pixel", "finish_component", "label_components", "label_runs"]
-
 NONE, EIGHT = np.uint64(0), np.uint64(0x0101010101010101)  # no pixel, and eight pixels in a row of bytes
 
 COMPONENT = np.dtype(

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from contactimg.imaging.pixels.masks import NO_MASK, share_seen
 from contactimg.imaging.shapes.components import label_components
 
-__all__ = ["find_inscribed", "select_inscribed"]
-
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
 SMALLEST_ROUND = 1.6  # px: the same of what is round by itself
 ROUND = 0.01  # by which the second moment of a region may exceed that of a disk, besides 1/area ...

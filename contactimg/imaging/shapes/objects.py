@@ -7,8 +7,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["Objects", "find_objects"]
-
 LENGTH, SHORT = 6.0, 3.0  # half widths, px on top: a few small contacts that touch are shorter than that
 
 FILLED = 0.42  # mean over largest distance from the rim: 1/3 for disks and squares, 1/2 for bars

@@ -5,8 +5,6 @@ from numba import njit
 
 from contactimg.imaging.kernels.pairs import find_pairs
 
-__all__ = ["DEEPEST", "count_touching", "hidden", "overlapping", "visible_share"]
-
 DEEPEST = 0.35
 """Of the smaller one's diameter: contacts that overlap more are one contact."""
 

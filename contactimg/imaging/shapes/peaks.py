@@ -9,8 +9,6 @@ from contactimg.imaging.pixels.blocks import sample_background
 from contactimg.imaging.pixels.filters import TAPS, filter_image, kernel_of
 from contactimg.imaging.pixels.robust import median, robust_std
 
-__all__ = ["FALSE_ALARM_SIGMA", "find_peaks", "find_peaks_near"]
-
 FALSE_ALARM_SIGMA = 6.0
 """Height of a matched-filter peak above the noise that counts as detection. Normal noise has
 ``pixels/(2 width^2) (2 pi)^(-3/2) z exp(-z^2/2)`` maxima above z: 3e-3 in 1600 x 1200 pixels at 1.4 px."""

@@ -6,8 +6,6 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.robust import median
 
-__all__ = ["estimate_blur"]
-
 MOST_SLOPES = 8000  # pixels at half height that give the blur
 STRIP = 64  # pixels of a row looked at together
 

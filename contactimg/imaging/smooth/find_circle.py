@@ -13,8 +13,6 @@ from scipy import optimize
 
 from contactimg.errors import FrameError
 
-__all__ = ["Circle", "EdgeSamples", "find_circle", "sample_edge"]
-
 Values = NDArray[np.float64]
 
 SMALLEST_PX = 8.0  # radius below which a contact is no wide one

@@ -19,8 +19,6 @@ from contactimg.imaging.smooth.find_circle import RING_PX, SECTORS, SHORTEST_ARC
 from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
 
-__all__ = ["EdgeModel", "Opening", "choose_opening", "fit_circle"]
-
 Values = NDArray[np.float64]
 
 WIDEST_FILM_PX = 80.0  # beyond, fringes help no more

@@ -22,8 +22,6 @@ from contactimg.tables import (
     RUN_MODELS,
 )
 
-__all__ = ["write_analysis", "write_results", "write_topography"]
-
 
 def write_results(results: pd.DataFrame, folder: Path) -> None:
     """Write results.csv."""

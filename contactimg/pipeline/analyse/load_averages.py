@@ -15,8 +15,6 @@ from contactimg.pipeline.analyse.places import Place
 from contactimg.prediction import Prediction, asperity_density, predict_average
 from contactimg.tables import NORMALISED, PRESSURE_LAW, PROFILE
 
-__all__ = ["LoadAverage", "Surface", "average_load"]
-
 
 @dataclass(frozen=True, eq=False)
 class Surface:

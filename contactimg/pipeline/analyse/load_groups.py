@@ -13,8 +13,6 @@ from contactimg.pipeline.analyse.places import Place
 from contactimg.prediction import load_name
 from contactimg.tables import Schema
 
-__all__ = ["LoadGroup", "group_frames", "joined", "usable_frames"]
-
 Values = NDArray[np.float64]
 
 

@@ -13,8 +13,6 @@ from contactimg.pipeline.parallel import in_parallel
 from contactimg.prediction import predict_contacts
 from contactimg.tables import CONTACTS
 
-__all__ = ["MODEL_COUPLINGS", "count_solutions", "has_models", "predict_places"]
-
 MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
 """Name of the model in the tables -> level of coupling."""
 

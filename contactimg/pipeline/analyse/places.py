@@ -19,8 +19,6 @@ from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import LOADS
 
-__all__ = ["Place", "open_place", "radius_ratios", "read_centre"]
-
 logger = logging.getLogger(__name__)
 
 Point = tuple[float, float]

@@ -21,8 +21,6 @@ from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS, has_models
 from contactimg.pipeline.analyse.places import Place
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
-__all__ = ["Analysis", "AnalysisOptions", "analyse_places", "smooth_shear_stress"]
-
 Fit = TypeVar("Fit")
 
 

@@ -13,8 +13,6 @@ from contactimg.analysis.topography import Topography
 from contactimg.pipeline.analyse.places_together import Analysis
 from contactimg.tables import RESULTS
 
-__all__ = ["result_rows", "topography_rows"]
-
 Row = dict[str, Any]
 
 

@@ -19,8 +19,6 @@ from contactimg.pipeline.parallel import in_parallel
 from contactimg.scene import Scene, Simulate
 from contactimg.tables import Schema
 
-__all__ = ["CIRCLES", "Centre", "CircleSeries", "mean_centre", "measure_circles"]
-
 CIRCLES = Schema(
     "circles",
     {

@@ -14,10 +14,8 @@ from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
 from contactimg.pipeline.calibrate.circles import CIRCLES, CircleSeries, mean_centre, measure_circles
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
-from contactimg.pipeline.series import FAILED
 from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
-
-__all__ = ["run_jkr"]
+from contactimg.tables import FAILED
 
 
 def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:

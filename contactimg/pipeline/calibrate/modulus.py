@@ -22,8 +22,6 @@ from contactimg.pipeline.calibrate.threshold import _threshold_result
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresholds
 from contactimg.plots.calibration import plot_forces
 
-__all__ = ["run_modulus"]
-
 
 def run_modulus(
     experiment: Experiment,

@@ -13,8 +13,6 @@ from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresho
 from contactimg.plots.calibration import plot_plateau
 from contactimg.tables import Schema
 
-__all__ = ["CURVE", "FORCES", "run_plateau"]
-
 CURVE = Schema(
     "curve",
     {

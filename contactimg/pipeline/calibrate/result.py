@@ -17,8 +17,6 @@ from contactimg.pipeline.calibrate.thresholds import ThresholdSeries
 from contactimg.pipeline.series import measure_experiment
 from contactimg.tables import Schema
 
-__all__ = ["Advance", "Calibrated", "write_calibration"]
-
 Advance = Callable[[], None] | None
 
 

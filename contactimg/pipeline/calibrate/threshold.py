@@ -25,8 +25,6 @@ from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, ThresholdSeries
 from contactimg.plots.calibration import plot_forces, plot_slopes
 from contactimg.tables import Schema
 
-__all__ = ["run_threshold"]
-
 
 def run_threshold(
     experiment: Experiment, *, workers: int | None = None, advance: Advance = None

@@ -16,11 +16,9 @@ from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.pipeline.series import FAILED, Run, locate_frame, series_pose, shift_of, with_forces
+from contactimg.pipeline.series import Run, locate_frame, series_pose, shift_of, with_forces
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, REJECTED
-
-__all__ = ["THRESHOLDS", "ThresholdSeries", "count_at", "measure_thresholds"]
+from contactimg.tables import CONTACTS, FAILED, FRAMES, REJECTED
 
 Values = NDArray[np.float64]
 

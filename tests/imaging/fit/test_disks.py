@@ -7,13 +7,13 @@ import pytest
 from contact_frames import Optics, match, render
 
 from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
-from contactimg.imaging.fit.assemble import overlapping
 from contactimg.imaging.fit.disks import Prior, contrast_prior, fit_disks, render_disks
 from contactimg.imaging.fit.halo import estimate_halo, remove_halo
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.solve import invert
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.blocks import BlockMeans
+from contactimg.imaging.shapes.overlap import overlapping
 from contactimg.tables import Flag
 
 OPEN = np.zeros((1, 1), np.uint8)
