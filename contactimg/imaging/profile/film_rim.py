@@ -169,8 +169,8 @@ def _profile(rim: Rim, r: NDArray, a: float, blur: float) -> NDArray[np.float64]
     t = a + distance
     light = rim.excess(distance, a) * t * weight / blur**2
     coarse = np.linspace(float(r.min()), float(r.max()), 220)
-    kernel = np.exp(-((coarse[:, None] - t) ** 2) / (2 * blur**2)) * special.ive(
-        0, np.outer(coarse, t) / blur**2
+    kernel = np.exp(-((coarse[:, None] - t) ** 2) / (2 * blur**2)) * special.i0e(
+        np.outer(coarse, t) / blur**2
     )
     return _plain(r, a, blur) + _smooth_interpolation(r, coarse, kernel @ light)
 
