@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.background.difference import Difference, unregistered
+from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
 from contactimg.imaging.background.no_reference import estimate_background, estimate_either_background
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
@@ -17,7 +17,7 @@ from contactimg.imaging.count.method import TYPICAL_BLUR, count_contacts
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.fit.method import fit_contacts
 from contactimg.imaging.pixels.blocks import block_means
-from contactimg.imaging.pixels.frame_pair import Pixels
+from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.film_rim import Rim
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import Fitted
@@ -176,12 +176,12 @@ def measure_image(
     """
     _check(image, reference, method, polarity, absent)
     known = _known(optics, blur_px)
-    pixels = Pixels.of(image, _same_levels(image, reference), full_scale)
-    difference, sign = _subtract(pixels, polarity, still="position_drift" in absent)
-    difference = replace(difference, clean="dust" in absent)
-    pixels = pixels if difference.valid is None else pixels.within(difference.valid)
-    seen = find_foreground(pixels, difference, sign, known.scaled(1.0 / pixels.unit))
-    contrast, pixels = seen.contrast, seen.pixels
+    frame_pair = FramePair.of(image, _same_levels(image, reference), full_scale)
+    difference, sign = _subtract(frame_pair, polarity, registered="position_drift" in absent)
+    difference = replace(difference, dust_free="dust" in absent)
+    frame_pair = frame_pair if difference.valid is None else frame_pair.within(difference.valid)
+    seen = find_foreground(frame_pair, difference, sign, known.scaled(1.0 / frame_pair.unit))
+    contrast, frame_pair = seen.contrast, seen.frame_pair
     fraction = choose_threshold(seen.image, contrast, threshold)
     found = Fitted(dict.fromkeys(DISKS, NOTHING), NOTHING_FOREIGN.rejected, seen.known, seen.known)
     if contrast.plateau > 0:
@@ -189,15 +189,15 @@ def measure_image(
             found = _count(seen, difference, fraction)
         else:
             found = fit_contacts(
-                seen.image, pixels, difference,
+                seen.image, frame_pair, difference,
                 contrast=contrast, noise=seen.noise, known=seen.known, film=film,
             )  # fmt: skip
-    status, message, measurable = judge(pixels, difference, seen, found)
+    status, message, measurable = judge(frame_pair, difference, seen, found)
     return ImageMeasurement(
         disks=_disks_table(found),
         rejected=_rejected_table(seen.foreign.rejected, found.rejected),
-        contrast=sign * found.optics.contrast * pixels.unit if contrast.plateau > 0 else 0.0,
-        noise=seen.noise * pixels.unit,
+        contrast=sign * found.optics.contrast * frame_pair.unit if contrast.plateau > 0 else 0.0,
+        noise=seen.noise * frame_pair.unit,
         threshold=fraction if method == "threshold" else float("nan"),
         blur_px=found.optics.blur_px,
         shift_x_px=difference.shift.x_px if difference.shift else float("nan"),
@@ -205,10 +205,12 @@ def measure_image(
         polarity="bright" if sign > 0 else "dark",
         status=status,
         message=message,
-        difference=difference.image if pixels.unit == 1.0 else difference.image * np.float32(pixels.unit),
-        optics=found.optics.scaled(pixels.unit),
-        own_optics=found.own.scaled(pixels.unit),
-        level=difference.level * pixels.unit,
+        difference=difference.image
+        if frame_pair.unit == 1.0
+        else difference.image * np.float32(frame_pair.unit),
+        optics=found.optics.scaled(frame_pair.unit),
+        own_optics=found.own.scaled(frame_pair.unit),
+        level=difference.level * frame_pair.unit,
         smallest_px=found.smallest_px,
         measurable=measurable,
         foreign=seen.foreign.mask,
@@ -243,16 +245,16 @@ def _known(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
     return known
 
 
-def _count(seen: Foreground, difference: Difference, fraction: float) -> Fitted:
+def _count(seen: Foreground, difference: DifferenceImage, fraction: float) -> Fitted:
     """The paper's measurement, with what an error of the contrast does to it."""
-    contrast, pixels = seen.contrast, seen.pixels
+    contrast, frame_pair = seen.contrast, seen.frame_pair
     contacts, rejected = count_contacts(
-        seen.image, fraction=fraction, contrast=contrast, noise=seen.noise, saturated=pixels.saturated
+        seen.image, fraction=fraction, contrast=contrast, noise=seen.noise, saturated=frame_pair.saturated
     )
-    cut = pixels.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
+    cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     dust = absent_in_frame(
-        pixels.frame, seen.image, difference, np.column_stack([contacts[name] for name in PLACE])
+        frame_pair.frame, seen.image, difference, np.column_stack([contacts[name] for name in PLACE])
     )
     gone = np.full(np.count_nonzero(dust), "dust in the reference")
     rejected = {
@@ -291,20 +293,22 @@ def _check(
         raise InputError(f'polarity must be "bright", "dark" or "auto", got {polarity!r}')
 
 
-def _subtract(pixels: Pixels, polarity: str, *, still: bool) -> tuple[Difference, int]:
+def _subtract(frame_pair: FramePair, polarity: str, *, registered: bool) -> tuple[DifferenceImage, int]:
     """Difference image and the sign that makes contacts positive."""
-    frame, reference = pixels.frame, pixels.reference
-    if pixels.trivial:
+    frame, reference = frame_pair.frame, frame_pair.reference
+    if frame_pair.trivial:
         plain = np.subtract(frame, frame if reference is None else reference, dtype=np.float32)
-        return unregistered(plain), -1 if polarity == "dark" else 1
+        return plain_difference(plain), -1 if polarity == "dark" else 1
     if reference is not None:
-        prefer = {"bright": "low", "dark": "high", "auto": "one"}[polarity]
-        difference = subtract_reference(frame, reference, valid=pixels.valid, prefer=prefer, still=still)
+        background_is = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}[polarity]
+        difference = subtract_reference(
+            frame, reference, valid=frame_pair.valid, background_is=background_is, registered=registered
+        )
     elif polarity == "auto":
-        return estimate_either_background(np.asarray(frame, np.float32), valid=pixels.valid)
+        return estimate_either_background(np.asarray(frame, np.float32), valid=frame_pair.valid)
     else:
         seen = np.asarray(frame, np.float32)
-        difference = estimate_background(seen, valid=pixels.valid, dark=polarity == "dark")
+        difference = estimate_background(seen, valid=frame_pair.valid, dark=polarity == "dark")
     if polarity != "auto":
         return difference, 1 if polarity == "bright" else -1
     blocks = block_means(difference.image)

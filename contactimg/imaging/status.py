@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from contactimg.imaging.background.difference import Difference
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import measure_contrast
-from contactimg.imaging.pixels.coarse import Coarse
-from contactimg.imaging.pixels.frame_pair import Pixels
+from contactimg.imaging.pixels.binned_image import BinnedImage
+from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.detections import Fitted
 from contactimg.imaging.reject.foreground import Foreground
@@ -21,17 +21,17 @@ ENOUGH = 3  # contacts of which a third fit poorly: not their fault
 
 
 def judge(
-    pixels: Pixels, difference: Difference, foreground: Foreground, found: Fitted
+    frame_pair: FramePair, difference: DifferenceImage, foreground: Foreground, found: Fitted
 ) -> tuple[str, str, bool]:
     """Status and message of the frame, and whether it can be measured at all."""
-    if pixels.trivial:
+    if frame_pair.trivial:
         # a frame that is its own reference shows as little contact as that; the others show nothing at all
-        return pixels.defect, pixels.message, pixels.defect == "identical to reference"
-    count, status = len(found.contacts["x_px"]), pixels.defect
-    notes = [pixels.message, difference.remark]
-    if pixels.reference is None and not pixels.defect:
+        return frame_pair.defect, frame_pair.message, frame_pair.defect == "identical to reference"
+    count, status = len(found.contacts["x_px"]), frame_pair.defect
+    notes = [frame_pair.message, difference.remark]
+    if frame_pair.reference is None and not frame_pair.defect:
         notes.append("no reference: the background was estimated from the frame")
-    ratio = float(difference.light.coefficients[0, 0])
+    ratio = float(difference.illumination.coefficients[0, 0])
     changed = difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE
     if changed:
         status = status or "light changed"
@@ -41,13 +41,13 @@ def judge(
         )
     elif not count:
         status = status or "no contact"
-        notes.append(_why_nothing(foreground, pixels.unit))
-    elif difference.unregistered:
+        notes.append(_why_nothing(foreground, frame_pair.unit))
+    elif difference.registration_failed:
         status = status or "not registered"
     notes += [
-        foreground.doubt(pixels.unit),
+        foreground.doubt(frame_pair.unit),
         _poor_fits(found),
-        _unresolved(found, foreground.known, pixels.unit),
+        _unresolved(found, foreground.known, frame_pair.unit),
     ]
     return status or "ok", "; ".join(note for note in notes if note), bool(count or not changed)
 
@@ -67,7 +67,7 @@ def _why_nothing(foreground: Foreground, unit: float) -> str:
     if foreground.shown.resolved:
         level = foreground.shown.plateau * unit
         return f"something stands out by {level:.3g} grey levels, but is no contact behind the optics assumed"
-    if not measure_contrast(Coarse.of(-foreground.image), foreground.noise).resolved:
+    if not measure_contrast(BinnedImage.of(-foreground.image), foreground.noise).resolved:
         return "nothing stands out of the noise"
     found, other = ("brighter", "darker")[:: foreground.sign]
     return f"nothing {found} than the background stands out, but something {other}: is the polarity right?"

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.illumination import LightField
+from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import Shift, shift_kernel
 from contactimg.imaging.pixels.blocks import side_of
 from contactimg.imaging.pixels.filters import filter_image, kernel_of
@@ -66,7 +66,7 @@ NOTHING = Found(Shift(0.0, 0.0, np.inf), even=True)
 def estimate_shift(
     frame: NDArray,
     reference: NDArray,
-    light: LightField,
+    light: Illumination,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
     """Shift of a few pixels at most between frame and reference, and their rotation and scale.
@@ -75,7 +75,7 @@ def estimate_shift(
     ----------
     frame, reference : ndarray, shape (rows, columns)
         Grey levels, holes filled.
-    light : LightField
+    light : Illumination
         Slow ratio frame/reference of the background, with the blocks where no contact stands.
     valid : ndarray of uint8 or None
         0 at holes of either.
@@ -92,7 +92,7 @@ def estimate_shift(
 def estimate_shift_closely(
     frame: NDArray,
     reference: NDArray,
-    light: LightField,
+    light: Illumination,
     valid: NDArray[np.uint8] | None = None,
 ) -> Found:
     """`estimate_shift` from all rows; if that is not enough, from nothing but dirt where that tells more."""
@@ -107,7 +107,7 @@ def estimate_shift_closely(
 def _estimate(
     frame: NDArray,
     reference: NDArray,
-    light: LightField,
+    light: Illumination,
     valid: NDArray | None,
     rows: NDArray[np.int64],
     *,

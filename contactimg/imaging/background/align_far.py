@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from contactimg.imaging.background.illumination import LEAST_RATIO, LightField, fit_light
+from contactimg.imaging.background.illumination import LEAST_RATIO, Illumination, fit_illumination
 from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
 
@@ -63,7 +63,7 @@ NOWHERE = Shift(0.0, 0.0, np.inf)
 def search_shift(
     frame: NDArray,
     reference: NDArray,
-    light: LightField,
+    light: Illumination,
     valid: NDArray[np.uint8] | None,
     *,
     near: Shift = NOWHERE,
@@ -74,7 +74,7 @@ def search_shift(
     ----------
     frame, reference : ndarray, shape (rows, columns)
         Grey levels.
-    light : LightField
+    light : Illumination
         Slow ratio frame/reference of the background.
     valid : ndarray of uint8 or None
         0 at holes of either.
@@ -94,7 +94,7 @@ def search_shift(
 
 
 def _details(
-    frame: NDArray, reference: NDArray, light: LightField, valid: NDArray | None
+    frame: NDArray, reference: NDArray, light: Illumination, valid: NDArray | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
     """Relative detail of the frame's background and of the reference, coarse; None if the latter has none."""
     size = (frame.shape[1] // COARSE, frame.shape[0] // COARSE)
@@ -134,7 +134,9 @@ def _slow(reference: NDArray, valid: NDArray | None, size: tuple[int, int]) -> N
         return np.zeros(size[::-1], np.float32)
     level = float(np.nanmedian(blocks))
     spread = 1.4826 * float(np.nanmedian(np.abs(blocks - level)))
-    light = fit_light(blocks, (reference.shape[0], reference.shape[1]), start=level, spread=2.0 * spread)
+    light = fit_illumination(
+        blocks, (reference.shape[0], reference.shape[1]), start=level, spread=2.0 * spread
+    )
     rows = np.arange(size[1]) * COARSE + COARSE // 2
     return light.rows(rows, (reference.shape[0], reference.shape[1]))[:, COARSE // 2 :: COARSE][:, : size[0]]
 

@@ -12,7 +12,7 @@ from cv2 import resize
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.divide_rows import CLEAN, DUST_FROM, divide_rows
-from contactimg.imaging.background.illumination import LightField
+from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import Shift, shift_kernel
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background, side_of
 from contactimg.imaging.pixels.filters import filter_image, kernel_of
@@ -38,7 +38,7 @@ def divide_by_reference(
     frame: NDArray,
     reference: NDArray,
     half: NDArray[np.float32],
-    light: LightField,
+    light: Illumination,
     *,
     shift: Shift,
     level: float,
@@ -52,7 +52,7 @@ def divide_by_reference(
     half : ndarray, shape (rows / 2, columns / 2)
         Means of the reference over 2 x 2 pixels, see `contactimg.imaging.pixels.blocks.block_means`; NaN in
         holes.
-    light : LightField
+    light : Illumination
         Slow ratio frame/reference.
     shift : Shift
         Of the frame against the reference, less than a pixel.
@@ -119,7 +119,7 @@ def _blur_coarse(coarse: NDArray[np.float32], scale: float, shift: Shift, side: 
 
 
 def _measure_gains(
-    frame: NDArray, surface: _Surface, light: LightField
+    frame: NDArray, surface: _Surface, light: Illumination
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Weights of the three finer bands, the finest 0 if negligible, and scatter of the coarser two of them.
 

@@ -22,7 +22,7 @@ MINIMUM_SPREAD = 1e-3  # of the level: an exactly constant image has no spread o
 
 
 @dataclass(frozen=True, eq=False)
-class LightField:
+class Illumination:
     """A polynomial of total degree 3 over the image and the blocks it was fitted to.
 
     Parameters
@@ -88,7 +88,7 @@ class LightField:
         return out
 
 
-def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: float) -> LightField:
+def fit_illumination(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: float) -> Illumination:
     """Fit a slow field to the blocks that are background.
 
     Parameters
@@ -103,7 +103,7 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
 
     Returns
     -------
-    LightField
+    Illumination
         A field of lower order where too few blocks are background to determine the full one.
     """
     part, basis = _basis(blocks.shape, shape)
@@ -128,7 +128,7 @@ def fit_light(blocks: NDArray, shape: tuple[int, int], *, start: float, spread: 
         grid[j, i] = coefficients[k]
     grid[0, 0] += start
     offset = np.abs(blocks - _at_blocks(grid, blocks.shape, shape))
-    return LightField(grid, offset < CLIP * spread, spread)  # false where there is no data
+    return Illumination(grid, offset < CLIP * spread, spread)  # false where there is no data
 
 
 def _clean_scatter(deviation: NDArray) -> float:
@@ -230,14 +230,16 @@ def _add_row(out, image, along, across, sign):
         out[x] = image[x] + sign * (c0 + u * (c1 + u * (c2 + u * c3)))
 
 
-def background_mode(blocks: NDArray, *, prefer: str, scatter: float | None = None) -> tuple[float, float]:
+def background_mode(
+    blocks: NDArray, *, background_is: str, scatter: float | None = None
+) -> tuple[float, float]:
     """Most likely level of the background among block means, and the scatter of a block.
 
     Parameters
     ----------
     blocks : ndarray
         Block means; NaN = no data.
-    prefer : {"low", "high", "one", "common"}
+    background_is : {"lowest", "highest", "nearest_one", "most_common"}
         Which of several well-populated levels is the background: the lowest (bright contacts), the highest
         (dark contacts), the one closest to 1 (ratio to a reference) or the most common.
     scatter : float or None
@@ -263,11 +265,11 @@ def background_mode(blocks: NDArray, *, prefer: str, scatter: float | None = Non
     peaks = np.flatnonzero((smooth > left) & (smooth >= right) & populated)
     centres = (edges[:-1] + edges[1:]) / 2
     choice = {
-        "low": 0,
-        "high": -1,
-        "one": int(np.argmin(np.abs(centres[peaks] - 1.0))),
-        "common": int(np.argmax(smooth[peaks])),
-    }[prefer]
+        "lowest": 0,
+        "highest": -1,
+        "nearest_one": int(np.argmin(np.abs(centres[peaks] - 1.0))),
+        "most_common": int(np.argmax(smooth[peaks])),
+    }[background_is]
     level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
     sample = values[_scattered((1, len(values)), max(len(values) // ENOUGH_BLOCKS, 1))[1][0]]
     return level, 2.0 * max(min(spread, _clean_scatter(sample - level)), width, least)

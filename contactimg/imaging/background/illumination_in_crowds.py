@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import (
-    LightField,
+    Illumination,
     background_mode,
-    fit_light,
+    fit_illumination,
     neighbour_scatter,
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
@@ -24,9 +24,9 @@ MOVED = 0.25  # of the scatter of the blocks: by less, the gaps say nothing else
 PURE = 0.05  # of the squares: those nearest to the background
 
 
-def find_light(
-    means: Callable[[int], tuple[NDArray, float]], shape: tuple[int, int], *, prefer: str
-) -> LightField:
+def find_illumination(
+    means: Callable[[int], tuple[NDArray, float]], shape: tuple[int, int], *, background_is: str
+) -> Illumination:
     """Fit a slow field to what is background.
 
     Parameters
@@ -36,35 +36,40 @@ def find_light(
         squares of that side, NaN = no data, and the scatter that noise and texture give one of them.
     shape : (int, int)
         Shape of the image in pixels.
-    prefer : str
+    background_is : str
         Which level is background, see `contactimg.imaging.background.illumination.background_mode`.
 
     Returns
     -------
-    LightField
+    Illumination
         Its background consists of blocks, or of squares of `SQUARE` px where contacts leave no block free.
     """
     blocks, usual = means(BLOCK)
-    start, spread = background_mode(blocks, prefer=prefer)
-    light = fit_light(blocks, shape, start=start, spread=spread)
+    start, spread = background_mode(blocks, background_is=background_is)
+    light = fit_illumination(blocks, shape, start=start, spread=spread)
     if light.spread <= SCATTERS * usual:
         return light
     squares, usual = means(SQUARE)
     if not np.isfinite(squares).any():
         return light
-    usual = max(usual, _scatter_next_to(squares, prefer))
+    usual = max(usual, _scatter_next_to(squares, background_is))
     if not np.mean(_scatter_inside(squares) > EDGES * usual) > CROWD:
         return light  # light that is less even than a cubic
     usual = min(usual, neighbour_scatter(squares))
-    start, spread = background_mode(squares, prefer=prefer, scatter=usual)
-    between = fit_light(squares, shape, start=start, spread=min(spread, 2.0 * usual))
+    start, spread = background_mode(squares, background_is=background_is, scatter=usual)
+    between = fit_illumination(squares, shape, start=start, spread=min(spread, 2.0 * usual))
     moved = np.abs(between.at_blocks(blocks.shape, shape) - light.at_blocks(blocks.shape, shape))
     return between if np.median(moved) > MOVED * light.spread else light
 
 
-def _scatter_next_to(squares: NDArray, prefer: str) -> float:
+def _scatter_next_to(squares: NDArray, background_is: str) -> float:
     """Scatter of a square from the differences of neighbours both of which are among the least covered."""
-    covered = {"low": squares, "high": -squares, "one": np.abs(squares - 1.0), "common": squares}[prefer]
+    covered = {
+        "lowest": squares,
+        "highest": -squares,
+        "nearest_one": np.abs(squares - 1.0),
+        "most_common": squares,
+    }[background_is]
     pure = covered < np.quantile(covered[np.isfinite(covered)], PURE)
     differences = np.abs(np.diff(squares, axis=1)[pure[:, 1:] & pure[:, :-1]])
     return float(1.4826 * np.median(differences) / np.sqrt(2)) if len(differences) else 0.0

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.crowd_envelope import WINDOW, flatten_crowd
-from contactimg.imaging.background.difference import Difference
-from contactimg.imaging.background.illumination import LightField, background_mode, fit_light
+from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.background.illumination import Illumination, background_mode, fit_illumination
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.plateau import measure_contrast
+from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.coarse import Coarse
 from contactimg.imaging.shapes.objects import find_objects
 
 CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
@@ -26,7 +26,7 @@ GAP = 0.15  # of the height of the contacts: blocks darker than that lie between
 
 def estimate_background(
     frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None, dark: bool = False
-) -> Difference:
+) -> DifferenceImage:
     """Frame minus a slow background fitted to the frame itself.
 
     Parameters
@@ -40,7 +40,7 @@ def estimate_background(
 
     Returns
     -------
-    Difference
+    DifferenceImage
         Texture and dirt stay in it.
 
     Examples
@@ -55,21 +55,21 @@ def estimate_background(
     blocks = sign * block_means(frame, valid)
     slow = _fit_envelope(blocks, frame.shape)
     rest = blocks - slow.at_blocks(blocks.shape, frame.shape)
-    start, spread = background_mode(rest, prefer="low")
-    light = fit_light(rest, frame.shape, start=start, spread=spread)
-    light = LightField(sign * (slow.coefficients + light.coefficients), light.background, light.spread)
+    start, spread = background_mode(rest, background_is="lowest")
+    light = fit_illumination(rest, frame.shape, start=start, spread=spread)
+    light = Illumination(sign * (slow.coefficients + light.coefficients), light.background, light.spread)
     level = float(np.median(np.abs(blocks[light.background]))) if light.background.any() else abs(start)
     ones = np.ones_like(blocks)
     if np.mean(light.background) > CROWDED or not np.isfinite(blocks).all():
         return _level_out(frame, light, level, np.isfinite(blocks))
     image = sign * flatten_crowd(sign * frame, blocks)
     gaps = np.abs(block_means(image)) < GAP * np.percentile(np.abs(image[::8, ::8]), 90)
-    return Difference(image, level, ones, LightField(light.coefficients, gaps, light.spread), None)
+    return DifferenceImage(image, level, ones, Illumination(light.coefficients, gaps, light.spread), None)
 
 
 def estimate_either_background(
     frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None
-) -> tuple[Difference, int]:
+) -> tuple[DifferenceImage, int]:
     """The background for contacts of unknown polarity, and the sign that makes them positive.
 
     Both are tried; what then stands out is more like disks for one of them.
@@ -78,7 +78,7 @@ def estimate_either_background(
     return max(both, key=lambda one: _roundness(one[0], one[1], valid))
 
 
-def _level_out(frame: NDArray, light: LightField, level: float, seen: NDArray[np.bool_]) -> Difference:
+def _level_out(frame: NDArray, light: Illumination, level: float, seen: NDArray[np.bool_]) -> DifferenceImage:
     """Frame minus background, contacts brought to the same height: they transmit a fraction of the light."""
     at_blocks = light.at_blocks(seen.shape, frame.shape)
     field = light.rows(np.arange(frame.shape[0]), frame.shape)
@@ -86,12 +86,12 @@ def _level_out(frame: NDArray, light: LightField, level: float, seen: NDArray[np
     if (
         not at_blocks.min() >= LEAST_LIGHT * level > 0
     ):  # a background that was subtracted before, or hardly any light
-        return Difference(image, level, np.ones(seen.shape, np.float32), light, None)
+        return DifferenceImage(image, level, np.ones(seen.shape, np.float32), light, None)
     image *= np.float32(level) / np.maximum(field, np.float32(0.5 * LEAST_LIGHT * level))
-    return Difference(image, level, (at_blocks / level).astype(np.float32), light, None)
+    return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), light, None)
 
 
-def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> LightField:
+def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
     """Polynomial through the lower envelope of the blocks."""
     side = max(int(max(shape) * WINDOW / BLOCK) | 1, 3)
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
@@ -101,15 +101,17 @@ def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> LightF
     low = cv2.morphologyEx(calm, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
     middle = float(np.median(low))
     spread = 2.0 * 1.4826 * float(np.median(np.abs(low - middle)))
-    return fit_light(np.where(finite, low, np.nan), shape, start=middle, spread=spread)
+    return fit_illumination(np.where(finite, low, np.nan), shape, start=middle, spread=spread)
 
 
-def _roundness(difference: Difference, sign: int, valid: NDArray[np.uint8] | None) -> float:
+def _roundness(difference: DifferenceImage, sign: int, valid: NDArray[np.uint8] | None) -> float:
     """Share of the area that stands out which lies in the largest disks that fit its parts."""
     image = difference.image * np.float32(sign)
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
-    contrast = measure_contrast(Coarse.of(image), estimate_noise(image, difference.light.background))
+    contrast = measure_contrast(
+        BinnedImage.of(image), estimate_noise(image, difference.illumination.background)
+    )
     if contrast.plateau <= 0.0:
         return 0.0
     found = find_objects(image, 0.5 * contrast.plateau)

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.align import GOOD_STD, Found, estimate_shift, estimate_shift_closely
 from contactimg.imaging.background.align_far import search_shift
-from contactimg.imaging.background.difference import Difference
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.divide import FLOOR, divide_by_reference
-from contactimg.imaging.background.illumination import LightField, neighbour_scatter
-from contactimg.imaging.background.illumination_in_crowds import find_light
+from contactimg.imaging.background.illumination import Illumination, neighbour_scatter
+from contactimg.imaging.background.illumination_in_crowds import find_illumination
 from contactimg.imaging.background.resample import Shift, move_reference
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.timings import stage
@@ -36,9 +36,9 @@ def subtract_reference(
     reference: NDArray,
     *,
     valid: NDArray[np.uint8] | None = None,
-    prefer: str = "one",
-    still: bool = False,
-) -> Difference:
+    background_is: str = "nearest_one",
+    registered: bool = False,
+) -> DifferenceImage:
     """Frame minus registered, light-corrected reference.
 
     Parameters
@@ -47,28 +47,28 @@ def subtract_reference(
         Grey levels of any type; holes filled with anything finite.
     valid : ndarray of uint8 or None
         0 where either image has a hole.
-    prefer : str
+    background_is : str
         Which level is background, see `contactimg.imaging.background.illumination.background_mode`.
-    still : bool
+    registered : bool
         Nothing has moved: the reference is taken where it lies.
 
     Returns
     -------
-    Difference
+    DifferenceImage
     """
-    view = _View.of(frame, reference, valid, prefer, NO_SHIFT)
+    view = _View.of(frame, reference, valid, background_is, NO_SHIFT)
     if view is None:
         return _subtract_offset(frame, reference, valid)
     rest, textured = STILL, False
-    if not still:
-        view, rest, textured = _register(frame, reference, valid, prefer, view)
+    if not registered:
+        view, rest, textured = _register(frame, reference, valid, background_is, view)
     image = divide_by_reference(frame, view.reference, view.half, view.light, shift=rest, level=view.level)
     if view.valid is not None:
         image[view.valid == 0] = 0.0
     shift = rest.after(view.shift) if rest.known else UNKNOWN
-    return Difference(
+    return DifferenceImage(
         image, view.level, view.illumination, view.light, shift, ratio=True, valid=view.valid,
-        unregistered=textured and not rest.known,
+        registration_failed=textured and not rest.known,
     )  # fmt: skip
 
 
@@ -85,12 +85,12 @@ class _View:
     valid: NDArray[np.uint8] | None
     level: float
     illumination: NDArray[np.float32]
-    light: LightField
+    light: Illumination
     shift: Shift
 
     @classmethod
     def of(
-        cls, frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, shift: Shift
+        cls, frame: NDArray, reference: NDArray, valid: NDArray | None, background_is: str, shift: Shift
     ) -> "_View | None":
         """Of the unmoved reference and its holes; None if it is too dark to divide by."""
         moved, valid = move_reference(reference, valid, shift)
@@ -117,7 +117,7 @@ class _View:
             )
             return means / np.maximum(of_reference, FLOOR * level), _noise_of_two(of_reference) / level
 
-        light = find_light(ratio, frame.shape, prefer=prefer)
+        light = find_illumination(ratio, frame.shape, background_is=background_is)
         if valid is not None:  # what holes leave of a block is noisier than a block
             side = side_of(light.background.shape, frame.shape)
             whole = block_means(valid.astype(np.float32), side=side) == 1.0
@@ -146,13 +146,13 @@ def _lit(reference: NDArray, valid: NDArray | None, lowest: float) -> NDArray[np
 
 
 def _register(
-    frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, view: _View
+    frame: NDArray, reference: NDArray, valid: NDArray | None, background_is: str, view: _View
 ) -> tuple[_View, Shift, bool]:
     """View of the reference moved to within a pixel, the shift left, and whether there is texture."""
     for estimate in (estimate_shift, estimate_shift_closely):
         found = estimate(frame, view.reference, view.light, view.valid)
         if found.shift.std_px < GOOD_STD and found.even:
-            return *_approach(frame, reference, valid, prefer, view, found, estimate), True
+            return *_approach(frame, reference, valid, background_is, view, found, estimate), True
         if not found.shift.known:
             break
     search = search_shift(frame, view.reference, view.light, view.valid, near=found.shift)
@@ -161,28 +161,30 @@ def _register(
     if estimate is estimate_shift:
         found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
     if search.found and not (found.shift.known and search.shift.plain):
-        nearer = _moved(frame, reference, valid, prefer, view, search.shift)
+        nearer = _moved(frame, reference, valid, background_is, view, search.shift)
         better = estimate_shift_closely(frame, nearer.reference, nearer.light, nearer.valid)
         if better.shift.std_px < found.shift.std_px:
             view, found = nearer, better
-    return *_approach(frame, reference, valid, prefer, view, found, estimate_shift_closely), search.rich
+    return *_approach(
+        frame, reference, valid, background_is, view, found, estimate_shift_closely
+    ), search.rich
 
 
 def _moved(
-    frame: NDArray, reference: NDArray, valid: NDArray | None, prefer: str, view: _View, rest: Shift
+    frame: NDArray, reference: NDArray, valid: NDArray | None, background_is: str, view: _View, rest: Shift
 ) -> _View:
     """View of the reference moved by the rest as well: to whole pixels if that is a shift alone."""
     total = rest.after(view.shift)
     if total.plain:
         total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
-    return _View.of(frame, reference, valid, prefer, total) or view
+    return _View.of(frame, reference, valid, background_is, total) or view
 
 
 def _approach(
     frame: NDArray,
     reference: NDArray,
     valid: NDArray | None,
-    prefer: str,
+    background_is: str,
     view: _View,
     found: Found,
     estimate: Callable[..., Found],
@@ -191,7 +193,7 @@ def _approach(
     for _ in range(ROUNDS):
         if not found.shift.known or (found.shift.plain and found.shift.longest < NEAR):
             break
-        nearer = _moved(frame, reference, valid, prefer, view, found.shift)
+        nearer = _moved(frame, reference, valid, background_is, view, found.shift)
         better = estimate(frame, nearer.reference, nearer.light, nearer.valid)
         if better.shift.std_px >= found.shift.std_px and not found.shift.plain:
             found = replace(found, shift=replace(found.shift, rotation=0.0, scale=1.0))
@@ -202,14 +204,14 @@ def _approach(
     return view, found.shift
 
 
-def _subtract_offset(frame: NDArray, reference: NDArray, valid: NDArray | None) -> Difference:
+def _subtract_offset(frame: NDArray, reference: NDArray, valid: NDArray | None) -> DifferenceImage:
     """Plain difference for a background that is dark or was subtracted before: nothing to divide by."""
 
     def difference(side: int) -> tuple[NDArray, float]:
         of_reference = block_means(reference, valid, side=side)
         return block_means(frame, valid, side=side) - of_reference, _noise_of_two(of_reference)
 
-    light = find_light(difference, frame.shape, prefer="common")
+    light = find_illumination(difference, frame.shape, background_is="most_common")
     image = light.subtract_from(np.subtract(frame, reference, dtype=np.float32))
     illumination = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
-    return Difference(image, 0.0, illumination, light, UNKNOWN)
+    return DifferenceImage(image, 0.0, illumination, light, UNKNOWN)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.coarse import Coarse
+from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.imaging.shapes.objects import find_objects
 from contactimg.timings import stage
@@ -51,12 +51,12 @@ class Contrast:
 
 
 @stage("contrast")
-def measure_contrast(coarse: Coarse, noise: float) -> Contrast:
+def measure_contrast(coarse: BinnedImage, noise: float) -> Contrast:
     """Plateau of the contacts in an image where they are positive and the background is zero.
 
     Parameters
     ----------
-    coarse : Coarse
+    coarse : BinnedImage
         The image.
     noise : float
         Of one pixel of the image at its own resolution.

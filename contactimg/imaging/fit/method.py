@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference import Difference
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation, measure_slope
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.fit.assemble import Assembly, assemble_disks
@@ -25,7 +25,7 @@ from contactimg.imaging.fit.problem import Field
 from contactimg.imaging.fit.residual_light import level_out, without_halo
 from contactimg.imaging.fit.shared_optics import Known, Settled, settle_optics
 from contactimg.imaging.pixels.blocks import BlockMeans
-from contactimg.imaging.pixels.frame_pair import Pixels
+from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.profile.film_rim import Rim, rim_table
@@ -53,8 +53,8 @@ CUT = 2.0  # blur widths: a rim closer to the border is cut
 @stage("quality")
 def fit_contacts(
     image: NDArray[np.float32],
-    pixels: Pixels,
-    difference: Difference,
+    frame_pair: FramePair,
+    difference: DifferenceImage,
     *,
     contrast: Contrast,
     noise: float,
@@ -67,7 +67,7 @@ def fit_contacts(
     ----------
     image : ndarray, shape (rows, columns)
         Difference image, contacts positive.
-    pixels, difference
+    frame_pair, difference
         Where they come from.
     contrast : Contrast
         To start from.
@@ -86,7 +86,7 @@ def fit_contacts(
     blur = float(
         estimate_blur(image, contrast.plateau) if guess is None else np.hypot(guess, PIXEL_VARIANCE**0.5)
     )
-    field = Field.of(image, pixels, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
+    field = Field.of(image, frame_pair, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
     noise = noise if field.bin == 1 else estimate_noise(field.image, field.blocks)
     noise = max(noise, QUANTISATION, LEAST_NOISE * contrast.plateau)
     blur = blur / field.bin if guess is None else float(np.hypot(guess / field.bin, PIXEL_VARIANCE**0.5))
@@ -111,7 +111,7 @@ def fit_contacts(
         anchor = found.shown
         free_blur = free_blur and (film is not None or moved)
         field = field.without_light(trial.field.light)
-    return _report(best or trial, pixels, image, difference, contrast)
+    return _report(best or trial, frame_pair, image, difference, contrast)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,16 +171,16 @@ def _attempt(
 
 def _report(
     trial: _Trial,
-    pixels: Pixels,
+    frame_pair: FramePair,
     image: NDArray[np.float32],
-    difference: Difference,
+    difference: DifferenceImage,
     contrast: Contrast,
 ) -> Fitted:
     """The tables of a trial, dirt sorted out."""
     field, contacts = trial.field, _tabulate(trial)
     disks = np.column_stack([contacts["x_px"], contacts["y_px"], contacts["radius_px"]])
     reasons = reject_disks(
-        pixels, image, difference, disks, blur=trial.fit.blur * field.bin, contrast=contrast.plateau
+        frame_pair, image, difference, disks, blur=trial.fit.blur * field.bin, contrast=contrast.plateau
     )
     bad = reasons != ""
     dropped = trial.assembly.dropped

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference import Difference
-from contactimg.imaging.background.illumination import LightField
+from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.fit.disks import X, Y
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
-from contactimg.imaging.pixels.frame_pair import Pixels
+from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import NO_MASK
 
 
@@ -34,7 +34,7 @@ class Field:
         Pixels of the frame that one pixel stands for, each way.
     light : ndarray, shape (4, 4)
         Slow polynomial that was taken out of the image since, see
-        `contactimg.imaging.background.illumination.LightField`.
+        `contactimg.imaging.background.illumination.Illumination`.
     """
 
     image: NDArray[np.float32]
@@ -46,11 +46,11 @@ class Field:
     light: NDArray[np.float64]
 
     @classmethod
-    def of(cls, image: NDArray, pixels: Pixels, difference: Difference, bin_: int) -> "Field":
+    def of(cls, image: NDArray, frame_pair: FramePair, difference: DifferenceImage, bin_: int) -> "Field":
         """Of an image of which so many pixels each way are put together."""
-        blocks = difference.light.background
-        weight = NO_MASK if pixels.valid is None else pixels.valid
-        saturated = pixels.saturated
+        blocks = difference.illumination.background
+        weight = NO_MASK if frame_pair.valid is None else frame_pair.valid
+        saturated = frame_pair.saturated
         if saturated.shape == image.shape:
             usable = 1 - saturated
             weight = usable if weight is NO_MASK else weight * usable
@@ -64,13 +64,13 @@ class Field:
             y = np.minimum(np.arange(-(-rows // side)) * bin_, blocks.shape[0] - 1)
             x = np.minimum(np.arange(-(-columns // side)) * bin_, blocks.shape[1] - 1)
             blocks = blocks[y][:, x]
-        return cls(image, weight, saturated, blocks, difference.illumination, bin_, np.zeros((4, 4)))
+        return cls(image, weight, saturated, blocks, difference.brightness, bin_, np.zeros((4, 4)))
 
     def without_light(self, coefficients: NDArray[np.float64]) -> "Field":
         """The field with a slow polynomial taken out of its image."""
         if not coefficients.any():
             return self
-        light = LightField(coefficients, self.blocks, 0.0)
+        light = Illumination(coefficients, self.blocks, 0.0)
         return replace(self, image=light.subtract_from(self.image), light=self.light + coefficients)
 
     def brightness(self, disks: NDArray) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.illumination import LightField, fit_light
+from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.fit.assemble import LOOSE, unneeded
@@ -162,7 +162,7 @@ def level_out(
     return field, fit, contrast
 
 
-def _rest_of_light(means: BlockMeans, fit: DiskFit, field: Field) -> LightField | None:
+def _rest_of_light(means: BlockMeans, fit: DiskFit, field: Field) -> Illumination | None:
     """Slow field of what a fit leaves over where there is next to no contact; None if that is nowhere."""
     highest = float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
     side, limit = BLOCK, UNTOUCHED * highest
@@ -180,4 +180,4 @@ def _rest_of_light(means: BlockMeans, fit: DiskFit, field: Field) -> LightField 
         return None
     blocks = np.where(dark, image - model, np.float32(np.nan))
     spread = 1.4826 * median(np.abs(blocks[dark]))
-    return fit_light(blocks, field.image.shape, start=0.0, spread=max(spread, LEAST_SPREAD))
+    return fit_illumination(blocks, field.image.shape, start=0.0, spread=max(spread, LEAST_SPREAD))

@@ -25,7 +25,7 @@ MESSAGES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class FramePair:
     """A frame and its reference.
 
     Parameters
@@ -60,11 +60,11 @@ class Pixels:
         """One sentence on the defect."""
         return MESSAGES.get(self.defect, "")
 
-    def within(self, valid: NDArray[np.uint8] | None) -> "Pixels":
+    def within(self, valid: NDArray[np.uint8] | None) -> "FramePair":
         """With other holes: those where a background has no value as well."""
         return replace(self, valid=valid)
 
-    def without(self, mask: NDArray[np.uint8]) -> "Pixels":
+    def without(self, mask: NDArray[np.uint8]) -> "FramePair":
         """With further holes, where ``mask`` is not 0; `NO_MASK` for none."""
         if mask is NO_MASK:
             return self
@@ -81,7 +81,7 @@ class Pixels:
         return np.asarray(distance[rows, columns] < reach)
 
     @classmethod
-    def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "Pixels":
+    def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "FramePair":
         """From arrays of uint8, uint16 or float with non-finite holes; see `contactimg.imaging.measure`."""
         scale = _full_scale(image, full_scale)
         valid = _valid([image] if reference is None else [image, reference])

@@ -5,9 +5,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference import Difference
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.pixels.blocks import BLOCK
-from contactimg.imaging.pixels.frame_pair import Levels, Pixels
+from contactimg.imaging.pixels.frame_pair import FramePair, Levels
 from contactimg.imaging.pixels.masks import NO_MASK, share_seen
 
 LEAST_SEEN = (
@@ -24,9 +24,9 @@ POINTS = np.array([(i, j) for j in (-1, 0, 1) for i in (-1, 0, 1)]) * 0.5  # of 
 
 
 def reject_disks(
-    pixels: Pixels,
+    frame_pair: FramePair,
     signed: NDArray[np.float32],
-    difference: Difference,
+    difference: DifferenceImage,
     disks: NDArray[np.float64],
     *,
     blur: float,
@@ -36,11 +36,11 @@ def reject_disks(
 
     Parameters
     ----------
-    pixels : Pixels
+    frame_pair : FramePair
         The frame and its holes.
     signed : ndarray, shape (rows, columns)
         Difference image, contacts positive.
-    difference : Difference
+    difference : DifferenceImage
         Where it comes from.
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
@@ -49,9 +49,9 @@ def reject_disks(
     contrast : float
         Of the contacts.
     """
-    weight = NO_MASK if pixels.valid is None else pixels.valid
+    weight = NO_MASK if frame_pair.valid is None else frame_pair.valid
     hidden = share_seen(disks, signed.shape, weight) < LEAST_SEEN
-    dust = absent_in_frame(pixels.frame, signed, difference, disks)
+    dust = absent_in_frame(frame_pair.frame, signed, difference, disks)
     blur = min(max(blur, SHARPEST_BLUR), WIDEST_BLUR)
     vague = disks[:, 2] > WIDE * blur
     vague[vague] = _without_rim(signed, weight, disks[vague], blur, contrast)
@@ -91,7 +91,7 @@ def _without_rim(
 def absent_in_frame(
     frame: Levels,
     signed: NDArray[np.float32],
-    difference: Difference,
+    difference: DifferenceImage,
     disks: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
     """Disks that the frame does not show against the slow background.
@@ -102,17 +102,17 @@ def absent_in_frame(
         Grey levels.
     signed : ndarray
         Difference image, contacts positive.
-    difference : Difference
+    difference : DifferenceImage
         Where it comes from; without a ratio to a reference, or on a clean one, nothing is absent.
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     """
-    if difference.clean or not difference.ratio or not len(disks):
+    if difference.dust_free or not difference.ratio or not len(disks):
         return np.zeros(len(disks), np.bool_)
     # the median over blocks does not see a speck
-    slow = cv2.medianBlur(difference.illumination, 5) * difference.level
+    slow = cv2.medianBlur(difference.brightness, 5) * difference.level
     absent = _hardly_shown(
-        frame, signed, difference.image, slow, difference.light.coefficients, difference.level,
+        frame, signed, difference.image, slow, difference.illumination.coefficients, difference.level,
         np.ascontiguousarray(disks[:, :3]),
     )  # fmt: skip
     return np.asarray(absent)

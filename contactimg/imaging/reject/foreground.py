@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference import Difference
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.plateau import Contrast, measure_contrast
-from contactimg.imaging.pixels.coarse import Coarse
-from contactimg.imaging.pixels.frame_pair import Pixels
+from contactimg.imaging.pixels.binned_image import BinnedImage
+from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.foreign_objects import NOTHING_FOREIGN, Foreign, find_foreign
 
@@ -26,7 +26,7 @@ class Foreground:
         0 at holes and foreign objects.
     sign : int
         1 for contacts brighter than the background, else -1.
-    pixels : Pixels
+    frame_pair : FramePair
         Without what is foreign.
     noise : float
         Of a pixel.
@@ -43,7 +43,7 @@ class Foreground:
 
     image: NDArray[np.float32]
     sign: int
-    pixels: Pixels
+    frame_pair: FramePair
     noise: float
     shown: Contrast
     contrast: Contrast
@@ -61,13 +61,15 @@ class Foreground:
         )
 
 
-def find_foreground(pixels: Pixels, difference: Difference, sign: int, known: SharedOptics) -> Foreground:
+def find_foreground(
+    frame_pair: FramePair, difference: DifferenceImage, sign: int, known: SharedOptics
+) -> Foreground:
     """Measure the contrast of a difference image, with what is known of it, and leave out what is foreign.
 
     Parameters
     ----------
-    pixels : Pixels
-    difference : Difference
+    frame_pair : FramePair
+    difference : DifferenceImage
     sign : int
         What makes contacts positive.
     known : SharedOptics
@@ -78,25 +80,25 @@ def find_foreground(pixels: Pixels, difference: Difference, sign: int, known: Sh
     Foreground
     """
     image = difference.image if sign > 0 else -difference.image
-    noise = estimate_noise(image, difference.light.background)
-    coarse = Coarse.of(image)
-    shown = Contrast(0.0, resolved=False) if pixels.trivial else measure_contrast(coarse, noise)
+    noise = estimate_noise(image, difference.illumination.background)
+    coarse = BinnedImage.of(image)
+    shown = Contrast(0.0, resolved=False) if frame_pair.trivial else measure_contrast(coarse, noise)
     doubtful = _contradicts(shown, known)
-    contrast = _believed(shown, SharedOptics() if doubtful or pixels.trivial else known)
+    contrast = _believed(shown, SharedOptics() if doubtful or frame_pair.trivial else known)
     foreign = NOTHING_FOREIGN
-    if shown.resolved and not difference.clean:
-        foreign = find_foreign(image, coarse, contrast.plateau, frame=pixels.frame, difference=difference)
-    pixels = pixels.without(foreign.mask)
-    if pixels.valid is not None:
-        image = np.where(pixels.valid > 0, image, np.float32(0.0))
+    if shown.resolved and not difference.dust_free:
+        foreign = find_foreign(image, coarse, contrast.plateau, frame=frame_pair.frame, difference=difference)
+    frame_pair = frame_pair.without(foreign.mask)
+    if frame_pair.valid is not None:
+        image = np.where(frame_pair.valid > 0, image, np.float32(0.0))
     refused = np.nan
     if doubtful:
-        shown = measure_contrast(Coarse.of(image), noise)  # what was brightest was perhaps no contact
+        shown = measure_contrast(BinnedImage.of(image), noise)  # what was brightest was perhaps no contact
         if _contradicts(shown, known):
             refused = known.contrast
             known = replace(known, contrast=np.nan, contrast_std=0.0, correlation=0.0)
         contrast = _believed(shown, known)
-    return Foreground(image, sign, pixels, noise, shown, contrast, known, refused, foreign)
+    return Foreground(image, sign, frame_pair, noise, shown, contrast, known, refused, foreign)
 
 
 def _believed(shown: Contrast, known: SharedOptics) -> Contrast:

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference import Difference
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import BRIGHTER
-from contactimg.imaging.pixels.coarse import Coarse
+from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.frame_pair import Levels
 from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.imaging.reject.dirt import absent_in_frame
@@ -54,11 +54,11 @@ class Foreign:
 
 def find_foreign(
     image: NDArray[np.float32],
-    coarse: Coarse,
+    coarse: BinnedImage,
     plateau: float,
     *,
     frame: Levels,
-    difference: Difference,
+    difference: DifferenceImage,
 ) -> Foreign:
     """Objects of a difference image that are no contacts.
 
@@ -66,13 +66,13 @@ def find_foreign(
     ----------
     image : ndarray, shape (rows, columns)
         Difference image, contacts positive, holes 0.
-    coarse : Coarse
+    coarse : BinnedImage
         The same.
     plateau : float
         Contrast of the contacts.
     frame : ndarray, shape (rows, columns)
         The frame itself.
-    difference : Difference
+    difference : DifferenceImage
         Where the image comes from.
     """
     small = coarse.image

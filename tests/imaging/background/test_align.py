@@ -15,7 +15,7 @@ from contact_frames import (
 )
 from scipy import ndimage
 
-from contactimg.imaging.background.illumination import background_mode, fit_light
+from contactimg.imaging.background.illumination import background_mode, fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.resample import Shift, move_rows, shift_kernel, shift_whole_pixels
 from contactimg.imaging.background.subtract import subtract_reference
@@ -56,7 +56,7 @@ def test_whole_pixels_move_right_and_down():
 @pytest.mark.parametrize("shift", [(-0.4, 0.3), (0.5, -0.5), (1.7, 0.2), (9.3, -6.6)])
 def test_shift_is_found_with_contacts_in_the_frame(shift):
     frame, reference = frames(some_disks(), shift=shift, texture=0.03)
-    found = subtract_reference(frame, reference, prefer="low").shift
+    found = subtract_reference(frame, reference, background_is="lowest").shift
     # the uncertainty that the estimate gives itself, at four standard deviations
     assert found.std_px < 0.06
     assert found.x_px == pytest.approx(shift[0], abs=4 * found.std_px)
@@ -68,7 +68,7 @@ def test_shift_is_found_when_contacts_cover_most_of_the_frame():
     crowd = pd.DataFrame({"x_px": x.ravel(), "y_px": y.ravel(), "radius_px": 30.0})
     assert np.pi * 30.0**2 / 66**2 > 0.6
     frame, reference = frames(crowd, texture=0.03, sigma=1.0)
-    found = subtract_reference(frame, reference, prefer="low").shift
+    found = subtract_reference(frame, reference, background_is="lowest").shift
     assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
     assert found.std_px < 0.25
 
@@ -83,7 +83,7 @@ def crowd():
 @pytest.mark.parametrize("shift", [(0.8, 0.0), (0.0, -2.5), (3.3, 4.4), (-15.6, 10.3), (40.2, -40.3)])
 def test_large_shifts_are_found(shift, many, texture):
     frame, reference = frames(crowd() if many else some_disks(), seed=2, shift=shift, texture=texture)
-    difference = subtract_reference(frame, reference, prefer="low")
+    difference = subtract_reference(frame, reference, background_is="lowest")
     found = difference.shift
     error = np.hypot(found.x_px - shift[0], found.y_px - shift[1])
     assert error < 0.05
@@ -107,7 +107,9 @@ def test_shift_needs_no_more_than_dirt():
     frame, reference = render(
         some_disks(), Optics(shape=SHAPE, texture=0.0, dust=25), np.random.default_rng(3)
     )
-    found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32), prefer="low").shift
+    found = subtract_reference(
+        frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
+    ).shift
     assert found.std_px < 0.1
     assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
 
@@ -138,7 +140,9 @@ def turned(angle, scale, shift, seed=0, texture=0.05):
 )
 def test_rotation_and_scale_are_taken_out(degrees, scale, shift):
     truth, frame, reference = turned(np.radians(degrees), scale, shift)
-    found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32), prefer="low").shift
+    found = subtract_reference(
+        frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
+    ).shift
     # 5 % of texture over 2e5 pixels tells the corners, 344 px from the middle, to some 0.02 px
     assert np.abs(found.rotation - np.radians(degrees)) * 344 < 0.08
     assert np.abs(found.scale - scale) * 344 < 0.08
@@ -160,7 +164,9 @@ def test_rotation_and_scale_are_taken_out(degrees, scale, shift):
 def test_what_is_not_turned_stays_so():
     for seed in range(4):
         _, frame, reference = turned(0.0, 1.0, (0.3, -0.4), seed=seed)
-        found = subtract_reference(frame.astype(np.float32), reference.astype(np.float32), prefer="low").shift
+        found = subtract_reference(
+            frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
+        ).shift
         assert found.plain
 
 
@@ -182,7 +188,7 @@ def test_moved_rows_are_exact():
 
 def test_no_texture_is_no_shift():
     frame, reference = frames(some_disks(), texture=0.0)
-    found = subtract_reference(frame, reference, prefer="low").shift
+    found = subtract_reference(frame, reference, background_is="lowest").shift
     assert np.isnan([found.x_px, found.y_px]).all()
     assert not found.known
     result = measure_image(frame, reference)
@@ -206,8 +212,8 @@ def test_light_field_is_recovered_under_contacts(rng):
     blocks = field + 0.002 * rng.standard_normal(field.shape)
     covered = rng.random(field.shape) < 0.3
     blocks[covered] += 0.5
-    start, spread = background_mode(blocks, prefer="low")
-    light = fit_light(blocks, (rows * 8, columns * 8), start=start, spread=spread)
+    start, spread = background_mode(blocks, background_is="lowest")
+    light = fit_illumination(blocks, (rows * 8, columns * 8), start=start, spread=spread)
     # 0.002 of noise over 5600 blocks and ten coefficients: 0.002 sqrt(10/5600) = 1e-4; the pull adds 1e-3 of
     # 0.05
     centre = light.rows(np.array([rows * 4]), (rows * 8, columns * 8))[0, columns * 4]
@@ -221,12 +227,12 @@ def test_difference_is_nearly_as_quiet_as_the_frame_alone():
     # corners noisier
     alone = np.sqrt(80 / 20 + 0.25 + 1 / 12)
     frame, reference = frames(some_disks(), texture=0.02)
-    difference = subtract_reference(frame, reference, prefer="low")
-    noise = estimate_noise(difference.image, difference.light.background)
+    difference = subtract_reference(frame, reference, background_is="lowest")
+    noise = estimate_noise(difference.image, difference.illumination.background)
     assert noise < 1.08 * alone
     # without registration and with the reference's own noise in it
     plain = frame - reference
-    assert estimate_noise(plain, difference.light.background) > 1.3 * alone
+    assert estimate_noise(plain, difference.illumination.background) > 1.3 * alone
 
 
 def test_reference_is_filtered_as_well_as_its_noise_allows():
@@ -236,7 +242,9 @@ def test_reference_is_filtered_as_well_as_its_noise_allows():
     crop = (slice(16, 16 + SHAPE[0]), slice(16, 16 + SHAPE[1]))
     seen, before = (80 * (1 + part[crop]) for part in (texture, sub_pixel_shift(texture, -0.3, 0.2)))
     # the frame has no noise of its own: what is left is the reference's, and texture that was filtered away
-    left = subtract_reference(seen, before + noise * rng.standard_normal(SHAPE), prefer="one").image
+    left = subtract_reference(
+        seen, before + noise * rng.standard_normal(SHAPE), background_is="nearest_one"
+    ).image
     k = np.linspace(0.001, np.pi, 4000)
     waves = sum(
         share * 4 * np.pi * width**2 * np.exp(-((k * width) ** 2))
@@ -255,9 +263,9 @@ def test_reference_is_filtered_as_well_as_its_noise_allows():
 
 def test_without_texture_the_reference_adds_no_noise():
     frame, reference = frames(some_disks(), texture=0.0)
-    difference = subtract_reference(frame, reference, prefer="low")
+    difference = subtract_reference(frame, reference, background_is="lowest")
     alone = np.sqrt(80 / 20 + 0.25 + 1 / 12)
-    calm = block_means(difference.image)[difference.light.background]
+    calm = block_means(difference.image)[difference.illumination.background]
     # blocks of 64 pixels scatter by an eighth of a pixel's noise; with a reference as noisy, by sqrt(2) times
     assert calm.std() < 1.15 * alone / 8
 
@@ -266,8 +274,10 @@ def test_difference_does_not_depend_on_the_type_of_the_pixels():
     for shift in ((-0.4, 0.3), (3.3, -2.4)):
         optics = Optics(shape=SHAPE, dust=4, texture=0.05, shift=shift)
         frame, reference = render(some_disks(), optics, np.random.default_rng(2))
-        bytes_ = subtract_reference(frame, reference, prefer="low")
-        floats = subtract_reference(frame.astype(np.float32), reference.astype(np.float32), prefer="low")
+        bytes_ = subtract_reference(frame, reference, background_is="lowest")
+        floats = subtract_reference(
+            frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
+        )
         assert np.allclose(bytes_.image, floats.image, atol=1e-3)
 
 
@@ -314,7 +324,7 @@ def test_dirt_of_both_frames_disappears():
     )
     specks = texture[crop] < -0.05
     assert np.count_nonzero(specks) > 100
-    left = subtract_reference(frame, reference, prefer="one").image
+    left = subtract_reference(frame, reference, background_is="nearest_one").image
     # the frame's own noise, sqrt(80/400 + 1/12) = 0.53, is 0.43 in the mean of its size; the dirt may add
     # half of that
     assert np.abs(left[specks]).mean() < 0.65

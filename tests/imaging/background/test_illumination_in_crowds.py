@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from contactimg.imaging.background.illumination import background_mode, fit_light
-from contactimg.imaging.background.illumination_in_crowds import SQUARE, find_light
+from contactimg.imaging.background.illumination import background_mode, fit_illumination
+from contactimg.imaging.background.illumination_in_crowds import SQUARE, find_illumination
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.masks import NO_MASK, share_seen
 
@@ -30,8 +30,8 @@ def means_of(ratio, rng):
 
 def coarse_light(means):
     blocks, _ = means(BLOCK)
-    start, spread = background_mode(blocks, prefer="low")
-    return fit_light(blocks, SHAPE, start=start, spread=spread)
+    start, spread = background_mode(blocks, background_is="lowest")
+    return fit_illumination(blocks, SHAPE, start=start, spread=spread)
 
 
 def side_and_level(light):
@@ -40,7 +40,7 @@ def side_and_level(light):
 
 def test_background_is_found_between_contacts_that_leave_no_block_free(rng):
     means = means_of(LEVEL + 0.05 * X / SHAPE[1] + 1.2 * crowd(15, 4), rng)
-    side, level = side_and_level(find_light(means, SHAPE, prefer="low"))
+    side, level = side_and_level(find_illumination(means, SHAPE, background_is="lowest"))
     assert side == SQUARE
     # half-way between two contacts 0.006 x 2 x 1.2 of their light is left, and light within the noise passes
     assert level == pytest.approx(LEVEL + 0.025, abs=0.02)
@@ -49,21 +49,24 @@ def test_background_is_found_between_contacts_that_leave_no_block_free(rng):
 
 def test_blocks_do_where_some_are_free(rng):
     means = means_of(LEVEL + 1.2 * crowd(60, 8), rng)
-    found, blocks = find_light(means, SHAPE, prefer="low"), coarse_light(means)
+    found, blocks = find_illumination(means, SHAPE, background_is="lowest"), coarse_light(means)
     assert side_and_level(found)[0] == BLOCK
     np.testing.assert_array_equal(found.coefficients, blocks.coefficients)
 
 
 def test_uneven_light_is_no_crowd(rng):
     dome = np.exp(-((X - 320) ** 2 + (Y - 240) ** 2) / (2 * 90.0**2))
-    assert side_and_level(find_light(means_of(LEVEL + dome, rng), SHAPE, prefer="low"))[0] == BLOCK
+    assert (
+        side_and_level(find_illumination(means_of(LEVEL + dome, rng), SHAPE, background_is="lowest"))[0]
+        == BLOCK
+    )
 
 
 def test_nothing_but_holes_is_no_crowd():
     def holes(side):
         return np.full([-(-size // side) for size in SHAPE], np.nan), 0.0
 
-    assert not find_light(holes, SHAPE, prefer="low").background.any()
+    assert not find_illumination(holes, SHAPE, background_is="lowest").background.any()
 
 
 def test_contacts_in_step_with_the_blocks_do_not_hide_the_background(rng):
@@ -72,7 +75,7 @@ def test_contacts_in_step_with_the_blocks_do_not_hide_the_background(rng):
         blocks = (LEVEL + 0.001 * rng.standard_normal((240, 320))).astype(np.float32)
         blocks[phase::3] += 0.4
         blocks[:, phase::3] += 0.4
-        light = fit_light(blocks, (1920, 2560), start=LEVEL, spread=0.003)
+        light = fit_illumination(blocks, (1920, 2560), start=LEVEL, spread=0.003)
         assert light.background.mean() == pytest.approx(4 / 9, abs=0.01)
 
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.illumination import LightField
+from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.timings import stage
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
+class DifferenceImage:
     """Frame minus background, light corrected.
 
     Parameters
@@ -21,36 +21,36 @@ class Difference:
         Grey levels at the median level of the background; contacts stand out, the rest is noise about zero.
     level : float
         Median grey level of the background.
-    illumination : ndarray of float32, shape (block rows, block columns)
+    brightness : ndarray of float32, shape (block rows, block columns)
         Brightness of the background of each block relative to ``level``.
-    light : LightField
+    illumination : Illumination
         Slow ratio (with a reference) or level (without) of the background, and which blocks are background.
     shift : Shift or None
         Of the frame against the reference, NaN if nothing tells it; None without reference.
     ratio : bool
-        Whether ``light`` is a ratio to the reference.
+        Whether ``illumination`` is a ratio to the reference.
     valid : ndarray of uint8 or None
         0 where the frame or the registered reference has no pixel, or no light; None if nowhere.
-    unregistered : bool
+    registration_failed : bool
         Whether the reference shows a texture that was not found in the frame.
-    clean : bool
+    dust_free : bool
         Whether frame and reference are known to be free of dust.
     """
 
     image: NDArray[np.float32]
     level: float
-    illumination: NDArray[np.float32]
-    light: LightField
+    brightness: NDArray[np.float32]
+    illumination: Illumination
     shift: Shift | None
     ratio: bool = False
     valid: NDArray[np.uint8] | None = None
-    unregistered: bool = False
-    clean: bool = False
+    registration_failed: bool = False
+    dust_free: bool = False
 
     @property
     def remark(self) -> str:
         """One sentence on how frame and reference lie together; empty if it is as usual or there is none."""
-        if self.unregistered:
+        if self.registration_failed:
             return "the surface shown by the reference was not found in the frame: their shift is unknown"
         if self.shift is None or (self.shift.known and self.shift.plain):
             return ""
@@ -63,8 +63,8 @@ class Difference:
 
 
 @stage("light")
-def unregistered(image: NDArray[np.float32]) -> Difference:
+def plain_difference(image: NDArray[np.float32]) -> DifferenceImage:
     """A plain difference in which nothing can be registered or corrected: all of it counts as background."""
     blocks = np.zeros_like(block_means(image))
-    light = LightField(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)
-    return Difference(image, 0.0, np.ones_like(blocks), light, None)
+    light = Illumination(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)
+    return DifferenceImage(image, 0.0, np.ones_like(blocks), light, None)

@@ -10,7 +10,7 @@ FEW = 16  # rows or columns of an image that is not made coarser
 
 
 @dataclass(frozen=True, eq=False)
-class Coarse:
+class BinnedImage:
     """An image in larger pixels: a quarter as many, with half the noise.
 
     Parameters
@@ -25,7 +25,7 @@ class Coarse:
     step: int
 
     @classmethod
-    def of(cls, image: NDArray[np.float32]) -> "Coarse":
+    def of(cls, image: NDArray[np.float32]) -> "BinnedImage":
         """From an image at its own resolution."""
         rows, columns = image.shape
         if min(rows, columns) < FEW:
