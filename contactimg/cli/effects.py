@@ -44,9 +44,9 @@ def effects(
     """
     with stage("loading"):
         from contactimg.cli.scenes import model_inputs, with_tolerance
-        from contactimg.effects.plan import EFFECTS
         from contactimg.files import OutputFolder, provenance, read_scene, write_table
         from contactimg.pipeline.plan import plan_effects
+        from contactimg.tables import EFFECTS
 
     description = with_tolerance(read_scene(scene), output=output, relative=tolerance)
     plan = plan_effects(description, load=load)

@@ -16,22 +16,8 @@ from contactimg.effects.estimate import Estimate
 from contactimg.effects.mechanics.estimates import weigh_mechanics
 from contactimg.effects.optics.estimates import estimate_optics
 from contactimg.scene import Effects, Scene
-from contactimg.tables import Schema
+from contactimg.tables import EFFECTS
 from contactimg.timings import stage
-
-EFFECTS = Schema(
-    "effects",
-    {
-        "load_N": ("float64", "load that the plan is for"),
-        "effect": ("str", "its name"),
-        "change": ("float64", "estimated relative change of the requested output if it is left out"),
-        "tolerance": ("float64", "what the changes of all that is left out stay below together"),
-        "decision": ("str", "on or off"),
-        "switch": ("str", "what the scene orders: auto, on or off"),
-        "cost": ("float64", "time of its stage with the effect over the time without"),
-        "reason": ("str", "the numbers that decide"),
-    },
-)
 
 Level = Literal["none", "asymptotic", "full"]
 

@@ -14,23 +14,13 @@ from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.plan import largest_load
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import Schema
+from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF
 from contactimg.tradeoff.case import Case, Measured, Truth
-from contactimg.tradeoff.knobs import TRADEOFF, Knob
+from contactimg.tradeoff.knobs import Knob
 from contactimg.tradeoff.measure import Tradeoff, applicable_knobs, run_knobs
 
 SECONDS = {False: 15.0, True: 60.0}
 """What repetitions may take, by default and with the slow settings."""
-
-BOUNDARY = Schema(
-    "boundary_contacts",
-    {
-        "load_N": ("float64", "applied normal load P"),
-        "asperity": ("Int64", "row number, from 0, in the asperity table"),
-        "force_N": ("float64", "force on it"),
-        "radius_m": ("float64", "contact radius, from the second moment of the pressure"),
-    },
-)
 
 BOUNDARY_SCENE = {"indenter": {"radius_m": 0.1288}, "elastic": {"young_modulus_Pa": 3e6}}
 BOUNDARY_SECONDS = {0.02: 30.0, 0.2: 158.0, 0.5: 460.0}
@@ -129,7 +119,7 @@ def read_truth(load: float) -> Truth | None:
     with as_file(folder / "boundary_asperities.csv") as path:
         asperities = read_asperities(path)
     with as_file(folder / "boundary_contacts.csv") as path:
-        contacts = read_table(path, BOUNDARY, required=tuple(BOUNDARY.columns))
+        contacts = read_table(path, BOUNDARY_CONTACTS, required=tuple(BOUNDARY_CONTACTS.columns))
     stored = min(BOUNDARY_SECONDS, key=lambda one: abs(np.log(one / load)))
     part = contacts[contacts["load_N"] == stored]
     force, radius = np.zeros(len(asperities)), np.zeros(len(asperities))

@@ -10,23 +10,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.errors import ContactimgError
-from contactimg.tables import Schema
-
-TRADEOFF = Schema(
-    "tradeoff",
-    {
-        "knob": ("str", "the choice"),
-        "setting": ("str", "one of its settings"),
-        "error": ("float64", "relative error of the output against the reference"),
-        "time_s": ("float64", "best of several runs by turns"),
-        "time_ratio": ("float64", "time over that of the knob's cheapest setting"),
-        "pareto": ("Int64", "1 where no other setting is cheaper and better; empty if not run here"),
-        "output": ("str", "what the error is of"),
-        "reference": ("str", "the converged answer"),
-        "load_N": ("float64", "applied normal load P; empty where none enters"),
-        "message": ("str", "why there is no number, or what to know about it"),
-    },
-)
+from contactimg.tables import TRADEOFF
 
 Clock = Callable[[], float]
 

@@ -13,7 +13,7 @@ from contactimg import InputError
 from contactimg.cli import main
 from contactimg.effects.estimate import Estimate
 from contactimg.effects.mechanics import estimates as mechanics
-from contactimg.effects.plan import EFFECTS, MARGIN, decide, make_plan
+from contactimg.effects.plan import MARGIN, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer
 from contactimg.models import adhesive, candidates, interacting
@@ -22,6 +22,7 @@ from contactimg.models.local_laws import SphereLaw
 from contactimg.models.refinement import Refinement
 from contactimg.prediction import predict_contacts
 from contactimg.scene import Effects, scene_from_dict
+from contactimg.tables import EFFECTS
 
 
 def on(decisions):

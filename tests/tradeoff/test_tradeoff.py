@@ -18,9 +18,10 @@ from contactimg.models.heights import UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities
+from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.averages import Average, average_change, average_contacts, average_rings
 from contactimg.tradeoff.boundary import _collect
-from contactimg.tradeoff.knobs import TRADEOFF, Knob, Setting, mark_front, measure_knob
+from contactimg.tradeoff.knobs import Knob, Setting, mark_front, measure_knob
 from contactimg.tradeoff.sentences import error_text, knob_sentence, time_text
 from contactimg.tradeoff.sums import _direct_sum
 

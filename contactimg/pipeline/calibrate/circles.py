@@ -17,33 +17,7 @@ from contactimg.optics.recipe import lamp
 from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.scene import Scene, Simulate
-from contactimg.tables import Schema
-
-CIRCLES = Schema(
-    "circles",
-    {
-        "frame": ("str", "file name of the frame"),
-        "status": ("str", "ok, or what was wrong"),
-        "load_N": ("float64", "applied normal load P"),
-        "x_px": ("float64", "column of the centre"),
-        "y_px": ("float64", "row of the centre"),
-        "centre_std_px": ("float64", "standard uncertainty of each"),
-        "radius_px": ("float64", "contact radius"),
-        "radius_m": ("float64", "contact radius a"),
-        "radius_std_m": ("float64", "its standard uncertainty"),
-        "shift_x_px": ("float64", "position in the frame minus position in the reference"),
-        "shift_y_px": ("float64", "position in the frame minus position in the reference"),
-        "contrast": ("float64", "contact minus background, grey levels"),
-        "blur_px": ("float64", "standard deviation of the optical blur"),
-        "arc": ("float64", "fraction of the circumference that was used"),
-        "misfit": ("float64", "root mean square residual in units of the noise"),
-        "branch": ("str", "loading or unloading, where the order of the loads tells"),
-        "fitted_N": ("float64", "load that the fit gives this radius"),
-        "residual_N": ("float64", "load minus fitted load"),
-        "used": ("Int64", "1 if the frame takes part in the fit"),
-        "message": ("str", "what a person should know about this frame"),
-    },
-)
+from contactimg.tables import CIRCLES
 
 BEYOND_FILM_PX = 12.0  # background that is sampled outside the film
 OPENING_FRAMES = 3  # frames from which the opening of the film is found

@@ -12,10 +12,10 @@ from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_load
 from contactimg.files import Experiment
 from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
-from contactimg.pipeline.calibrate.circles import CIRCLES, CircleSeries, mean_centre, measure_circles
+from contactimg.pipeline.calibrate.circles import CircleSeries, mean_centre, measure_circles
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
-from contactimg.tables import FAILED
+from contactimg.tables import CIRCLES, FAILED
 
 
 def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:

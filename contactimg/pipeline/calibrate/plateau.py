@@ -11,29 +11,7 @@ from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, _messages
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresholds
 from contactimg.plots.calibration import plot_plateau
-from contactimg.tables import Schema
-
-CURVE = Schema(
-    "curve",
-    {
-        "threshold": ("float64", "fraction of the contact contrast"),
-        "slope": ("float64", "of force sums against loads, least squares through the origin"),
-        "slope_std": ("float64", "its standard uncertainty"),
-        "area_m2": ("float64", "summed contact area of all frames"),
-        "fall_rate": ("float64", "-d ln A / d threshold"),
-    },
-)
-FORCES = Schema(
-    "forces",
-    {
-        "frame": ("str", "file name of the frame"),
-        "load_N": ("float64", "applied normal load P"),
-        "area_m2": ("float64", "contact area at the calibrated threshold"),
-        "area_std_m2": ("float64", "half the difference between the ends of the plateau"),
-        "force_sum_N": ("float64", "sum of the local forces at the calibrated threshold"),
-        "message": ("str", "what a person should know about this frame"),
-    },
-)
+from contactimg.tables import FORCE_SUMS, THRESHOLD_CURVE
 
 
 def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
@@ -82,10 +60,10 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
     figure = plot_plateau(series.thresholds, series.areas, low=found.threshold_low, high=found.threshold_high)
-    columns = [name for name in FORCES.columns if name in table]
+    columns = [name for name in FORCE_SUMS.columns if name in table]
     return Calibrated(
         record,
-        {"curve.csv": (CURVE, pd.DataFrame(curve)), "areas.csv": (FORCES, table[columns])},
+        {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])},
         {"plateau.png": figure},
         notes,
         failed=len(series.failed) > 0,

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from contactimg.calibration.threshold import calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
-from contactimg.pipeline.calibrate.plateau import CURVE, FORCES
 from contactimg.pipeline.calibrate.result import (
     Advance,
     Calibrated,
@@ -23,7 +22,7 @@ from contactimg.pipeline.calibrate.result import (
 )
 from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, ThresholdSeries, measure_thresholds
 from contactimg.plots.calibration import plot_forces, plot_slopes
-from contactimg.tables import Schema
+from contactimg.tables import FORCE_SUMS, THRESHOLD_CURVE, Schema
 
 
 def run_threshold(
@@ -102,7 +101,7 @@ def _threshold_result(
 ) -> Calibrated:
     """The result with the tables that threshold and modulus share."""
     table = series.frames[["frame", "load_N", "message"]].assign(force_sum_N=forces)
-    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces.csv": (FORCES, table)}
+    tables: dict[str, tuple[Schema, pd.DataFrame]] = {"forces.csv": (FORCE_SUMS, table)}
     if curve is not None:
-        tables["curve.csv"] = (CURVE, pd.DataFrame(curve))
+        tables["curve.csv"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
     return Calibrated(record, tables, figures, record["notes"], failed=len(series.failed) > 0)

@@ -1,0 +1,62 @@
+"""The tables that flow through contactimg, and every flag and status that can stand in them.
+
+Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit), `flags` (what
+qualifies a contact), `statuses` (what can be said of a frame or load as a whole). All names can be imported
+from here.
+"""
+
+from contactimg.tables.flags import Flag, flag_names
+from contactimg.tables.schemas import (
+    AREA,
+    ASPERITIES,
+    BOUNDARY_CONTACTS,
+    CIRCLES,
+    CONTACTS,
+    EFFECTS,
+    FORCE_SUMS,
+    FRAMES,
+    FRICTION,
+    LOADS,
+    MATCHES,
+    NORMALISED,
+    PRESSURE_LAW,
+    PROFILE,
+    REJECTED,
+    RESULTS,
+    RUN_MODELS,
+    SCORES,
+    THRESHOLD_CURVE,
+    TOPOGRAPHY,
+    TRADEOFF,
+    Schema,
+)
+from contactimg.tables.statuses import FAILED, Status
+
+__all__ = [
+    "AREA",
+    "ASPERITIES",
+    "BOUNDARY_CONTACTS",
+    "CIRCLES",
+    "CONTACTS",
+    "EFFECTS",
+    "FAILED",
+    "FORCE_SUMS",
+    "FRAMES",
+    "FRICTION",
+    "LOADS",
+    "MATCHES",
+    "NORMALISED",
+    "PRESSURE_LAW",
+    "PROFILE",
+    "REJECTED",
+    "RESULTS",
+    "RUN_MODELS",
+    "SCORES",
+    "THRESHOLD_CURVE",
+    "TOPOGRAPHY",
+    "TRADEOFF",
+    "Flag",
+    "Schema",
+    "Status",
+    "flag_names",
+]

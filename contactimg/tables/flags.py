@@ -1,0 +1,36 @@
+"""Quality flags of a measured or predicted contact."""
+
+import enum
+from collections.abc import Iterable
+
+
+class Flag(enum.IntFlag):
+    """What qualifies an accepted contact; several flags may be set at once.
+
+    The column ``flags`` holds their sum; the CSV files hold their names, joined by ``|``.
+    """
+
+    EDGE = enum.auto()
+    """The contact, or its blurred rim, is cut by the border of the image or by a hole in the image."""
+    MERGED = enum.auto()
+    """The contact touches a neighbour in the image; its radius depends on how the two were separated."""
+    SATURATED = enum.auto()
+    """Some of its pixels are at the full scale of the sensor."""
+    TOO_SMALL = enum.auto()
+    """Not resolved: the radius minus its uncertainty is below the standard deviation of the blur."""
+    POOR_FIT = enum.auto()
+    """The pixels differ from the fitted disk by more than the noise allows."""
+    BEYOND_HERTZ = enum.auto()
+    """The ratio a/R of contact radius to asperity radius exceeds 0.33, the range of Hertz's law."""
+    OVERLAP = enum.auto()
+    """Two model contacts are closer than the sum of their radii: in reality they would merge."""
+    LOW_SIGNAL = enum.auto()
+    """The signal of the contact is close to the detection limit."""
+    NO_PLATEAU = enum.auto()
+    """No contact of the frame is large enough to show the plateau brightness; the radius depends on the
+    contrast of other frames or on an estimate, and its uncertainty includes that."""
+
+
+def flag_names(flags: Iterable[int]) -> list[str]:
+    """Flag names joined by ``|`` for each row, as in the CSV files."""
+    return ["|".join(str(flag.name) for flag in Flag if flag & int(value)) for value in flags]

@@ -1,0 +1,415 @@
+"""Schemas: every table that contactimg reads or writes, with the dtype, meaning and unit of each column."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from pandas.api.extensions import ExtensionArray
+
+from contactimg.errors import InputError
+
+RUN_MODELS = ("measured", "predicted")
+"""Names that an analysis gives to the contacts of a run itself: those of `process` and those of `predict`."""
+
+
+@dataclass(frozen=True)
+class Schema:
+    """Names, dtypes and meaning of a table's columns.
+
+    Parameters
+    ----------
+    name : str
+        File name without extension.
+    columns : mapping
+        Column name -> (dtype, meaning with its unit).
+    description : str
+        One sentence: what the table holds and what a row is.
+    """
+
+    name: str
+    columns: Mapping[str, tuple[str, str]]
+    description: str = ""
+
+    def empty(self) -> pd.DataFrame:
+        """A table with every column and no row."""
+        return pd.DataFrame({name: pd.Series(dtype=dtype) for name, (dtype, _) in self.columns.items()})
+
+    def conform(self, table: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:
+        """The same rows with exactly this schema's columns, in order; a column not given is empty.
+
+        Raises
+        ------
+        InputError
+            If a column is not in the schema or a value does not fit the column's dtype.
+        """
+        given = table if isinstance(table, pd.DataFrame) else pd.DataFrame(table)
+        unknown = [name for name in given.columns if name not in self.columns]
+        if unknown:
+            raise InputError(
+                f"{self.name}: unknown column {unknown[0]!r}; the columns are {', '.join(self.columns)}"
+            )
+        return pd.DataFrame(
+            {name: self._column(given, name, dtype) for name, (dtype, _) in self.columns.items()},
+            index=pd.RangeIndex(len(given)),
+        )
+
+    def _column(self, given: pd.DataFrame, name: str, dtype: str) -> ArrayLike | ExtensionArray:
+        if name not in given:
+            return _empty_cells(len(given), dtype)
+        column = given[name]
+        try:
+            return column.array if column.dtype == dtype else column.astype(dtype).array
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.name}: column {name!r} must hold {dtype} values ({error})") from None
+
+
+def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
+    """A column in which nothing is given."""
+    if dtype in ("float64", "int64"):
+        return np.full(count, np.nan if dtype == "float64" else 0, dtype)
+    if dtype == "Int64":
+        return pd.arrays.IntegerArray(np.zeros(count, np.int64), np.ones(count, np.bool_))
+    return pd.array([""] * count, dtype=dtype)
+
+
+FRAME = ("str", "file name of the frame with its extension; page k of a stack is name[k]")
+FRAME_OR_LOAD = ("str", "file name of the frame, or for a prediction the name of the load")
+LOAD = ("float64", "applied normal load P, N; positive in compression")
+MODEL = ("str", "whose contacts: measured, predicted (by predict), coupled, uncoupled, gw, gt or hertz")
+MESSAGE = ("str", "remarks about this row in plain words; empty if there are none")
+
+CONTACTS = Schema(
+    "contacts",
+    {
+        "frame": FRAME_OR_LOAD,
+        "label": ("Int64", "number of the contact in its frame, from 1"),
+        "x_px": ("float64", "column of the centre, px; 0 is the centre of the leftmost pixel"),
+        "y_px": ("float64", "row of the centre, px, downwards; 0 is the centre of the top pixel"),
+        "radius_px": ("float64", "contact radius, px"),
+        "radius_std_px": (
+            "float64",
+            "standard uncertainty of radius_px, px, including what all contacts of the frame share",
+        ),
+        "x_m": ("float64", "sample coordinate x of the centre, m"),
+        "y_m": ("float64", "sample coordinate y of the centre, m"),
+        "radius_m": ("float64", "contact radius a, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+        "area_m2": ("float64", "contact area, m^2"),
+        "asperity": ("Int64", "row number of its asperity in the asperity table, from 0; empty if unmatched"),
+        "force_N": ("float64", "local normal force p, N; negative where adhesion outweighs the pressure"),
+        "force_std_N": ("float64", "standard uncertainty of force_N, N"),
+        "flags": ("int64", "quality flags: sum of Flag members; in CSV files their names joined by |"),
+        "contrast_shift_px": (
+            "float64",
+            "change of radius_px, px, if the contrast of the frame is one standard uncertainty higher",
+        ),
+        "blur_shift_px": (
+            "float64",
+            "change of radius_px, px, if the blur is one standard uncertainty wider at the same contrast",
+        ),
+    },
+    "One row per contact that was measured on a frame or predicted at a load.",
+)
+
+REJECTED = Schema(
+    "rejected",
+    {
+        "frame": FRAME,
+        "x_px": ("float64", "column of the centre, px"),
+        "y_px": ("float64", "row of the centre, px"),
+        "radius_px": ("float64", "radius that the candidate would have had, px"),
+        "reason": ("str", "why the candidate is not a contact"),
+    },
+    "One row per candidate that was rejected.",
+)
+
+FRAMES = Schema(
+    "frames",
+    {
+        "frame": FRAME_OR_LOAD,
+        "status": ("str", "ok, or what is wrong with the frame: one of the documented statuses"),
+        "load_N": LOAD,
+        "n_contacts": ("Int64", "number of contacts; empty if nothing could be measured"),
+        "area_m2": ("float64", "real contact area A, m^2: sum over the contacts"),
+        "area_std_m2": ("float64", "standard uncertainty of area_m2, m^2"),
+        "force_sum_N": ("float64", "sum of the local forces, N"),
+        "force_sum_std_N": ("float64", "standard uncertainty of force_sum_N, N"),
+        "threshold": ("float64", "threshold used, as a fraction of the contrast"),
+        "contrast": ("float64", "plateau of the contacts minus background, grey levels"),
+        "noise": ("float64", "standard deviation of the noise in one pixel of the difference, grey levels"),
+        "shift_x_px": ("float64", "position in the frame minus position in the reference along x, px"),
+        "shift_y_px": ("float64", "position in the frame minus position in the reference along y, px"),
+        "indentation_m": ("float64", "indentation from first touch in the model, m; empty if measured"),
+        "message": MESSAGE,
+        "smallest_px": ("float64", "radius of the smallest contact that can be detected, px"),
+    },
+    "One row per frame or load, in order.",
+)
+
+LOADS = Schema(
+    "loads",
+    {
+        "frame": FRAME,
+        "load_N": LOAD,
+        "friction_N": ("float64", "friction force Q, N"),
+        "velocity_m_s": ("float64", "sliding velocity, m/s"),
+    },
+    "Loads of the frames, given by the experimenter or written by simulate.",
+)
+
+ASPERITIES = Schema(
+    "asperities",
+    {
+        "x_m": ("float64", "sample coordinate x of the summit, m"),
+        "y_m": ("float64", "sample coordinate y of the summit, m"),
+        "height_m": ("float64", "height of the summit above the base plane, m"),
+        "radius_m": ("float64", "radius of curvature R of the summit, m"),
+    },
+    "One row per spherical asperity.",
+)
+
+MATCHES = Schema(
+    "matches",
+    {
+        "frame": FRAME,
+        "measured_label": ("Int64", "label of the measured contact"),
+        "asperity": ("Int64", "row number of the asperity in the asperity table, from 0"),
+        "distance_m": ("float64", "distance between the measured and the predicted centre, m"),
+        "radius_measured_m": ("float64", "measured contact radius, m"),
+        "radius_predicted_m": ("float64", "predicted contact radius, m"),
+        "force_measured_N": ("float64", "measured local force, N"),
+        "force_predicted_N": ("float64", "predicted local force, N"),
+    },
+    "One row per pair of a measured contact and one predicted by the coupled model.",
+)
+
+SCORES = Schema(
+    "scores",
+    {
+        "frame": FRAME,
+        "model": MODEL,
+        "n_measured": ("Int64", "number of measured contacts that count"),
+        "n_predicted": ("Int64", "number of predicted contacts that count"),
+        "n_matched": ("Int64", "number of pairs"),
+        "precision": ("float64", "n_matched / n_predicted"),
+        "recall": ("float64", "n_matched / n_measured"),
+        "f1": ("float64", "harmonic mean of precision and recall"),
+        "position_rms_m": ("float64", "RMS distance between the centres of the pairs, m"),
+        "radius_rms_m": ("float64", "RMS difference between the radii of the pairs, m"),
+    },
+    "How well a model predicts the contacts of a frame, one row per frame and model.",
+)
+
+PROFILE = Schema(
+    "profile",
+    {
+        "frame": FRAME_OR_LOAD,
+        "model": MODEL,
+        "r_m": ("float64", "distance of the annulus from the centre of the apparent contact, m"),
+        "pressure_Pa": ("float64", "contact pressure p averaged over the annulus, Pa"),
+        "density_per_m2": ("float64", "number of contacts per unit area eta, 1/m^2"),
+        "mean_radius_m": ("float64", "mean contact radius, m"),
+        "area_fraction": ("float64", "real contact area per unit of apparent area"),
+        "pressure_std_Pa": ("float64", "standard uncertainty of pressure_Pa, Pa"),
+    },
+    "Radial profiles: one row per annulus, frame and model.",
+)
+
+NORMALISED = Schema(
+    "profile_normalised",
+    {
+        "frame": FRAME_OR_LOAD,
+        "model": MODEL,
+        "load_N": ("float64", "applied normal load P, N, averaged over the places"),
+        "hertz_radius_m": ("float64", "Hertz contact radius a_H of the smooth sphere at this load, m"),
+        "hertz_pressure_Pa": ("float64", "maximum Hertz pressure p_0 of the smooth sphere, Pa"),
+        "r_over_hertz_radius": ("float64", "distance from the centre over a_H"),
+        "pressure_over_hertz": ("float64", "pressure over p_0"),
+        "pressure_std_over_hertz": ("float64", "standard uncertainty of pressure_over_hertz"),
+    },
+    "Pressure profiles divided by Hertz's radius and maximum pressure.",
+)
+
+AREA = Schema(
+    "area",
+    {
+        "model": MODEL,
+        "load_N": ("float64", "applied normal load P, N, averaged over the frames"),
+        "load_std_N": ("float64", "standard uncertainty of load_N, N"),
+        "n_frames": ("Int64", "number of frames at this load"),
+        "n_places": ("Int64", "number of places where they were taken"),
+        "area_m2": ("float64", "real contact area A, m^2, averaged over the places"),
+        "area_std_m2": ("float64", "standard uncertainty of area_m2, m^2"),
+        "area_scatter_m2": ("float64", "standard deviation of A between places, m^2"),
+        "n_contacts": ("float64", "mean number of contacts per frame"),
+        "mean_radius_m": ("float64", "mean contact radius a, m"),
+        "spacing_over_radius": ("float64", "L/a: mean spacing of the asperities 1/sqrt(eta_0) over a"),
+        "radius_ratio_mean": ("float64", "mean of a/R, contact radius over asperity radius"),
+        "radius_ratio_max": ("float64", "largest a/R"),
+    },
+    "Real contact area against load, one row per load and model.",
+)
+
+PRESSURE_LAW = Schema(
+    "pressure_law",
+    {
+        "frame": FRAME_OR_LOAD,
+        "model": MODEL,
+        "load_N": ("float64", "applied normal load P, N, averaged over the places"),
+        "r_m": ("float64", "distance of the annulus from the centre, m"),
+        "n_contacts": ("float64", "number of contacts in the annulus, all places together"),
+        "pressure_Pa": ("float64", "local contact pressure p, Pa"),
+        "pressure_std_Pa": ("float64", "standard uncertainty of pressure_Pa, Pa"),
+        "density_per_m2": ("float64", "number of contacts per unit area eta, 1/m^2"),
+        "density_std_per_m2": ("float64", "standard uncertainty of density_per_m2, 1/m^2"),
+        "density_ratio": ("float64", "eta/eta_0: contacts per asperity"),
+        "density_ratio_std": ("float64", "standard uncertainty of density_ratio"),
+        "mean_radius_m": ("float64", "mean contact radius, m"),
+        "mean_radius_std_m": ("float64", "standard uncertainty of mean_radius_m, m"),
+    },
+    "Contact density and mean contact radius against local pressure, one row per annulus.",
+)
+
+FRICTION = Schema(
+    "friction",
+    {
+        "place": ("str", "folder of the run"),
+        "frame": FRAME,
+        "load_N": LOAD,
+        "velocity_m_s": ("float64", "sliding velocity, m/s"),
+        "friction_N": ("float64", "friction force Q, N"),
+        "area_m2": ("float64", "real contact area A, m^2"),
+        "area_std_m2": ("float64", "standard uncertainty of area_m2, m^2"),
+        "stress_Pa": ("float64", "mean shear stress |Q|/A, Pa"),
+    },
+    "Friction force and real contact area, one row per frame.",
+)
+
+TOPOGRAPHY = Schema(
+    "topography",
+    {
+        "height_m": ("float64", "height h of an asperity, m"),
+        "radius_m": ("float64", "radius of curvature R of the asperity, m"),
+        "height_std_m": ("float64", "standard uncertainty of height_m, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+    },
+    "Measured heights and radii of asperities, one row each.",
+)
+
+RESULTS = Schema(
+    "results",
+    {
+        "quantity": ("str", "name of the quantity"),
+        "model": MODEL,
+        "value": ("float64", "value of the quantity, in `unit`"),
+        "std": ("float64", "standard uncertainty of the value, in `unit`"),
+        "low": ("float64", "lower limit of the confidence interval, in `unit`"),
+        "high": ("float64", "upper limit of the confidence interval, in `unit`"),
+        "unit": ("str", "unit of value, std, low and high"),
+        "confidence": ("float64", "confidence level of the interval"),
+        "range_low": ("float64", "smallest fitted abscissa, in `range_unit`"),
+        "range_high": ("float64", "largest fitted abscissa, in `range_unit`"),
+        "range_unit": ("str", "unit of range_low and range_high"),
+        "n_points": ("Int64", "number of fitted points"),
+        "n_places": ("Int64", "number of places they come from"),
+        "note": ("str", "definition of the quantity and remarks"),
+    },
+    "Numbers of an analysis, one row each.",
+)
+
+CIRCLES = Schema(
+    "circles",
+    {
+        "frame": FRAME,
+        "status": ("str", "ok, or what is wrong with the frame: one of the documented statuses"),
+        "load_N": LOAD,
+        "x_px": ("float64", "column of the centre of the contact, px"),
+        "y_px": ("float64", "row of the centre of the contact, px"),
+        "centre_std_px": ("float64", "standard uncertainty of x_px and of y_px, px"),
+        "radius_px": ("float64", "contact radius, px"),
+        "radius_m": ("float64", "contact radius a, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+        "shift_x_px": ("float64", "position in the frame minus position in the reference along x, px"),
+        "shift_y_px": ("float64", "position in the frame minus position in the reference along y, px"),
+        "contrast": ("float64", "contact minus background, grey levels"),
+        "blur_px": ("float64", "standard deviation of the optical blur, px"),
+        "arc": ("float64", "fraction of the circumference that was used"),
+        "misfit": ("float64", "root mean square residual over the standard deviation of the noise"),
+        "branch": ("str", "loading or unloading, where the order of the loads tells; else empty"),
+        "fitted_N": ("float64", "load at which the fitted law gives this radius, N"),
+        "residual_N": ("float64", "load_N minus fitted_N, N"),
+        "used": ("Int64", "1 if the frame takes part in the fit, 0 if not"),
+        "message": MESSAGE,
+    },
+    "Contact circles of a smooth sphere from `calibrate jkr`, one row per frame.",
+)
+
+THRESHOLD_CURVE = Schema(
+    "curve",
+    {
+        "threshold": ("float64", "threshold as a fraction of the contact contrast"),
+        "slope": ("float64", "slope of force sum against load, least squares through the origin"),
+        "slope_std": ("float64", "standard uncertainty of slope"),
+        "area_m2": ("float64", "contact area summed over all frames, m^2"),
+        "fall_rate": ("float64", "-d ln A/d threshold: relative decrease of the area per unit of threshold"),
+    },
+    "What the measurement gives at each threshold, from `calibrate threshold` and `calibrate plateau`.",
+)
+
+FORCE_SUMS = Schema(
+    "forces",
+    {
+        "frame": FRAME,
+        "load_N": LOAD,
+        "area_m2": ("float64", "contact area at the calibrated threshold, m^2"),
+        "area_std_m2": ("float64", "half the difference of the areas at the two ends of the plateau, m^2"),
+        "force_sum_N": ("float64", "sum of the local forces at the calibrated threshold, N"),
+        "message": MESSAGE,
+    },
+    "Area and force sum of each frame at the calibrated threshold (forces.csv, areas.csv).",
+)
+
+EFFECTS = Schema(
+    "effects",
+    {
+        "load_N": ("float64", "load that the plan is for, N"),
+        "effect": ("str", "name of the effect, as in [effects]"),
+        "change": ("float64", "estimated relative change of the requested output if the effect is left out"),
+        "tolerance": ("float64", "limit on the sum of the changes of all effects that are left out"),
+        "decision": ("str", "on or off"),
+        "switch": ("str", "switch of the effect in the scene: auto, on or off"),
+        "cost": ("float64", "computing time of its stage with the effect over the time without it"),
+        "reason": ("str", "the numbers behind the decision"),
+    },
+    "Which effects a scene calls for, one row per effect.",
+)
+
+TRADEOFF = Schema(
+    "tradeoff",
+    {
+        "knob": ("str", "name of the choice whose settings are compared"),
+        "setting": ("str", "one setting of the choice"),
+        "error": ("float64", "relative error of the output against the reference"),
+        "time_s": ("float64", "computing time, s: the best of several runs taken in turn"),
+        "time_ratio": ("float64", "time over that of the cheapest setting of the same choice"),
+        "pareto": ("Int64", "1 if no other setting is both faster and more accurate; empty if not run here"),
+        "output": ("str", "quantity whose error is given: area, force or radius"),
+        "reference": ("str", "the converged answer that the error is measured against"),
+        "load_N": ("float64", "applied normal load P, N; empty if no load enters"),
+        "message": ("str", "why there is no number, or a remark about it"),
+    },
+    "Computing time and accuracy of every setting, one row each.",
+)
+
+BOUNDARY_CONTACTS = Schema(
+    "boundary_contacts",
+    {
+        "load_N": LOAD,
+        "asperity": ("Int64", "row number of the asperity in the asperity table, from 0"),
+        "force_N": ("float64", "force on the asperity, N"),
+        "radius_m": ("float64", "contact radius from the second moment of the pressure, m"),
+    },
+    "Stored boundary-element solution that `tradeoff` compares with, one row per contact.",
+)

@@ -1,0 +1,40 @@
+"""Statuses: what the column ``status`` of a table can say of a frame or load as a whole."""
+
+import enum
+
+
+class Status(enum.StrEnum):
+    """State of a frame or load. ``ok`` means that the measurement describes the frame.
+
+    Every other status comes with a sentence in the column ``message``. A frame whose status is neither ``ok``
+    nor ``failed`` was measured as far as that is possible.
+    """
+
+    OK = "ok"
+    """The frame was measured, or the load solved, without reservation."""
+    FAILED = "failed"
+    """No result: the frame could not be read or measured, or the model has no solution at this load."""
+    NO_CONTACT = "no contact"
+    """The frame was measured and no contact stands out of the noise."""
+    LIGHT_CHANGED = "light changed"
+    """The background is 1.5 times brighter or darker than the reference, or more: the illumination changed,
+    or contacts fill most of the frame."""
+    NOT_REGISTERED = "not registered"
+    """The frame could not be aligned with its reference; background may remain in the difference."""
+    HOLES = "holes"
+    """Some pixels of the frame or of its reference have no finite value; they are left out."""
+    ALL_HOLES = "all holes"
+    """No pixel has a finite value."""
+    BLACK = "black"
+    """Every pixel is zero: no light reached the sensor."""
+    WHITE = "white"
+    """Every pixel is at the full scale of the sensor."""
+    CONSTANT = "constant"
+    """All pixels have the same value, neither zero nor full scale."""
+    IDENTICAL = "identical to reference"
+    """The frame is identical to its reference, so no contact can show."""
+    BAD_REFERENCE = "reference without light"
+    """The reference is black or at full scale everywhere; the background was estimated from the frame."""
+
+
+FAILED = Status.FAILED
