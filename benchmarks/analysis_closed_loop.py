@@ -18,9 +18,9 @@ import pandas as pd
 from pattern_scene import pattern_scene
 
 from contactimg.analysis.annuli import annulus_moments
-from contactimg.analysis.area import fit_area_law, frame_areas
-from contactimg.analysis.broken_laws import BrokenLaw, fit_broken_law
-from contactimg.analysis.contact_laws import fit_contact_law
+from contactimg.analysis.area_against_load import fit_area_law, frame_areas
+from contactimg.analysis.broken_power_laws import BrokenLaw, fit_broken_law
+from contactimg.analysis.contacts_against_pressure import fit_contact_law
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import fit_shear_stress
 from contactimg.analysis.topography import describe_topography

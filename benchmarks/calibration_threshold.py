@@ -13,7 +13,7 @@ from pathlib import Path
 import pandas as pd
 from pattern_scene import PIXEL, pattern_scene
 
-from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline.calibrate.modulus import run_modulus

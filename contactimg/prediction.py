@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.annuli import annulus_edges
-from contactimg.analysis.profiles import radial_profile
+from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.plan import Plan
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
@@ -19,7 +19,7 @@ from contactimg.models.greenwood_williamson import (
     ring_weights,
     solve_greenwood_williamson,
 )
-from contactimg.models.heights import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
+from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose

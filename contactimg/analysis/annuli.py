@@ -23,7 +23,7 @@ radius ``a``, ``a^2``, force ``p``, ``p^2`` and ``a p``, in SI units."""
 
 
 @dataclass(frozen=True)
-class Field:
+class FieldOfView:
     """The part of the sample that a frame shows.
 
     Parameters
@@ -50,7 +50,7 @@ class Field:
         --------
         A disc about the corner of the image shows a quarter of itself:
 
-        >>> field = Field(Pose(shape=(100, 200), pixel_size=1e-6))
+        >>> field = FieldOfView(Pose(shape=(100, 200), pixel_size=1e-6))
         >>> 4 * field.disc_area((-100e-6, -50e-6), 10e-6) / 1e-10
         3.14159265
         """
@@ -94,7 +94,7 @@ def annulus_edges(contacts: pd.DataFrame, *, centre: tuple[float, float], width:
 
 
 def annulus_moments(
-    contacts: pd.DataFrame, *, centre: tuple[float, float], edges: ArrayLike, field: Field | None = None
+    contacts: pd.DataFrame, *, centre: tuple[float, float], edges: ArrayLike, field: FieldOfView | None = None
 ) -> pd.DataFrame:
     """Sum the contacts of one frame over annuli.
 
@@ -106,7 +106,7 @@ def annulus_moments(
         Centre of the apparent contact, sample coordinates, m.
     edges : array_like, shape (n + 1,)
         Increasing radii that bound the annuli, m.
-    field : Field, optional
+    field : FieldOfView, optional
         What the camera sees; contacts outside do not count, nor does the area there. Default: everything.
 
     Returns

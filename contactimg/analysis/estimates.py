@@ -20,7 +20,7 @@ class Estimate:
     value : float
     std : float
         Standard deviation, however few the data are: of few, ``value +- 1.96 std`` covers less than 95 %
-        (that of `contactimg.calibration.estimate.CoverageEstimate` is widened to cover it).
+        (that of `contactimg.calibration.coverage_estimate.CoverageEstimate` is widened to cover it).
     low, high : float
         Infinite where the data leave no degree of freedom to judge the scatter by.
     """

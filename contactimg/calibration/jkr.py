@@ -17,8 +17,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
-from contactimg.calibration.branches import tell_branches
-from contactimg.calibration.estimate import CoverageEstimate, estimate_from_draws
+from contactimg.calibration.coverage_estimate import CoverageEstimate, estimate_from_draws
+from contactimg.calibration.loading_branches import classify_branches
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
@@ -119,7 +119,7 @@ def calibrate_jkr(
     data = _Data.of(load, radius, radius_std)
     check_loads(data.load)
     _check_growth(data.load, data.radius)
-    branch = tell_branches(data.load)
+    branch = classify_branches(data.load)
     used = _without_strays(data)
     columns = _branch_columns(data, branch, used)
     fit = _average_noises(data.part(used), columns[used])

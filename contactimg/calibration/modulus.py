@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 

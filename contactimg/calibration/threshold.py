@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.calibration.estimate import CoverageEstimate, coverage_estimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate, coverage_estimate
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]

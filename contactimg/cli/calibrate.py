@@ -18,7 +18,7 @@ from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
-    from contactimg.calibration.estimate import CoverageEstimate
+    from contactimg.calibration.coverage_estimate import CoverageEstimate
     from contactimg.files import Experiment
     from contactimg.pipeline.calibrate.result import Calibrated
     from contactimg.scene import Scene
@@ -231,7 +231,7 @@ def _modulus(given: dict[str, Any]) -> dict[str, float]:
 
 def _kept_threshold(scene: "Scene", record: dict[str, Any], value: float | None) -> "CoverageEstimate | None":
     """The threshold that is kept: the calibration's, the option's or the scene's; None for disks."""
-    from contactimg.calibration.estimate import CoverageEstimate
+    from contactimg.calibration.coverage_estimate import CoverageEstimate
 
     if "threshold" in record and value is not None:
         raise InputError("--calibration and --threshold both give the threshold; keep one of the two")

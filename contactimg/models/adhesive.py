@@ -14,12 +14,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
-from contactimg.models.adhesive_laws import AdhesiveLaw
-from contactimg.models.adhesive_refinement import refine
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw
+from contactimg.models.adhesive_full_coupling import refine
+from contactimg.models.asperity_laws import LAWS
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.local_laws import LAWS
-from contactimg.models.problem import Problem, Setting, pose_problem
+from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, scale_problem
 from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]
@@ -124,9 +124,11 @@ def solve_adhesive(
         raise InputError(f"coupling must be one of {', '.join(map(repr, COUPLINGS))}, got {coupling!r}")
     if law not in LAWS:
         raise InputError(f"law must be one of {', '.join(map(repr, LAWS))}, got {law!r}")
-    setting = Setting(indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation)
+    setting = ContactConditions(
+        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation
+    )
     setting.check()
-    problem = pose_problem(asperities, setting, depth=_depth_unit(asperities, setting, w))
+    problem = scale_problem(asperities, setting, depth=_depth_unit(asperities, setting, w))
     before = start if start is not None else _without_adhesion(asperities, setting, coupling, law)
     path = _Path(
         problem,
@@ -200,7 +202,7 @@ def solve_adhesive_path(
         yield previous
 
 
-def _depth_unit(asperities: pd.DataFrame, setting: Setting, work_of_adhesion: float) -> float:
+def _depth_unit(asperities: pd.DataFrame, setting: ContactConditions, work_of_adhesion: float) -> float:
     """Unit of height: the larger of Hertz's and adhesion's indentation of a typical asperity."""
     if not len(asperities):
         raise InputError("the asperity table is empty: there is nothing to adhere to")
@@ -210,7 +212,7 @@ def _depth_unit(asperities: pd.DataFrame, setting: Setting, work_of_adhesion: fl
 
 
 def _without_adhesion(
-    asperities: pd.DataFrame, setting: Setting, coupling: str, law: str
+    asperities: pd.DataFrame, setting: ContactConditions, coupling: str, law: str
 ) -> InteractingSolution:
     """The problem without adhesion: first loading touches at least its contacts."""
     return solve_interacting(
@@ -248,7 +250,7 @@ class _State:
 class _Path:
     """One problem of a path; without a kernel the contacts are independent."""
 
-    problem: Problem
+    problem: ScaledProblem
     law: AdhesiveLaw
     kernel: Kernel | None
     tolerance: float
@@ -287,7 +289,7 @@ class _Path:
             'take coupling "asymptotic"'
         )
 
-    def _refine(self, at: Problem, state: _State, contact_radius: Values) -> Problem:
+    def _refine(self, at: ScaledProblem, state: _State, contact_radius: Values) -> ScaledProblem:
         """The problem in the fields of a state's contacts, whose summits are those of ``at``."""
         force, _, _ = state.scattered(contact_radius.size)
         near = np.flatnonzero((contact_radius > 0) | (state.indentation > self.problem.gap))

@@ -88,13 +88,13 @@ class Coupling(Protocol):
     def displacement_at(self, rows: Rows, force: Values) -> Values:
         """``C q`` at some candidates."""
 
-    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
+    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """Solve ``(I + S C S) z = b`` on the active rows for the columns of ``sides``."""
 
     def fields(self, force: Values, contact_radius: Values) -> Fields:
         """The neighbours' fields at every candidate."""
 
-    def moved(self, x: Values, y: Values) -> "Coupling":
+    def at_positions(self, x: Values, y: Values) -> "Coupling":
         """The same coupling between candidates at other places."""
 
 
@@ -109,7 +109,7 @@ class NoCoupling:
         """Nothing moves."""
         return np.zeros(rows.size)
 
-    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
+    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
         """The identity."""
         return sides
 
@@ -117,7 +117,7 @@ class NoCoupling:
         """None."""
         return Fields(*(np.zeros_like(force) for _ in range(4)))
 
-    def moved(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
+    def at_positions(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
         """Itself."""
         return self
 
@@ -146,7 +146,7 @@ class DenseCoupling:
         """``C q`` at some candidates."""
         return self.displacement(force)[rows]
 
-    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
+    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
         """By Cholesky, to rounding; `NotPositiveDefinite` if the matrix is not."""
         system = _newton_matrix(self.matrix, active, scale)
         # the upper triangle in C order is the lower one for LAPACK, whose factorisation is the faster
@@ -165,7 +165,7 @@ class DenseCoupling:
             *_pair_fields(self._x, self._y, loaded, force, contact_radius, k.thinness, k.value, k.slope)
         )
 
-    def moved(self, x: Values, y: Values) -> "DenseCoupling":
+    def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
         """The same coupling between candidates at other places."""
         return DenseCoupling(x, y, self._kernel)
 

@@ -26,7 +26,7 @@ from contactimg.models.greenwood_williamson import (
     ring_weights,
     solve_greenwood_williamson,
 )
-from contactimg.models.heights import HeightLaw
+from contactimg.models.height_distributions import HeightLaw
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -90,7 +90,7 @@ def solve_greenwood_tripp(
 
     Examples
     --------
-    >>> from contactimg.models.heights import UniformHeights
+    >>> from contactimg.models.height_distributions import UniformHeights
     >>> s = solve_greenwood_tripp(
     ...     UniformHeights(30e-6, 60e-6), density=18.45e6, radius=100e-6,
     ...     indenter_radius=0.1288, contact_modulus=4e6, load=0.5,

@@ -1,8 +1,8 @@
 """Greenwood-Williamson: independent asperities of random height, under a flat or under a sphere.
 
 Where the other surface has sunk by ``x`` below the highest summits, ``eta = eta0 F_0(x)`` contacts a unit
-area bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.heights`). Under a sphere each
-ring has its own depth ``x``.
+area bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.height_distributions`). Under a
+sphere each ring has its own depth ``x``.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
-from contactimg.models.heights import HeightLaw
+from contactimg.models.height_distributions import HeightLaw
 from contactimg.tables import PROFILE
 from contactimg.timings import stage
 
@@ -42,7 +42,7 @@ class AsperityLayer:
     --------
     For uniform heights of width ``s`` the pressure grows as ``(2/5) K sqrt(R) eta0 x^{5/2}/s``:
 
-    >>> from contactimg.models.heights import UniformHeights
+    >>> from contactimg.models.height_distributions import UniformHeights
     >>> layer = AsperityLayer(UniformHeights(0.0, 30e-6), density=18e6, radius=100e-6, contact_modulus=4e6)
     >>> round(float(layer.pressure(10e-6)), 3), round(0.4 * 16e6 / 3 * 1e-2 * 18e6 * 1e-5**2.5 / 30e-6, 3)
     (4047.715, 4047.715)
@@ -213,7 +213,7 @@ def solve_greenwood_williamson(
 
     Examples
     --------
-    >>> from contactimg.models.heights import UniformHeights
+    >>> from contactimg.models.height_distributions import UniformHeights
     >>> s = solve_greenwood_williamson(
     ...     UniformHeights(30e-6, 60e-6), density=18.45e6, radius=100e-6,
     ...     indenter_radius=0.1288, contact_modulus=4e6, load=0.5,

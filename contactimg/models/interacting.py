@@ -1,8 +1,9 @@
 """Interacting asperities: every contact of a pattern under a sphere, at prescribed load or indentation.
 
 ``delta_i = D - g_i - sum_j C_ij p_j`` with ``p_i = (4/3) E* sqrt(R_i) delta_i^{3/2}`` where ``delta_i > 0``.
-Solved without dimensions (`contactimg.models.problem`) by Newton's method (`contactimg.models.newton`) on
-the candidates: the asperities that the indenter would reach if the others did not lower the surface.
+Solved without dimensions (`contactimg.models.scaled_problem`) by Newton's method
+(`contactimg.models.newton_iteration`) on the candidates: the asperities that the indenter would reach if the
+others did not lower the surface.
 """
 
 from collections.abc import Collection, Iterable, Iterator
@@ -11,10 +12,10 @@ import numpy as np
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.models.candidates import METHODS, CandidateSolver
+from contactimg.models.asperity_laws import LAWS, asperity_law
+from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
-from contactimg.models.local_laws import LAWS, local_law
-from contactimg.models.problem import Setting, pose_problem
+from contactimg.models.scaled_problem import ContactConditions, scale_problem
 from contactimg.models.solution import InteractingSolution
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
@@ -104,8 +105,10 @@ def solve_interacting(
     _check_choices(coupling=(coupling, COUPLINGS), law=(law, LAWS), method=(method, METHODS))
     if load is not None and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
-    setting = Setting(indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation)
-    problem = pose_problem(asperities, setting)
+    setting = ContactConditions(
+        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation
+    )
+    problem = scale_problem(asperities, setting)
     if not problem.touches:
         return problem.untouched(coupling=coupling, thickness=float(thickness))
     if start is not None and start.force.size != len(asperities):
@@ -115,8 +118,8 @@ def solve_interacting(
         )
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
     kernel = Kernel.of_thickness(thickness / problem.length)
-    profile = local_law(law, aspect=problem.depth / problem.length)
-    solver = CandidateSolver(
+    profile = asperity_law(law, aspect=problem.depth / problem.length)
+    solver = ContactSolver(
         problem,
         profile,
         kernel,

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.analysis.broken_laws import BrokenLaw
+from contactimg.analysis.broken_power_laws import BrokenLaw
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import PowerLaw

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.area import fit_area_law, frame_areas
+from contactimg.analysis.area_against_load import fit_area_law, frame_areas
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import InputError
 from contactimg.files import (

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.models.coupling import Kernel
-from contactimg.models.fast_sum import FastCoupling
+from contactimg.models.fast_coupling import FastCoupling
 from contactimg.tradeoff.case import Case
 from contactimg.tradeoff.knobs import Knob, Setting
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from contactimg.analysis.broken_laws import fit_broken_law
+from contactimg.analysis.broken_power_laws import fit_broken_law
 from contactimg.analysis.curve_fit import Points, fit_line, fit_proportional
 from contactimg.analysis.estimates import Estimate, jackknife_covariance, student_estimate
 from contactimg.analysis.friction import compare_stress, fit_shear_stress

@@ -5,9 +5,9 @@ import pytest
 from scipy import stats
 
 from contactimg.analysis.estimates import student_estimate
-from contactimg.calibration.branches import tell_branches
-from contactimg.calibration.estimate import coverage_estimate
+from contactimg.calibration.coverage_estimate import coverage_estimate
 from contactimg.calibration.jkr import calibrate_jkr
+from contactimg.calibration.loading_branches import classify_branches
 from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import find_plateau
 from contactimg.calibration.threshold import calibrate_threshold, load_slope
@@ -120,9 +120,9 @@ def test_unloading_that_adheres_more_has_its_own_work_of_adhesion(rng):
 
 
 def test_branches():
-    assert tell_branches([0.5, 0.2]).tolist() == ["unloading"] * 2
-    assert tell_branches([0.1, 0.3, 0.2, 0.5]).tolist() == [""] * 4
-    assert tell_branches([]).tolist() == []
+    assert classify_branches([0.5, 0.2]).tolist() == ["unloading"] * 2
+    assert classify_branches([0.1, 0.3, 0.2, 0.5]).tolist() == [""] * 4
+    assert classify_branches([]).tolist() == []
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from contactimg.effects.change import OUTPUTS, relative_change
 from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.mechanics.state import CELLS, SAMPLE, Stage
 from contactimg.effects.plan import make_plan
-from contactimg.models.problem import Setting, pose_problem
+from contactimg.models.scaled_problem import ContactConditions, scale_problem
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 
@@ -191,8 +191,8 @@ def test_contacts_are_those_of_the_coupled_state():
 def test_the_size_of_the_problem_is_bounded():
     table = generate_asperities("SA", side=0.045, coverage=0.4, rng=np.random.default_rng(0))
     assert len(table) > 1.5 * SAMPLE
-    setting = Setting(2.0, 4e6, (0.0225, 0.0225), np.inf, 3.0, None)
-    stage = Stage.of(pose_problem(table, setting))
+    setting = ContactConditions(2.0, 4e6, (0.0225, 0.0225), np.inf, 3.0, None)
+    stage = Stage.of(scale_problem(table, setting))
     assert stage.problem.gap.size <= SAMPLE
     assert stage.cells.count <= (CELLS + 1) ** 2
 

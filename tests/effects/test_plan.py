@@ -16,10 +16,10 @@ from contactimg.effects.mechanics import estimates as mechanics
 from contactimg.effects.plan import MARGIN, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer
-from contactimg.models import adhesive, candidates, interacting
+from contactimg.models import adhesive, contact_solver, interacting
+from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
-from contactimg.models.local_laws import SphereLaw
-from contactimg.models.refinement import Refinement
+from contactimg.models.full_coupling import FieldCorrection
 from contactimg.prediction import predict_contacts
 from contactimg.scene import Effects, scene_from_dict
 from contactimg.tables import EFFECTS
@@ -160,13 +160,13 @@ def counted(monkeypatch):
 
     count(DenseCoupling, "__init__", "matrix")
     count(DenseCoupling, "displacement", "product")
-    count(Refinement, "apply", "full")
+    count(FieldCorrection, "apply", "full")
     count(SphereLaw, "respond", "sphere")
     count(layer, "deficit_table", "layer")
     count(adhesive._Contacts, "direction", "adhesion")
     count(adhesive, "refine", "full adhesive")
-    assert candidates.Refinement is Refinement
-    assert interacting.local_law("sphere", aspect=1.0) == SphereLaw(1.0)
+    assert contact_solver.FieldCorrection is FieldCorrection
+    assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
 
 

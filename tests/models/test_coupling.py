@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from contactimg import generate_asperities, solve_interacting
-from contactimg.models import candidates
+from contactimg.models import contact_solver
 from contactimg.models.coupling import DenseCoupling, Kernel, NotPositiveDefinite
-from contactimg.models.fast_sum import FastCoupling
+from contactimg.models.fast_coupling import FastCoupling
 
 ACCURACY = 1e-8  # sums are asked for to 1e-9 of the largest term
 
@@ -47,13 +47,13 @@ def test_newton_systems_agree(points):
     sides = np.column_stack([np.sin(7 * x[active]), scale])
     kernel = Kernel.of_thickness(np.inf)
     fast = FastCoupling(x, y, kernel)
-    dense = DenseCoupling(x, y, kernel).newton(active, scale, sides, 1e-10)
-    few = fast.newton(active, scale, sides, 1e-10)
+    dense = DenseCoupling(x, y, kernel).solve_newton_system(active, scale, sides, 1e-10)
+    few = fast.solve_newton_system(active, scale, sides, 1e-10)
     np.testing.assert_allclose(few, dense, atol=1e-9)
     everything = np.arange(x.size)
     sides = np.column_stack([np.sin(7 * x), np.full(x.size, 0.002)])
-    dense = DenseCoupling(x, y, kernel).newton(everything, sides[:, 1], sides, 1e-10)
-    krylov = fast.newton(everything, sides[:, 1], sides, 1e-10)
+    dense = DenseCoupling(x, y, kernel).solve_newton_system(everything, sides[:, 1], sides, 1e-10)
+    krylov = fast.solve_newton_system(everything, sides[:, 1], sides, 1e-10)
     np.testing.assert_allclose(krylov, dense, atol=ACCURACY)
 
 
@@ -62,9 +62,9 @@ def test_indefinite_systems_are_noticed():
     close = DenseCoupling(np.array([0.0, 0.5]), np.zeros(2), kernel)
     # 2 a/(pi r) = 1 is the limit for two contacts: a = 0.785 at r = 0.5
     below, above = (np.sqrt(np.full(2, 2 * a)) for a in (0.78, 0.79))
-    close.newton(np.arange(2), below, np.column_stack([below, below]), 1e-10)
+    close.solve_newton_system(np.arange(2), below, np.column_stack([below, below]), 1e-10)
     with pytest.raises(NotPositiveDefinite):
-        close.newton(np.arange(2), above, np.column_stack([above, above]), 1e-10)
+        close.solve_newton_system(np.arange(2), above, np.column_stack([above, above]), 1e-10)
 
 
 @pytest.mark.parametrize("coupling", ["asymptotic", "full"])
@@ -85,16 +85,16 @@ def test_contacts_that_the_screening_missed_come_back(monkeypatch):
     where = {"indenter_radius": 0.1288, "contact_modulus": 4e6, "apex": (2e-3, 2e-3), "load": 0.3}
     dense = solve_interacting(table, method="dense", **where)
     # the uncoupled forces, which lower the surface too much, are taken for the rough solution
-    monkeypatch.setattr(candidates, "mean_field", lambda *posed: posed[3:])
-    monkeypatch.setattr(candidates, "ROUGH", np.inf)
+    monkeypatch.setattr(contact_solver, "coarse_grid_start", lambda *posed: posed[3:])
+    monkeypatch.setattr(contact_solver, "ROUGH", np.inf)
     sizes = []
-    converge = candidates.CandidateSolver._converge
+    converge = contact_solver.ContactSolver._converge
 
     def watched(self, problem, *args, **options):
         sizes.append(problem.gap.size)
         return converge(self, problem, *args, **options)
 
-    monkeypatch.setattr(candidates.CandidateSolver, "_converge", watched)
+    monkeypatch.setattr(contact_solver.ContactSolver, "_converge", watched)
     fast = solve_interacting(table, method="fast", **where)
     assert sizes[1] < sizes[2], sizes  # some were missed, and taken in
     np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)

@@ -14,7 +14,7 @@ from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.threshold_radius import disk_radius, threshold_radius
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.greenwood_williamson import solve_greenwood_williamson
-from contactimg.models.heights import UniformHeights
+from contactimg.models.height_distributions import UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities

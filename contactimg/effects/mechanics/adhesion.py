@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.effects.mechanics.state import Response
-from contactimg.models.adhesive_laws import AdhesiveLaw
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 
 Values = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from contactimg.effects.mechanics.cost import solve_cost
 from contactimg.effects.mechanics.scene import PURPOSE, LoadedScene
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
-from contactimg.models.local_laws import SphereLaw
-from contactimg.models.problem import Setting, pose_problem
+from contactimg.models.asperity_laws import SphereLaw
+from contactimg.models.scaled_problem import ContactConditions, scale_problem
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -115,8 +115,10 @@ def weigh_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> W
         radius = float(np.median(asperities["radius_m"]))
         pull = jkr.pull_off_load(sphere_radius=radius, work_of_adhesion=elastic.work_of_adhesion)
         pressed = -HARDLY_PRESSED * pull
-    setting = Setting(indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, pressed, None)
-    problem = pose_problem(asperities, setting)
+    setting = ContactConditions(
+        indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, pressed, None
+    )
+    problem = scale_problem(asperities, setting)
     if not problem.touches:
         none = tuple(Estimate(name, 0.0, f"at {load:g} N there is no contact") for name in MECHANICAL_EFFECTS)
         return Weighing(none, (), CONTACTS.empty)

@@ -1,15 +1,15 @@
 """What the neighbours' displacement field does over the width of a contact, from the closest pairs.
 
-The terms of full coupling (`contactimg.models.refinement`) to first order at the forces of a state: Hertz's
-pressure instead of point forces, the slope that shifts a contact, the curvature that changes its radius. They
-fall with the cube of the distance, so that of many contacts the nearest neighbours are enough.
+The terms of full coupling (`contactimg.models.full_coupling`) to first order at the forces of a state:
+Hertz's pressure instead of point forces, the slope that shifts a contact, the curvature that changes its
+radius. They fall with the cube of the distance, so that of many contacts the nearest neighbours are enough.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.models.coupling import DenseCoupling, Kernel
-from contactimg.models.near_pairs import NearPairs
+from contactimg.models.near_field_sum import NearFieldSum
 
 Values = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def field_terms(
     if x.size <= ALL_PAIRS:
         fields = DenseCoupling(x, y, kernel).fields
     else:
-        fields = NearPairs(x, y, cutoff=_cutoff(x, y), sharpness=0.0).fields
+        fields = NearFieldSum(x, y, cutoff=_cutoff(x, y), sharpness=0.0).fields
     own = fields(force, contact_radius)
     shift_x, shift_y = -radius * own.slope_x, -radius * own.slope_y
     sources = (

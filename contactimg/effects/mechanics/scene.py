@@ -13,10 +13,10 @@ from contactimg.effects.mechanics.adhesion import adhesive_response
 from contactimg.effects.mechanics.fields import field_terms
 from contactimg.effects.mechanics.state import Response, Stage, State
 from contactimg.errors import ModelRangeError
-from contactimg.models.adhesive_laws import AdhesiveLaw
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw
+from contactimg.models.asperity_laws import HertzLaw
 from contactimg.models.coupling import Kernel
-from contactimg.models.local_laws import HertzLaw
-from contactimg.models.problem import Problem
+from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, Flag
@@ -40,11 +40,11 @@ class LoadedScene:
     Parameters
     ----------
     scene : Scene
-    problem : Problem
+    problem : ScaledProblem
     """
 
     scene: Scene
-    problem: Problem
+    problem: ScaledProblem
 
     @cached_property
     def stage(self) -> Stage:

@@ -11,12 +11,19 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.candidates import lowering_of_the_first
+from contactimg.models.asperity_laws import AsperityLaw, HertzLaw
+from contactimg.models.coarse_grid import CoarseGrid
+from contactimg.models.contact_solver import displacement_under_largest_force
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
-from contactimg.models.local_laws import HertzLaw, LocalLaw
-from contactimg.models.mean_field import Cells
-from contactimg.models.newton import Iterate, System, initial_iterate, measure, solve_uncoupled, take_step
-from contactimg.models.problem import Problem
+from contactimg.models.newton_iteration import (
+    ContactSystem,
+    Iterate,
+    evaluate_iterate,
+    initial_iterate,
+    solve_uncoupled,
+    take_step,
+)
+from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
 
@@ -59,52 +66,52 @@ class Stage:
 
     Parameters
     ----------
-    candidates : Problem
+    candidates : ScaledProblem
         What the indenter reaches once the uncoupled forces have lowered the surface.
     stride : int
         Every ``stride``-th candidate, in the order of the heights, stands for as many.
     indentation : float
         Of the uncoupled solution.
-    cells : Cells or None
+    cells : CoarseGrid or None
         Of all candidates; None if each stands for itself.
     """
 
-    candidates: Problem
+    candidates: ScaledProblem
     stride: int
     indentation: float
-    cells: Cells | None
+    cells: CoarseGrid | None
 
     @classmethod
-    def of(cls, problem: Problem) -> "Stage":
+    def of(cls, problem: ScaledProblem) -> "Stage":
         """The candidates of a problem at prescribed load."""
         still = np.zeros_like(problem.gap)
-        system = System(problem.gap, problem.radius, HertzLaw(), NoCoupling(), problem.load)
+        system = ContactSystem(problem.gap, problem.radius, HertzLaw(), NoCoupling(), problem.load)
         depth = solve_uncoupled(system, still, float(problem.load or 0.0))
-        reach = depth + lowering_of_the_first(problem, system.response(depth - problem.gap)[0])
+        reach = depth + displacement_under_largest_force(problem, system.response(depth - problem.gap)[0])
         candidates = problem.part(slice(int(np.searchsorted(problem.gap, reach, side="right"))))
         single = candidates.gap.size <= SINGLE and candidates.duplicates() is None
-        cells = None if single else Cells.over(candidates, CELLS)
+        cells = None if single else CoarseGrid.over(candidates, CELLS)
         return cls(candidates, -(-candidates.gap.size // SAMPLE), depth, cells)
 
     @cached_property
-    def problem(self) -> Problem:
+    def problem(self) -> ScaledProblem:
         """The sample."""
         return self.candidates.part(slice(None, None, self.stride))
 
     @cached_property
-    def _sampled_cells(self) -> Cells | None:
+    def _sampled_cells(self) -> CoarseGrid | None:
         """The cells with the sample in them."""
         c = self.cells
-        return None if c is None else Cells(c.places[:, :: self.stride], c.shape, c.size)
+        return None if c is None else CoarseGrid(c.places[:, :: self.stride], c.shape, c.size)
 
-    def alone(self, law: LocalLaw) -> Response:
+    def alone(self, law: AsperityLaw) -> Response:
         """The sample without coupling."""
         p = self.problem
-        system = System(p.gap, p.radius, law, NoCoupling(), float(p.load or 0.0) / self.stride)
+        system = ContactSystem(p.gap, p.radius, law, NoCoupling(), float(p.load or 0.0) / self.stride)
         penetration = solve_uncoupled(system, np.zeros_like(p.gap), float(system.load or 0.0)) - p.gap
         return Response(*law.respond(penetration, p.radius), penetration)
 
-    def everywhere_alone(self, law: LocalLaw) -> Response:
+    def everywhere_alone(self, law: AsperityLaw) -> Response:
         """All candidates without coupling."""
         penetration = self.indentation - self.candidates.gap
         return Response(*law.respond(penetration, self.candidates.radius), penetration)
@@ -118,7 +125,7 @@ class Stage:
             else cells.coupling(kernel, own=self._shared(cells))
         )
 
-    def _shared(self, cells: Cells) -> Values:
+    def _shared(self, cells: CoarseGrid) -> Values:
         """Share of a cell's force that the others in it exert on one of its contacts.
 
         ``1 - sum f^2/(sum f)^2``, with the forces that the asperities of a cell would bear at the depth of
@@ -130,14 +137,14 @@ class Stage:
         return 1 - np.divide(squares, self.stride * total**2, out=np.ones_like(total), where=total > 0)
 
     def system(
-        self, law: LocalLaw, coupling: Coupling, *, gap: Values | None = None, radius: Values | None = None
-    ) -> System:
+        self, law: AsperityLaw, coupling: Coupling, *, gap: Values | None = None, radius: Values | None = None
+    ) -> ContactSystem:
         """The equations, where wanted with other gaps or radii of curvature."""
         p = self.problem
         p = replace(p, gap=p.gap if gap is None else gap, radius=p.radius if radius is None else radius)
         cells = self._sampled_cells
         if cells is None:
-            return System(p.gap, p.radius, law, coupling, p.load)
+            return ContactSystem(p.gap, p.radius, law, coupling, p.load)
         return cells.system(p, law, coupling, weight=self.stride)
 
     def coupled(self, coupling: Coupling) -> "State":
@@ -171,14 +178,14 @@ class State:
     Parameters
     ----------
     stage : Stage
-    law : LocalLaw
-    system : System
+    law : AsperityLaw
+    system : ContactSystem
     iterate : Iterate
     """
 
     stage: Stage
-    law: LocalLaw
-    system: System
+    law: AsperityLaw
+    system: ContactSystem
     iterate: Iterate
 
     @cached_property
@@ -196,7 +203,7 @@ class State:
     def changed(
         self,
         *,
-        law: LocalLaw | None = None,
+        law: AsperityLaw | None = None,
         coupling: Coupling | None = None,
         gap: Values | None = None,
         radius: Values | None = None,
@@ -210,7 +217,7 @@ class State:
         depth = solve_uncoupled(
             system, displacement, float(system.load or 0.0), guess=self.iterate.indentation
         )
-        start = measure(system, force, depth, displacement)
+        start = evaluate_iterate(system, force, depth, displacement)
         following = take_step(system, start, SETTLED) if start.residual > ROUNDING else None
         p = self.stage.problem
         return self._response(
@@ -220,7 +227,7 @@ class State:
             p.radius if radius is None else radius,
         )
 
-    def _response(self, iterate: Iterate, law: LocalLaw, gap: Values, radius: Values) -> Response:
+    def _response(self, iterate: Iterate, law: AsperityLaw, gap: Values, radius: Values) -> Response:
         """Of the sampled asperities in an iterate."""
         penetration = iterate.indentation - gap - self.stage.at_sample(iterate.displacement)
         return Response(*law.respond(penetration, radius), penetration)

@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.analysis.contact_laws import QUANTITIES
+from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.topography import describe_topography
 from contactimg.files import write_figure, write_table

@@ -7,8 +7,13 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.annuli import sum_moments
-from contactimg.analysis.contact_laws import pressure_points
-from contactimg.analysis.profiles import average_profile, hertz_profile, normalise_profile, ring_profile
+from contactimg.analysis.contacts_against_pressure import pressure_points
+from contactimg.analysis.radial_profiles import (
+    average_profile,
+    hertz_profile,
+    normalise_profile,
+    ring_profile,
+)
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.load_groups import LoadGroup, joined
 from contactimg.pipeline.analyse.places import Place

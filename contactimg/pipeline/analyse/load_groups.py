@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.analysis.annuli import MOMENTS, annulus_edges, annulus_moments
-from contactimg.analysis.area import group_loads
+from contactimg.analysis.area_against_load import group_loads
 from contactimg.pipeline.analyse.places import Place
 from contactimg.prediction import load_name
 from contactimg.tables import Schema

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.annuli import Field
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.errors import InputError
 from contactimg.files import RunFolder, open_experiment, read_calibration, read_run
 from contactimg.pipeline.inputs import scene_asperities
@@ -58,9 +58,9 @@ class Place:
     loads: pd.DataFrame
     predicted: bool = False
 
-    def field(self, frame: str) -> Field | None:
+    def field(self, frame: str) -> FieldOfView | None:
         """What the camera sees in a frame."""
-        return None if self.pose is None else Field(self.pose, shift_of(self.frames, frame))
+        return None if self.pose is None else FieldOfView(self.pose, shift_of(self.frames, frame))
 
 
 def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:

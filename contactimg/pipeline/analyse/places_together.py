@@ -8,9 +8,9 @@ from typing import TypeVar
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.area import area_by_load, fit_area_law, frame_areas
-from contactimg.analysis.broken_laws import BrokenLaw
-from contactimg.analysis.contact_laws import QUANTITIES, fit_contact_law
+from contactimg.analysis.area_against_load import area_by_load, fit_area_law, frame_areas
+from contactimg.analysis.broken_power_laws import BrokenLaw
+from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress
 from contactimg.analysis.power_laws import PowerLaw

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.broken_laws import BrokenLaw
+from contactimg.analysis.broken_power_laws import BrokenLaw
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.analysis.topography import Topography

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
 from contactimg.files import Experiment
 from contactimg.mechanics import jkr

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError

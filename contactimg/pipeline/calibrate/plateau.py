@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.plateau import find_plateau
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, _messages

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.calibration.estimate import CoverageEstimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 from contactimg.files import CALIBRATION_FILE, Experiment, write_figure, write_json, write_table

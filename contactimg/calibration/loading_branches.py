@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
-def tell_branches(load: ArrayLike) -> NDArray[np.str_]:
+def classify_branches(load: ArrayLike) -> NDArray[np.str_]:
     """Branch on which each load lies.
 
     Parameters
@@ -20,9 +20,9 @@ def tell_branches(load: ArrayLike) -> NDArray[np.str_]:
 
     Examples
     --------
-    >>> tell_branches([0.1, 0.2, 0.5, 0.2, -0.01])
+    >>> classify_branches([0.1, 0.2, 0.5, 0.2, -0.01])
     array(['loading', 'loading', 'loading', 'unloading', 'unloading'], dtype='<U9')
-    >>> tell_branches([0.2, 0.1, 0.5])
+    >>> classify_branches([0.2, 0.1, 0.5])
     array(['', '', ''], dtype='<U9')
     """
     P = np.asarray(load, float)

@@ -4,10 +4,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactimg.analysis.annuli import Field, annulus_edges, annulus_moments, sum_moments
-from contactimg.analysis.area import area_by_load, fit_area_law, frame_areas, group_loads, sampling_std
-from contactimg.analysis.contact_laws import fit_contact_law, pressure_points
-from contactimg.analysis.profiles import (
+from contactimg.analysis.annuli import FieldOfView, annulus_edges, annulus_moments, sum_moments
+from contactimg.analysis.area_against_load import (
+    area_by_load,
+    fit_area_law,
+    frame_areas,
+    group_loads,
+    sampling_std,
+)
+from contactimg.analysis.contacts_against_pressure import fit_contact_law, pressure_points
+from contactimg.analysis.radial_profiles import (
     average_profile,
     hertz_profile,
     normalise_profile,
@@ -16,7 +22,7 @@ from contactimg.analysis.profiles import (
 )
 from contactimg.errors import InputError
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
-from contactimg.models.heights import UniformHeights
+from contactimg.models.height_distributions import UniformHeights
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS
 
@@ -38,14 +44,14 @@ def contacts(x, y, radius=1e-5, force=1e-3):
 
 
 def test_discs_in_an_image():
-    field = Field(POSE)
+    field = FieldOfView(POSE)
     assert field.disc_area(POSE.centre, 1e-4) == pytest.approx(np.pi * 1e-8, rel=1e-12)  # inside
     assert field.disc_area(POSE.centre, 1.0) == pytest.approx(100 * 160 * 1e-10, rel=1e-12)  # all of it
     edge = tuple(float(v) for v in POSE.to_sample(-0.5, 40.0))
     assert field.disc_area(edge, 1e-4) == pytest.approx(np.pi * 1e-8 / 2, rel=1e-9)
     assert field.disc_area(edge, 0.0) == 0.0
     # moved by ten pixels, 1e-4 m, the image shows all of it
-    assert Field(POSE, (10.0, 0.0)).disc_area(edge, 1e-4) == pytest.approx(np.pi * 1e-8, rel=1e-9)
+    assert FieldOfView(POSE, (10.0, 0.0)).disc_area(edge, 1e-4) == pytest.approx(np.pi * 1e-8, rel=1e-9)
 
 
 def test_disc_in_an_image_counts_its_pixels():
@@ -54,9 +60,9 @@ def test_disc_in_an_image_counts_its_pixels():
     x, y = POSE.to_sample(x_px.ravel(), y_px.ravel())
     inside = np.hypot(x - centre[0], y - centre[1]) < radius
     # pixels on the circle, some 150 of them, are right to half a pixel each at random: 150^0.5/2 = 6 of 4000
-    assert Field(POSE).disc_area(centre, radius) == pytest.approx(inside.sum() * 1e-10, abs=4 * 6e-10)
-    assert Field(POSE).holds(x, y).all()
-    assert not Field(POSE).holds(*POSE.to_sample(np.array([-0.6, 3.0]), np.array([3.0, 99.6]))).any()
+    assert FieldOfView(POSE).disc_area(centre, radius) == pytest.approx(inside.sum() * 1e-10, abs=4 * 6e-10)
+    assert FieldOfView(POSE).holds(x, y).all()
+    assert not FieldOfView(POSE).holds(*POSE.to_sample(np.array([-0.6, 3.0]), np.array([3.0, 99.6]))).any()
 
 
 def lattice(spacing=2e-5):
@@ -66,7 +72,7 @@ def lattice(spacing=2e-5):
 
 
 def test_annuli_count_as_far_as_they_are_seen():
-    table, field = lattice(), Field(Pose((100, 160), 1e-5))
+    table, field = lattice(), FieldOfView(Pose((100, 160), 1e-5))
     edges = 1e-4 * np.arange(9)
     seen = radial_profile(table, centre=(1e-4, 5e-5), edges=edges, frame="f", model="measured", field=field)
     area = np.diff([field.disc_area((1e-4, 5e-5), r) for r in edges])
@@ -79,7 +85,7 @@ def test_annuli_count_as_far_as_they_are_seen():
 
 
 def test_an_annulus_out_of_sight_is_empty_not_zero():
-    field = Field(Pose((100, 160), 1e-5))
+    field = FieldOfView(Pose((100, 160), 1e-5))
     profile = radial_profile(
         lattice(), centre=ORIGIN, edges=[0.0, 1e-4, 9.5e-4, 1e-3], frame="f", model="measured", field=field
     )
@@ -88,7 +94,7 @@ def test_an_annulus_out_of_sight_is_empty_not_zero():
 
 
 def test_a_contact_outside_the_image_does_not_count():
-    field = Field(Pose((100, 160), 1e-5))
+    field = FieldOfView(Pose((100, 160), 1e-5))
     moments = annulus_moments(
         contacts([0.0, 0.0], [0.0, 6e-4]), centre=ORIGIN, edges=[0.0, 1e-3], field=field
     )

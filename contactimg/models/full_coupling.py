@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.newton import Iterate, System, measure
+from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
 
 Values = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ MEMORY = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Refinement:
+class FieldCorrection:
     """Turns a system of point forces into a refined one, around an iterate.
 
     The corrections (excess displacement, slopes, curvature) follow from the forces and these from the
@@ -31,7 +31,7 @@ class Refinement:
 
     Parameters
     ----------
-    base : System
+    base : ContactSystem
         Point forces at the summits.
     x, y : ndarray
         The summits.
@@ -39,19 +39,19 @@ class Refinement:
         Shift and curvature too, not only Hertz's pressure.
     """
 
-    base: System
+    base: ContactSystem
     x: Values
     y: Values
     full: bool
     _history: list[tuple[Values, Values]] = field(default_factory=list)
     _tried: list[Values] = field(default_factory=list)
 
-    def apply(self, system: System, at: Iterate) -> tuple[System, Iterate]:
+    def apply(self, system: ContactSystem, at: Iterate) -> tuple[ContactSystem, Iterate]:
         """The system refined with the fields at the iterate, and the iterate measured in it."""
         fields = system.coupling.fields(at.force, at.contact_radius)
         if not self.full:
             refined = replace(self.base, gap=self.base.gap + self._extrapolated(fields.excess))
-            return refined, measure(refined, at.force, at.indentation, at.displacement)
+            return refined, evaluate_iterate(refined, at.force, at.indentation, at.displacement)
         found = np.stack([fields.excess, fields.slope_x, fields.slope_y, fields.curvature])
         excess, slope_x, slope_y, curvature = self._extrapolated(found.ravel()).reshape(found.shape)
         radius = self.base.radius
@@ -60,10 +60,10 @@ class Refinement:
             self.base,
             gap=self.base.gap + excess + (shift_x**2 + shift_y**2) / (2 * radius),
             radius=radius / np.maximum(1 + radius * curvature, 0.1),
-            coupling=system.coupling.moved(self.x + shift_x, self.y + shift_y),
+            coupling=system.coupling.at_positions(self.x + shift_x, self.y + shift_y),
         )
         displacement = refined.coupling.displacement(at.force)
-        return refined, measure(refined, at.force, at.indentation, displacement)
+        return refined, evaluate_iterate(refined, at.force, at.indentation, displacement)
 
     def _extrapolated(self, found: Values) -> Values:
         """The next corrections to try, from those that the last ones tried led to."""

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.annuli import sum_moments
-from contactimg.analysis.broken_laws import BrokenLaw, fit_broken_law
+from contactimg.analysis.broken_power_laws import BrokenLaw, fit_broken_law
 from contactimg.analysis.estimates import Estimate, jackknife_covariance, student_estimate
-from contactimg.analysis.profiles import FEWEST_PLACES
+from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
 
 QUANTITIES = ("density", "mean_radius")
@@ -106,7 +106,7 @@ def fit_contact_law(
     if not loads:
         raise InputError("a contact law needs one load at least")
     law = _fit_pooled(loads, quantity, min_contacts, confidence)
-    if min(len(places) for places in loads) < FEWEST_PLACES:
+    if min(len(places) for places in loads) < MIN_PLACES_FOR_SCATTER:
         return law
     names = sorted({name for places in loads for name in places})
     count = len(names)

@@ -16,7 +16,7 @@ from scipy.fft import fft2, next_fast_len
 from scipy.special import erf, erfc, erfcinv
 
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel, NotPositiveDefinite
-from contactimg.models.near_pairs import NearPairs
+from contactimg.models.near_field_sum import NearFieldSum
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -69,7 +69,7 @@ class FastCoupling:
         half = int(np.ceil(2 * self._sharpness * reach / np.pi * self._extent)) + FADE_CELLS
         self._modes = 2 * next_fast_len(half, real=False)
         self._cell = self._extent / (self._modes / 2 - FADE_CELLS)
-        self._near = NearPairs(x, y, cutoff=cutoff, sharpness=self._sharpness)
+        self._near = NearFieldSum(x, y, cutoff=cutoff, sharpness=self._sharpness)
 
     @cached_property
     def _multiplier(self) -> Values:
@@ -126,12 +126,12 @@ class FastCoupling:
         part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy)
         return part.displacement(force[involved])[np.searchsorted(involved, rows)]
 
-    def newton(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
+    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """On the contacts alone: by Cholesky if they are few, else by conjugate gradients."""
         x, y = self._x[active], self._y[active]
         if active.size <= DENSE_ACTIVE:
             direct = DenseCoupling(x, y, self._kernel)
-            return direct.newton(np.arange(active.size), scale, sides, tolerance)
+            return direct.solve_newton_system(np.arange(active.size), scale, sides, tolerance)
         # sums need not be much more accurate than the solution asked for
         contacts = FastCoupling(x, y, self._kernel, max(self._accuracy, 1e-3 * tolerance))
 
@@ -143,7 +143,7 @@ class FastCoupling:
 
         return _conjugate_gradients(apply, sides, tolerance)
 
-    def moved(self, x: Values, y: Values) -> "FastCoupling":
+    def at_positions(self, x: Values, y: Values) -> "FastCoupling":
         """The same coupling between candidates at other places."""
         return FastCoupling(x, y, self._kernel, self._accuracy)
 

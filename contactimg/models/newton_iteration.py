@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.models.asperity_laws import AsperityLaw
 from contactimg.models.coupling import Coupling, NotPositiveDefinite
-from contactimg.models.local_laws import LocalLaw
 
 Values = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class ContactSystem:
     """The candidates of a contact problem.
 
     Parameters
@@ -34,7 +34,7 @@ class System:
         ``g``: how far each summit lies below the highest.
     radius : ndarray
         Composite radii of curvature.
-    law : LocalLaw
+    law : AsperityLaw
     coupling : Coupling
     load : float or None
         ``P`` over ``E*``; None when the indentation is prescribed.
@@ -42,7 +42,7 @@ class System:
 
     gap: Values
     radius: Values
-    law: LocalLaw
+    law: AsperityLaw
     coupling: Coupling
     load: float | None
 
@@ -76,7 +76,7 @@ class Iterate:
     contact_radius: Values
     residual: float
 
-    def penetration(self, system: System) -> Values:
+    def penetration(self, system: ContactSystem) -> Values:
         """``delta = D - g - C q``."""
         return self.indentation - system.gap - self.displacement
 
@@ -86,7 +86,9 @@ class Iterate:
         return float(np.linalg.norm(self.carried - self.force))
 
 
-def measure(system: System, force: Values, indentation: float, displacement: Values) -> Iterate:
+def evaluate_iterate(
+    system: ContactSystem, force: Values, indentation: float, displacement: Values
+) -> Iterate:
     """The state of given forces and indentation."""
     carried, contact_radius = system.response(indentation - system.gap - displacement)
     load = system.load if system.load is not None else float(carried.sum())
@@ -95,7 +97,7 @@ def measure(system: System, force: Values, indentation: float, displacement: Val
     return Iterate(force, indentation, displacement, carried, contact_radius, residual)
 
 
-def solve_uncoupled(system: System, offset: Values, load: float, *, guess: float = np.inf) -> float:
+def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess: float = np.inf) -> float:
     """Indentation at which independent contacts under gaps ``g + offset`` bear a load, by Newton.
 
     The load is a convex, increasing function of the indentation, so from above Newton descends to the root,
@@ -117,14 +119,14 @@ def solve_uncoupled(system: System, offset: Values, load: float, *, guess: float
     return lowest + depth
 
 
-def _bearing(system: System, penetration: Values) -> tuple[float, float]:
+def _bearing(system: ContactSystem, penetration: Values) -> tuple[float, float]:
     """Sum of forces and of stiffnesses of independent contacts."""
     touching = np.flatnonzero(penetration > 0)
     force, contact_radius = system.law.respond(penetration[touching], system.radius[touching])
     return float(force.sum()), float(2 * contact_radius.sum())
 
 
-def initial_iterate(system: System, force: Values, indentation: float) -> Iterate:
+def initial_iterate(system: ContactSystem, force: Values, indentation: float) -> Iterate:
     """A mean-field start from forces that neglect the coupling, or from those of a neighbouring solution.
 
     At prescribed load the displacement by these forces is taken as given and the indentation found that
@@ -144,10 +146,12 @@ def initial_iterate(system: System, force: Values, indentation: float) -> Iterat
     displacement = system.coupling.displacement(mixed)
     if system.load is not None:
         indentation = solve_uncoupled(system, displacement, system.load, guess=indentation)
-    return measure(system, mixed, indentation, displacement)
+    return evaluate_iterate(system, mixed, indentation, displacement)
 
 
-def _self_consistent_factor(system: System, force: Values, displacement: Values, indentation: float) -> float:
+def _self_consistent_factor(
+    system: ContactSystem, force: Values, displacement: Values, indentation: float
+) -> float:
     """Factor on forces and their displacement at which the contacts bear the sum, by bisection."""
     low, high, total = 0.0, 1.0, float(force.sum())
     for _ in range(30):
@@ -157,7 +161,7 @@ def _self_consistent_factor(system: System, force: Values, displacement: Values,
     return 0.5 * (low + high)
 
 
-def take_step(system: System, at: Iterate, tolerance: float) -> Iterate | None:
+def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate | None:
     """One Newton step, shortened where the full one does not lower the mismatch; None if no step does.
 
     The linear system is solved no better than the residual ``tolerance`` that is wanted in the end calls for.
@@ -175,7 +179,7 @@ def take_step(system: System, at: Iterate, tolerance: float) -> Iterate | None:
     return None
 
 
-def _direction(system: System, at: Iterate, damping: float, tolerance: float) -> tuple[Values, float]:
+def _direction(system: ContactSystem, at: Iterate, damping: float, tolerance: float) -> tuple[Values, float]:
     """Newton's change of forces and of indentation, with contacts softened by ``1/(1 + damping)``."""
     active = np.flatnonzero(at.contact_radius > 0)
     change = -at.force
@@ -188,7 +192,7 @@ def _direction(system: System, at: Iterate, damping: float, tolerance: float) ->
     # an inexact solution is exact enough if its error stays below that of the linearisation, or below what
     # the next residual may be
     accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.1 * tolerance / at.residual))
-    solution = system.coupling.newton(active, scale, np.column_stack([right, scale]), accuracy)
+    solution = system.coupling.solve_newton_system(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
     if system.load is not None:
         missing = system.load - float(at.force.sum()) - float(leaving.sum())
@@ -197,12 +201,12 @@ def _direction(system: System, at: Iterate, damping: float, tolerance: float) ->
     return change, rise
 
 
-def _search_line(system: System, at: Iterate, change: Values, rise: float) -> Iterate | None:
+def _search_line(system: ContactSystem, at: Iterate, change: Values, rise: float) -> Iterate | None:
     """Halve the step until the mismatch falls; None if it never does."""
     response = system.coupling.displacement(change)
     step, mismatch = 1.0, at.mismatch
     while step >= SHORTEST_STEP:
-        trial = measure(
+        trial = evaluate_iterate(
             system,
             at.force + step * change,
             at.indentation + step * rise,

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.analysis.power_laws import PowerLaw, fit_power_law
-from contactimg.analysis.profiles import FEWEST_PLACES
+from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
 from contactimg.tables import AREA
 
@@ -177,7 +177,9 @@ def area_by_load(
                 "n_frames": len(part),
                 "n_places": n,
                 "area_m2": places["area"].mean(),
-                "area_std_m2": scatter / np.sqrt(n) if n >= FEWEST_PLACES else np.hypot(measured, sampled),
+                "area_std_m2": scatter / np.sqrt(n)
+                if n >= MIN_PLACES_FOR_SCATTER
+                else np.hypot(measured, sampled),
                 "area_scatter_m2": scatter,
                 "n_contacts": part["n"].mean(),
                 "mean_radius_m": radius,

@@ -18,7 +18,7 @@ LEAST_LOAD = 1e-100
 
 
 @dataclass(frozen=True)
-class Setting:
+class ContactConditions:
     """What surrounds the asperities and what is prescribed; SI.
 
     Parameters
@@ -58,7 +58,7 @@ class Setting:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class ScaledProblem:
     """Asperities without dimensions, from the highest down.
 
     Lengths along the surface are in units of ``length``, heights of ``depth``, forces of
@@ -118,7 +118,7 @@ class Problem:
             residual=0.0,
         )
 
-    def part(self, rows: NDArray[np.bool_] | slice) -> "Problem":
+    def part(self, rows: NDArray[np.bool_] | slice) -> "ScaledProblem":
         """The same problem with some of its asperities."""
         names = ("x", "y", "gap", "radius", "order")
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
@@ -159,7 +159,9 @@ class Problem:
 
 
 @stage("candidates")
-def pose_problem(asperities: pd.DataFrame, setting: Setting, *, depth: float | None = None) -> Problem:
+def scale_problem(
+    asperities: pd.DataFrame, setting: ContactConditions, *, depth: float | None = None
+) -> ScaledProblem:
     """Scale a table by its highest asperity, ``depth`` being the unit of height (m).
 
     Without ``depth`` the unit is the prescribed indentation, or the one at which the highest asperity alone
@@ -174,7 +176,7 @@ def pose_problem(asperities: pd.DataFrame, setting: Setting, *, depth: float | N
         depth = _natural_depth(setting, highest) or highest
     length = float(np.sqrt(highest * depth))
     unit = setting.contact_modulus * length * depth
-    return Problem(
+    return ScaledProblem(
         x=apexes["x_m"].to_numpy()[order] / length,
         y=apexes["y_m"].to_numpy()[order] / length,
         gap=(height[order[:1]] - height[order]) / depth,
@@ -190,7 +192,7 @@ def pose_problem(asperities: pd.DataFrame, setting: Setting, *, depth: float | N
     )
 
 
-def _natural_depth(setting: Setting, highest: float) -> float:
+def _natural_depth(setting: ContactConditions, highest: float) -> float:
     """Penetration scale of a load or an indentation; zero if neither is positive."""
     if setting.load is None:
         return max(float(setting.indentation or 0.0), 0.0)

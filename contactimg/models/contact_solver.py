@@ -13,13 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
+from contactimg.models.asperity_laws import AsperityLaw
+from contactimg.models.coarse_grid import coarse_grid_start
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling, NotPositiveDefinite
-from contactimg.models.fast_sum import FastCoupling
-from contactimg.models.local_laws import LocalLaw
-from contactimg.models.mean_field import mean_field
-from contactimg.models.newton import Iterate, System, initial_iterate, measure, solve_uncoupled, take_step
-from contactimg.models.problem import Problem
-from contactimg.models.refinement import Refinement
+from contactimg.models.fast_coupling import FastCoupling
+from contactimg.models.full_coupling import FieldCorrection
+from contactimg.models.newton_iteration import (
+    ContactSystem,
+    Iterate,
+    evaluate_iterate,
+    initial_iterate,
+    solve_uncoupled,
+    take_step,
+)
+from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import Pairs, close_pairs, overlapping, unstable_pair
 from contactimg.timings import stage
 
@@ -48,13 +55,13 @@ less, do not matter to it; nor, by what is added for them, the errors of the sum
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateSolver:
+class ContactSolver:
     """Solves one problem.
 
     Parameters
     ----------
-    problem : Problem
-    law : LocalLaw
+    problem : ScaledProblem
+    law : AsperityLaw
     kernel : Kernel
     coupling : {"none", "asymptotic", "hertz", "full"}
     method : {"auto", "dense", "fast"}
@@ -63,8 +70,8 @@ class CandidateSolver:
         Newton steps before giving up.
     """
 
-    problem: Problem
-    law: LocalLaw
+    problem: ScaledProblem
+    law: AsperityLaw
     kernel: Kernel
     coupling: str
     method: str
@@ -72,7 +79,7 @@ class CandidateSolver:
     max_iterations: int
 
     @stage("candidates")
-    def solve(self, seed: Values | None) -> tuple[Problem, System, Iterate, int]:
+    def solve(self, seed: Values | None) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """The candidates, their converged system and state, and the Newton steps it took.
 
         ``seed`` are forces to start from.
@@ -100,24 +107,24 @@ class CandidateSolver:
             reach = 1.1 * iterate.indentation
 
     def _solve_all(
-        self, candidates: Problem, force: Values, indentation: float
-    ) -> tuple[Problem, System, Iterate, int]:
+        self, candidates: ScaledProblem, force: Values, indentation: float
+    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """All candidates at once."""
         system = self._system(candidates, self._operator(candidates))
         iterate = initial_iterate(system, force, indentation)
         return candidates, *self._converge(candidates, system, iterate)
 
     def _solve_screened(
-        self, candidates: Problem, force: Values, indentation: float, *, seeded: bool
-    ) -> tuple[Problem, System, Iterate, int]:
+        self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
+    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """Those near contact in a rough solution, and others that turn out to be."""
         sums = FastCoupling(candidates.x, candidates.y, self.kernel, SCREENING_ACCURACY)
         rough = self._system(candidates, sums)
         if seeded:
             iterate = initial_iterate(rough, force, indentation)
         else:
-            force, indentation = mean_field(candidates, self.law, self.kernel, force, indentation)
-            iterate = measure(rough, force, indentation, sums.displacement(force))
+            force, indentation = coarse_grid_start(candidates, self.law, self.kernel, force, indentation)
+            iterate = evaluate_iterate(rough, force, indentation, sums.displacement(force))
         rough, iterate, steps = self._converge(candidates, rough, iterate, rough=True)
         force, penetration = iterate.force, iterate.penetration(rough)
         margin = MARGIN * float(penetration.max()) + 4 * SCREENING_ACCURACY * float(
@@ -128,7 +135,7 @@ class CandidateSolver:
             part = candidates.part(near)
             system = self._system(part, self._operator(part))
             displacement = system.coupling.displacement(force[near])
-            iterate = measure(system, force[near], iterate.indentation, displacement)
+            iterate = evaluate_iterate(system, force[near], iterate.indentation, displacement)
             system, iterate, steps = self._converge(part, system, iterate, steps)
             force = np.zeros_like(force)
             force[near] = iterate.force
@@ -144,39 +151,45 @@ class CandidateSolver:
         indentation = self.problem.indentation
         if system.load is not None:
             indentation = solve_uncoupled(system, still, system.load)
-        return measure(system, system.response(indentation - system.gap)[0], indentation, still)
+        return evaluate_iterate(system, system.response(indentation - system.gap)[0], indentation, still)
 
-    def _system(self, candidates: Problem, operator: Coupling) -> System:
+    def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
         """The candidates and their coupling."""
-        return System(candidates.gap, candidates.radius, self.law, operator, candidates.load)
+        return ContactSystem(candidates.gap, candidates.radius, self.law, operator, candidates.load)
 
     def _reach(self, alone: Iterate) -> float:
         """Upper estimate of the indentation: the uncoupled forces lower the surface under the largest one."""
         if self.problem.load is None:
             return alone.indentation
-        return alone.indentation + lowering_of_the_first(self.problem, alone.force)
+        return alone.indentation + displacement_under_largest_force(self.problem, alone.force)
 
-    def _dense(self, candidates: Problem) -> bool:
+    def _dense(self, candidates: ScaledProblem) -> bool:
         """Whether a stored matrix serves these candidates."""
         count = candidates.gap.size
         return count < 3 or self.method == "dense" or (self.method == "auto" and count <= DENSE_LIMIT)
 
-    def _operator(self, candidates: Problem) -> Coupling:
+    def _operator(self, candidates: ScaledProblem) -> Coupling:
         """Dense or fast coupling of candidates."""
         kind = DenseCoupling if self._dense(candidates) else FastCoupling
         return kind(candidates.x, candidates.y, self.kernel)
 
     @stage("Newton")
     def _converge(
-        self, problem: Problem, system: System, iterate: Iterate, taken: int = 0, *, rough: bool = False
-    ) -> tuple[System, Iterate, int]:
+        self,
+        problem: ScaledProblem,
+        system: ContactSystem,
+        iterate: Iterate,
+        taken: int = 0,
+        *,
+        rough: bool = False,
+    ) -> tuple[ContactSystem, Iterate, int]:
         """Newton steps, refining the fields between them where the level of coupling asks for it.
 
         A rough solution has point forces and a residual of `ROUGH`.
         """
         refinement, tolerance = None, max(self.tolerance, ROUGH) if rough else self.tolerance
         if self.coupling in ("hertz", "full") and not rough:
-            refinement = Refinement(system, problem.x, problem.y, full=self.coupling == "full")
+            refinement = FieldCorrection(system, problem.x, problem.y, full=self.coupling == "full")
         refined = False
         for steps in range(taken, self.max_iterations + 1):
             if refinement is not None and (refined or iterate.residual < REFINE_BELOW):
@@ -203,7 +216,7 @@ class CandidateSolver:
         )
 
 
-def lowering_of_the_first(problem: Problem, force: Values) -> float:
+def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> float:
     """What point forces on a half-space lower the surface by under the largest of them."""
     top, others = int(np.argmax(force)), np.flatnonzero(force)
     distance = np.hypot(problem.x[others] - problem.x[top], problem.y[others] - problem.y[top])
@@ -211,7 +224,7 @@ def lowering_of_the_first(problem: Problem, force: Values) -> float:
     return float(np.sum(force[others[apart]] / distance[apart]) / np.pi)
 
 
-def _refuse_duplicates(problem: Problem) -> None:
+def _refuse_duplicates(problem: ScaledProblem) -> None:
     """`ModelRangeError` if two asperities stand in the same place."""
     duplicates = problem.duplicates()
     if duplicates is not None:
@@ -221,7 +234,7 @@ def _refuse_duplicates(problem: Problem) -> None:
         )
 
 
-def _refuse_ambiguous(problem: Problem, system: System, iterate: Iterate) -> None:
+def _refuse_ambiguous(problem: ScaledProblem, system: ContactSystem, iterate: Iterate) -> None:
     """`ModelRangeError` if contacts are so close that the equilibrium is unstable or not the only one."""
     x, y = problem.x, problem.y
     pairs = close_pairs(x, y, 2 * iterate.contact_radius)
@@ -239,7 +252,7 @@ def _refuse_ambiguous(problem: Problem, system: System, iterate: Iterate) -> Non
         )
 
 
-def _indefinite_pair(system: System, iterate: Iterate, pairs: Pairs) -> tuple[int, int] | None:
+def _indefinite_pair(system: ContactSystem, iterate: Iterate, pairs: Pairs) -> tuple[int, int] | None:
     """The closest overlapping pair if contacts overlap and their joint Newton matrix is indefinite."""
     i, j, distance = pairs
     a = iterate.contact_radius
@@ -249,7 +262,7 @@ def _indefinite_pair(system: System, iterate: Iterate, pairs: Pairs) -> tuple[in
     active = np.flatnonzero(a)
     scale = np.sqrt(2 * a[active])
     try:
-        system.coupling.newton(active, scale, np.column_stack([scale, scale]), 1e-3)
+        system.coupling.solve_newton_system(active, scale, np.column_stack([scale, scale]), 1e-3)
     except NotPositiveDefinite:
         closest = int(np.argmin(closeness))
         return int(i[closest]), int(j[closest])

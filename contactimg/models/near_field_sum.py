@@ -19,7 +19,7 @@ Complex = NDArray[np.complex128]
 TABLE_SIZE = 4000
 
 
-class NearPairs:
+class NearFieldSum:
     """Sums over the pairs closer than a cutoff.
 
     Parameters

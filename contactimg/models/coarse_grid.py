@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
+from contactimg.models.asperity_laws import AsperityLaw
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
-from contactimg.models.local_laws import LocalLaw
-from contactimg.models.newton import System, initial_iterate, solve_uncoupled, take_step
-from contactimg.models.problem import Problem
+from contactimg.models.newton_iteration import ContactSystem, initial_iterate, solve_uncoupled, take_step
+from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
 
@@ -27,11 +27,11 @@ ENOUGH = 1e-2
 MAX_STEPS = 10
 
 
-def mean_field(
-    problem: Problem, law: LocalLaw, kernel: Kernel, force: Values, indentation: float
+def coarse_grid_start(
+    problem: ScaledProblem, law: AsperityLaw, kernel: Kernel, force: Values, indentation: float
 ) -> tuple[Values, float]:
     """Forces and indentation in the smooth displacement of the cells, from those without coupling."""
-    cells = Cells.over(problem, CELLS)
+    cells = CoarseGrid.over(problem, CELLS)
     system = cells.system(problem, law, cells.coupling(kernel))
     state = initial_iterate(system, cells.sums(force), indentation)
     for _ in range(MAX_STEPS):
@@ -41,14 +41,14 @@ def mean_field(
         state = following
     places = cells.places - 0.5
     displacement = map_coordinates(state.displacement.reshape(cells.shape), places, order=1, mode="nearest")
-    alone = System(problem.gap, problem.radius, law, NoCoupling(), problem.load)
+    alone = ContactSystem(problem.gap, problem.radius, law, NoCoupling(), problem.load)
     if problem.load is not None:
         indentation = solve_uncoupled(alone, displacement, problem.load, guess=state.indentation)
     return alone.response(indentation - problem.gap - displacement)[0], indentation
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class CoarseGrid:
     """Square cells over a pattern.
 
     Parameters
@@ -65,7 +65,7 @@ class Cells:
     size: float
 
     @classmethod
-    def over(cls, problem: Problem, number: int) -> "Cells":
+    def over(cls, problem: ScaledProblem, number: int) -> "CoarseGrid":
         """``number`` cells along the longer side of the asperities' bounding box."""
         size = max(float(np.ptp(problem.x)), float(np.ptp(problem.y))) / number
         places = np.stack([(v - v.min()) / size for v in (problem.y, problem.x)])
@@ -97,14 +97,16 @@ class Cells:
         np.fill_diagonal(coupling.matrix, (own * uniform - deficit) / np.pi)
         return coupling
 
-    def system(self, problem: Problem, law: LocalLaw, coupling: Coupling, *, weight: float = 1.0) -> System:
+    def system(
+        self, problem: ScaledProblem, law: AsperityLaw, coupling: Coupling, *, weight: float = 1.0
+    ) -> ContactSystem:
         """The cells as candidates, each as high as its highest asperity; each asperity counts ``weight``."""
         highest = np.full(self.count, np.inf)
         np.minimum.at(highest, self.cell, problem.gap)
         numbers = np.arange(1.0, self.count + 1)
         depth = problem.gap - highest[self.cell]
         cells = _CellLaw(law, depth, problem.radius, self.cell, self.count, weight)
-        return System(highest, numbers, cells, coupling, problem.load)
+        return ContactSystem(highest, numbers, cells, coupling, problem.load)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +116,7 @@ class _CellLaw:
     A cell has no radius of curvature; its number, from one, stands in that place.
     """
 
-    law: LocalLaw
+    law: AsperityLaw
     depth: Values
     radius: Values
     cell: NDArray[np.intp]

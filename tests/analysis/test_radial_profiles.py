@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from contactimg.analysis.annuli import annulus_edges
-from contactimg.analysis.profiles import radial_profile
+from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.errors import InputError
 from contactimg.tables import CONTACTS
 

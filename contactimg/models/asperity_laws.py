@@ -15,7 +15,7 @@ from contactimg.mechanics import sphere
 Values = NDArray[np.float64]
 
 
-class LocalLaw(Protocol):
+class AsperityLaw(Protocol):
     """Force and contact radius of separate axisymmetric contacts."""
 
     def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
@@ -55,6 +55,6 @@ class SphereLaw:
 LAWS = ("hertz", "sphere")
 
 
-def local_law(name: str, *, aspect: float) -> LocalLaw:
+def asperity_law(name: str, *, aspect: float) -> AsperityLaw:
     """The law of the given name in units of the given aspect (height over length)."""
     return HertzLaw() if name == "hertz" else SphereLaw(aspect)

@@ -1,4 +1,4 @@
-"""Full coupling of adhesive contacts: the terms of `contactimg.models.refinement` with JKR's pressure.
+"""Full coupling of adhesive contacts: the terms of `contactimg.models.full_coupling` with JKR's pressure.
 
 JKR's pressure is Hertz's of the force that the contact radius calls for, less that of a flat punch with the
 excess ``sqrt(8 pi w a^3)``; outside the contact the punch lowers the surface by ``p asin(a/r)/(pi a)``.
@@ -10,29 +10,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.models.coupling import DenseCoupling, Kernel
-from contactimg.models.problem import Problem
+from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
 def refine(
-    problem: Problem,
-    at: Problem,
+    problem: ScaledProblem,
+    at: ScaledProblem,
     kernel: Kernel,
     *,
     near: Rows,
     force: Values,
     pull: Values,
     contact_radius: Values,
-) -> Problem:
+) -> ScaledProblem:
     """The problem that asperities see in the field which their neighbours spread over a contact's width.
 
     Parameters
     ----------
-    problem : Problem
+    problem : ScaledProblem
         With point forces at the summits.
-    at : Problem
+    at : ScaledProblem
         The one refined before, or the same: its shifted summits are where the fields are taken.
     kernel : Kernel
     near : ndarray of int
@@ -42,7 +42,7 @@ def refine(
 
     Returns
     -------
-    Problem
+    ScaledProblem
         Summits shifted by ``s = -R G``, gaps raised by the excess over point forces and by ``s^2/(2 R)``,
         radii of curvature divided by ``1 + R T``.
     """

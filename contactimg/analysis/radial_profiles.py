@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.analysis.annuli import Field, annulus_moments, sum_moments
+from contactimg.analysis.annuli import FieldOfView, annulus_moments, sum_moments
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
@@ -14,7 +14,7 @@ from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-FEWEST_PLACES = 4
+MIN_PLACES_FOR_SCATTER = 4
 """Places from which on their scatter says more than counting: the relative uncertainty of a standard
 deviation of n values, 1/sqrt(2 (n - 1)), falls below the 45 % by which counting overestimates on dense
 patterns."""
@@ -28,7 +28,7 @@ def radial_profile(
     edges: ArrayLike,
     frame: str,
     model: str,
-    field: Field | None = None,
+    field: FieldOfView | None = None,
 ) -> pd.DataFrame:
     """Average the contacts of one frame over annuli.
 
@@ -42,7 +42,7 @@ def radial_profile(
         Increasing radii that bound the annuli, m.
     frame, model : str
         Entered in the columns of that name.
-    field : Field, optional
+    field : FieldOfView, optional
         What the camera sees: an annulus counts as far as it lies in the image. Default: everything.
 
     Returns
@@ -134,7 +134,7 @@ def _no_force(sums: pd.DataFrame) -> NDArray[np.bool_]:
 def _pressure_std(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> Values:
     """Standard error of the pressure: between places if there are enough, else by counting."""
     area = _nonzero(sums["area"])
-    if len(places) < FEWEST_PLACES:
+    if len(places) < MIN_PLACES_FOR_SCATTER:
         return np.sqrt(sums["pp"].to_numpy(float)) / area
     p = np.array([place["p"].to_numpy(float) for place in places])
     seen = np.array([place["area"].to_numpy(float) for place in places])
