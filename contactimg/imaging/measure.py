@@ -18,6 +18,7 @@ from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.fit.method import fit_contacts
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.film_rim import Rim
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import Fitted
@@ -77,8 +78,8 @@ class ImageMeasurement:
         Radius of a contact that just stands out: what is smaller is not seen. NaN if that is not known.
     measurable : bool
         False if nothing can be said about contacts: no contact found is then no measurement.
-    foreign : ndarray of uint8, shape (rows, columns)
-        1 on objects that are no contacts and on their blurred rims; shape (1, 1) if there are none.
+    foreign : Mask
+        1 on objects that are no contacts and on their blurred rims.
     """
 
     disks: pd.DataFrame
@@ -98,15 +99,13 @@ class ImageMeasurement:
     level: float
     smallest_px: float
     measurable: bool
-    foreign: NDArray[np.uint8]
+    foreign: Mask
 
     @property
     def foreground(self) -> NDArray[np.float32]:
         """The difference with contacts positive, and 0 on what is foreign."""
         signed = self.difference * np.float32(np.sign(self.contrast))
-        return (
-            signed if self.foreign.shape != signed.shape else np.where(self.foreign, np.float32(0.0), signed)
-        )
+        return signed if self.foreign is None else np.where(self.foreign, np.float32(0.0), signed)
 
     @property
     def resolved(self) -> bool:

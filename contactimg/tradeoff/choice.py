@@ -16,7 +16,6 @@ from contactimg.effects.change import relative_change, stated_change
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.method import count_contacts
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
-from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim
 from contactimg.imaging.profile.threshold_radius import disk_radius
@@ -144,9 +143,7 @@ def estimate_count_error(
     plateau, fraction = abs(measurement.contrast), measurement.threshold
     blur = estimate_blur(signed, plateau) if blur_px is None else hypot(blur_px, PIXEL_VARIANCE**0.5)
     counted = disks[["x_px", "y_px", "radius_px"]].to_numpy(float)
-    radius, complete = _parted(
-        counted, find_inscribed(signed, fraction * plateau, smoothing=0.0, weight=NO_MASK)
-    )
+    radius, complete = _parted(counted, find_inscribed(signed, fraction * plateau, smoothing=0.0, valid=None))
     complete = disk_radius(complete, blur_px=blur, fraction=fraction)
     missed = disk_radius(_missed(signed, measurement, counted), blur_px=blur, fraction=FAINT * fraction)
     radius = np.concatenate([radius, np.zeros(missed.size)])
@@ -184,7 +181,6 @@ def _missed(signed: NDArray[np.float32], measurement: ImageMeasurement, counted:
         fraction=FAINT * measurement.threshold,
         contrast=Contrast(abs(measurement.contrast), resolved=True),
         noise=measurement.noise,
-        saturated=NO_MASK,
     )
     places = np.column_stack([faint[name] for name in ("x_px", "y_px", "radius_px")])
     if not len(places):

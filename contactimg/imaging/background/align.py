@@ -17,6 +17,7 @@ from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import Shift, shift_kernel
 from contactimg.imaging.pixels.blocks import side_of
 from contactimg.imaging.pixels.filters import filter_image, kernel_of
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median
 from contactimg.timings import stage
 
@@ -67,7 +68,7 @@ def estimate_shift(
     frame: NDArray,
     reference: NDArray,
     light: Illumination,
-    valid: NDArray[np.uint8] | None = None,
+    valid: Mask = None,
 ) -> Found:
     """Shift of a few pixels at most between frame and reference, and their rotation and scale.
 
@@ -93,7 +94,7 @@ def estimate_shift_closely(
     frame: NDArray,
     reference: NDArray,
     light: Illumination,
-    valid: NDArray[np.uint8] | None = None,
+    valid: Mask = None,
 ) -> Found:
     """`estimate_shift` from all rows; if that is not enough, from nothing but dirt where that tells more."""
     rows = np.arange(frame.shape[0])

@@ -15,6 +15,7 @@ from scipy import fft
 from contactimg.imaging.background.illumination import LEAST_RATIO, Illumination, fit_illumination
 from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.masks import Mask
 
 COARSE = 4  # px
 REACH = 4  # shifts up to the size of the image divided by this
@@ -64,7 +65,7 @@ def search_shift(
     frame: NDArray,
     reference: NDArray,
     light: Illumination,
-    valid: NDArray[np.uint8] | None,
+    valid: Mask,
     *,
     near: Shift = NOWHERE,
 ) -> Search:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage
 
 
@@ -43,7 +44,7 @@ class DifferenceImage:
     illumination: Illumination
     shift: Shift | None
     ratio: bool = False
-    valid: NDArray[np.uint8] | None = None
+    valid: Mask = None
     registration_failed: bool = False
     dust_free: bool = False
 

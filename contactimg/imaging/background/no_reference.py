@@ -17,6 +17,7 @@ from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.plateau import measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.shapes.objects import find_objects
 
 CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
@@ -25,7 +26,7 @@ GAP = 0.15  # of the height of the contacts: blocks darker than that lie between
 
 
 def estimate_background(
-    frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None, dark: bool = False
+    frame: NDArray[np.float32], *, valid: Mask = None, dark: bool = False
 ) -> DifferenceImage:
     """Frame minus a slow background fitted to the frame itself.
 
@@ -68,7 +69,7 @@ def estimate_background(
 
 
 def estimate_either_background(
-    frame: NDArray[np.float32], *, valid: NDArray[np.uint8] | None = None
+    frame: NDArray[np.float32], *, valid: Mask = None
 ) -> tuple[DifferenceImage, int]:
     """The background for contacts of unknown polarity, and the sign that makes them positive.
 
@@ -104,7 +105,7 @@ def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumi
     return fit_illumination(np.where(finite, low, np.nan), shape, start=middle, spread=spread)
 
 
-def _roundness(difference: DifferenceImage, sign: int, valid: NDArray[np.uint8] | None) -> float:
+def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     """Share of the area that stands out which lies in the largest disks that fit its parts."""
     image = difference.image * np.float32(sign)
     if valid is not None:

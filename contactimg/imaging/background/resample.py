@@ -12,6 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
+from contactimg.imaging.pixels.masks import Mask
+
 WINDOW = 8.0  # beta of the Kaiser window: errs by 3e-3 at periods of 4 px and more
 TAPS = 8
 PHASES = 512  # places between two pixels for which a filter is tabulated: off by 1/1024 px at most
@@ -104,9 +106,7 @@ def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
     return np.ascontiguousarray(image[y][:, x])
 
 
-def move_reference(
-    reference: NDArray, valid: NDArray[np.uint8] | None, shift: Shift
-) -> tuple[NDArray, NDArray[np.uint8] | None]:
+def move_reference(reference: NDArray, valid: Mask, shift: Shift) -> tuple[NDArray, Mask]:
     """The reference as it lies under the frame, and where it has pixels.
 
     Parameters

@@ -20,6 +20,7 @@ from contactimg.imaging.background.illumination import Illumination, neighbour_s
 from contactimg.imaging.background.illumination_in_crowds import find_illumination
 from contactimg.imaging.background.resample import Shift, move_reference
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage
 
 FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
@@ -35,7 +36,7 @@ def subtract_reference(
     frame: NDArray,
     reference: NDArray,
     *,
-    valid: NDArray[np.uint8] | None = None,
+    valid: Mask = None,
     background_is: str = "nearest_one",
     registered: bool = False,
 ) -> DifferenceImage:
@@ -82,7 +83,7 @@ class _View:
 
     reference: NDArray
     half: NDArray[np.float32]
-    valid: NDArray[np.uint8] | None
+    valid: Mask
     level: float
     illumination: NDArray[np.float32]
     light: Illumination

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.split_touching import split_components
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.tables import Flag
 from contactimg.timings import stage
@@ -27,7 +28,7 @@ def count_contacts(
     fraction: float,
     contrast: Contrast,
     noise: float,
-    saturated: NDArray[np.uint8],
+    saturated: Mask = None,
 ) -> tuple[Columns, Columns]:
     """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
 
@@ -42,7 +43,7 @@ def count_contacts(
     contrast : Contrast
     noise : float
         Standard deviation of a pixel.
-    saturated : ndarray of uint8
+    saturated : Mask
         Pixels at full scale.
 
     Returns

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.pixels.masks import Mask, for_kernel
 from contactimg.imaging.shapes.components import COMPONENT, add_pixel, finish_component, label_runs
 from contactimg.imaging.shapes.inscribed_disks import select_inscribed
 from contactimg.imaging.shapes.overlap import hidden
@@ -23,7 +23,7 @@ FEWEST = 25  # pixels: two disks of 2 px, below which no inscribed disk is told 
 
 
 def split_components(
-    image: NDArray[np.float32], level: float, *, marks: NDArray[np.uint8], smoothing: float = 0.0
+    image: NDArray[np.float32], level: float, *, marks: Mask = None, smoothing: float = 0.0
 ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
     """Components of the pixels above a level, those parted that are several contacts.
 
@@ -45,7 +45,7 @@ def split_components(
     --------
     >>> y, x = np.mgrid[0:24, 0:44]
     >>> disks = (np.hypot(x - 12, y - 12) < 9) | (np.hypot(x - 29, y - 12) < 9)
-    >>> parts, split = split_components(disks.astype(np.float32), 0.5, marks=np.zeros((1, 1), np.uint8))
+    >>> parts, split = split_components(disks.astype(np.float32), 0.5)
     >>> [int(area) for area in parts["area"]], split.tolist()
     ([249, 249], [True, True])
     """
@@ -69,8 +69,8 @@ def split_components(
     end = 0
     for alone, disks, box in groups:
         start, end = end, end + len(disks)
-        seen = marks[box] if marks.shape == image.shape else NO_MASK
-        _share(alone, seen, disks, parts[start:end], (box[0].start, box[1].start))
+        inside = for_kernel(None if marks is None else marks[box])
+        _share(alone, inside, disks, parts[start:end], (box[0].start, box[1].start))
     whole = np.repeat(found, counts)
     whole[split] = parts
     return whole, split

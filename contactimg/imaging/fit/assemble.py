@@ -25,6 +25,7 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
 )
 from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.shapes.inscribed_disks import find_inscribed
 from contactimg.imaging.shapes.overlap import DEEPEST, count_touching, overlapping
@@ -99,7 +100,7 @@ class _Start:
 @stage("detection")
 def assemble_disks(
     image: NDArray[np.float32],
-    weight: NDArray[np.uint8],
+    valid: Mask,
     background: NDArray[np.bool_],
     *,
     plateau: float,
@@ -114,7 +115,7 @@ def assemble_disks(
 
     Parameters
     ----------
-    image, weight, table
+    image, valid, table
         As for `contactimg.imaging.fit.disks.fit_disks`.
     background : ndarray of bool
         As for `contactimg.imaging.shapes.peaks.find_peaks`.
@@ -133,10 +134,10 @@ def assemble_disks(
     -------
     Assembly
     """
-    fits = _Fits(image, weight, plateau, noise, brightness, blur, free_blur, table)
+    fits = _Fits(image, valid, plateau, noise, brightness, blur, free_blur, table)
     width = blur if plateau < QUIET * np.sqrt(noise.variance) else 0.0
     start = _Start.inscribed(
-        find_inscribed(image, 0.5 * plateau, smoothing=width, weight=weight), image.shape, plateau, blur
+        find_inscribed(image, 0.5 * plateau, smoothing=width, valid=valid), image.shape, plateau, blur
     )
     start, state = fits.pruned(start, fits.first(start))
     peaks, lowest = find_peaks(image, state.model, width=state.blur, height=0.0, background=background)
@@ -166,7 +167,7 @@ class _Fits:
     """Fits of one image, each from the one before; and the disks dropped on the way."""
 
     image: NDArray[np.float32]
-    weight: NDArray[np.uint8]
+    valid: Mask
     plateau: float
     noise: Noise
     brightness: Callable[[NDArray], NDArray]
@@ -190,7 +191,7 @@ class _Fits:
     def _fit(self, start: _Start, blur: float, **options: Any) -> DiskFit:
         n = len(start.disks)
         return fit_disks(
-            self.image, self.weight, start.disks, blur=blur, noise=self.noise,
+            self.image, self.valid, start.disks, blur=blur, noise=self.noise,
             prior=Prior(np.full(n, self.plateau), np.full(n, LOOSE * self.plateau)),
             brightness=self.brightness(start.disks), robust=False, table=self.table, largest=start.largest,
             **options,
@@ -213,7 +214,7 @@ class _Fits:
     def regrouped(self, start: _Start, state: DiskFit) -> tuple[_Start, DiskFit]:
         """With better covers of the groups that fit badly."""
         better = regroup_disks(
-            self.image, self.weight, state, plateau=self.plateau, noise=self.noise,
+            self.image, self.valid, state, plateau=self.plateau, noise=self.noise,
             brightness=self.brightness(state.disks), table=self.table,
             keep=lambda found: ~unneeded(found, self.plateau, last=True),
         )  # fmt: skip

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import RADIUS, DiskFit, Prior, fit_disks, render_disks
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.shapes.peaks import find_peaks_near
 
@@ -23,7 +24,7 @@ class Surroundings:
 
     Parameters
     ----------
-    image, weight : ndarray
+    image, valid
         As for `contactimg.imaging.fit.disks.fit_disks`.
     blur : float, px
     plateau : float
@@ -35,7 +36,7 @@ class Surroundings:
     """
 
     image: NDArray[np.float32]
-    weight: NDArray[np.uint8]
+    valid: Mask
     blur: float
     plateau: float
     noise: Noise
@@ -50,7 +51,7 @@ class Patch:
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-    weight : ndarray of uint8
+    valid : Mask
     corner : ndarray, shape (4,)
         Parameters of a disk in the frame minus those in the patch.
     noise : Noise
@@ -59,7 +60,7 @@ class Patch:
     """
 
     image: NDArray[np.float32]
-    weight: NDArray[np.uint8]
+    valid: Mask
     corner: NDArray[np.float64]
     noise: Noise
     frame: Surroundings
@@ -80,7 +81,7 @@ class Patch:
         own = render_disks(disks - corner, frame.blur, frame.image[box].shape, table=frame.table)
         return cls(
             frame.image[box] - model[box] + own,
-            frame.weight[box] if frame.weight.shape == frame.image.shape else frame.weight,
+            None if frame.valid is None else frame.valid[box],
             corner,
             Noise(frame.noise.variance / brightness, frame.noise.slope),
             frame,
@@ -94,7 +95,7 @@ class Patch:
         while True:
             n = len(disks)
             found = fit_disks(
-                self.image, self.weight, disks, blur=self.frame.blur, noise=self.noise,
+                self.image, self.valid, disks, blur=self.frame.blur, noise=self.noise,
                 prior=Prior(np.full(n, self.frame.plateau), np.full(n, LOOSE * self.frame.plateau)),
                 brightness=np.ones(n), free_blur=False, robust=False, table=self.frame.table,
                 iterations=ITERATIONS, largest=largest,
@@ -126,8 +127,8 @@ class Patch:
         variance += np.float32(self.noise.variance)
         squares = np.square(np.subtract(self.image, model, out=model), out=model)
         squares /= variance
-        if self.weight.shape == squares.shape:
-            squares[self.weight == 0] = 0.0
+        if self.valid is not None:
+            squares[self.valid == 0] = 0.0
         return squares
 
     def peak(self, disks: NDArray) -> NDArray[np.float64] | None:

@@ -20,6 +20,7 @@ from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.cover_patch import Patch, Surroundings
 from contactimg.imaging.fit.disks import RADIUS, DiskFit
 from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.shapes.arcs import cover_outline
 from contactimg.imaging.shapes.overlap import hidden
@@ -62,7 +63,7 @@ class Regrouping:
 
 def regroup_disks(
     image: NDArray[np.float32],
-    weight: NDArray[np.uint8],
+    valid: Mask,
     fit: DiskFit,
     *,
     plateau: float,
@@ -75,7 +76,7 @@ def regroup_disks(
 
     Parameters
     ----------
-    image, weight, noise, table
+    image, valid, noise, table
         As for `contactimg.imaging.fit.disks.fit_disks`.
     fit : DiskFit
         With all its disks in the model.
@@ -94,7 +95,7 @@ def regroup_disks(
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
     usual = float(np.clip(median, 1.0, BELIEVED))
     limit = np.maximum(WORST, 1.0 + SURE * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
-    frame = Surroundings(image, weight, fit.blur, plateau, noise, table, keep)
+    frame = Surroundings(image, valid, fit.blur, plateau, noise, table, keep)
     for members in _groups(fit.disks, fit.chi_square > limit * usual, NEAR * fit.blur):
         # a single contact is looked at if it fits worse than most: in a frame of ragged ones all fit badly
         one = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median

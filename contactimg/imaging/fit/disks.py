@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.kernels.gauss_newton import WELL_FITTED, iterate, redraw
 from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.pixels.masks import Mask, for_kernel
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.shapes.overlap import visible_share
 from contactimg.timings import stage
@@ -155,7 +156,7 @@ def erase_disks(
 @stage("fit")
 def fit_disks(
     image: NDArray[np.float32],
-    weight: NDArray[np.uint8],
+    valid: Mask,
     disks: NDArray[np.float64],
     *,
     blur: float,
@@ -177,8 +178,8 @@ def fit_disks(
     ----------
     image : ndarray, shape (rows, columns)
         Difference image, contacts positive.
-    weight : ndarray of uint8, shape (rows, columns) or (1, 1)
-        0 for pixels to leave out; shape (1, 1) leaves out none.
+    valid : Mask
+        0 for pixels to leave out.
     disks : ndarray, shape (n, 4)
         Starting values.
     blur : float, px
@@ -215,7 +216,7 @@ def fit_disks(
     moving = np.ones(n, np.bool_) if active is None else active.copy()
     result = iterate(
         image,
-        weight,
+        for_kernel(valid),
         np.array(disks, float),
         float(blur),
         np.array([noise.variance, noise.slope]),

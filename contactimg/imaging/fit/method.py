@@ -26,7 +26,6 @@ from contactimg.imaging.fit.residual_light import level_out, without_halo
 from contactimg.imaging.fit.shared_optics import Known, Settled, settle_optics
 from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.pixels.frame_pair import FramePair
-from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
@@ -146,7 +145,7 @@ def _attempt(
         blur = _blur_behind(film, field, contrast, first, blur) if free_blur else blur
         table, free_blur = rim_table(film, blur), False
     assembly = assemble_disks(
-        field.image, field.weight, field.blocks, plateau=contrast.plateau, noise=first,
+        field.image, field.valid, field.blocks, plateau=contrast.plateau, noise=first,
         brightness=field.brightness, blur=blur, free_blur=free_blur, table=table,
     )  # fmt: skip
     start, halo = assembly.fit, None
@@ -219,7 +218,7 @@ def _misfit(rim: Rim, field: Field, contrast: Contrast, noise: Noise, blur: floa
     """Median chi-square of the contacts for one blur."""
     table = rim_table(rim, blur)
     assembly = assemble_disks(
-        field.image, field.weight, field.blocks, plateau=contrast.plateau, noise=noise,
+        field.image, field.valid, field.blocks, plateau=contrast.plateau, noise=noise,
         brightness=field.brightness, blur=blur, free_blur=False, table=table, thorough=False,
     )  # fmt: skip
     return float(np.median(assembly.fit.chi_square)) if len(assembly.fit.disks) else 0.0
@@ -253,13 +252,13 @@ def _refine(
         prior = Prior(prior.mean, np.maximum(spread, LEAST_SPREAD * prior.mean))
     brightness = field.brightness(start.disks)
     fit = fit_disks(
-        image, field.weight, start.disks, blur=start.blur, noise=model, prior=prior,
+        image, field.valid, start.disks, blur=start.blur, noise=model, prior=prior,
         brightness=brightness, free_blur=free_blur, iterations=5, table=table,
         drawing=Drawing.partly(image.shape, len(radius)),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
     settled = settle_optics(
-        image, field.weight, fit, noise=model, prior=prior, brightness=brightness, known=before,
+        image, field.valid, fit, noise=model, prior=prior, brightness=brightness, known=before,
         inflation=inflation, shown=shown, table=table,
     )  # fmt: skip
     fit = settled.fit
@@ -281,7 +280,7 @@ def _tabulate(trial: _Trial) -> dict[str, NDArray]:
         [disks[:, X] + 0.5, columns - 0.5 - disks[:, X], disks[:, Y] + 0.5, rows - 0.5 - disks[:, Y]]
     )
     light = disks[:, RADIUS] / (2 * std)
-    holes = NO_MASK if field.weight is NO_MASK else field.weight | field.saturated
+    holes = field.valid if field.valid is None or field.saturated is None else field.valid | field.saturated
     conditions = {
         Flag.EDGE: (gap < reach) | field.touches(holes, 0, disks, reach),
         Flag.MERGED: count_touching(disks, fit.blur) > 0,

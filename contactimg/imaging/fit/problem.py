@@ -11,7 +11,7 @@ from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.fit.disks import X, Y
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.frame_pair import FramePair
-from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.pixels.masks import Mask, exclude
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,9 +22,9 @@ class Field:
     ----------
     image : ndarray of float32, shape (rows, columns)
         Contacts positive.
-    weight : ndarray of uint8, shape (rows, columns) or (1, 1)
-        0 for pixels to leave out; shape (1, 1) leaves out none.
-    saturated : ndarray of uint8, shape (rows, columns) or (1, 1)
+    valid : Mask
+        0 for pixels to leave out.
+    saturated : Mask
         1 at full scale.
     blocks : ndarray of bool
         Background, see `contactimg.imaging.pixels.blocks`.
@@ -38,8 +38,8 @@ class Field:
     """
 
     image: NDArray[np.float32]
-    weight: NDArray[np.uint8]
-    saturated: NDArray[np.uint8]
+    valid: Mask
+    saturated: Mask
     blocks: NDArray[np.bool_]
     illumination: NDArray[np.float32]
     bin: int
@@ -49,22 +49,19 @@ class Field:
     def of(cls, image: NDArray, frame_pair: FramePair, difference: DifferenceImage, bin_: int) -> "Field":
         """Of an image of which so many pixels each way are put together."""
         blocks = difference.illumination.background
-        weight = NO_MASK if frame_pair.valid is None else frame_pair.valid
         saturated = frame_pair.saturated
-        if saturated.shape == image.shape:
-            usable = 1 - saturated
-            weight = usable if weight is NO_MASK else weight * usable
+        valid = exclude(frame_pair.valid, saturated)
         if bin_ > 1:
             rows, columns = max(image.shape[0] // bin_, 1), max(image.shape[1] // bin_, 1)
             side = side_of(blocks.shape, image.shape)
-            weight, saturated = _binned_mask(weight, bin_, 0), _binned_mask(saturated, bin_, 1)
+            valid, saturated = _binned_mask(valid, bin_, 0), _binned_mask(saturated, bin_, 1)
             image = cv2.resize(
                 image[: rows * bin_, : columns * bin_], (columns, rows), interpolation=cv2.INTER_AREA
             )
             y = np.minimum(np.arange(-(-rows // side)) * bin_, blocks.shape[0] - 1)
             x = np.minimum(np.arange(-(-columns // side)) * bin_, blocks.shape[1] - 1)
             blocks = blocks[y][:, x]
-        return cls(image, weight, saturated, blocks, difference.brightness, bin_, np.zeros((4, 4)))
+        return cls(image, valid, saturated, blocks, difference.brightness, bin_, np.zeros((4, 4)))
 
     def without_light(self, coefficients: NDArray[np.float64]) -> "Field":
         """The field with a slow polynomial taken out of its image."""
@@ -84,12 +81,10 @@ class Field:
         """Position in pixels of the frame."""
         return np.asarray(position * self.bin + (self.bin - 1) / 2)
 
-    def touches(
-        self, mask: NDArray[np.uint8], wanted: int, disks: NDArray, reach: NDArray
-    ) -> NDArray[np.bool_]:
+    def touches(self, mask: Mask, wanted: int, disks: NDArray, reach: NDArray) -> NDArray[np.bool_]:
         """Disks within ``reach`` of which a pixel of the mask has the wanted value."""
         out = np.zeros(len(disks), np.bool_)
-        if mask.shape != self.image.shape:
+        if mask is None:
             return out
         source = (mask != wanted).astype(np.uint8)
         if source.all():
@@ -100,10 +95,10 @@ class Field:
         return np.asarray(distance[y, x] < reach)
 
 
-def _binned_mask(mask: NDArray[np.uint8], bin_: int, marked: int) -> NDArray[np.uint8]:
+def _binned_mask(mask: Mask, bin_: int, marked: int) -> Mask:
     """Mask of binned pixels: ``marked`` where one pixel of the bin is."""
-    if mask.size == 1:
-        return mask
+    if mask is None:
+        return None
     rows, columns = mask.shape[0] // bin_, mask.shape[1] // bin_
     bins = mask[: rows * bin_, : columns * bin_].reshape(rows, bin_, columns, bin_)
     return np.ascontiguousarray(bins.max(axis=(1, 3)) if marked else bins.min(axis=(1, 3)))

@@ -104,7 +104,7 @@ def _fit_again(
     n = len(disks)
     prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
     return fit_disks(
-        field.image, field.weight, disks, blur=fit.blur, noise=noise, prior=prior,
+        field.image, field.valid, disks, blur=fit.blur, noise=noise, prior=prior,
         brightness=field.brightness(disks), free_blur=free_blur, robust=False, table=table, iterations=4,
     )  # fmt: skip
 
@@ -174,8 +174,8 @@ def _rest_of_light(means: BlockMeans, fit: DiskFit, field: Field) -> Illuminatio
         if limit > SHADED * highest:
             return None
     dark = np.abs(model) < limit
-    if field.weight.shape == field.image.shape:
-        dark &= block_means(field.weight, side=side) == 1.0
+    if field.valid is not None:
+        dark &= block_means(field.valid, side=side) == 1.0
     if not dark.any():
         return None
     blocks = np.where(dark, image - model, np.float32(np.nan))

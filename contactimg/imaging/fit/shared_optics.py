@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, fit_disks
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.profile.optics import SharedOptics
 
@@ -119,7 +120,7 @@ class Known:
 
 def settle_optics(
     image: NDArray[np.float32],
-    weight: NDArray[np.uint8],
+    valid: Mask,
     fit: DiskFit,
     *,
     noise: Noise,
@@ -134,7 +135,7 @@ def settle_optics(
 
     Parameters
     ----------
-    image, weight, noise, brightness, table
+    image, valid, noise, brightness, table
         As for `contactimg.imaging.fit.disks.fit_disks`.
     fit : DiskFit
         With the prior; at least one disk.
@@ -178,7 +179,7 @@ def settle_optics(
         disks[:, CONTRAST] *= np.exp(step[0])
         n = len(disks)
         fit = fit_disks(
-            image, weight, disks, blur=blur, noise=Noise(noise.variance, per_level * contrast),
+            image, valid, disks, blur=blur, noise=Noise(noise.variance, per_level * contrast),
             prior=Prior(np.full(n, contrast), np.full(n, relative * contrast)), brightness=brightness,
             free_blur=False, iterations=6, tolerance=FINE, table=table,
             drawing=Drawing.partly(image.shape, n),

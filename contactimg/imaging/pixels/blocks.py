@@ -5,15 +5,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels.masks import Mask
+
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 
 DIRECT = 4  # px: block means up to that side are taken of the pixels, larger ones of smaller blocks
 
 
-def block_means(
-    image: NDArray, valid: NDArray[np.uint8] | None = None, *, side: int = BLOCK
-) -> NDArray[np.float32]:
+def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDArray[np.float32]:
     """Mean of each block of ``side`` (a power of 2) squared pixels; the border repeats to fill the last ones.
 
     Invalid pixels do not count; a block without a valid pixel is NaN.

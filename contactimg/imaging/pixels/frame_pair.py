@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import median, quantile
 
 Levels = NDArray[np.float32] | NDArray[np.uint8]
@@ -33,10 +33,10 @@ class FramePair:
     frame, reference : ndarray of float32 or uint8, shape (rows, columns)
         In units of ``unit`` grey levels, holes filled; 8 bits as they are. The reference is None if there is
         none or it is useless.
-    valid : ndarray of uint8 or None
-        0 where either has a hole; None without holes.
-    saturated : ndarray of uint8
-        1 where the frame is at full scale; `NO_MASK` if nowhere.
+    valid : Mask
+        0 where either has a hole.
+    saturated : Mask
+        1 where the frame is at full scale.
     unit : float
         Grey levels.
     defect : str
@@ -45,8 +45,8 @@ class FramePair:
 
     frame: Levels
     reference: Levels | None
-    valid: NDArray[np.uint8] | None
-    saturated: NDArray[np.uint8]
+    valid: Mask
+    saturated: Mask
     unit: float
     defect: str
 
@@ -60,16 +60,13 @@ class FramePair:
         """One sentence on the defect."""
         return MESSAGES.get(self.defect, "")
 
-    def within(self, valid: NDArray[np.uint8] | None) -> "FramePair":
+    def within(self, valid: Mask) -> "FramePair":
         """With other holes: those where a background has no value as well."""
         return replace(self, valid=valid)
 
-    def without(self, mask: NDArray[np.uint8]) -> "FramePair":
-        """With further holes, where ``mask`` is not 0; `NO_MASK` for none."""
-        if mask is NO_MASK:
-            return self
-        valid = 1 - mask if self.valid is None else self.valid & (1 - mask)
-        return replace(self, valid=valid)
+    def without(self, mask: Mask) -> "FramePair":
+        """With further holes, where ``mask`` is 1."""
+        return replace(self, valid=exclude(self.valid, mask))
 
     def near_hole(self, x: NDArray, y: NDArray, reach: NDArray) -> NDArray[np.bool_]:
         """Whether a hole lies within ``reach`` (px) of places in the image."""
@@ -90,7 +87,7 @@ class FramePair:
         useless = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
         if useless:
             other = None
-        saturated = (frame >= np.float32(scale)).view(np.uint8) if _reaches(image, frame, scale) else NO_MASK
+        saturated = (frame >= np.float32(scale)).view(np.uint8) if _reaches(image, frame, scale) else None
         defect = _defect(frame, other, valid, scale) or ("reference without light" if useless else "")
         unit = _unit(image, frame, other)
         if unit != 1.0:
@@ -111,7 +108,7 @@ def _full_scale(image: NDArray, full_scale: float | None) -> float:
     return float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else float("inf")
 
 
-def _valid(arrays: list[NDArray]) -> NDArray[np.uint8] | None:
+def _valid(arrays: list[NDArray]) -> Mask:
     """1 where all arrays are finite; None if they are everywhere."""
     if all(array.dtype.kind != "f" for array in arrays):
         return None
@@ -125,7 +122,7 @@ def _constant(image: NDArray) -> bool:
     return bool(some.min() == some.max() == image.min() == image.max())
 
 
-def _filled(array: NDArray, valid: NDArray | None) -> Levels:
+def _filled(array: NDArray, valid: Mask) -> Levels:
     """As float32 or 8 bits, holes filled with the median of the rest."""
     if valid is None:
         return array if array.dtype == np.uint8 else array.astype(np.float32)
@@ -146,7 +143,7 @@ def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
     return span / SPAN if span > 0 else max(float(np.abs(frame).max()), 1.0) / SPAN
 
 
-def _defect(frame: NDArray, reference: NDArray | None, valid: NDArray | None, scale: float) -> str:
+def _defect(frame: NDArray, reference: NDArray | None, valid: Mask, scale: float) -> str:
     """What is wrong with a frame as a whole; empty if nothing."""
     if valid is not None and not valid.any():
         return "all holes"

@@ -3,48 +3,66 @@
 import numpy as np
 from numpy.typing import NDArray
 
-NO_MASK = np.zeros((1, 1), np.uint8)
-"""Stands for a mask in which nothing is masked."""
+Mask = NDArray[np.uint8] | None
+"""One value for each pixel, 0 or 1; None where no pixel is masked."""
+
 COUNT = 64
 GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 POINTS = np.sqrt((np.arange(COUNT) + 0.5) / COUNT) * np.exp(1j * GOLDEN * np.arange(COUNT))
 """Places that fill the unit disk evenly (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
 
 
-def share_seen(disks: NDArray, shape: tuple[int, int], weight: NDArray[np.uint8]) -> NDArray[np.float64]:
-    """Share of the area of each disk that lies in the image and not in a hole.
+def for_kernel(mask: Mask) -> NDArray[np.uint8]:
+    """The mask as compiled functions take it: an array of another shape than the image masks nothing."""
+    return np.zeros((1, 1), np.uint8) if mask is None else mask
+
+
+def exclude(valid: Mask, marked: Mask) -> Mask:
+    """Valid pixels (1) without the marked ones.
+
+    Examples
+    --------
+    >>> exclude(None, np.array([[0, 1]], np.uint8)).tolist()
+    [[1, 0]]
+    """
+    if marked is None:
+        return valid
+    return 1 - marked if valid is None else valid & (1 - marked)
+
+
+def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
+    """Fraction of the area of each disk that lies in the image and not in a hole.
 
     Parameters
     ----------
     disks : ndarray, shape (n, >= 3)
         x, y, radius (px).
     shape : (int, int)
-    weight : ndarray of uint8
-        0 at holes; `NO_MASK` for none.
+        Rows and columns of the image.
+    valid : Mask
+        0 at holes.
 
     Examples
     --------
-    >>> share_seen(np.array([[-0.5, 10.0, 5.0], [10.0, 10.0, 5.0]]), (30, 30), NO_MASK).tolist()
+    >>> visible_fraction(np.array([[-0.5, 10.0, 5.0], [10.0, 10.0, 5.0]]), (30, 30), None).tolist()
     [0.5, 1.0]
     """
-    if weight.shape != shape:  # nothing hides what lies inside
+    if valid is None:  # only the border can hide part of a disk
         x, y, reach = disks[:, 0], disks[:, 1], disks[:, 2] + 1.0
         cut = (x < reach) | (y < reach) | (x > shape[1] - reach) | (y > shape[0] - reach)
     else:
         cut = np.ones(len(disks), np.bool_)
-    share = np.ones(len(disks))
-    share[cut] = _share_of_points(disks[cut], shape, weight)
-    return share
+    fraction = np.ones(len(disks))
+    fraction[cut] = _fraction_of_points(disks[cut], shape, valid)
+    return fraction
 
 
-def _share_of_points(
-    disks: NDArray, shape: tuple[int, int], weight: NDArray[np.uint8]
-) -> NDArray[np.float64]:
-    """`share_seen` from points all over each disk."""
+def _fraction_of_points(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
+    """`visible_fraction` from points all over each disk."""
     x = np.rint(disks[:, :1] + disks[:, 2:3] * POINTS.real)
     y = np.rint(disks[:, 1:2] + disks[:, 2:3] * POINTS.imag)
-    seen = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
-    if weight.shape == shape:
-        rows, columns = (np.where(seen, place, 0).astype(int) for place in (y, x))
-        seen &= weight[rows, columns] > 0
-    return np.asarray(seen.mean(axis=1))
+    visible = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
+    if valid is not None:
+        rows, columns = (np.where(visible, place, 0).astype(int) for place in (y, x))
+        visible &= valid[rows, columns] > 0
+    return np.asarray(visible.mean(axis=1))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.frame_pair import FramePair, Levels
-from contactimg.imaging.pixels.masks import NO_MASK, share_seen
+from contactimg.imaging.pixels.masks import Mask, visible_fraction
 
 LEAST_SEEN = (
     0.2  # of its area: a disk of which less lies in the image and not in a hole is not known to be one
@@ -49,19 +49,18 @@ def reject_disks(
     contrast : float
         Of the contacts.
     """
-    weight = NO_MASK if frame_pair.valid is None else frame_pair.valid
-    hidden = share_seen(disks, signed.shape, weight) < LEAST_SEEN
+    hidden = visible_fraction(disks, signed.shape, frame_pair.valid) < LEAST_SEEN
     dust = absent_in_frame(frame_pair.frame, signed, difference, disks)
     blur = min(max(blur, SHARPEST_BLUR), WIDEST_BLUR)
     vague = disks[:, 2] > WIDE * blur
-    vague[vague] = _without_rim(signed, weight, disks[vague], blur, contrast)
+    vague[vague] = _without_rim(signed, frame_pair.valid, disks[vague], blur, contrast)
     reasons = ["hardly any of it is in sight", "dust in the reference", "without a rim"]
     return np.select([hidden, dust, vague], reasons, "")
 
 
 def _without_rim(
     signed: NDArray[np.float32],
-    weight: NDArray[np.uint8],
+    valid: Mask,
     disks: NDArray[np.float64],
     blur: float,
     contrast: float,
@@ -78,8 +77,8 @@ def _without_rim(
         x, y = np.rint(at.real).astype(int), np.rint(at.imag).astype(int)
         seen = (x >= 0) & (x < signed.shape[1]) & (y >= 0) & (y < signed.shape[0])
         x, y = np.where(seen, x, 0), np.where(seen, y, 0)
-        if weight.shape == signed.shape:
-            seen &= weight[y, x] > 0
+        if valid is not None:
+            seen &= valid[y, x] > 0
         levels.append(np.where(seen, signed[y, x], np.nan))
     fall = levels[0] - levels[1]
     count = np.isfinite(fall).sum(axis=1)

@@ -16,7 +16,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import BRIGHTER
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.frame_pair import Levels
-from contactimg.imaging.pixels.masks import NO_MASK
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.reject.dirt import absent_in_frame
 from contactimg.imaging.shapes.components import label_components
 from contactimg.imaging.shapes.objects import LENGTH, SHORT, Objects, find_objects
@@ -44,12 +44,12 @@ class Foreign:
     ----------
     rejected : dict of arrays
         x_px, y_px, radius_px (of the disk of equal area), reason.
-    mask : ndarray of uint8, shape (rows, columns)
-        1 on them and their blurred rims; `NO_MASK` if there are none.
+    mask : Mask
+        1 on them and their blurred rims.
     """
 
     rejected: dict[str, NDArray]
-    mask: NDArray[np.uint8]
+    mask: Mask
 
 
 def find_foreign(
@@ -77,7 +77,7 @@ def find_foreign(
     """
     small = coarse.image
     scale = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
-    regions = label_components(small, LEVEL * plateau, marks=NO_MASK)
+    regions = label_components(small, LEVEL * plateau)
     if not len(regions):
         return NOTHING_FOREIGN
     disks = _full(scale, regions["x"], regions["y"], regions["area"])
@@ -170,5 +170,5 @@ def _rows(places: NDArray[np.float64], reasons: NDArray[np.str_]) -> dict[str, N
     return {"x_px": places[:, 0], "y_px": places[:, 1], "radius_px": places[:, 2], "reason": reasons}
 
 
-NOTHING_FOREIGN = Foreign(_rows(np.empty((0, 3)), np.empty(0, np.str_)), NO_MASK)
+NOTHING_FOREIGN = Foreign(_rows(np.empty((0, 3)), np.empty(0, np.str_)), None)
 """Every object may be a contact."""

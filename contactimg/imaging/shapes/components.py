@@ -4,6 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.pixels.masks import Mask, for_kernel
+
 NONE, EIGHT = np.uint64(0), np.uint64(0x0101010101010101)  # no pixel, and eight pixels in a row of bytes
 
 COMPONENT = np.dtype(
@@ -26,9 +28,7 @@ COMPONENT = np.dtype(
 """One component; lengths in px."""
 
 
-def label_components(
-    image: NDArray[np.float32], level: float, *, marks: NDArray[np.uint8]
-) -> NDArray[np.void]:
+def label_components(image: NDArray[np.float32], level: float, *, marks: Mask = None) -> NDArray[np.void]:
     """Components of the pixels above ``level``, joined by sides and corners.
 
     Parameters
@@ -37,8 +37,8 @@ def label_components(
         Positive where the contacts are.
     level : float
         A pixel belongs to a component if it is strictly above.
-    marks : ndarray of uint8, shape (rows, columns)
-        Pixels to count in ``marked`` (saturated ones, say). An array of shape (1, 1) counts none.
+    marks : Mask
+        Pixels to count in ``marked`` (saturated ones, say).
 
     Returns
     -------
@@ -48,7 +48,7 @@ def label_components(
     Examples
     --------
     >>> image = np.array([[0, 2, 0], [0, 0, 3], [4, 0, 0]], np.float32)
-    >>> found = label_components(image, 1.0, marks=np.zeros((1, 1), np.uint8))
+    >>> found = label_components(image, 1.0)
     >>> [(int(c["area"]), float(c["flux"])) for c in found]
     [(2, 5.0), (1, 4.0)]
     """
@@ -57,7 +57,7 @@ def label_components(
 
 
 def label_runs(
-    image: NDArray[np.float32], level: float, *, marks: NDArray[np.uint8]
+    image: NDArray[np.float32], level: float, *, marks: Mask = None
 ) -> tuple[NDArray[np.void], NDArray[np.int64]]:
     """The same with the pixels of each: their runs, row by row.
 
@@ -71,7 +71,7 @@ def label_runs(
     runs = _find_runs(image, np.float32(level))
     _join_runs(runs)
     components = np.zeros(_number(runs), COMPONENT)
-    _measure(image, runs, marks, components)
+    _measure(image, runs, for_kernel(marks), components)
     return components, runs
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.masks import NO_MASK, share_seen
+from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.shapes.components import label_components
 
 SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
@@ -22,7 +22,7 @@ PENETRATION = 0.7  # of its radius: a disk deeper than this inside a larger one 
 
 
 def find_inscribed(
-    image: NDArray[np.float32], level: float, *, smoothing: float, weight: NDArray[np.uint8]
+    image: NDArray[np.float32], level: float, *, smoothing: float, valid: Mask
 ) -> NDArray[np.float64]:
     """Disks inscribed in the regions above ``level``, largest first.
 
@@ -32,8 +32,8 @@ def find_inscribed(
     level : float
     smoothing : float, px
         Standard deviation of a Gaussian that keeps noise from making holes; about the blur, or 0.
-    weight : ndarray of uint8
-        0 for pixels without a value, which cut no contact (shape (1, 1): all have one).
+    valid : Mask
+        0 for pixels without a value, which cut no contact.
 
     Returns
     -------
@@ -43,16 +43,16 @@ def find_inscribed(
     smooth = image
     if smoothing > 0:
         smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
-    if weight.shape != image.shape:
+    if valid is None:
         return _inscribed_by_region(smooth, level)
     # a hole cuts no contact, but a hole alone is none
-    disks = _inscribed(((smooth > level) | (weight == 0)).astype(np.uint8), (True, True, True, True))
-    return disks[share_seen(disks, image.shape, weight) > LEAST_SEEN]
+    disks = _inscribed(((smooth > level) | (valid == 0)).astype(np.uint8), (True, True, True, True))
+    return disks[visible_fraction(disks, image.shape, valid) > LEAST_SEEN]
 
 
 def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
     """Disks for the regions above ``level``: one for a round region, those inscribed in the others."""
-    regions = label_components(image, level, marks=NO_MASK)
+    regions = label_components(image, level)
     radius = np.sqrt(regions["area"] / np.pi)
     longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
     cut = (

@@ -12,7 +12,6 @@ from contactimg.files import Experiment, FrameSource
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.method import count_contacts
 from contactimg.imaging.measure import ImageMeasurement, measure_image
-from contactimg.imaging.pixels.masks import NO_MASK
 from contactimg.pipeline.frame_options import failed_row, frame_options
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import in_parallel
@@ -174,7 +173,6 @@ def count_at(
         fraction=threshold,
         contrast=Contrast(abs(measurement.contrast), resolved=True),
         noise=measurement.noise,
-        saturated=NO_MASK,
     )
     return pd.DataFrame({**contacts, "label": np.arange(1, len(contacts["x_px"]) + 1)})
 

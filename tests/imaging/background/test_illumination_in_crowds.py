@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from contactimg.imaging.background.illumination import background_mode, fit_illumination
 from contactimg.imaging.background.illumination_in_crowds import SQUARE, find_illumination
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.pixels.masks import NO_MASK, share_seen
+from contactimg.imaging.pixels.masks import visible_fraction
 
 SHAPE = (480, 640)
 Y, X = np.mgrid[0 : SHAPE[0], 0 : SHAPE[1]]
@@ -91,5 +91,5 @@ def test_without_holes_only_the_border_hides(rng):
     disks = np.column_stack([rng.uniform(-10, 90, 300), rng.uniform(-10, 70, 300), rng.uniform(0.5, 12, 300)])
     everything = np.ones((60, 80), np.uint8)
     np.testing.assert_array_equal(
-        share_seen(disks, everything.shape, NO_MASK), share_seen(disks, everything.shape, everything)
+        visible_fraction(disks, everything.shape, None), visible_fraction(disks, everything.shape, everything)
     )

@@ -16,14 +16,12 @@ from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.shapes.overlap import overlapping
 from contactimg.tables import Flag
 
-OPEN = np.zeros((1, 1), np.uint8)
-
 
 def fit(image, start, *, blur, noise=1.0, contrast=100.0, width=10.0, **options):
     n = len(start)
     prior = Prior(np.full(n, contrast), np.full(n, width))
     return fit_disks(
-        image, OPEN, start, blur=blur, noise=Noise(noise**2), prior=prior, brightness=np.ones(n), **options
+        image, None, start, blur=blur, noise=Noise(noise**2), prior=prior, brightness=np.ones(n), **options
     )
 
 

@@ -16,7 +16,6 @@ from contactimg.imaging.shapes.components import label_components
 from contactimg.imaging.shapes.overlap import DEEPEST, hidden, visible_share
 from contactimg.tables import Flag
 
-NO_MARKS = np.zeros((1, 1), np.uint8)
 OTHERS = [(190, 30, 10), (230, 40, 6), (200, 90, 8), (240, 95, 12), (190, 125, 6)]  # show contrast and blur
 
 
@@ -82,7 +81,7 @@ def test_overlapping_disks_are_fitted_without_bias():
     image = render_disks(truth, 1.5, (62, 74))
     start = truth + np.array([[0.4, -0.3, -0.5, 0], [0.3, 0.4, 0.4, 0]])
     found = fit_disks(
-        image, NO_MARKS, start, blur=1.5, noise=Noise(0.01), prior=Prior(np.full(2, 100.0), np.full(2, 1e-3)),
+        image, None, start, blur=1.5, noise=Noise(0.01), prior=Prior(np.full(2, 100.0), np.full(2, 1e-3)),
         brightness=np.ones(2), free_blur=False, robust=False, iterations=30,
     )  # fmt: skip
     # the same lens is in the image and in the model; taken as a sum, it would shift the radii by 0.2 px

@@ -17,11 +17,11 @@ from contactimg.imaging.kernels.normal_equations import (
     pair_sums,
     unpack,
 )
+from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import blurred_disk, disk_table
 
 SHAPE = (90, 120)
 S, VARIANCE, SLOPE = 1.43, 4.0, 0.004
-NO_MASK = np.ones((1, 1), np.uint8)
 DISKS = {
     "small": (40.3, 31.8, 0.7, 100.0),
     "usual": (60.2, 45.6, 5.3, 90.0),
@@ -87,7 +87,7 @@ def test_sums_of_a_disk(name, masked, residual, rng):
     size = np.sqrt(np.diag(information)) + 1e-9  # what noise does to the right side
     sizes = np.outer(size, size)
     for alone in (False, True):
-        found = summed(holes, model, disk, weight if masked else NO_MASK, alone=alone)
+        found = summed(holes, model, disk, weight if masked else for_kernel(None), alone=alone)
         # tables are interpolated between radii: 1 % of what a disk of half the blur says about the blur
         np.testing.assert_allclose(found[0] / sizes, information / sizes, atol=0.01)
         np.testing.assert_allclose(found[1] / size, right / size, atol=0.03)
@@ -113,8 +113,8 @@ def test_a_disk_far_wider_than_its_rim_stays_finite(masked, residual):
 
 def test_one_row_in_two_stands_for_both(residual):
     disk, model = DISKS["wide"], np.zeros(SHAPE, np.float32)
-    whole = summed(residual, model, disk, NO_MASK, alone=False)
-    half = summed(residual, model, disk, NO_MASK, alone=False, every=2)
+    whole = summed(residual, model, disk, for_kernel(None), alone=False)
+    half = summed(residual, model, disk, for_kernel(None), alone=False, every=2)
     assert half[3] == pytest.approx(0.5 * whole[3], rel=0.02)
     np.testing.assert_allclose(np.diag(half[0]), np.diag(whole[0]), rtol=0.02)
 

@@ -6,8 +6,6 @@ from scipy import ndimage
 
 from contactimg.imaging.shapes.components import label_components
 
-NO_MARKS = np.zeros((1, 1), np.uint8)
-
 
 @pytest.mark.parametrize("density", [0.05, 0.3, 0.6])
 @pytest.mark.parametrize("shape", [(1, 40), (37, 1), (48, 61)])
@@ -15,7 +13,7 @@ def test_components_are_those_of_scipy(rng, density, shape):
     image = rng.random(shape).astype(np.float32)
     level = 1 - density
     labels, count = ndimage.label(image > level, np.ones((3, 3)))
-    found = label_components(image, level, marks=NO_MARKS)
+    found = label_components(image, level)
     assert len(found) == count
     index = np.arange(1, count + 1)
     order = [int(labels[c["peak_y"], c["peak_x"]]) for c in found]
@@ -50,9 +48,9 @@ def test_a_spiral_is_one_component():
     image = np.array(
         [[1, 1, 1, 1, 1], [1, 0, 0, 0, 1], [1, 0, 1, 0, 1], [1, 0, 1, 1, 1], [1, 0, 0, 0, 0]], np.float32
     )
-    (only,) = label_components(image, 0.5, marks=NO_MARKS)
+    (only,) = label_components(image, 0.5)
     assert only["area"] == image.sum()
 
 
 def test_nothing_above_the_level_is_an_empty_result():
-    assert len(label_components(np.zeros((4, 4), np.float32), 0.5, marks=NO_MARKS)) == 0
+    assert len(label_components(np.zeros((4, 4), np.float32), 0.5)) == 0
