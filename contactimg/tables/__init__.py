@@ -1,11 +1,12 @@
 """The tables that flow through contactimg, and every flag and status that can stand in them.
 
 Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit), `flags` (what
-qualifies a contact), `statuses` (what can be said of a frame or load as a whole). All names can be imported
-from here.
+qualifies a contact), `reasons` (why a candidate is not a contact), `statuses` (what can be said of a frame
+or load as a whole). All names can be imported from here.
 """
 
 from contactimg.tables.flags import Flag, flag_names
+from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
     ASPERITIES,
@@ -56,6 +57,7 @@ __all__ = [
     "TOPOGRAPHY",
     "TRADEOFF",
     "Flag",
+    "Reason",
     "Schema",
     "Status",
     "flag_names",

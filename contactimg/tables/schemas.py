@@ -120,7 +120,7 @@ REJECTED = Schema(
         "x_px": ("float64", "column of the centre, px"),
         "y_px": ("float64", "row of the centre, px"),
         "radius_px": ("float64", "radius that the candidate would have had, px"),
-        "reason": ("str", "why the candidate is not a contact"),
+        "reason": ("str", "why the candidate is not a contact, one of Reason"),
     },
     "One row per candidate that was rejected.",
 )

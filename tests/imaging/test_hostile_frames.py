@@ -78,7 +78,7 @@ def test_what_is_no_contact_does_not_set_the_contrast(name, method):
     assert len(match(truth, result.disks)) == len(result.disks) == len(truth)
     assert result.status == "ok"
     reasons = set(result.rejected.reason)
-    assert reasons & {"brighter than the contacts", "long: no disk and no group of disks"}
+    assert reasons & {"brighter than the contacts", "long: neither a disk nor a group of disks"}
     if method == "disk":
         # eight and more normal deviates: one beyond 4 in a thousand such tests
         assert np.abs(pulls(truth, result.disks)).max() < 4

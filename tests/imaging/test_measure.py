@@ -388,7 +388,7 @@ def test_a_contrast_that_the_frame_contradicts_is_refused_and_said(usual, method
     alone = measure_image(frame, reference, method=method)
     known = SharedOptics(factor * alone.contrast, 0.01 * alone.contrast)
     result = measure_image(frame, reference, method=method, optics=known)
-    assert "handed over, which were not used" in result.message
+    assert "given, which were not used" in result.message
     pd.testing.assert_frame_equal(result.disks, alone.disks)
 
 
@@ -397,7 +397,7 @@ def test_a_contrast_that_the_frame_does_not_reach_is_doubted(usual, factor):
     _, frame, reference = usual
     contrast = factor * measure_image(frame, reference).contrast
     message = measure_image(frame, reference, optics=SharedOptics(contrast, 0.01 * contrast)).message
-    doubts = ("radii lean on a contrast of", "do not look like disks", "no contact behind the optics assumed")
+    doubts = ("radii depend on a contrast of", "do not look like disks", "no contact for the assumed optics")
     assert any(doubt in message for doubt in doubts)
 
 

@@ -2,16 +2,19 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.tables import Flag
+from contactimg.imaging.profile.optics import SharedOptics, combine_errors
+from contactimg.imaging.reject.detections import PLACE, Columns, Detections
+from contactimg.imaging.reject.dirt import absent_in_frame
+from contactimg.imaging.reject.foreground import Foreground
+from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
-
-Columns = dict[str, NDArray]
-"""Columns of a table."""
 
 SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noise alone stays below 6
 HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp
@@ -19,6 +22,40 @@ TYPICAL_BLUR = 1.4  # px, for the slope of the rim in the uncertainty
 SMALLEST = 4  # pixels
 SPECK, AROUND = 12, 3  # pixels of what may be noise on a soft slope, and how far off the slope shows
 QUIET = 12.0  # contrast/noise below which noise notches the components
+CUT = 1.3  # radii from the centre of what is counted: a hole that close cuts the contact
+
+
+def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fraction: float) -> Detections:
+    """The paper's measurement, with what an error of the contrast does to it."""
+    contrast, frame_pair = foreground.contrast, foreground.frame_pair
+    contacts, rejected = count_contacts(
+        foreground.image,
+        fraction=fraction,
+        contrast=contrast,
+        noise=foreground.noise,
+        saturated=frame_pair.saturated,
+    )
+    cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
+    contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
+    places = np.column_stack([contacts[name] for name in PLACE])
+    dust = absent_in_frame(frame_pair.frame, foreground.image, difference, places)
+    gone = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
+    rejected = {
+        "reason": np.append(rejected["reason"], gone),
+        **{name: np.append(rejected[name], contacts[name][dust]) for name in PLACE},
+    }
+    contacts = {name: values[~dust] for name, values in contacts.items()}
+    # the threshold is a fraction of the contrast: where it cuts the rim of a wide contact moves with it
+    slope = np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
+    shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / contrast.plateau / slope)
+    contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], shift[:, None])
+    contacts |= {"contrast_shift_px": shift, "blur_shift_px": np.zeros(len(shift))}
+    optics = SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan)
+    # the middle of a blurred disk reaches 1 - exp(-a^2/(2 s^2)) of the contrast
+    smallest = TYPICAL_BLUR * np.sqrt(-2.0 * np.log1p(-fraction))
+    measured = foreground.measured_contrast
+    own = SharedOptics(max(measured.plateau, 1e-9), measured.std, blur_std_px=np.nan)
+    return Detections(contacts, rejected, optics, own, float(smallest))
 
 
 @stage("counting")
@@ -68,7 +105,7 @@ def count_contacts(
         "x_px": found["x"][bad],
         "y_px": found["y"][bad],
         "radius_px": radius[bad],
-        "reason": np.where(hot[bad], "hot pixel", "noise"),
+        "reason": np.where(hot[bad], Reason.HOT_PIXEL, Reason.NOISE),
     }
     kept, split, radius = found[~bad], split[~bad], radius[~bad]
     rows, columns = image.shape

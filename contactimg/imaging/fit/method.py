@@ -29,11 +29,12 @@ from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
-from contactimg.imaging.reject.detections import Fitted
+from contactimg.imaging.reject.detections import Detections
 from contactimg.imaging.reject.dirt import reject_disks
+from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.shapes.overlap import count_touching
 from contactimg.imaging.shapes.rim_blur import estimate_blur
-from contactimg.tables import Flag
+from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
 
 WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
@@ -50,37 +51,23 @@ CUT = 2.0  # blur widths: a rim closer to the border is cut
 
 
 @stage("quality")
-def fit_contacts(
-    image: NDArray[np.float32],
-    frame_pair: FramePair,
-    difference: DifferenceImage,
-    *,
-    contrast: Contrast,
-    noise: float,
-    known: SharedOptics,
-    film: Rim | None = None,
-) -> Fitted:
-    """Find the contacts of a frame and fit each by a blurred disk.
+def measure_by_fit(foreground: Foreground, difference: DifferenceImage, *, film: Rim | None) -> Detections:
+    """Find the contacts of a frame and fit a blurred disk to each.
 
     Parameters
     ----------
-    image : ndarray, shape (rows, columns)
-        Difference image, contacts positive.
-    frame_pair, difference
-        Where they come from.
-    contrast : Contrast
-        To start from.
-    noise : float
-        Standard deviation of a background pixel.
-    known : SharedOptics
-        What is known of contrast and blur beforehand.
+    foreground : Foreground
+    difference : DifferenceImage
+        From which the foreground comes.
     film : Rim or None
-        Bright rim around the contacts; None: the edge is sharp.
+        Bright rim that the air film draws around the contacts; None: the edge is sharp.
 
     Returns
     -------
-    Fitted
+    Detections
     """
+    image, frame_pair, contrast = foreground.image, foreground.frame_pair, foreground.contrast
+    noise, known = foreground.noise, foreground.prior_optics
     guess = known.blur_px if np.isfinite(known.blur_px) else None
     blur = float(
         estimate_blur(image, contrast.plateau) if guess is None else np.hypot(guess, PIXEL_VARIANCE**0.5)
@@ -174,7 +161,7 @@ def _report(
     image: NDArray[np.float32],
     difference: DifferenceImage,
     contrast: Contrast,
-) -> Fitted:
+) -> Detections:
     """The tables of a trial, dirt sorted out."""
     field, contacts = trial.field, _tabulate(trial)
     disks = np.column_stack([contacts["x_px"], contacts["y_px"], contacts["radius_px"]])
@@ -184,7 +171,7 @@ def _report(
     bad = reasons != ""
     dropped = trial.assembly.dropped
     tried = np.column_stack([field.unbin(dropped[:, [X, Y]]), dropped[:, RADIUS] * field.bin])
-    unneeded = np.full(len(tried), "not needed to explain the pixels")
+    unneeded = np.full(len(tried), Reason.UNNECESSARY)
     rejected = dict(zip(("x_px", "y_px", "radius_px"), np.vstack([tried, disks[bad]]).T, strict=True))
     rejected["reason"] = np.append(unneeded, reasons[bad])
     if trial.settled is None:
@@ -195,7 +182,7 @@ def _report(
             for covariance in (trial.settled.covariance, trial.settled.own)
         )
     asserted = {name: values[~bad] for name, values in contacts.items()}
-    return Fitted(asserted, rejected, optics, own, trial.assembly.smallest * field.bin)
+    return Detections(asserted, rejected, optics, own, trial.assembly.smallest * field.bin)
 
 
 def _blur_behind(rim: Rim, field: Field, contrast: Contrast, noise: Noise, guess: float) -> float:

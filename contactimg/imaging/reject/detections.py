@@ -1,32 +1,56 @@
-"""What a method found: contacts, and candidates that are none, each with its reason."""
+"""The result of both methods: contacts, rejected candidates with the reason, and the optics they share."""
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.profile.optics import SharedOptics
 
+Columns = dict[str, NDArray]
+"""Columns of a table, arrays of the same length."""
+
+PLACE = ("x_px", "y_px", "radius_px")
+CONTACT_COLUMNS = {
+    "x_px": "float64",
+    "y_px": "float64",
+    "radius_px": "float64",
+    "radius_std_px": "float64",
+    "flags": "int64",
+    "contrast_shift_px": "float64",
+    "blur_shift_px": "float64",
+}
+"""Columns of the contacts, with their types."""
+
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
-    """The contacts of a frame, and what they share.
+class Detections:
+    """Contacts and rejected candidates of a frame.
 
     Parameters
     ----------
-    contacts : dict of arrays
-        Columns x_px, y_px, radius_px, radius_std_px, contrast_shift_px, blur_shift_px, flags.
-    rejected : dict of arrays
-        Columns x_px, y_px, radius_px, reason.
+    contacts : dict of arrays, shape (n,)
+        Columns `CONTACT_COLUMNS`, see `contactimg.tables.CONTACTS`.
+    rejected : dict of arrays, shape (m,)
+        Columns x_px, y_px, radius_px, reason (`contactimg.tables.Reason`).
     optics : SharedOptics
-        Contrast and blur that the radii stand for.
-    own : SharedOptics
-        The same with the uncertainties that the frame alone would leave.
+        Contrast and blur on which the radii are based.
+    own_optics : SharedOptics
+        The same with the uncertainties that this frame alone gives, without prior knowledge.
     smallest_px : float
-        Radius of a contact that just stands out of the noise; NaN if that is not known.
+        Radius of the smallest contact that the method detects; NaN if that is not known.
     """
 
-    contacts: dict[str, NDArray]
-    rejected: dict[str, NDArray]
+    contacts: Columns
+    rejected: Columns
     optics: SharedOptics
-    own: SharedOptics
+    own_optics: SharedOptics
     smallest_px: float = float("nan")
+
+
+def no_detections(optics: SharedOptics) -> Detections:
+    """Of a frame in which nothing stands out: neither contacts nor rejected candidates."""
+    nothing = np.empty(0)
+    return Detections(
+        dict.fromkeys(CONTACT_COLUMNS, nothing), dict.fromkeys((*PLACE, "reason"), nothing), optics, optics
+    )

@@ -9,6 +9,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.pixels.blocks import BLOCK
 from contactimg.imaging.pixels.frame_pair import FramePair, Levels
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
+from contactimg.tables import Reason
 
 LEAST_SEEN = (
     0.2  # of its area: a disk of which less lies in the image and not in a hole is not known to be one
@@ -54,7 +55,7 @@ def reject_disks(
     blur = min(max(blur, SHARPEST_BLUR), WIDEST_BLUR)
     vague = disks[:, 2] > WIDE * blur
     vague[vague] = _without_rim(signed, frame_pair.valid, disks[vague], blur, contrast)
-    reasons = ["hardly any of it is in sight", "dust in the reference", "without a rim"]
+    reasons = [Reason.OUT_OF_SIGHT, Reason.REFERENCE_DUST, Reason.NO_RIM]
     return np.select([hidden, dust, vague], reasons, "")
 
 

@@ -1,4 +1,4 @@
-"""What stands out of a difference image: how much, and what of it is no contact."""
+"""The foreground of a difference image: contacts positive, foreign objects masked, contrast measured."""
 
 from dataclasses import dataclass, replace
 
@@ -11,69 +11,73 @@ from contactimg.imaging.contrast.plateau import Contrast, measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.reject.foreign_objects import NOTHING_FOREIGN, Foreign, find_foreign
+from contactimg.imaging.reject.foreign_objects import NO_FOREIGN_OBJECTS, ForeignObjects, find_foreign_objects
 
-BRIGHTER = 1.3  # times the contrast that is known: a frame that shows as much has another one
+CONTRADICTION_RATIO = 1.3
+"""Ratio of measured to prior contrast above which the frame contradicts the prior. Chosen by hand on rendered
+frames; sensitivity not measured."""
 
 
 @dataclass(frozen=True, eq=False)
 class Foreground:
-    """A difference image in which contacts are positive, and its contrast.
+    """What both methods measure: a difference image in which contacts are positive, with contrast and noise.
 
     Parameters
     ----------
     image : ndarray of float32, shape (rows, columns)
-        0 at holes and foreign objects.
+        0 in holes and on foreign objects.
     sign : int
         1 for contacts brighter than the background, else -1.
     frame_pair : FramePair
-        Without what is foreign.
+        Frame and reference, with the foreign objects as holes.
     noise : float
-        Of a pixel.
-    shown : Contrast
-        What the frame shows.
+        Standard deviation of a background pixel.
+    measured_contrast : Contrast
+        As the frame itself shows it.
     contrast : Contrast
-        What it is measured with: what was known before, where the frame does not contradict it.
-    known : SharedOptics
-        What was known before and holds.
-    refused : float
-        Contrast that was known before and does not hold; NaN if there is none.
-    foreign : Foreign
+        To measure with: the prior if there is one that the frame does not contradict, else the measured one.
+    prior_optics : SharedOptics
+        Prior knowledge of contrast and blur, without what the frame contradicts.
+    refused_contrast : float
+        Prior contrast that the frame contradicts; NaN if there is none.
+    foreign : ForeignObjects
     """
 
     image: NDArray[np.float32]
     sign: int
     frame_pair: FramePair
     noise: float
-    shown: Contrast
+    measured_contrast: Contrast
     contrast: Contrast
-    known: SharedOptics
-    refused: float
-    foreign: Foreign
+    prior_optics: SharedOptics
+    refused_contrast: float
+    foreign: ForeignObjects
 
-    def doubt(self, unit: float) -> str:
-        """What to say where knowledge was refused; ``unit`` is that of the grey levels."""
-        if not np.isfinite(self.refused):
+    @property
+    def remark(self) -> str:
+        """One sentence if a prior contrast was refused, else empty."""
+        if not np.isfinite(self.refused_contrast):
             return ""
+        unit = self.frame_pair.unit
         return (
-            f"the frame shows a contrast of {self.shown.plateau * unit:.3g} grey levels, not the "
-            f"{self.refused * unit:.3g} handed over, which were not used"
+            f"the frame shows a contrast of {self.measured_contrast.plateau * unit:.3g} grey levels, not the "
+            f"{self.refused_contrast * unit:.3g} given, which were not used"
         )
 
 
 def find_foreground(
-    frame_pair: FramePair, difference: DifferenceImage, sign: int, known: SharedOptics
+    frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics
 ) -> Foreground:
-    """Measure the contrast of a difference image, with what is known of it, and leave out what is foreign.
+    """Measure noise and contrast of a difference image and mask the foreign objects in it.
 
     Parameters
     ----------
     frame_pair : FramePair
     difference : DifferenceImage
     sign : int
-        What makes contacts positive.
-    known : SharedOptics
-        In the grey levels of the difference.
+        Factor that makes contacts positive.
+    prior : SharedOptics
+        Prior knowledge of contrast and blur, in the grey levels of the difference.
 
     Returns
     -------
@@ -82,32 +86,35 @@ def find_foreground(
     image = difference.image if sign > 0 else -difference.image
     noise = estimate_noise(image, difference.illumination.background)
     coarse = BinnedImage.of(image)
-    shown = Contrast(0.0, resolved=False) if frame_pair.trivial else measure_contrast(coarse, noise)
-    doubtful = _contradicts(shown, known)
-    contrast = _believed(shown, SharedOptics() if doubtful or frame_pair.trivial else known)
-    foreign = NOTHING_FOREIGN
-    if shown.resolved and not difference.dust_free:
-        foreign = find_foreign(image, coarse, contrast.plateau, frame=frame_pair.frame, difference=difference)
+    measured = Contrast(0.0, resolved=False) if frame_pair.trivial else measure_contrast(coarse, noise)
+    contradicted = _contradicts(measured, prior)
+    contrast = _select_contrast(measured, SharedOptics() if contradicted or frame_pair.trivial else prior)
+    foreign = NO_FOREIGN_OBJECTS
+    if measured.resolved and not difference.dust_free:
+        foreign = find_foreign_objects(
+            image, coarse, contrast.plateau, frame=frame_pair.frame, difference=difference
+        )
     frame_pair = frame_pair.without(foreign.mask)
     if frame_pair.valid is not None:
         image = np.where(frame_pair.valid > 0, image, np.float32(0.0))
     refused = np.nan
-    if doubtful:
-        shown = measure_contrast(BinnedImage.of(image), noise)  # what was brightest was perhaps no contact
-        if _contradicts(shown, known):
-            refused = known.contrast
-            known = replace(known, contrast=np.nan, contrast_std=0.0, correlation=0.0)
-        contrast = _believed(shown, known)
-    return Foreground(image, sign, frame_pair, noise, shown, contrast, known, refused, foreign)
+    if contradicted:
+        # the brightest objects may have been foreign: measure again without them
+        measured = measure_contrast(BinnedImage.of(image), noise)
+        if _contradicts(measured, prior):
+            refused = prior.contrast
+            prior = replace(prior, contrast=np.nan, contrast_std=0.0, correlation=0.0)
+        contrast = _select_contrast(measured, prior)
+    return Foreground(image, sign, frame_pair, noise, measured, contrast, prior, refused, foreign)
 
 
-def _believed(shown: Contrast, known: SharedOptics) -> Contrast:
-    """The contrast that is known before, else what the frame shows."""
-    if not np.isfinite(known.contrast):
-        return shown
-    return Contrast(known.contrast, shown.resolved, known.contrast_std)
+def _select_contrast(measured: Contrast, prior: SharedOptics) -> Contrast:
+    """The prior contrast if there is one, else the measured one."""
+    if not np.isfinite(prior.contrast):
+        return measured
+    return Contrast(prior.contrast, measured.resolved, prior.contrast_std)
 
 
-def _contradicts(shown: Contrast, known: SharedOptics) -> bool:
-    """Whether a frame shows more contrast than is known; less it may show because of the blur."""
-    return bool(shown.resolved and shown.plateau > BRIGHTER * known.contrast)
+def _contradicts(measured: Contrast, prior: SharedOptics) -> bool:
+    """Whether the frame shows clearly more contrast than the prior; blur can only make it show less."""
+    return bool(measured.resolved and measured.plateau > CONTRADICTION_RATIO * prior.contrast)

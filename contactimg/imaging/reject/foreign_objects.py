@@ -20,6 +20,7 @@ from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.reject.dirt import absent_in_frame
 from contactimg.imaging.shapes.components import label_components
 from contactimg.imaging.shapes.objects import LENGTH, SHORT, Objects, find_objects
+from contactimg.tables import Reason
 
 SPRAWLING = 4.0  # squared diagonal of the bounding box over the area: 2.5 for a disk, 3.2 for two that touch
 NARROW = 1.0  # px: half width of a streak
@@ -27,17 +28,12 @@ SKIRT = 3  # coarse pixels of blur about an object
 LEVEL = 0.3  # of the contrast: blurred hairs do not reach half of it all along
 COARSE = 2  # px
 HOT = 0.25  # of the highest pixel: no optics let its neighbours on both sides be darker
-REASONS = [
-    "dust in the reference",
-    "hot pixel or streak: sharper than the optics",
-    "brighter than the contacts",
-    "long: no disk and no group of disks",
-]
+REASONS = [Reason.REFERENCE_DUST, Reason.TOO_SHARP, Reason.TOO_BRIGHT, Reason.LONG]
 BRIGHT_PIXELS = 4  # coarse pixels
 
 
 @dataclass(frozen=True, eq=False)
-class Foreign:
+class ForeignObjects:
     """Objects that are no contacts.
 
     Parameters
@@ -52,14 +48,14 @@ class Foreign:
     mask: Mask
 
 
-def find_foreign(
+def find_foreign_objects(
     image: NDArray[np.float32],
     coarse: BinnedImage,
     plateau: float,
     *,
     frame: Levels,
     difference: DifferenceImage,
-) -> Foreign:
+) -> ForeignObjects:
     """Objects of a difference image that are no contacts.
 
     Parameters
@@ -79,12 +75,12 @@ def find_foreign(
     scale = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
     regions = label_components(small, LEVEL * plateau)
     if not len(regions):
-        return NOTHING_FOREIGN
+        return NO_FOREIGN_OBJECTS
     disks = _full(scale, regions["x"], regions["y"], regions["area"])
     absent = absent_in_frame(frame, image, difference, disks)
     sharp = _too_sharp(image, regions, scale, plateau)
     if not (absent.any() or sharp.any() or _suspicious(regions, plateau)):
-        return NOTHING_FOREIGN
+        return NO_FOREIGN_OBJECTS
     found = find_objects(small, LEVEL * plateau)
     number = found.labels[regions["peak_y"], regions["peak_x"]]
     bright = np.bincount(found.labels[small > BRIGHTER * plateau], minlength=len(found.area)) > np.maximum(
@@ -95,12 +91,12 @@ def find_foreign(
     reasons = np.select(conditions, REASONS, "")
     bad = np.flatnonzero(reasons != "")
     if not len(bad):
-        return NOTHING_FOREIGN
+        return NO_FOREIGN_OBJECTS
     mask = np.isin(found.labels, bad).astype(np.uint8)
     mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SKIRT + 1, 2 * SKIRT + 1)))
     mask = cv2.resize(mask, image.shape[::-1], interpolation=cv2.INTER_NEAREST)
     places = _full(scale, found.x[bad], found.y[bad], found.area[bad])
-    return Foreign(_rows(places, reasons[bad]), np.asarray(mask))
+    return ForeignObjects(_rows(places, reasons[bad]), np.asarray(mask))
 
 
 def _full(scale: NDArray, x: NDArray, y: NDArray, area: NDArray) -> NDArray[np.float64]:
@@ -170,5 +166,5 @@ def _rows(places: NDArray[np.float64], reasons: NDArray[np.str_]) -> dict[str, N
     return {"x_px": places[:, 0], "y_px": places[:, 1], "radius_px": places[:, 2], "reason": reasons}
 
 
-NOTHING_FOREIGN = Foreign(_rows(np.empty((0, 3)), np.empty(0, np.str_)), None)
+NO_FOREIGN_OBJECTS = ForeignObjects(_rows(np.empty((0, 3)), np.empty(0, np.str_)), None)
 """Every object may be a contact."""
