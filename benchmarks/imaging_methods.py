@@ -9,7 +9,7 @@ import imaging_rivals as rivals
 import numpy as np
 import pandas as pd
 from imaging_frames import Optics
-from imaging_scores import BINS, ROOT, markdown, number, put_table, score, shoot, summarise
+from imaging_scores import BINS, markdown, number, put_table, score, shoot, summarise
 from imaging_speed import LARGEST, compare, label_with_opencv
 
 from contactimg.imaging.measure import measure_image
@@ -60,8 +60,7 @@ def compare_methods(seed, *, frames=3):
                 rows[name] = stored.loc[name].to_dict()
     table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("method")
     table.to_csv(STORED, float_format="%.6g")
-    for page in ("docs/imaging.md", "README.md"):
-        put_table("methods", _lines(table), page=ROOT / page)
+    put_table("methods", _lines(table))
     return table
 
 

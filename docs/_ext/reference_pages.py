@@ -1,0 +1,279 @@
+"""Write the reference pages from the code: commands, scene keys, tables, flags, and the list of public names.
+
+They go to docs/reference/generated before Sphinx looks for its pages; nothing in them is typed by hand.
+"""
+
+import ast
+import enum
+import importlib
+import inspect
+import itertools
+import pkgutil
+import re
+import textwrap
+from pathlib import Path
+
+import click
+from pydantic import BaseModel
+from sphinx.util import logging
+
+import contactimg
+from contactimg import cli, tables
+from contactimg.scene import Scene
+
+LOG = logging.getLogger(__name__)
+TARGET = Path(__file__).parents[1] / "reference" / "generated"
+
+BOUNDS = {  # of a JSON schema
+    "exclusiveMinimum": "above",
+    "minimum": "at least",
+    "exclusiveMaximum": "below",
+    "maximum": "at most",
+}
+ROOM_TITLES = {  # headings of the Python reference, in its order
+    "files": "Reading frames and scenes",
+    "scene": "Scene",
+    "frame": "Frame",
+    "pose": "Pose of the camera",
+    "imaging": "Measuring an image",
+    "pipeline": "Chains: measure, plan, analyse, simulate",
+    "matching": "Matching contacts",
+    "forces": "Local forces",
+    "surfaces": "Asperities",
+    "mechanics": "Closed forms",
+    "models": "Contact models",
+    "render": "Rendering frames",
+    "analysis": "Analysis",
+    "calibration": "Calibration",
+    "report": "Report",
+    "tables": "Flags",
+    "errors": "Errors",
+}
+
+
+def setup(app):
+    """Write the pages as soon as the configuration is read."""
+    app.connect("config-inited", _write_pages)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def _write_pages(_app, _config):
+    write("commands.md", command_page())
+    write("scene.md", scene_page())
+    write("tables.md", table_page())
+    write("enums.md", enum_page())
+    write("api.rst", api_page())
+
+
+def write(name, lines, folder=TARGET):
+    """Write a page, unless it is there already with the same text."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text, path = "\n".join(lines) + "\n", folder / name
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def markdown_table(header, rows):
+    """Lines of a table; a bar inside a cell is escaped."""
+    lines = [f"| {' | '.join(header)} |", "|" + "---|" * len(header)]
+    lines += [f"| {' | '.join(_cell(cell) for cell in row)} |" for row in rows]
+    return [*lines, ""]
+
+
+def _cell(text):
+    return " ".join(str(text).split()).replace("|", r"\|")
+
+
+# --- commands
+
+
+def command_page():
+    """Lines for every command: usage, help, examples, options."""
+    lines = []
+    for command, name in _commands(cli.commands, "contactimg"):
+        context = click.Context(command, info_name=name)
+        lines += [f"({name.replace(' ', '-')})=", f"## `{name}`", "", *_prose(command.help)]
+        lines += ["```text", command.get_usage(context).removeprefix("Usage: "), "```", ""]
+        records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
+        rows = [(f"`{names}`", _plain(meaning)) for names, meaning in filter(None, records)]
+        lines += markdown_table(["option", "meaning"], rows)
+    return lines
+
+
+def _commands(command, name):
+    """The command and those under it, each with the words that call it."""
+    yield command, name
+    if isinstance(command, click.Group):
+        for word, below in command.commands.items():
+            yield from _commands(below, f"{name} {word}")
+
+
+def _prose(text):
+    r"""Help text as Markdown: paragraphs behind \b stand as they are."""
+    lines = []
+    for paragraph in inspect.cleandoc(text or "").split("\n\n"):
+        if paragraph.startswith("\b"):
+            title, *code = paragraph.removeprefix("\b\n").splitlines()
+            if title.startswith(" "):
+                title, code = "", [title, *code]
+            lines += [
+                title,
+                "",
+                "```text",
+                *(inspect.cleandoc("\n".join(["", *code])).splitlines()),
+                "```",
+                "",
+            ]
+        else:
+            lines += [paragraph, ""]
+    return [_plain(line) if not line.startswith(("`", " ")) else line for line in lines]
+
+
+def _plain(text):
+    """Escape what Markdown would read as markup in a sentence of plain text."""
+    text = text.replace("*", r"\*").replace("[", r"\[").replace("<", r"\<").replace("$", r"\$")
+    return re.sub(r"(?<![\w`-])(--[a-z][\w-]*)", r"`\1`", text)
+
+
+# --- scene
+
+
+def scene_page():
+    """Lines for every section and key of the scene file."""
+    lines = []
+    for section, field in Scene.model_fields.items():
+        model = next(kind for kind in _kinds(field.annotation) if issubclass(kind, BaseModel))
+        schema = model.model_json_schema(by_alias=True)
+        lines += [f"(scene-{section})=", f"## `[{section}]`", "", *_docstring(model), ""]
+        rows = []
+        required = schema.get("required", ())
+        for key, rule in schema["properties"].items():
+            if not rule.get("description"):
+                LOG.verbose("scene key [%s] %s has no description", section, key)
+            default = "required" if key in required else _default(rule.get("default"))
+            rows.append((f"`{key}`", _rule(rule), default, rule.get("description", "")))
+        lines += markdown_table(["key", "value", "default", "meaning"], rows)
+    return lines
+
+
+def _kinds(annotation):
+    return [kind for kind in (annotation, *getattr(annotation, "__args__", ())) if inspect.isclass(kind)]
+
+
+def _docstring(thing):
+    """Docstring with double backticks turned into single ones, as Markdown has them."""
+    return inspect.cleandoc(thing.__doc__ or "").replace("``", "`").splitlines()
+
+
+def _default(value):
+    if value is None or value == []:
+        return ""
+    return f"`{str(value).lower() if isinstance(value, bool) else repr(value).replace(chr(39), chr(34))}`"
+
+
+def _rule(rule):
+    """What values a key takes, from its JSON schema."""
+    if "anyOf" in rule:
+        return " or ".join(filter(None, map(_rule, rule["anyOf"])))
+    if "enum" in rule or "const" in rule:
+        return " or ".join(f'`"{value}"`' for value in rule.get("enum", [rule.get("const")]))
+    if "prefixItems" in rule:
+        return f"[{', '.join(map(_rule, rule['prefixItems']))}]"
+    if rule.get("type") == "array":
+        return f"list of {_rule(rule['items'])}"
+    names = {"number": "number", "integer": "whole number", "string": "text", "boolean": "`true` or `false`"}
+    bounds = {
+        "exclusiveMinimum": "above",
+        "minimum": "at least",
+        "exclusiveMaximum": "below",
+        "maximum": "at most",
+    }
+    limits = " and ".join(f"{word} {rule[name]:g}" for name, word in bounds.items() if name in rule)
+    return f"{names.get(rule.get('type'), '')} {limits}".strip()
+
+
+# --- tables and enumerations
+
+
+def table_page():
+    """Lines for every CSV table and its columns."""
+    lines = []
+    for schema in sorted(_members(tables.Schema), key=lambda schema: schema.name):
+        lines += [f"(table-{schema.name})=", f"## `{schema.name}.csv`", ""]
+        rows = [(f"`{name}`", dtype, _plain(meaning)) for name, (dtype, meaning) in schema.columns.items()]
+        lines += markdown_table(["column", "type", "meaning"], rows)
+    return lines
+
+
+def enum_page():
+    """Lines for every enumeration that the tables hold: flags, and statuses or reasons where they are one."""
+    lines = []
+    for kind in _enumerations():
+        meanings = member_docstrings(kind)
+        lines += [f"({kind.__name__.lower()}-members)=", f"### `{kind.__name__}`", "", *_docstring(kind), ""]
+        names = [member.name if isinstance(member.value, int) else member.value for member in kind]
+        rows = [(f"`{name}`", meanings.get(m.name, "")) for name, m in zip(names, kind, strict=True)]
+        lines += markdown_table(["value", "meaning"], rows)
+    return lines
+
+
+def member_docstrings(kind):
+    """Member name -> the string that stands under it in the source."""
+    (body,) = ast.parse(textwrap.dedent(inspect.getsource(kind))).body
+    found = {}
+    for node, below in itertools.pairwise(body.body):
+        match node, below:
+            case ast.Assign(targets=[ast.Name(id=name)]), ast.Expr(value=ast.Constant(value=str(text))):
+                found[name] = " ".join(text.split()).replace("``", "`")
+    return found
+
+
+def _table_modules():
+    yield tables
+    for info in pkgutil.iter_modules(getattr(tables, "__path__", ())):
+        yield importlib.import_module(f"{tables.__name__}.{info.name}")
+
+
+def _members(kind):
+    """Objects of a type in the modules of the tables, each once."""
+    found = {id(value): value for module in _table_modules() for value in vars(module).values()}
+    return [value for value in found.values() if isinstance(value, kind)]
+
+
+def _enumerations():
+    return [kind for kind in _members(enum.EnumMeta) if kind.__module__.startswith(tables.__name__)]
+
+
+# --- Python
+
+
+def api_page():
+    """A reStructuredText page with a table of the public names of every room."""
+    rooms = public_names()
+    lines = ["Python", "======", "", "Every name below is imported from ``contactimg``.", ""]
+    for room in [*ROOM_TITLES, *sorted(set(rooms) - set(ROOM_TITLES))]:
+        names = rooms.get(room, [])
+        modules = [name for name in names if inspect.ismodule(getattr(contactimg, name))]
+        title = ROOM_TITLES.get(room, room)
+        lines += [title, "-" * len(title), ""] if names else []
+        if len(names) > len(modules):
+            lines += [".. currentmodule:: contactimg", ".. autosummary::", "   :toctree: api", ""]
+            lines += [f"   {name}" for name in names if name not in modules] + [""]
+        if modules:
+            lines += [".. toctree::", "   :maxdepth: 1", "", *(f"   api/{name}" for name in modules), ""]
+    return lines
+
+
+def public_names():
+    """Room -> names that ``contactimg`` exports from it, as the stub lists them."""
+    stub = ast.parse(Path(contactimg.__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    rooms = {}
+    for node in stub.body:
+        if isinstance(node, ast.ImportFrom):
+            rooms.setdefault(str(node.module).split(".")[0], []).extend(alias.asname for alias in node.names)
+    for name in (name for names in rooms.values() for name in names):
+        thing = getattr(contactimg, name)
+        if inspect.ismodule(thing):
+            page = [name, "=" * len(name), "", f".. automodule:: {thing.__name__}", "   :members:"]
+            write(f"{name}.rst", page, TARGET / "api")
+    return rooms

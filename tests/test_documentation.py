@@ -1,0 +1,38 @@
+"""The documentation leads where it says: relative links, file names and headings; the README stays short."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+GENERATED = {ROOT / "docs" / name for name in ("_build", "gallery", "reference/generated")}
+PAGES = [
+    path
+    for pattern in ("*.md", "docs/**/*.md", "notebooks/**/*.md", "sample_data/**/*.md", "tests/data/*.md")
+    for path in sorted(ROOT.glob(pattern))
+    if not GENERATED & set(path.parents)
+]
+NAMES = [path.relative_to(ROOT).as_posix() for path in PAGES]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+def test_relative_links_lead_to_files(path):
+    text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    for link in re.findall(r"\]\((?!\w+:|#)([^)#\s]+)", text):
+        target = (path.parent / link).resolve()
+        assert target.exists() or GENERATED & set(target.parents), f"{path.name} links to {link}"
+
+
+@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+def test_modules_and_scripts_that_are_named_exist(path):
+    """A name with a folder is a path from the root or in the package."""
+    for name in re.findall(r"[`\s(]([\w./]+/\w+\.py)\b", path.read_text(encoding="utf-8")):
+        assert (ROOT / name).exists() or (ROOT / "contactimg" / name).exists(), f"{path.name} names {name}"
+
+
+def test_the_readme_is_short_and_has_two_set_up_commands():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(readme.splitlines()) <= 120
+    set_up = readme.split("## Set up")[1].split("\n## ")[0]
+    assert [block.count("\n") for block in re.findall(r"```bash\n(.*?)```", set_up, re.DOTALL)] == [1, 1]
