@@ -1,4 +1,8 @@
-"""The command line: parse, call, print. An error is one sentence on stderr and exit code 2."""
+"""The command line: one module per command; each parses its options, calls the package and prints.
+
+`options` holds what the commands share, `scenes` turns a folder and options into a scene, `printing` prints
+tables and progress bars. An error is one sentence on standard error and exit code 2.
+"""
 
 import logging
 import sys
@@ -7,9 +11,9 @@ from collections.abc import Sequence
 import click
 
 from contactimg import __version__
+from contactimg.cli import shared_options as shared
 from contactimg.cli.analyse import analyse
 from contactimg.cli.calibrate import calibrate
-from contactimg.cli.common import timings_option
 from contactimg.cli.effects import effects
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
@@ -25,27 +29,31 @@ __all__ = ["main"]
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="contactimg")
 def commands() -> None:
-    """From contact micrographs to microcontacts, local forces and contact-model overlays.
+    """Measure the microcontacts on micrographs, compute local forces, compare with contact models.
 
-    A folder of frames with its scene.toml is measured by one command:
+    A folder of frames that holds a scene.toml is measured with one command; a second one compares the result
+    with the predictions of the contact models:
 
     \b
         contactimg process sample_data/sa_plus -o results
         contactimg overlay results
 
-    Exit codes: 0 done, 1 done but some frames failed or none could be measured, as their rows say, 2 nothing
-    done.
+    `contactimg COMMAND --help` shows the options of a command with examples. Every command writes into a
+    folder of its own, with provenance.json (version, command, scene and input files); a command that fails
+    leaves this folder as it was.
+
+    Exit codes: 0 done, 1 done but some frames failed (their rows say why), 2 nothing done.
     """
 
 
 for command in (process, calibrate, predict, overlay, simulate, effects, tradeoff, analyse, report):
     commands.add_command(command)
-    for one in command.commands.values() if isinstance(command, click.Group) else (command,):
-        timings_option(one)
+    for leaf in command.commands.values() if isinstance(command, click.Group) else (command,):
+        shared.timings(leaf)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command line and return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
+    """Run a command line; return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
     logging.basicConfig(format="contactimg: %(message)s", force=True)
     logging.getLogger("contactimg").setLevel(logging.WARNING)
     try:

@@ -1,19 +1,15 @@
 """``contactimg calibrate``: modulus and adhesion, threshold, plateau, from folders of frames."""
 
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from contactimg.cli.common import (
-    command_line,
-    output_option,
-    progress,
-    quiet_option,
-    verbose_option,
-    workers_option,
-)
+from contactimg.cli import shared_options as shared
+from contactimg.cli.printing import progress
+from contactimg.cli.shared_options import SceneOptions
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -21,50 +17,95 @@ if TYPE_CHECKING:
     from contactimg.calibration.coverage_estimate import CoverageEstimate
     from contactimg.files import Experiment
     from contactimg.pipeline.calibrate.result import Calibrated
-    from contactimg.scene import Scene
 
-Run = Callable[..., "Calibrated"]
+Command = Callable[..., Any]
 
-folder_argument = click.argument("folder", type=click.Path(exists=True, file_okay=False))
-scene_option = click.option(
-    "--scene", type=click.Path(exists=True, dir_okay=False), help="Scene file instead of FOLDER's."
-)
-jkr_option = click.option(
-    "--jkr", type=click.Path(exists=True), help="Result of `calibrate jkr`, which has the modulus."
-)
-modulus_option = click.option("--young-modulus-MPa", type=float, help="Measured modulus, MPa.")
-modulus_std_option = click.option(
-    "--young-modulus-std-MPa", type=float, help="Its standard uncertainty, MPa."
+ONE_OF_TWO = (
+    "threshold and modulus cannot both be fitted to the same load curve, because slope 1 fixes only a "
+    "relation between them; give a threshold that was calibrated on another sample (--calibration FILE or "
+    "--threshold T)"
 )
 
 
-def common_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The arguments and options that every calibration has."""
+@dataclass(frozen=True, kw_only=True)
+class CalibrationOptions:
+    """Options that every calibration has."""
+
+    scene: str | None
+    output: str | None
+    workers: int | None
+    quiet: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ElasticOptions(CalibrationOptions):
+    """Options of a calibration that needs Young's modulus."""
+
+    jkr: str | None
+    young_modulus_mpa: float | None
+    young_modulus_std_mpa: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThresholdOptions(ElasticOptions):
+    """Options of a calibration at a fixed threshold."""
+
+    calibration: str | None
+    threshold: float | None
+
+
+def common_options(command: Command) -> Command:
+    """Add the argument and the options that every calibration has."""
     for option in (
-        verbose_option,
-        quiet_option,
-        workers_option,
-        output_option,
-        scene_option,
-        folder_argument,
+        shared.verbose,
+        shared.quiet,
+        shared.workers,
+        shared.output("FOLDER"),
+        shared.scene,
+        click.argument("folder", type=shared.existing_folder),
     ):
         command = option(command)
     return command
 
 
-@click.group(short_help="Modulus and adhesion, threshold, plateau from frames.")
-def calibrate() -> None:
-    """The paper's calibrations, each on a FOLDER of frames with its scene.toml.
+def elastic_options(command: Command) -> Command:
+    """Add the options that give Young's modulus."""
+    std = click.option(
+        "--young-modulus-std-MPa", type=float, help="Standard uncertainty of the modulus, in MPa."
+    )
+    value = click.option("--young-modulus-MPa", type=float, help="Young's modulus of the rubber, in MPa.")
+    file = click.option(
+        "--jkr",
+        type=click.Path(exists=True),
+        help="Take Young's modulus from this calibration.json (or its folder) of `calibrate jkr`.",
+    )
+    return file(value(std(command)))
 
-    Each writes calibration.json (every number with its standard uncertainty and unit, what was fixed and what
-    fitted, the quality of the fit), tables and figures. `process --calibration FILE` uses the result.
+
+@click.group(short_help="Calibrate the modulus, the threshold or the plateau on a folder of frames.")
+def calibrate() -> None:
+    """Calibrate the modulus, the threshold or the plateau on a FOLDER of frames with its scene.toml.
+
+    Each calibration writes calibration.json (every number with its standard uncertainty and unit, which
+    quantities were fixed and which were fitted, and the quality of the fit), tables as CSV and figures.
+    `contactimg process --calibration FILE` uses the result.
+
+    The usual order: jkr on a smooth sample, threshold on a textured sample of the same rubber, modulus on
+    other samples. Where the radii of the asperities are not known, plateau gives the range of thresholds.
+
+    Exit codes: 0 done, 1 done but some frames failed, 2 nothing done.
     """
 
 
-@calibrate.command()
+@calibrate.command(short_help="Young's modulus, work of adhesion and centre from a smooth contact.")
 @common_options
-def jkr(*, folder: str, **given: Any) -> int:
-    """Modulus, work of adhesion and centre from frames of the smooth contact at three loads or more.
+@shared.gather(CalibrationOptions)
+def jkr(*, folder: str, options: CalibrationOptions) -> int:
+    """Fit Young's modulus and the work of adhesion to frames of a smooth contact at three or more loads.
+
+    Measures the radius of the circular contact on each frame of FOLDER and fits the JKR law to radius against
+    load. Writes calibration.json (young_modulus in Pa, work_of_adhesion in J/m^2, centre_x and centre_y in
+    pixels), circles.csv (load and radius of each frame), provenance.json and figures.
 
     \b
     Example:
@@ -73,16 +114,20 @@ def jkr(*, folder: str, **given: Any) -> int:
     with stage("loading"):
         from contactimg.pipeline.calibrate.jkr import run_jkr
 
-    return _run("jkr", folder, given, {}, run_jkr, pulled=True)
+    experiment = _open(folder, options, {}, pulled=True)
+    return _calibrate("jkr", folder, options, experiment, run_jkr)
 
 
-@calibrate.command()
+@calibrate.command(short_help="The threshold at which the local forces add up to the load.")
 @common_options
-@jkr_option
-@modulus_option
-@modulus_std_option
-def threshold(*, folder: str, **given: Any) -> int:
-    """The threshold at which the local forces of a sample of known modulus add up to the load.
+@elastic_options
+@shared.gather(ElasticOptions)
+def threshold(*, folder: str, options: ElasticOptions) -> int:
+    """Find the threshold at which the local forces of a sample of known modulus add up to the load.
+
+    Young's modulus is that of --jkr or --young-modulus-MPa, else that of the scene. Writes calibration.json
+    (threshold as a fraction of the contrast), forces.csv (load and sum of the forces of each frame),
+    curve.csv (slope against threshold), provenance.json and figures.
 
     \b
     Example:
@@ -92,34 +137,31 @@ def threshold(*, folder: str, **given: Any) -> int:
         from contactimg.files import read_calibration, shares_frames
         from contactimg.pipeline.calibrate.threshold import run_threshold
 
-    record = read_calibration(given["jkr"]) if given["jkr"] else {}
-
-    def run(experiment: "Experiment", **options: Any) -> "Calibrated":
-        if record.get("kind") == "modulus" and shares_frames(record, _fingerprints(experiment)):
-            raise InputError(BOTH)
-        return run_threshold(experiment, **options)
-
-    return _run("threshold", folder, given, _modulus(given), run)
+    experiment = _open(folder, options, _modulus(options))
+    record = read_calibration(options.jkr) if options.jkr else {}
+    if record.get("kind") == "modulus" and shares_frames(record, _fingerprints(experiment)):
+        raise InputError(ONE_OF_TWO)
+    used = {"jkr": record} if record else {}
+    return _calibrate("threshold", folder, options, experiment, run_threshold, used=used)
 
 
-BOTH = (
-    "threshold and modulus cannot both be fitted on one load curve: slope 1 fixes only a line in the plane "
-    "of the two; give a threshold calibrated on another sample (--calibration FILE or --threshold T)"
-)
-
-
-@calibrate.command()
+@calibrate.command(short_help="Young's modulus at which the local forces add up to the load.")
 @common_options
-@click.option("--calibration", type=click.Path(exists=True), help="Result of `calibrate threshold`.")
-@click.option("--threshold", type=float, help="Threshold that is kept, fraction of the contrast.")
-@jkr_option
-@modulus_option
-@modulus_std_option
-def modulus(*, folder: str, **given: Any) -> int:
-    """The modulus at which the local forces add up to the load, the threshold kept.
+@click.option(
+    "--calibration",
+    type=click.Path(exists=True),
+    help="Take the threshold from this calibration.json (or its folder) of `calibrate threshold`.",
+)
+@click.option("--threshold", type=float, help="Threshold as a fraction of the contrast, from 0 to 1.")
+@elastic_options
+@shared.gather(ThresholdOptions)
+def modulus(*, folder: str, options: ThresholdOptions) -> int:
+    """Find Young's modulus at which the local forces add up to the load, with the threshold fixed.
 
-    Says when it lies outside the uncertainty of the modulus measured before (the scene's, --jkr or
-    --young-modulus-MPa).
+    The threshold is that of --calibration or --threshold, else that of the scene. The result is compared with
+    the modulus of --jkr, --young-modulus-MPa or the scene, and a note says if it lies outside the uncertainty
+    of that one. Writes calibration.json (young_modulus in Pa), forces.csv (load and sum of the forces of each
+    frame), provenance.json and a figure.
 
     \b
     Example:
@@ -129,21 +171,28 @@ def modulus(*, folder: str, **given: Any) -> int:
         from contactimg.files import read_calibration, shares_frames
         from contactimg.pipeline.calibrate.modulus import run_modulus
 
-    record = read_calibration(given["calibration"]) if given["calibration"] else {}
+    experiment = _open(folder, options, _modulus(options))
+    record = read_calibration(options.calibration) if options.calibration else {}
+    if "threshold" in record.get("fitted", []) and shares_frames(record, _fingerprints(experiment)):
+        raise InputError(ONE_OF_TWO)
+    run = partial(run_modulus, threshold=_fixed_threshold(experiment, record, options.threshold))
+    used: dict[str, Any] = {"jkr": read_calibration(options.jkr)} if options.jkr else {}
+    if record:
+        used["calibration"] = record
+    if options.threshold is not None:
+        used["threshold"] = options.threshold
+    return _calibrate("modulus", folder, options, experiment, run, used=used)
 
-    def run(experiment: "Experiment", **options: Any) -> "Calibrated":
-        if "threshold" in record.get("fitted", []) and shares_frames(record, _fingerprints(experiment)):
-            raise InputError(BOTH)
-        kept = _kept_threshold(experiment.scene, record, given["threshold"])
-        return run_modulus(experiment, threshold=kept, **options)
 
-    return _run("modulus", folder, given, _modulus(given), run)
-
-
-@calibrate.command()
+@calibrate.command(short_help="The range of thresholds over which the contact area hardly changes.")
 @common_options
-def plateau(*, folder: str, **given: Any) -> int:
-    """The thresholds between which the total area changes only marginally, for radii that are not known.
+@shared.gather(CalibrationOptions)
+def plateau(*, folder: str, options: CalibrationOptions) -> int:
+    """Find the range of thresholds over which the total contact area hardly changes.
+
+    For samples whose asperity radii are not known; the two ends of the range give the error bar of the area.
+    Writes calibration.json (threshold, threshold_low and threshold_high as fractions of the contrast),
+    curve.csv (area against threshold), areas.csv (area of each frame), provenance.json and a figure.
 
     \b
     Example:
@@ -152,45 +201,54 @@ def plateau(*, folder: str, **given: Any) -> int:
     with stage("loading"):
         from contactimg.pipeline.calibrate.plateau import run_plateau
 
-    return _run("plateau", folder, given, {}, run_plateau)
+    return _calibrate("plateau", folder, options, _open(folder, options, {}), run_plateau)
 
 
-def _run(
-    kind: str,
-    folder: str,
-    given: dict[str, Any],
-    elastic: dict[str, float],
-    run: Run,
-    *,
-    pulled: bool = False,
-) -> int:
-    """Open the folder, calibrate, write, print."""
+def _open(
+    folder: str, options: CalibrationOptions, elastic: dict[str, float], *, pulled: bool = False
+) -> "Experiment":
+    """The frames of a folder; ``elastic`` replaces keys of that section of the scene."""
     with stage("loading"):
         from contactimg.cli.scenes import scene_of_folder
-        from contactimg.files import OutputFolder, open_experiment, provenance, read_calibration
-        from contactimg.pipeline.calibrate.result import write_calibration
+        from contactimg.files import open_experiment
         from contactimg.scene import scene_from_dict
 
-    scene = scene_of_folder(folder, {"scene": given["scene"]})
+    scene = scene_of_folder(folder, SceneOptions(scene=options.scene))
     if elastic:
         data = {**scene.source, "elastic": {**scene.source.get("elastic", {}), **elastic}}
         scene = scene_from_dict(data, name="the options and the scene", folder=scene.folder)
-    experiment = open_experiment(scene, pulled=pulled)
-    target = Path(given["output"]) if given["output"] is not None else Path(folder) / "contactimg_out"
-    used = {name: read_calibration(given[name]) for name in ("jkr", "calibration") if given.get(name)}
-    kept = {} if given.get("threshold") is None else {"threshold": given["threshold"]}
+    return open_experiment(scene, pulled=pulled)
+
+
+def _calibrate(
+    kind: str,
+    folder: str,
+    options: CalibrationOptions,
+    experiment: "Experiment",
+    run: Callable[..., "Calibrated"],
+    *,
+    used: dict[str, Any] | None = None,
+) -> int:
+    """Run a calibration, write and print its result; return the exit code.
+
+    ``used`` holds the earlier results that it builds on, for the provenance.
+    """
+    with stage("loading"):
+        from contactimg.files import OutputFolder, provenance
+        from contactimg.pipeline.calibrate.result import write_calibration
+
+    target = shared.output_path(options.output, folder)
     record = provenance(
-        command=command_line(f"calibrate {kind}"),
-        scene=scene,
-        options=used | kept,
+        command=shared.command_line(f"calibrate {kind}"),
+        scene=experiment.scene,
+        options=used or {},
         inputs=experiment.inputs,
     )
-    count, quiet = len(experiment.frames), given["quiet"]
     with OutputFolder(target, record, main_files=["calibration.json"]) as out:
-        with progress("measuring frames", count, quiet=quiet) as advance:
-            result = run(experiment, workers=given["workers"], advance=advance)
+        with progress("measuring frames", len(experiment.frames), quiet=options.quiet) as advance:
+            result = run(experiment, workers=options.workers, advance=advance)
         write_calibration(result, out.folder, frames=record["inputs"])
-    if not quiet:
+    if not options.quiet:
         _echo(result, title=f"{folder}, calibrate {kind}")
         click.echo(f"results in {target}")
     return 1 if result.failed else 0
@@ -207,46 +265,48 @@ def _echo(result: "Calibrated", *, title: str) -> None:
         click.echo(f"  {note}")
 
 
-def _modulus(given: dict[str, Any]) -> dict[str, float]:
-    """The elastic section's keys that the options give."""
+def _modulus(options: ElasticOptions) -> dict[str, float]:
+    """The keys of the section [elastic] that the options replace."""
     from contactimg.files import read_calibration
 
-    if given["jkr"] and given["young_modulus_mpa"] is not None:
+    value, std = options.young_modulus_mpa, options.young_modulus_std_mpa
+    if options.jkr and value is not None:
         raise InputError("--jkr and --young-modulus-MPa both give the modulus; keep one of the two")
-    if given["jkr"]:
-        record = read_calibration(given["jkr"])
+    if options.jkr:
+        record = read_calibration(options.jkr)
         if "young_modulus" not in record:
-            raise InputError(f"{given['jkr']}: holds no young_modulus; give the result of `calibrate jkr`")
+            raise InputError(
+                f"{options.jkr}: holds no young_modulus; give the calibration.json of `calibrate jkr`"
+            )
         entry = record["young_modulus"]
         return {"young_modulus_Pa": entry["value"], "young_modulus_std_Pa": entry.get("std") or 0.0}
-    if given["young_modulus_mpa"] is None:
-        if given["young_modulus_std_mpa"] is not None:
-            raise InputError("--young-modulus-std-MPa needs --young-modulus-MPa")
+    if value is None:
+        if std is not None:
+            raise InputError("--young-modulus-std-MPa needs --young-modulus-MPa; give both")
         return {}
-    return {
-        "young_modulus_Pa": given["young_modulus_mpa"] * 1e6,
-        "young_modulus_std_Pa": (given["young_modulus_std_mpa"] or 0.0) * 1e6,
-    }
+    return {"young_modulus_Pa": value * 1e6, "young_modulus_std_Pa": (std or 0.0) * 1e6}
 
 
-def _kept_threshold(scene: "Scene", record: dict[str, Any], value: float | None) -> "CoverageEstimate | None":
-    """The threshold that is kept: the calibration's, the option's or the scene's; None for disks."""
+def _fixed_threshold(
+    experiment: "Experiment", record: dict[str, Any], option: float | None
+) -> "CoverageEstimate | None":
+    """The threshold of the calibration, the option or the scene; None for the method "disk"."""
     from contactimg.calibration.coverage_estimate import CoverageEstimate
 
-    if "threshold" in record and value is not None:
+    if "threshold" in record and option is not None:
         raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
     if "threshold" in record:
-        entry = record["threshold"]
-        std = float(entry.get("std") or 0.0)
-        return CoverageEstimate(entry["value"], std, entry["value"] - 1.96 * std, entry["value"] + 1.96 * std)
-    if value is not None:
-        return CoverageEstimate(value, 0.0, value, value)
+        value, std = record["threshold"]["value"], float(record["threshold"].get("std") or 0.0)
+        return CoverageEstimate(value, std, value - 1.96 * std, value + 1.96 * std)
+    scene = experiment.scene
     stated = scene.source.get("measure", {}).get("threshold")
-    if isinstance(stated, float | int) and scene.measure.method == "threshold":
-        return CoverageEstimate(float(stated), 0.0, float(stated), float(stated))
+    if option is None and isinstance(stated, float | int) and scene.measure.method == "threshold":
+        option = float(stated)
+    if option is not None:
+        return CoverageEstimate(option, 0.0, option, option)
     if scene.measure.method == "disk":
         return None
-    raise InputError(BOTH)
+    raise InputError(ONE_OF_TWO)
 
 
 def _fingerprints(experiment: "Experiment") -> list[dict[str, Any]]:

@@ -1,39 +1,32 @@
-"""``contactimg overlay``: predicted and measured contacts on each frame."""
+"""``contactimg overlay``: measured against predicted contacts on each frame."""
 
 from pathlib import Path
 
 import click
 
-from contactimg.cli.common import (
-    command_line,
-    echo_scores,
-    output_option,
-    progress,
-    quiet_option,
-    verbose_option,
-    workers_option,
-)
+from contactimg.cli import shared_options as shared
+from contactimg.cli.printing import echo_scores, progress
 from contactimg.timings import stage
 
 
-@click.command(short_help="Predicted and measured contacts on each frame, with scores.")
-@click.argument("run", type=click.Path(exists=True, file_okay=False))
-@output_option
-@click.option(
-    "--min-radius-px",
-    type=float,
-    default=1.0,
-    show_default=True,
-    help="Smaller predicted contacts are not expected to be seen.",
-)
-@workers_option
-@quiet_option
-@verbose_option
+@click.command(short_help="Compare measured with predicted contacts, frame by frame.")
+@click.argument("run", type=shared.existing_folder)
+@shared.output("RUN")
+@shared.min_radius("smaller predicted contacts need not be found on the frame")
+@shared.workers
+@shared.quiet
+@shared.verbose
 def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int | None, quiet: bool) -> int:
-    """Compare RUN, the output of `process`, with what the model predicts, coupled and uncoupled.
+    """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
 
-    Writes a picture of each frame with a load (measured contacts blue, predicted ones green with coupling and
-    red without, the Hertz circle of the smooth sphere dashed white), matches.csv and scores.csv.
+    The contacts are predicted at the load of each frame, once with elastic coupling between the asperities
+    and once without.
+
+    Writes scores.csv (precision and recall of each frame and model), matches.csv (pairs of a measured and a
+    predicted contact), provenance.json, and a picture of each frame in overlays/: measured contacts blue,
+    predicted ones green with coupling and red without, the Hertz circle of the smooth lens dashed white.
+
+    Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done.
 
     \b
     Example:
@@ -48,9 +41,9 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
     measured = run_of_folder(read_run(run))
     experiment = open_experiment(measured.scene)
     asperities = need_asperities(measured.scene, "predicting contacts")
-    target = Path(output) if output is not None else Path(run) / "contactimg_out"
+    target = shared.output_path(output, run)
     record = provenance(
-        command=command_line("overlay"),
+        command=shared.command_line("overlay"),
         scene=measured.scene,
         options={"min_radius_px": min_radius_px},
         inputs=[*(Path(run) / name for name in ("contacts.csv", "frames.csv")), *experiment.inputs],
@@ -65,7 +58,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
                 comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance
             )
     if not quiet:
-        echo_scores(comparison.scores, title=f"{run}: predicted against measured contacts")
+        echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
         click.echo(f"results in {target}")
     for frame, reason in comparison.left_out.items():
         click.echo(f"contactimg: {frame}: no prediction, {reason}", err=True)

@@ -1,42 +1,50 @@
 """``contactimg predict``: what the models say of a scene at given loads."""
 
-from pathlib import Path
 from typing import Any
 
 import click
 
-from contactimg.cli.common import command_line, echo_frames, output_option, quiet_option, verbose_option
+from contactimg.cli import shared_options as shared
+from contactimg.cli.printing import echo_frames
 from contactimg.timings import stage
 
 
-@click.command(short_help="Contacts that the models predict at given loads.")
+@click.command(short_help="Predict the contacts at given loads with a contact model.")
 @click.argument("scene", type=click.Path(exists=True))
-@click.option("--load-N", "loads", type=float, multiple=True, required=True, help="Load, N; repeatable.")
-@output_option
+@click.option(
+    "--load-N",
+    "loads",
+    type=float,
+    multiple=True,
+    required=True,
+    help="Normal load in newtons; repeat the option for more loads.",
+)
+@shared.output("the folder of SCENE")
 @click.option(
     "--model",
     type=click.Choice(["interacting", "gw", "gt"]),
     default="interacting",
     show_default=True,
-    help="Every asperity, or the averages of Greenwood-Williamson or Greenwood-Tripp.",
+    help="interacting: every asperity of the table. gw, gt: the averages of Greenwood and Williamson, or of "
+    "Greenwood and Tripp.",
 )
 @click.option(
     "--coupling",
     type=click.Choice(["auto", "none", "asymptotic", "hertz", "full"]),
     default="auto",
     show_default=True,
-    help="How asperities act on each other. auto: as the plan of the effects decides; a level: the paper's "
-    "model with it, in which other effects act only where the scene switches them on.",
+    help="Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other "
+    "level: the paper's model with this coupling; other effects only where the scene switches them on.",
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Relative error of the output: the cheapest effects, coupling and residual that meet it.  [default: "
-    "the scene's for the effects, rounding for the residual]",
+    type=shared.positive_number,
+    help="Relative error that is allowed, for example 0.05: effects, coupling and solver accuracy are the "
+    "cheapest that meet it.  [default: the scene's tolerance for the effects, rounding error for the solver]",
 )
-@click.option("--annulus-mm", type=float, default=0.25, show_default=True, help="Width of profile annuli.")
-@quiet_option
-@verbose_option
+@shared.annulus
+@shared.quiet
+@shared.verbose
 def predict(
     *,
     scene: str,
@@ -50,12 +58,15 @@ def predict(
 ) -> int:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
-    Which mechanical effects are computed is planned for each load (see `contactimg effects`). Writes
-    contacts.csv, frames.csv, profile.csv and provenance.json, which holds the plans. With --tolerance the
-    plan takes the cheapest effects and coupling that meet it, and says which.
+    For each load a plan decides which mechanical effects are computed (see `contactimg effects`).
+
+    Writes contacts.csv (one row per predicted contact), frames.csv (one row per load), profile.csv (pressure
+    against distance from the apex) and provenance.json with the plans.
+
+    Exit codes: 0 done, 1 no solution at some of the loads (frames.csv says why), 2 nothing done.
 
     \b
-    Example:
+    Examples:
       contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
@@ -72,11 +83,16 @@ def predict(
         from contactimg.tables import FAILED
 
     description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
-    target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
-    options = {"loads_N": list(loads), "model": model, "coupling": coupling, "annulus_mm": annulus_mm}
-    options["tolerance"] = tolerance
+    target = shared.output_path(output, description.folder)
+    options = {
+        "loads_N": list(loads),
+        "model": model,
+        "coupling": coupling,
+        "annulus_mm": annulus_mm,
+        "tolerance": tolerance,
+    }
     record = provenance(
-        command=command_line("predict"),
+        command=shared.command_line("predict"),
         scene=description,
         options=options,
         inputs=model_inputs(scene, description),

@@ -1,46 +1,65 @@
 """``contactimg process``: a folder of frames to contacts, forces and overlays."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from contactimg.cli.common import (
-    command_line,
-    echo_frames,
-    output_option,
-    progress,
-    quiet_option,
-    verbose_option,
-    workers_option,
-)
+from contactimg.cli import shared_options as shared
+from contactimg.cli.printing import echo_frames, progress
+from contactimg.cli.shared_options import SceneOptions
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.scene import Scene
 
 
-@click.command(short_help="A folder of frames to contacts, local forces and overlays.")
+@click.command(short_help="Measure the contacts on every frame of a folder.")
 @click.argument("folder", type=click.Path(exists=True))
-@output_option
-@click.option("--scene", type=click.Path(exists=True, dir_okay=False), help="Scene file instead of FOLDER's.")
-@click.option("--reference", type=click.Path(), help="The non-contact frame.")
-@click.option("--frames", help="Glob of the frames, relative to FOLDER.")
-@click.option("--loads", type=click.Path(), help="CSV with columns frame, load_N.")
-@click.option("--pixel-size-um", type=float, help="Sample length of one pixel, um.")
-@click.option("--method", type=click.Choice(["disk", "threshold"]), help="Model fit, or the pixel count.")
-@click.option("--threshold", help='Fraction of the contact contrast, or "auto".')
-@click.option("--polarity", type=click.Choice(["bright", "dark", "auto"]), help="Contacts against reference.")
-@click.option("--calibration", type=click.Path(exists=True), help="calibration.json: modulus, threshold.")
+@shared.output("FOLDER")
+@shared.scene
+@click.option("--reference", type=click.Path(), help="Frame without contact; it is subtracted.")
+@click.option(
+    "--frames", help='Pattern for the names of the frames in FOLDER, for example "frame_*.tif" (with quotes).'
+)
+@click.option("--loads", type=click.Path(), help="CSV file with the columns frame and load_N.")
+@click.option(
+    "--pixel-size-um", type=float, help="Length on the sample that one pixel covers, in micrometres."
+)
+@click.option(
+    "--method",
+    type=click.Choice(["disk", "threshold"]),
+    help="disk: fit the image of a blurred disk to each contact. threshold: count the pixels above a grey "
+    "level, as the paper does.  [default: the scene's, else disk]",
+)
+@click.option(
+    "--threshold",
+    help='Grey level between contact and background, as a fraction of the contrast (0 to 1), or "auto".',
+)
+@click.option(
+    "--polarity",
+    type=click.Choice(["bright", "dark", "auto"]),
+    help="Whether contacts are brighter or darker than the reference.  [default: the scene's, else bright]",
+)
+@click.option(
+    "--calibration",
+    type=click.Path(exists=True),
+    help="Take modulus and threshold from this calibration.json (or its folder) of `calibrate`.",
+)
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Relative error of the output: the cheapest method that meets it, frame by frame.",
+    type=shared.positive_number,
+    help="Relative error that is allowed, for example 0.05. Each frame is measured by the fastest method "
+    "whose estimated error is smaller.",
 )
-@click.option("--pictures/--no-pictures", default=True, help="Draw an overlay of each frame.")
-@workers_option
-@quiet_option
-@verbose_option
+@click.option(
+    "--pictures/--no-pictures",
+    default=True,
+    help="Draw the contacts on each frame, in the folder overlays.  [default: pictures]",
+)
+@shared.workers
+@shared.quiet
+@shared.verbose
+@shared.gather(SceneOptions)
 def process(
     *,
     folder: str,
@@ -49,43 +68,45 @@ def process(
     pictures: bool,
     workers: int | None,
     quiet: bool,
-    **options: Any,
+    options: SceneOptions,
 ) -> int:
-    """Measure every frame of FOLDER: contacts, local forces, overlays.
+    """Measure every frame of FOLDER: contacts, local forces, and a picture of each frame.
 
-    What the scene.toml in FOLDER says holds unless an option says otherwise; without one, --reference (or an
-    image called reference) and --pixel-size-um are enough. With --tolerance each frame is measured by the
-    threshold if its error, which is estimated on the frame, stays below it, else by the fit of disks; the
-    provenance holds the decisions. Writes contacts.csv, frames.csv, rejected.csv, provenance.json and a
-    picture of each frame in overlays/. The exit code is 1 if a frame failed, and also if no frame shows
-    anything that can be measured, because all are black or white, say: their rows tell why.
+    The scene.toml in FOLDER describes the experiment; an option given here replaces the key of the same name.
+    Without a scene.toml, --reference (or an image called reference) and --pixel-size-um are enough to measure
+    contacts; forces need the modulus and the radii of the asperities.
+
+    Writes contacts.csv (one row per contact), frames.csv (one row per frame), rejected.csv (candidates that
+    are no contacts, with the reason), provenance.json, and the pictures in overlays/.
+
+    Exit codes: 0 done; 1 a frame failed, or no frame shows anything that can be measured (all black or white,
+    for example), as frames.csv says; 2 nothing done.
 
     \b
     Examples:
       contactimg process sample_data/sa_plus -o results
-      contactimg process my_frames --reference my_frames/dark.tif --pixel-size-um 6
+      contactimg process my_frames --reference my_frames/no_contact.tif --pixel-size-um 6
       contactimg process sample_data/ra_plus --tolerance 0.05 -o quick
     """
     with stage("loading"):
-        from contactimg.cli.scenes import calibration_options, scene_of_folder, with_tolerance
+        from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
         from contactimg.pipeline.overlays import draw_overlays
         from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import measure_experiment
         from contactimg.tables import FAILED
 
-    if tolerance is not None and options["method"] is not None:
-        raise click.UsageError("--tolerance chooses the method and --method names it; keep one of the two.")
+    if tolerance is not None and options.method is not None:
+        raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
     scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=tolerance)
     experiment = open_experiment(scene)
-    count = len(experiment.frames)
     record = provenance(
-        command=command_line("process"),
+        command=shared.command_line("process"),
         scene=scene,
-        options=calibration_options(options["calibration"]),
+        options=calibration_record(options.calibration),
         inputs=experiment.inputs,
     )
-    target = Path(output) if output is not None else Path(folder) / "contactimg_out"
+    count, target = len(experiment.frames), shared.output_path(output, folder)
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:
             run = measure_experiment(experiment, relative=tolerance, workers=workers, advance=advance)

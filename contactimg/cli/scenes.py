@@ -1,9 +1,11 @@
-"""From a folder and options to a scene: what the scene file says holds unless an option says otherwise."""
+"""From a folder and options to a scene: options replace keys of the scene file."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from contactimg.cli.shared_options import SceneOptions
 from contactimg.errors import InputError
 from contactimg.files import (
     SCENE_FILE,
@@ -15,7 +17,7 @@ from contactimg.files import (
 )
 from contactimg.scene import Scene, scene_from_dict
 
-OPTION_KEYS = {
+SCENE_KEYS = {
     "reference": ("images", "reference"),
     "frames": ("images", "frames"),
     "loads": ("images", "loads"),
@@ -24,42 +26,44 @@ OPTION_KEYS = {
     "threshold": ("measure", "threshold"),
     "pixel_size_m": ("camera", "pixel_size_m"),
 }
+"""Option -> section and key of the scene that it replaces."""
+
 PATHS = ("reference", "loads")
-"""Options that name files, relative to where the command is typed."""
+"""Options that name files, relative to the working directory."""
 
 
-def scene_of_folder(folder: str | Path, options: Mapping[str, Any]) -> Scene:
+def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     """The scene of a folder of frames.
 
     Parameters
     ----------
     folder : path-like
         With a ``scene.toml``, or with frames only.
-    options : mapping
-        Of the command; None where an option is not given.
+    options : SceneOptions
 
     Raises
     ------
     InputError
         If the scene file or an option breaks a rule.
     """
-    folder, given = Path(folder), {key: value for key, value in options.items() if value is not None}
+    folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
+    given = {key: value for key, value in asdict(options).items() if value is not None}
     data, base = _base_scene(folder, given.pop("scene", None))
-    calibration = given.pop("calibration", None)
-    if calibration is not None:
-        _calibrate(data, read_calibration(calibration), threshold_counts="method" not in given)
-    if "pixel_size_um" in given:
+    if given.pop("calibration", None) is not None:
+        record = read_calibration(str(options.calibration))
+        _apply_calibration(data, record, sets_method=options.method is None)
+    if options.pixel_size_um is not None:
         given["pixel_size_m"] = given.pop("pixel_size_um") * 1e-6
-    for key, value in given.items():
-        section, name = OPTION_KEYS[key]
-        data.setdefault(section, {})[name] = _plain(key, value)
+    for option, value in given.items():
+        section, key = SCENE_KEYS[option]
+        data.setdefault(section, {})[key] = _plain(option, value)
     return scene_from_dict(data, name="the options and the scene", folder=str(base))
 
 
-def _calibrate(data: dict[str, Any], record: Mapping[str, Any], *, threshold_counts: bool) -> None:
-    """Let a scene's sections hold what a calibration found: modulus, threshold, and the method it is for."""
+def _apply_calibration(data: dict[str, Any], record: Mapping[str, Any], *, sets_method: bool) -> None:
+    """Write a calibration's modulus, threshold and the method it is for into the sections of a scene."""
     if "young_modulus" in record:
         entry = record["young_modulus"]
         data.setdefault("elastic", {})["young_modulus_Pa"] = entry["value"]
@@ -67,17 +71,17 @@ def _calibrate(data: dict[str, Any], record: Mapping[str, Any], *, threshold_cou
     if "threshold" in record:
         measure = data.setdefault("measure", {})
         measure["threshold"] = record["threshold"]["value"]
-        if threshold_counts and record.get("method") != "disk":
+        if sets_method and record.get("method") != "disk":
             measure.setdefault("method", "threshold")
 
 
-def calibration_options(path: str | Path | None) -> dict[str, Any]:
-    """What the provenance says of a calibration that was used: its file and all that it holds."""
-    return {} if path is None else {"calibration": {"file": str(path), "record": read_calibration(path)}}
+def calibration_record(path: str | None) -> dict[str, Any]:
+    """The calibration that a run used, for its provenance: the file and its contents."""
+    return {} if path is None else {"calibration": {"file": path, "record": read_calibration(path)}}
 
 
 def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
-    """Files that a prediction depends on: the scene file and the asperity table it names."""
+    """The files that a prediction depends on: the scene file and its asperity table."""
     path = Path(path)
     files = [path / SCENE_FILE if path.is_dir() else path]
     if scene.asperities is not None and scene.asperities.file is not None:
@@ -86,7 +90,7 @@ def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
 
 
 def with_tolerance(scene: Scene, *, output: str | None, relative: float | None) -> Scene:
-    """The scene with the tolerance that options give.
+    """The scene with the tolerance that the options give; None keeps that of the scene.
 
     Raises
     ------
@@ -100,7 +104,10 @@ def with_tolerance(scene: Scene, *, output: str | None, relative: float | None) 
 
 
 def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], Path]:
-    """Sections of the scene file and the folder its paths are relative to; a bare folder makes its own."""
+    """The sections of the scene file and the folder its paths are relative to.
+
+    A folder without a scene file gets a scene with the reference only, if one of its images has that name.
+    """
     if scene_file is not None:
         return _moved_to(folder, read_scene(scene_file)), folder
     if (folder / SCENE_FILE).exists():
@@ -110,7 +117,7 @@ def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], P
 
 
 def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
-    """A scene from elsewhere for the frames of a folder; other files are looked for there, then beside it."""
+    """The sections of a scene file that lies elsewhere; files missing in the folder are those beside it."""
     data = _copied(scene)
     for section, key in (("images", "reference"), ("images", "loads"), ("asperities", "file")):
         named = data.get(section, {}).get(key)
@@ -120,15 +127,15 @@ def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
 
 
 def _copied(scene: Scene) -> dict[str, Any]:
-    """The scene as written, its sections free to change."""
+    """A copy of the sections as written."""
     return {section: dict(keys) for section, keys in scene.source.items()}
 
 
-def _plain(key: str, value: Any) -> Any:
-    """A path is absolute; a threshold is a number unless it is a word."""
-    if key in PATHS:
+def _plain(option: str, value: Any) -> Any:
+    """The value as a scene holds it: paths absolute, the threshold as a number unless it is a word."""
+    if option in PATHS:
         return str(Path(value).resolve())
-    if key != "threshold":
+    if option != "threshold":
         return value
     try:
         return float(value)

@@ -1,35 +1,39 @@
-"""``contactimg simulate``: a scene to synthetic frames with their truth table."""
+"""``contactimg simulate``: synthetic frames of a scene with the table of their true contacts."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from contactimg.cli.common import command_line, output_option, progress, quiet_option, verbose_option
+from contactimg.cli import shared_options as shared
+from contactimg.cli.printing import progress
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.scene import Scene
 
 
-@click.command(short_help="Synthetic frames of a scene with their truth.")
+@click.command(short_help="Render synthetic frames of a scene, with the true contacts.")
 @click.argument("scene", type=click.Path(exists=True))
-@output_option
-@quiet_option
-@verbose_option
+@shared.output("the folder of SCENE")
+@shared.quiet
+@shared.verbose
 def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
-    Its section [simulate] describes loads, optics and sensor. Writes reference.tif, frame_*.tif, loads.csv,
-    asperities.csv, truth.csv and scene.toml: a folder that `process` takes as it is. Without a section
-    [asperities] the flat is smooth: one contact by JKR a frame, a folder for `calibrate jkr`.
+    The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
+    rubber is smooth, and each frame shows one circular JKR contact (input for `contactimg calibrate jkr`).
 
-    Effects that [effects] leaves at "auto" are shown where leaving them out would change the output that
-    [tolerance] names by more than it allows; `contactimg effects SCENE` prints the numbers. The scene.toml
-    that is written says of each effect whether it is in the frames.
+    An effect that is "auto" in the section [effects] is rendered if leaving it out would change the output
+    named in [tolerance] by more than allowed there; `contactimg effects SCENE` prints the numbers.
+
+    Writes reference.tif, frame_*.tif, loads.csv, asperities.csv, truth.csv (the contacts.csv that a perfect
+    measurement would give), provenance.json and scene.toml, which says for each effect whether the frames
+    show it. `contactimg process` reads this folder as it is.
+
+    Exit codes: 0 done, 2 nothing done.
 
     \b
-    Example:
+    Examples:
       contactimg simulate scene.toml -o frames
       contactimg process frames
     """
@@ -44,9 +48,9 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
     description = read_scene(scene)
     smooth = description.asperities is None
     asperities = None if smooth else need_asperities(description, "simulating frames")
-    target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
+    target = shared.output_path(output, description.folder)
     record = provenance(
-        command=command_line("simulate"), scene=description, inputs=model_inputs(scene, description)
+        command=shared.command_line("simulate"), scene=description, inputs=model_inputs(scene, description)
     )
     count = 1 + len(description.need("simulate", "simulating frames").loads)
     planned = plan_simulation(description, asperities)
@@ -59,11 +63,11 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
         write_simulation(planned.scene, asperities, out.folder, advance=advance)
     if not quiet:
         click.echo(_shown(planned.scene))
-        click.echo(f"{count - 1} frames and their truth in {target}")
+        click.echo(f"{count - 1} frames and the true contacts in {target}")
 
 
 def _shown(scene: "Scene") -> str:
-    """One line on what the frames show and what was left out."""
+    """One line: which effects the frames show and which were left out."""
     switches = scene.effects.model_dump()
     shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
     sensor = {"shot_noise", "read_noise", "quantisation"}

@@ -1,39 +1,32 @@
 """``contactimg tradeoff``: what accuracy costs in time."""
 
-from pathlib import Path
-
 import click
 
-from contactimg.cli.common import (
-    command_line,
-    echo_tradeoff,
-    output_option,
-    progress,
-    quiet_option,
-    verbose_option,
-)
+from contactimg.cli import shared_options as shared
+from contactimg.cli.printing import echo_tradeoff, progress
 from contactimg.timings import stage
 
 
-@click.command(short_help="What accuracy costs in time: table and figure.")
+@click.command(short_help="Measure how much computing time accuracy costs.")
 @click.argument("scene", type=click.Path(exists=True))
-@output_option
-@click.option("--load-N", "load", type=float, help="Load, N.  [default: the largest of the scene]")
+@shared.output("the folder of SCENE")
+@shared.load
 @click.option(
     "--knob",
     "knobs",
     multiple=True,
     type=click.Choice(["image", "model", "solver", "sums", "rings", "patterns", "supersampling"]),
-    help="Only this choice; repeatable.  [default: all that apply]",
+    help="Measure only this choice; repeat the option for more.  [default: all that apply to the scene]",
 )
 @click.option(
     "--tolerance",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Relative error that the sentences are for.  [default: the scene's]",
+    type=shared.positive_number,
+    help="Relative error, for example 0.01, for which the fastest setting is recommended.  [default: the "
+    "scene's]",
 )
-@click.option("--fine", is_flag=True, help="Slow settings too.")
-@quiet_option
-@verbose_option
+@click.option("--fine", is_flag=True, help="Measure slow settings too (takes minutes).")
+@shared.quiet
+@shared.verbose
 def tradeoff(
     *,
     scene: str,
@@ -44,12 +37,17 @@ def tradeoff(
     fine: bool,
     quiet: bool,
 ) -> None:
-    """Show what accuracy costs in time for SCENE, a scene.toml or the folder that holds one.
+    """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
-    Runs the settings of each choice by turns and compares their answers with a converged one: how a frame is
-    measured, the contact model, the solver's tolerance, sums over many contacts, rings of Greenwood-Tripp,
-    patterns of an ensemble, sampling of rendered frames. What must be accurate is [tolerance] output of the
-    scene. Writes tradeoff.csv, tradeoff.png and tradeoff.svg.
+    Each choice is run with several settings, in turn, and the results are compared with a converged one. The
+    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), sums
+    (accuracy of sums over many contacts), rings (of the Greenwood-Tripp model), patterns (number of random
+    surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
+    "output" in the section [tolerance] of the scene.
+
+    Writes tradeoff.csv (one row per setting: error and time), tradeoff.png, tradeoff.svg and provenance.json.
+
+    Exit codes: 0 done, 2 nothing done.
 
     \b
     Examples:
@@ -64,29 +62,29 @@ def tradeoff(
 
     description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
     chosen, left_out = pose_tradeoff(description, load=load, knobs=knobs, fine=fine)
-    target = Path(output) if output is not None else Path(description.folder) / "contactimg_out"
+    target = shared.output_path(output, description.folder)
     record = provenance(
-        command=command_line("tradeoff"),
+        command=shared.command_line("tradeoff"),
         scene=description,
         options={"load_N": load, "knobs": list(knobs), "fine": fine},
         inputs=model_inputs(scene, description),
     )
     with OutputFolder(target, record) as out:
         count = sum(len(knob.settings) for knob in chosen)
-        with progress("trying settings", count, quiet=quiet) as advance, stage("settings"):
-            found = run_knobs(
+        with progress("measuring settings", count, quiet=quiet) as advance, stage("settings"):
+            result = run_knobs(
                 chosen,
                 relative=description.tolerance.relative,
                 seconds=SECONDS[fine],
                 left_out=left_out,
                 advance=advance,
             )
-        write_tradeoff(found, out.folder)
-        out.record["sentences"] = found.sentences
+        write_tradeoff(result, out.folder)
+        out.record["sentences"] = result.sentences
     if not quiet:
-        echo_tradeoff(found.table)
-        for sentence in found.sentences.values():
+        echo_tradeoff(result.table)
+        for sentence in result.sentences.values():
             click.echo(sentence)
-        for name, reason in left_out.items():
-            click.echo(f"{name}: {reason}")
+        for knob, reason in left_out.items():
+            click.echo(f"{knob}: {reason}")
         click.echo(f"results in {target}")

@@ -14,9 +14,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.resample import Shift, shift_kernel
+from contactimg.imaging.background.resample import Shift, filter_rows_and_columns, shift_kernel
 from contactimg.imaging.pixels.blocks import side_of
-from contactimg.imaging.pixels.filters import filter_image, kernel_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median
 from contactimg.timings import stage
@@ -176,7 +175,7 @@ def _refine(
     edges = np.linspace(0, shape[1], max(round(shape[1] / TILE), 1) + 1).astype(np.int64)
     sums = np.zeros((len(tops), len(edges) - 1, SUMS))
     for _ in range(STEPS):
-        moved = filter_image(reference, kernel_of(shift_kernel(x)), kernel_of(shift_kernel(y)))
+        moved = filter_rows_and_columns(reference, shift_kernel(x), shift_kernel(y))
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = median(residuals) if len(residuals) else 0.0
         clip = 4.0 * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0

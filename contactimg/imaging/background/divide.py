@@ -11,11 +11,10 @@ import numpy as np
 from cv2 import resize
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.divide_rows import CLEAN, DUST_FROM, divide_rows
+from contactimg.imaging.background.divide_rows import CLEAN, DUST_FROM, TAPS, divide_rows
 from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.resample import Shift, shift_kernel
+from contactimg.imaging.background.resample import Shift, filter_rows_and_columns, shift_kernel
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background, side_of
-from contactimg.imaging.pixels.filters import filter_image, kernel_of
 from contactimg.imaging.pixels.robust import median
 
 FLOOR = 0.1
@@ -96,7 +95,7 @@ class _Surface:
         """Filters along rows and columns that move the full one, and blur it by ``scale`` px if not 0."""
         parts = (self.shift.x_px, self.shift.y_px)
         return np.stack(
-            [kernel_of(_moved_gaussian(part, scale) if scale else shift_kernel(part)) for part in parts]
+            [_fit_taps(_moved_gaussian(part, scale) if scale else shift_kernel(part)) for part in parts]
         )
 
 
@@ -107,15 +106,33 @@ def _moved_gaussian(fraction: float, scale: float) -> NDArray[np.float64]:
     return np.asarray(kernel / kernel.sum())
 
 
+def _fit_taps(taps: NDArray[np.float64]) -> NDArray[np.float32]:
+    """An odd number of coefficients padded with zeros to `TAPS`, or cut to `TAPS` and normalised to sum 1.
+
+    Examples
+    --------
+    >>> _fit_taps(np.ones(3) / 3).round(2).tolist()
+    [0.0, 0.0, 0.0, 0.33000001311302185, 0.33000001311302185, 0.33000001311302185, 0.0, 0.0, 0.0]
+    """
+    kernel, spare = np.zeros(TAPS), (TAPS - len(taps)) // 2
+    if spare < 0:
+        kernel = taps[-spare:spare] / taps[-spare:spare].sum()
+    else:
+        kernel[spare : spare + len(taps)] = taps
+    return kernel.astype(np.float32)
+
+
 def _blur_coarse(coarse: NDArray[np.float32], scale: float, shift: Shift, side: int) -> NDArray[np.float32]:
     """Means of ``side`` pixels, moved, and blurred to ``scale`` px between them; holes do not count."""
     width = float(np.sqrt((scale / side) ** 2 - RESAMPLED))
-    kernels = [kernel_of(_moved_gaussian(part / side, width)) for part in (shift.x_px, shift.y_px)]
+    kernels = [_fit_taps(_moved_gaussian(part / side, width)) for part in (shift.x_px, shift.y_px)]
     seen = np.isfinite(coarse)
     if seen.all():
-        return filter_image(coarse, *kernels)
-    smooth = filter_image(np.where(seen, coarse, np.float32(0.0)), *kernels)
-    return np.asarray(smooth / np.maximum(filter_image(seen, *kernels), np.float32(1e-3)), np.float32)
+        return filter_rows_and_columns(coarse, *kernels)
+    smooth = filter_rows_and_columns(np.where(seen, coarse, np.float32(0.0)), *kernels)
+    return np.asarray(
+        smooth / np.maximum(filter_rows_and_columns(seen, *kernels), np.float32(1e-3)), np.float32
+    )
 
 
 def _measure_gains(
@@ -142,15 +159,15 @@ def _measure_gains(
     ratio = [light.ratio_rows(np.arange(rows.start, rows.stop), shape, columns) for rows, columns in tiles]
     target = np.concatenate([frame[tile] for tile in tiles]) / np.concatenate(ratio)
 
-    still = [kernel_of(_moved_gaussian(0.0, SEEN))] * 2
+    still = [_fit_taps(_moved_gaussian(0.0, SEEN))] * 2
     sharp, narrow, visible = (
-        inside(filter_image(full, *surface.filters(scale)))
+        inside(filter_rows_and_columns(full, *surface.filters(scale)))
         for scale in (SEEN, float(np.hypot(NARROW, SEEN)), NARROW)
     )
-    middle, wide = inside(filter_image(half, *still)), inside(quarter)
+    middle, wide = inside(filter_rows_and_columns(half, *still)), inside(quarter)
     bands = np.stack([sharp - narrow, narrow - middle, middle - wide])
     detail = np.stack([visible - inside(half), inside(half) - wide])
-    return _share_common(inside(filter_image(target, *still)) - wide, bands, detail)
+    return _share_common(inside(filter_rows_and_columns(target, *still)) - wide, bands, detail)
 
 
 def _share_common(

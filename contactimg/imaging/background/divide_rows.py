@@ -1,21 +1,15 @@
 """One pass over the rows of a frame: move and filter the reference, weight its bands, divide by it.
 
-Whatever a row needs stays in the cache; how the loops become vector instructions is said in
-`contactimg.imaging.pixels.filters`.
+Whatever a row needs stays in the processor's cache, and every loop over a row compiles to vector
+instructions: that takes contiguous rows, single precision, a number of filter coefficients that the compiler
+knows, and no check for a division by zero (which numba inserts by default).
 """
 
 import numpy as np
 from numba import njit
 
-from contactimg.imaging.pixels.filters import (
-    TAPS,
-    double_row,
-    filter_row,
-    mix_rows,
-    pad_row,
-    sum_rows,
-    turn_taps,
-)
+TAPS = 9
+"""Number of coefficients of each filter; odd."""
 
 CLEAN = 1e30
 """Scatter of a band in which nothing counts as dirt."""
@@ -56,26 +50,26 @@ def divide_rows(out, frame, reference, half, quarter, along, across, filters, sh
     quarters = np.empty((2, 2 * len(twice)), np.float32)
     halves_done = quarters_done = 0
     for ahead in range(-reach, rows + reach):
-        pad_row(line, reference[min(max(ahead, 0), rows - 1)])
+        _pad_row(line, reference[min(max(ahead, 0), rows - 1)])
         for i in range(kinds):
-            filter_row(ring[i, (ahead + reach) % TAPS], line, filters[i, 0])
+            _filter_row(ring[i, (ahead + reach) % TAPS], line, filters[i, 0])
         y = ahead - reach
         if y < 0:
             continue
         for i in range(kinds):
-            turn_taps(turned, filters[i, 1], y)
-            sum_rows(bands[i], ring[i], turned)
+            _turn_taps(turned, filters[i, 1], y)
+            _sum_rows(bands[i], ring[i], turned)
         above, below, share = _neighbours(y, 2, len(half))
         for row in range(halves_done, below + 1):
-            double_row(halves[row % 2], half[row])
+            _double_row(halves[row % 2], half[row])
         halves_done = below + 1
-        mix_rows(bands[-2], halves[above % 2], halves[below % 2], share)
+        _mix_rows(bands[-2], halves[above % 2], halves[below % 2], share)
         above, below, share = _neighbours(y, 4, len(quarter))
         for row in range(quarters_done, below + 1):
-            double_row(twice, quarter[row])
-            double_row(quarters[row % 2], twice)
+            _double_row(twice, quarter[row])
+            _double_row(quarters[row % 2], twice)
         quarters_done = below + 1
-        mix_rows(bands[-1], quarters[above % 2], quarters[below % 2], share)
+        _mix_rows(bands[-1], quarters[above % 2], quarters[below % 2], share)
         dirty = _weight_bands(out[y], bands[0], bands[-3], bands[-2], bands[-1], numbers)
         if dirty:
             _restore_dirt(out[y], dirty, y, reference, sharp, bands[-3], bands[-2], bands[-1], numbers)
@@ -134,3 +128,57 @@ def _divide_row(out, frame, along, across, numbers):
         u = across[x]
         background = (c0 + u * (c1 + u * (c2 + u * c3))) * out[x]
         out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)
+
+
+@njit(cache=True)
+def _turn_taps(turned, taps, y):
+    """Coefficients in the order of a ring whose first row is number y modulo `TAPS`."""
+    for k in range(TAPS):
+        turned[(y + k) % TAPS] = taps[k]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _pad_row(line, row):
+    """The row in single precision, its ends repeated."""
+    half = TAPS // 2
+    for x in range(len(row)):
+        line[half + x] = np.float32(row[x])
+    line[:half] = np.float32(row[0])
+    line[half + len(row) :] = np.float32(row[-1])
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _filter_row(out, line, taps):
+    """Filter a padded row."""
+    for x in range(len(out)):
+        total = np.float32(0.0)
+        for k in range(TAPS):
+            total += taps[k] * line[x + k]
+        out[x] = total
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _sum_rows(out, rows, taps):
+    """Weighted sum of `TAPS` rows."""
+    for x in range(len(out)):
+        total = np.float32(0.0)
+        for k in range(TAPS):
+            total += taps[k] * rows[k, x]
+        out[x] = total
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _double_row(out, row):
+    """A row of twice as many pixels, between those of the row."""
+    near, far = np.float32(0.75), np.float32(0.25)
+    out[0], out[2 * len(row) - 1] = row[0], row[-1]
+    for i in range(len(row) - 1):
+        out[2 * i + 1] = near * row[i] + far * row[i + 1]
+        out[2 * i + 2] = far * row[i] + near * row[i + 1]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _mix_rows(out, one, other, share):
+    """The row between two, at a share of the way."""
+    for x in range(len(out)):
+        out[x] = one[x] + share * (other[x] - one[x])

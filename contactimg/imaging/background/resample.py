@@ -7,6 +7,7 @@ along the rows and then along the columns (Catmull and Smith, doi:10.1145/800250
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -95,6 +96,12 @@ def shift_kernel(fraction: float, taps: int = TAPS) -> NDArray[np.float64]:
     inside = np.clip(1 - (offset / (half + 1)) ** 2, 0, None)
     kernel = np.sinc(offset) * special.i0(WINDOW * np.sqrt(inside)) / special.i0(WINDOW)
     return kernel / kernel.sum()
+
+
+def filter_rows_and_columns(image: NDArray, along: NDArray, across: NDArray) -> NDArray[np.float32]:
+    """The image correlated with one filter along its rows and one along its columns; the border repeats."""
+    single = np.asarray(image, np.float32)
+    return cv2.sepFilter2D(single, cv2.CV_32F, along, across, borderType=cv2.BORDER_REPLICATE)
 
 
 def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:

@@ -6,7 +6,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import sample_background
-from contactimg.imaging.pixels.filters import TAPS, filter_image, kernel_of
 from contactimg.imaging.pixels.robust import median, robust_std
 
 FALSE_ALARM_SIGMA = 6.0
@@ -71,10 +70,8 @@ def find_peaks_near(
 def _smooth(image: NDArray[np.float32], model: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     """What the model leaves over, blurred."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
-    if taps > TAPS:
-        return cv2.GaussianBlur(image - model, (taps, taps), width, borderType=cv2.BORDER_REPLICATE)
-    kernel = kernel_of(cv2.getGaussianKernel(taps, width)[:, 0])
-    return filter_image(image, kernel, kernel, minus=model)
+    residual = image - model
+    return cv2.GaussianBlur(residual, (taps, taps), width, dst=residual, borderType=cv2.BORDER_REPLICATE)
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:

@@ -15,14 +15,21 @@ from contact_frames import (
 )
 from scipy import ndimage
 
+from contactimg.imaging.background.divide import _fit_taps
+from contactimg.imaging.background.divide_rows import _double_row
 from contactimg.imaging.background.illumination import background_mode, fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
-from contactimg.imaging.background.resample import Shift, move_rows, shift_kernel, shift_whole_pixels
+from contactimg.imaging.background.resample import (
+    Shift,
+    filter_rows_and_columns,
+    move_rows,
+    shift_kernel,
+    shift_whole_pixels,
+)
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.blocks import block_means
-from contactimg.imaging.pixels.filters import TAPS, double_row, filter_image, kernel_of
 
 SHAPE = (400, 560)
 
@@ -284,22 +291,22 @@ def test_difference_does_not_depend_on_the_type_of_the_pixels():
 @pytest.mark.parametrize("shape", [(40, 50), (3, 2), (1, 1)])
 def test_filter_is_a_correlation_with_repeated_borders(shape, rng):
     image = rng.standard_normal(shape)
-    along, across = (kernel_of(rng.random(TAPS)) for _ in range(2))
+    along, across = rng.random((2, 9))
     expected = ndimage.correlate1d(
         ndimage.correlate1d(image, along, axis=1, mode="nearest"), across, axis=0, mode="nearest"
     )
-    assert np.allclose(filter_image(image, along, across), expected, atol=1e-4)
+    assert np.allclose(filter_rows_and_columns(image, along, across), expected, atol=1e-4)
 
 
 def test_kernels_get_the_length_of_all_others():
-    assert kernel_of(np.ones(3) / 3).tolist() == pytest.approx([0, 0, 0, 1 / 3, 1 / 3, 1 / 3, 0, 0, 0])
+    assert _fit_taps(np.ones(3) / 3).tolist() == pytest.approx([0, 0, 0, 1 / 3, 1 / 3, 1 / 3, 0, 0, 0])
     # what is cut off a longer one is made up for
-    assert kernel_of(np.ones(13) / 13).tolist() == pytest.approx([1 / 9] * 9)
+    assert _fit_taps(np.ones(13) / 13).tolist() == pytest.approx([1 / 9] * 9)
 
 
 def test_doubled_row_keeps_a_slope():
     out = np.empty(8, np.float32)
-    double_row(out, np.array([0.5, 2.5, 4.5, 6.5], np.float32))
+    _double_row(out, np.array([0.5, 2.5, 4.5, 6.5], np.float32))
     assert out[1:-1].tolist() == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
 
 

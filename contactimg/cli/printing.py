@@ -1,7 +1,5 @@
-"""What the commands share: options, progress bars, the summary table."""
+"""What commands print for a person: progress bars and tables."""
 
-import logging
-import shlex
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
@@ -9,68 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from contactimg.timings import Timings, collect, stage
+from contactimg.timings import Timings, stage
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from contactimg.effects.plan import Plan
 
-output_option = click.option(
-    "-o",
-    "--output",
-    type=click.Path(file_okay=False),
-    help="Output folder.  [default: contactimg_out inside the folder]",
-)
-quiet_option = click.option("--quiet", is_flag=True, help="Print errors only.")
-
-
-def _be_verbose(_context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
-    """Let the package's log through from the level INFO."""
-    if value:
-        logging.getLogger("contactimg").setLevel(logging.INFO)
-
-
-verbose_option = click.option(
-    "--verbose", is_flag=True, expose_value=False, callback=_be_verbose, help="Say more about each step."
-)
-
-
-def _time_stages(context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
-    """Time the stages of the command and print them when it ends."""
-    if value:
-        timings = context.with_resource(collect())
-        context.call_on_close(lambda: _echo_timings(timings))
-
-
-timings_option = click.option(
-    "--timings",
-    is_flag=True,
-    expose_value=False,
-    callback=_time_stages,
-    help="Say at the end where the time went.",
-)
-"""Of every command: `contactimg.cli` adds it."""
-
-workers_option = click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    default=None,
-    help="Processes that share the frames.  [default: one a core, one for fewer than 4 frames]",
-)
-
 Advance = Callable[[], None]
-
-
-def command_line(command: str) -> str:
-    """The command, for the provenance, as a shell reads it."""
-    typed = click.get_current_context().find_root().obj or []
-    return shlex.join(["contactimg", *typed]) if typed else f"contactimg {command}"
 
 
 @contextmanager
 def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
-    """A progress bar on stderr; what it yields is called once an item."""
+    """Show a progress bar on standard error; call what it yields once per item."""
     with stage("loading"):
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -82,7 +31,7 @@ def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
 
 
 def echo_frames(frames: "pd.DataFrame", *, title: str) -> None:
-    """Print the frames table as a person reads it: mN, mm^2, one line a frame."""
+    """Print the table of frames in mN and mm^2, one line per frame, and then the messages."""
     heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")
     _echo_table(title, heads, [_cells(row) for row in frames.to_dict("records")], left=2)
     for row in frames[frames["message"] != ""].to_dict("records"):
@@ -90,7 +39,7 @@ def echo_frames(frames: "pd.DataFrame", *, title: str) -> None:
 
 
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
-    """Print the scores, one line a frame and model."""
+    """Print the scores, one line per frame and model."""
     heads = ("frame", "model", "measured", "predicted", "matched", "precision", "recall", "f1")
     rows = [
         [
@@ -105,7 +54,7 @@ def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
-    """Print the numbers of an analysis with their intervals."""
+    """Print the results of an analysis with their confidence intervals."""
     heads = ("quantity", "model", "value", "interval", "unit", "points")
     rows = [
         [
@@ -122,12 +71,12 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
-    """Print what the plan says of each effect, and its sentences."""
+    """Print the decision on each effect, then the limits and messages of the plan."""
     heads = ("effect", "decision", "if left out", "cost", "reason")
     rows = [
         [
             row["effect"],
-            row["decision"] if row["switch"] == "auto" else f"{row['decision']}, as ordered",
+            row["decision"] if row["switch"] == "auto" else f"{row['decision']}, set by the scene",
             f"{100 * row['change']:.2g} %",
             f"{row['cost']:.3g} x",
             row["reason"],
@@ -140,7 +89,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
 
 
 def echo_tradeoff(table: "pd.DataFrame") -> None:
-    """Print a table a knob: its settings with error and time; a star where none is cheaper and better."""
+    """Print one table per choice; a star marks the settings that no other one beats in error and time."""
     from contactimg.tradeoff.sentences import error_text, time_text
 
     for knob, part in table.groupby("knob", sort=False):
@@ -148,7 +97,7 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
         rows = [
             [
                 ("* " if row["pareto"] == 1 else "  ") + row["setting"],
-                row["message"] if isnan(row["error"]) else _other(row["reference"], reference),
+                row["message"] if isnan(row["error"]) else _other_reference(row["reference"], reference),
                 "" if isnan(row["error"]) else error_text(row["error"]),
                 "" if isnan(row["time_s"]) else time_text(row["time_s"]),
                 _number(row["time_ratio"], "{:.3g}"),
@@ -159,13 +108,13 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
         _echo_table(title, ("setting", "", "error", "time", "ratio"), rows, left=2)
 
 
-def _other(reference: str, usual: str) -> str:
-    """A reference that is not the usual one."""
+def _other_reference(reference: str, usual: str) -> str:
+    """Name the reference of a setting if it is not the one in the title."""
     return "" if reference == usual else f"against {reference}"
 
 
-def _echo_timings(timings: Timings) -> None:
-    """Print the stages on stderr: calls, seconds and share of the whole."""
+def echo_timings(timings: Timings) -> None:
+    """Print the stages on standard error: calls, seconds and fraction of the total time."""
     stages = timings.rows()
     total = sum(seconds for _, _, seconds in stages)
     rows = [
@@ -178,7 +127,7 @@ def _echo_timings(timings: Timings) -> None:
 def _echo_table(
     title: str, heads: Sequence[str], rows: list[list[str]], *, left: int, stderr: bool = False
 ) -> None:
-    """Print a table; its first columns are text."""
+    """Print a table; the first ``left`` columns are text, the others numbers."""
     with stage("loading"):
         from rich import box
         from rich.console import Console

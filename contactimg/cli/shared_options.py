@@ -1,0 +1,141 @@
+"""Options that several commands share, and how a command receives many options as one record."""
+
+import logging
+import shlex
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import click
+
+from contactimg.cli.printing import echo_timings
+from contactimg.timings import collect
+
+DEFAULT_FOLDER = "contactimg_out"
+
+existing_file = click.Path(exists=True, dir_okay=False)
+existing_folder = click.Path(exists=True, file_okay=False)
+positive_number = click.FloatRange(min=0, min_open=True)
+non_negative_number = click.FloatRange(min=0)
+
+
+def gather(record: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Hand the options whose names are fields of a dataclass to the command as one record, ``options``."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def call(**values: Any) -> Any:
+            options = record(**{field.name: values.pop(field.name) for field in fields(record)})
+            return command(options=options, **values)
+
+        return call
+
+    return decorate
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions:
+    """Options that replace keys of a scene file; None where the option is not given."""
+
+    scene: str | None = None
+    calibration: str | None = None
+    reference: str | None = None
+    frames: str | None = None
+    loads: str | None = None
+    polarity: str | None = None
+    method: str | None = None
+    threshold: str | None = None
+    pixel_size_um: float | None = None
+
+
+def output(parent: str) -> Callable[[Any], Any]:
+    """The option -o; by default the results go into a folder inside ``parent``."""
+    return click.option(
+        "-o",
+        "--output",
+        type=click.Path(file_okay=False),
+        help=f"Folder for the results; created if needed.  [default: {DEFAULT_FOLDER} inside {parent}]",
+    )
+
+
+def output_path(output: str | None, parent: str | Path) -> Path:
+    """The folder that the results go to."""
+    return Path(output) if output is not None else Path(parent) / DEFAULT_FOLDER
+
+
+quiet = click.option(
+    "--quiet", is_flag=True, help="Print nothing but warnings and errors: no tables, no progress bars."
+)
+
+
+def _be_verbose(_context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
+    """Let the package's log through from the level INFO."""
+    if value:
+        logging.getLogger("contactimg").setLevel(logging.INFO)
+
+
+verbose = click.option(
+    "--verbose",
+    is_flag=True,
+    expose_value=False,
+    callback=_be_verbose,
+    help="Report each step on standard error.",
+)
+
+
+def _time_stages(context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
+    """Time the stages of the command and print them when it ends."""
+    if value:
+        timings = context.with_resource(collect())
+        context.call_on_close(lambda: echo_timings(timings))
+
+
+timings = click.option(
+    "--timings",
+    is_flag=True,
+    expose_value=False,
+    callback=_time_stages,
+    help="Print a table at the end: how long each stage took, in seconds.",
+)
+"""Of every command: `contactimg.cli` adds it."""
+
+workers = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=None,
+    help="Number of processes that work in parallel.  [default: one per CPU core; one for fewer than 4 "
+    "frames]",
+)
+scene = click.option("--scene", type=existing_file, help="Scene file to use instead of scene.toml in FOLDER.")
+load = click.option(
+    "--load-N",
+    "load",
+    type=float,
+    help="Normal load in newtons.  [default: the largest that the scene states]",
+)
+annulus = click.option(
+    "--annulus-mm",
+    type=float,
+    default=0.25,
+    show_default=True,
+    help="Width of the rings around the apex over which profiles are averaged, in mm.",
+)
+
+
+def min_radius(effect: str) -> Callable[[Any], Any]:
+    """The option for the smallest contact that counts."""
+    return click.option(
+        "--min-radius-px",
+        type=non_negative_number,
+        default=1.0,
+        show_default=True,
+        help=f"Smallest contact radius that counts, in pixels: {effect}.",
+    )
+
+
+def command_line(command: str) -> str:
+    """The command, for the provenance, as a shell reads it."""
+    typed = click.get_current_context().find_root().obj or []
+    return shlex.join(["contactimg", *typed]) if typed else f"contactimg {command}"
