@@ -175,15 +175,15 @@ def composite_apexes(
 
 
 class CapLaw(Protocol):
-    """Law that heights and radii of caps follow."""
+    """Distribution of the heights and radii of caps."""
 
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-        """Heights and radii (m) of as many caps."""
+        """Heights and radii (m) of ``count`` caps."""
 
 
 @dataclass(frozen=True)
 class UniformCaps:
-    """Caps of one radius whose heights are spread evenly, as on SA.
+    """Caps of equal radius with uniformly distributed heights, as on SA.
 
     Parameters
     ----------
@@ -207,10 +207,10 @@ class UniformCaps:
                 "heights of caps need 0 <= height_low < height_high, "
                 f"got {self.height_low!r} and {self.height_high!r} m"
             )
-        _check_positive(radius=self.radius)
+        _check_positive(self, "radius")
 
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-        """Heights and radii (m) of as many caps."""
+        """Heights and radii (m) of ``count`` caps."""
         return rng.uniform(self.height_low, self.height_high, count), np.full(count, self.radius)
 
 
@@ -218,7 +218,7 @@ class UniformCaps:
 class GaussianCaps:
     """Caps of normally distributed heights and radii, independent of each other, as on RA-.
 
-    Draws that are no cap (height not above zero, radius not above the height) are drawn again.
+    Values that give no cap (height not positive, radius not above the height) are drawn again.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ class GaussianCaps:
     radius_std: float
 
     def __post_init__(self) -> None:
-        _check_positive(**vars(self))
+        _check_positive(self, "height_mean", "height_std", "radius_mean", "radius_std")
         if not self.height_mean < self.radius_mean:
             raise InputError(
                 "caps lower than their radius need height_mean below radius_mean, "
@@ -239,7 +239,7 @@ class GaussianCaps:
             )
 
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-        """Heights and radii (m) of as many caps."""
+        """Heights and radii (m) of ``count`` caps."""
         height = _positive_normal(self.height_mean, self.height_std, count, rng)
         radius = _positive_normal(self.radius_mean, self.radius_std, count, rng)
         while (low := radius <= height).any():
@@ -249,7 +249,7 @@ class GaussianCaps:
 
 @dataclass(frozen=True)
 class DropletCaps:
-    """Caps of normally distributed heights and one contact angle, ``R = h/(1 - cos theta)``, as on RA+.
+    """Caps of normally distributed heights and equal contact angle, ``R = h/(1 - cos theta)``, as on RA+.
 
     Parameters
     ----------
@@ -264,21 +264,21 @@ class DropletCaps:
     contact_angle: float
 
     def __post_init__(self) -> None:
-        _check_positive(**vars(self))
+        _check_positive(self, "height_mean", "height_std", "contact_angle")
         if not self.contact_angle < np.pi:
             raise InputError(f"contact_angle must lie below pi, got {self.contact_angle!r} rad")
 
     def draw(self, count: int, rng: np.random.Generator) -> tuple[Values, Values]:
-        """Heights and radii (m) of as many caps."""
+        """Heights and radii (m) of ``count`` caps."""
         height = _positive_normal(self.height_mean, self.height_std, count, rng)
         return height, height / (1 - np.cos(self.contact_angle))
 
 
-def _check_positive(**values: float) -> None:
-    """Refuse a parameter of a law that is not positive and finite."""
-    for name, value in values.items():
-        if not 0 < value < np.inf:
-            raise InputError(f"{name} must be positive and finite, got {value!r}")
+def _check_positive(law: "CapLaw", *names: str) -> None:
+    """Refuse a law of which one of the named parameters is not positive and finite."""
+    for name in names:
+        if not 0 < getattr(law, name) < np.inf:
+            raise InputError(f"{name} must be positive and finite, got {getattr(law, name)!r}")
 
 
 def _positive_normal(mean: float, std: float, count: int, rng: np.random.Generator) -> Values:
@@ -372,7 +372,7 @@ def generate_asperities(
 
 
 def _law_and_coverage(kind: str | CapLaw, coverage: float | None) -> tuple[CapLaw, float]:
-    """The law of the caps and the fraction that they are to cover."""
+    """The law of the caps and the fraction of the square they shall cover."""
     if not isinstance(kind, str):
         law, default = kind, None
     elif kind in _PATTERNS:
@@ -381,14 +381,14 @@ def _law_and_coverage(kind: str | CapLaw, coverage: float | None) -> tuple[CapLa
         raise InputError(f"kind must be one of {', '.join(map(repr, _PATTERNS))}, or a law, got {kind!r}")
     fraction = default if coverage is None else coverage
     if fraction is None:
-        raise InputError("a law of caps does not say how much they cover; give the coverage")
+        raise InputError("coverage must be given with a law of caps, which has no default")
     if not 0 < fraction < 1:
         raise InputError(f"coverage must lie between 0 and 1 (exclusive), got {coverage!r}")
     return law, float(fraction)
 
 
 def _draw_to_cover(law: CapLaw, area: float, rng: np.random.Generator) -> tuple[Values, Values]:
-    """Caps whose discs together come nearest to the area, never none."""
+    """Draw the number of caps, at least one, whose discs together come nearest to the area."""
     height, radius = law.draw(64, rng)
     while (total := np.sum(np.pi * base_radius(height, radius) ** 2)) <= area:
         more = law.draw(int(1.05 * len(height) * max(area / total - 1, 0.05)) + 1, rng)

@@ -89,7 +89,7 @@ def test_laws_refuse_what_is_no_cap(rng):
         DropletCaps(3e-5, 1e-5, contact_angle=57.0)
     with pytest.raises(InputError, match="height_mean below radius_mean"):
         GaussianCaps(5e-5, 1e-5, radius_mean=4e-5, radius_std=1e-5)
-    with pytest.raises(InputError, match="give the coverage"):
+    with pytest.raises(InputError, match="coverage must be given"):
         generate_asperities(UniformCaps(3e-5, 6e-5, radius=1e-4), side=1e-3, rng=rng)
 
 

@@ -1,1 +1,13 @@
-"""What the contacts say together: A(P), profiles, power laws, friction; and the topography behind them."""
+"""What the contacts of a run say together: area against load, radial profiles, power laws, friction.
+
+In: tables of contacts and frames, measured or predicted. Out: tables, and fitted laws with confidence
+intervals. Read in this order:
+
+- ``estimates`` and ``curve_fit``: a number with its interval; least squares with errors on both axes;
+- ``power_laws`` and ``broken_power_laws``: one exponent, or two and the point where they meet;
+- ``area_against_load``: real contact area at each load, and its exponent;
+- ``annuli`` and ``radial_profiles``: contacts summed over annuli around the centre of the apparent contact;
+- ``contacts_against_pressure``: density and mean radius of the contacts against the local pressure;
+- ``ensemble_annuli``: the same sums for simulated patterns;
+- ``friction`` (shear stress of the real contact) and ``topography`` (heights and radii of asperities).
+"""

@@ -1,7 +1,7 @@
-"""Annuli about the centre of the apparent contact: what of them the camera sees, and the contacts in them.
+"""Annuli around the centre of the apparent contact: their area in the image and the contacts in them.
 
-The contacts of an annulus are summed to moments (number, radii, forces, their products). Moments add up over
-places, so that averages over places are taken once, from the sums.
+The contacts of an annulus are summed to moments (number, radii, forces and their products). Moments of
+several places add up, so that averages over places are taken once, from the sums.
 """
 
 from collections.abc import Iterable
@@ -18,13 +18,13 @@ from contactimg.pose import Pose
 Values = NDArray[np.float64]
 
 MOMENTS = ("area", "n", "n_forces", "a", "aa", "p", "pp", "ap")
-"""Per annulus: area seen (m^2), number of contacts, of contacts with a force, and their sums of contact
-radius ``a``, ``a^2``, force ``p``, ``p^2`` and ``a p``, in SI units."""
+"""Per annulus: area in the image (m^2), number of contacts, of contacts with a force, and their sums of
+contact radius ``a``, ``a^2``, force ``p``, ``p^2`` and ``a p``, in SI units."""
 
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The part of the sample that a frame shows.
+    """The part of the sample that is in the image.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def annulus_moments(
     edges : array_like, shape (n + 1,)
         Increasing radii that bound the annuli, m.
     field : FieldOfView, optional
-        What the camera sees; contacts outside do not count, nor does the area there. Default: everything.
+        Field of view; contacts and area outside do not count. Default: unlimited.
 
     Returns
     -------
@@ -124,13 +124,21 @@ def annulus_moments(
     if edges.ndim != 1 or len(edges) < 2 or not (np.diff(edges) > 0).all():
         raise InputError("the edges of the annuli must increase, and there must be two or more")
     x, y = contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float)
-    seen = np.ones(len(x), bool) if field is None else field.holds(x, y)
-    distance = np.hypot(x - centre[0], y - centre[1])[seen]
-    a, p = (contacts[name].to_numpy(float)[seen] for name in ("radius_m", "force_N"))
-    known = np.isfinite(p)
-    p = np.where(known, p, 0.0)
+    in_image = np.ones(len(x), bool) if field is None else field.holds(x, y)
+    distance = np.hypot(x - centre[0], y - centre[1])[in_image]
+    a, p = (contacts[name].to_numpy(float)[in_image] for name in ("radius_m", "force_N"))
+    has_force = np.isfinite(p)
+    p = np.where(has_force, p, 0.0)
     one = np.ones(len(a))
-    parts = {"n": one, "n_forces": known.astype(float), "a": a, "aa": a**2, "p": p, "pp": p**2, "ap": a * p}
+    parts = {
+        "n": one,
+        "n_forces": has_force.astype(float),
+        "a": a,
+        "aa": a**2,
+        "p": p,
+        "pp": p**2,
+        "ap": a * p,
+    }
     sums = {name: np.histogram(distance, bins=edges, weights=part)[0] for name, part in parts.items()}
     area = (
         np.pi * np.diff(edges**2) if field is None else np.diff([field.disc_area(centre, r) for r in edges])

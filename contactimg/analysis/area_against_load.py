@@ -15,7 +15,7 @@ Values = NDArray[np.float64]
 
 
 def sampling_std(contacts: pd.DataFrame) -> float:
-    """How much the area at one load differs from place to place, from the contacts of one place.
+    """Standard deviation of the area between places at one load, estimated from the contacts of one place.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def sampling_std(contacts: pd.DataFrame) -> float:
 
 
 def frame_areas(frames: pd.DataFrame, contacts: pd.DataFrame, *, place: str) -> pd.DataFrame:
-    """What each frame of one place adds to A(P).
+    """Loads, areas and contact sums of the frames of one place, for A(P).
 
     Parameters
     ----------
@@ -210,8 +210,8 @@ def fit_area_law(
     Returns
     -------
     PowerLaw
-        One place: the area's uncertainty holds what another place would give (`sampling_std`), so that the
-        interval is one for the surface. Several: from the scatter between places.
+        With one place the uncertainty of the area includes the sampling of places (`sampling_std`), so that
+        the interval applies to the surface; with several it comes from the scatter between places.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Broken power laws: two exponents, and the place where they meet."""
+"""Broken power laws: two exponents and the break where they meet."""
 
 from dataclasses import dataclass
 
@@ -13,17 +13,18 @@ from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
-_LEAST = 3
-"""Points on each side of a break, so that each exponent has one to spare."""
+_MIN_POINTS_PER_SIDE = 3
+"""Fewest points on each side of a break. Theory: two fix a line, one more leaves a degree of freedom."""
 
-_MARGIN = 0.1
-"""Of the range of ln x, on each side: an exponent over less is scatter only."""
+_MIN_RANGE_FRACTION = 0.1
+"""Least share of the range of ln x on each side of a break. Chosen by hand; sensitivity not measured."""
 
-_BREAKS = 60
-"""Breaks tried over the range."""
+_N_BREAKS = 60
+"""Number of breaks tried over the range. Chosen by hand; the best one is refined."""
 
-_ROUNDS = 6
-"""Of weights with a break held: they settle by about a factor ten a round."""
+_N_REWEIGHTINGS = 6
+"""Number of times the weights are updated with a break held fixed; they converge by a factor of about ten
+each."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,13 @@ class BrokenLaw:
     low_exponent, high_exponent : Estimate
         Below and above the break.
     break_x : Estimate
-        Where they meet; the interval reaches to 0 or infinity if the points do not bound it on that side.
+        Where they meet; the interval extends to 0 or infinity where the points do not bound it.
     break_y : float
-        y there.
+        y at the break.
     single : PowerLaw
-        One law through the same points.
+        A single law through the same points.
     p_value : float
-        Probability that points on one law would gain as much from a break, at any place, as these do.
+        Probability that points on a single law show at least this improvement in chi-square with a break.
     low, high : float
         Range of x that was fitted.
     scatter : float
@@ -70,7 +71,7 @@ class BrokenLaw:
 
     @property
     def supported(self) -> bool:
-        """Whether the points call for a break, at the confidence of the intervals."""
+        """Whether a break is significant at the confidence of the intervals."""
         return bool(self.p_value < 1 - self.confidence)
 
     def value(self, x: ArrayLike) -> Values:
@@ -114,11 +115,12 @@ def fit_broken_law(
     Notes
     -----
     ``ln y = c + m (ln x - u)``, ``m`` the one exponent below ``u`` and the other above, continuous at ``u``.
-    Sixty breaks over the range, with three points or more and a tenth of the range on either side, are tried
-    with one excess scatter; the best is refined. The interval of the break is where chi-square stays below
-    its minimum times ``1 + t^2/(n - 4)`` (a profile likelihood, not symmetric); with chi-square below its
-    degrees of freedom, below its minimum plus ``t^2``. Exponents have Student's intervals. ``p_value`` is
-    Davies' bound for a break that exists under one of the two hypotheses only.
+    Sixty breaks, with at least three points and a tenth of the range on either side, are tried with one
+    excess scatter, and the best is refined. The interval of the break is the range where chi-square stays
+    below ``1 + t^2/(n - 4)`` times its minimum (a profile likelihood, not symmetric), or below its minimum
+    plus ``t^2`` if the minimum is below the degrees of freedom. Exponents have Student's intervals.
+    ``p_value`` is Davies' bound for a parameter, the break, that exists only under the alternative
+    hypothesis.
 
     References
     ----------
@@ -133,9 +135,10 @@ def fit_broken_law(
     """
     logs, reference = logarithms(x, y, x_std, y_std, correlation)
     u = np.asarray(logs.x)
-    if len(logs) < 2 * _LEAST + 1 or len(np.unique(u)) < 2 * _LEAST:
+    fewest = 2 * _MIN_POINTS_PER_SIDE
+    if len(logs) < fewest + 1 or len(np.unique(u)) < fewest:
         raise InputError(
-            f"two power laws need {2 * _LEAST + 1} points at {2 * _LEAST} different x at least, "
+            f"two power laws need {fewest + 1} points or more at {fewest} or more different x, "
             f"got {len(logs)} at {len(np.unique(u))}"
         )
     single = fit_power_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation, confidence=confidence)
@@ -166,13 +169,13 @@ _BROKEN = Curve(
 
 
 def _hinge(place: float, u: Values) -> Values:
-    """Derivatives of two lines that meet at a place by their common value and their slopes."""
+    """Derivatives of two lines that meet at a break by their common value there and by their slopes."""
     away = u - place
     return np.column_stack([np.ones_like(u), np.minimum(away, 0.0), np.maximum(away, 0.0)])
 
 
-def _held(place: float) -> Curve:
-    """Two lines that meet at a given place."""
+def _fixed_break(place: float) -> Curve:
+    """Two lines that meet at a fixed break."""
     return Curve(
         value=lambda c, u: _hinge(place, u) @ c,
         slope=lambda c, u: np.where(u < place, c[1], c[2]),
@@ -181,50 +184,53 @@ def _held(place: float) -> Curve:
 
 
 class _BreakSearch:
-    """Breaks tried over the range of the points, and the best one.
+    """Grid search for the break over the range of the points, and the best fit.
 
-    ``best`` has the parameters value at the break, slopes below and above, and place; ``profile`` is the
-    least chi-square with the break held at each of ``breaks``, all with the excess scatter of ``best``.
+    The parameters of ``best`` are the value at the break, the slopes below and above, and the break;
+    ``profile`` is the least chi-square with the break fixed at each of ``breaks``, with the excess scatter of
+    ``best``.
     """
 
     def __init__(self, logs: Points) -> None:
         self.logs = logs
         u = np.unique(np.asarray(logs.x))
-        margin = _MARGIN * (u[-1] - u[0])
-        ends = max(u[_LEAST - 1], u[0] + margin), min(u[-_LEAST], u[-1] - margin)
+        margin = _MIN_RANGE_FRACTION * (u[-1] - u[0])
+        ends = max(u[_MIN_POINTS_PER_SIDE - 1], u[0] + margin), min(u[-_MIN_POINTS_PER_SIDE], u[-1] - margin)
         if ends[0] > ends[1]:
             raise InputError(
-                f"two power laws need {_LEAST} points in either part of the range; "
+                f"two power laws need {_MIN_POINTS_PER_SIDE} points in either part of the range; "
                 "the points crowd at one end"
             )
-        self.breaks = np.linspace(*ends, _BREAKS)
+        self.breaks = np.linspace(*ends, _N_BREAKS)
         flat = Points(logs.x, logs.y, y_std=1.0)
-        first = min((self._held(place, flat, 0.0) for place in self.breaks), key=lambda found: found[1])
+        first = min(
+            (self._fit_fixed_break(place, flat, 0.0) for place in self.breaks), key=lambda fit: fit[1]
+        )
         self.best = self._refined(first[0])
         self.profile = self._profile()
         lowest = int(np.argmin(self.profile))
-        if self.profile[lowest] < self.best.chi_square:  # the weights prefer another break than flat ones
-            found = self._held(self.breaks[lowest], self.logs, self.best.scatter)
-            self.best = self._refined(found[0])
+        if self.profile[lowest] < self.best.chi_square:  # with the weights another break is better
+            start = self._fit_fixed_break(self.breaks[lowest], self.logs, self.best.scatter)[0]
+            self.best = self._refined(start)
             self.profile = self._profile()
 
-    def _held(self, place: float, points: Points, scatter: float) -> tuple[Values, float]:
-        """Parameters and chi-square with the break held; weights from the slopes of the round before."""
+    def _fit_fixed_break(self, place: float, points: Points, scatter: float) -> tuple[Values, float]:
+        """Parameters and chi-square with the break fixed; weights from the slopes of the last pass."""
         basis, y = _hinge(place, np.asarray(points.x)), np.asarray(points.y)
         below = np.asarray(points.x) < place
         weights = np.ones_like(y)
-        for _ in range(_ROUNDS):
+        for _ in range(_N_REWEIGHTINGS):
             c = np.linalg.lstsq(basis * weights[:, None], y * weights)[0]
             variance = points.variance(np.where(below, c[1], c[2])) + scatter**2
             weights = 1 / np.sqrt(np.maximum(variance, np.finfo(float).tiny))
         return np.append(c, place), float(np.sum(((y - basis @ c) * weights) ** 2))
 
     def _refined(self, start: Values) -> CurveFit:
-        """The lines with the break free; held where it is if it would leave the breaks that are tried."""
+        """Fit with the break free, or fixed at its start if it would leave the range of the breaks tried."""
         free = fit_curve(_BROKEN, self.logs, start=start)
         if self.breaks[0] <= free.parameters[3] <= self.breaks[-1]:
             return free
-        held = fit_curve(_held(start[3]), self.logs, start=start[:3])
+        held = fit_curve(_fixed_break(start[3]), self.logs, start=start[:3])
         covariance = np.pad(held.covariance, (0, 1))
         return CurveFit(
             np.append(held.parameters, start[3]), covariance, held.scatter, held.chi_square, held.freedom - 1
@@ -232,10 +238,12 @@ class _BreakSearch:
 
     def _profile(self) -> Values:
         """Least chi-square at each break."""
-        return np.array([self._held(place, self.logs, self.best.scatter)[1] for place in self.breaks])
+        return np.array(
+            [self._fit_fixed_break(place, self.logs, self.best.scatter)[1] for place in self.breaks]
+        )
 
     def place(self, confidence: float) -> Estimate:
-        """The break, with the interval over which chi-square stays low."""
+        """The break with its profile-likelihood interval."""
         quantile = float(stats.t.ppf((1 + confidence) / 2, max(self.best.freedom, 1)))
         unit = max(self.best.chi_square / max(self.best.freedom, 1), 1.0)
         within = self.breaks[self.profile <= self.best.chi_square + unit * quantile**2]
@@ -249,7 +257,7 @@ class _BreakSearch:
         )
 
     def p_value(self) -> float:
-        """Davies' bound on the probability of this gain by a break that is not there."""
+        """Davies' bound on the probability of this improvement in chi-square without a break."""
         line = fit_line(self.logs, scatter=self.best.scatter).chi_square
         gain = np.maximum(line - self.profile, 0.0)
         variation = float(np.sum(np.abs(np.diff(np.sqrt(gain)))))

@@ -16,17 +16,17 @@ QUANTITIES = ("density", "mean_radius")
 
 
 def pressure_points(moments: pd.DataFrame, *, min_contacts: float = 5) -> pd.DataFrame:
-    """Pressure, density and mean radius of the contacts in annuli, with the errors that counting gives.
+    """Pressure, density and mean radius of the contacts in annuli, with their counting errors.
 
     Parameters
     ----------
     moments : DataFrame
         From `annulus_moments` or `sum_moments`.
     min_contacts : float
-        Annuli with fewer contacts are left out. Both sides cost: logarithms of few contacts are biased, and
-        so is the choice of annuli by their number, which keeps those that have more by chance. On simulated
-        SA+ patterns (GW: 0.4 and 0.2) five give 0.380 and 0.210 for one place, 0.407 and 0.201 for four;
-        ten give 0.373 and 0.212, 0.398 and 0.203.
+        Annuli with fewer contacts are left out. Either choice has a bias: a low limit because logarithms of
+        few contacts are biased, a high one because it selects annuli that have more contacts by chance. On
+        simulated SA+ patterns (GW: 0.4 and 0.2) five give 0.380 and 0.210 for one place, 0.407 and 0.201 for
+        four; ten give 0.373 and 0.212, 0.398 and 0.203.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def fit_contact_law(
     min_contacts: float = 5,
     confidence: float = 0.95,
 ) -> BrokenLaw:
-    """Two power laws of a quantity against the local pressure, and the pressure p* where they meet.
+    """Fit two power laws of a quantity against the local pressure, which meet at a pressure p*.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def fit_contact_law(
     if quantity not in QUANTITIES:
         raise InputError(f"quantity must be one of {', '.join(map(repr, QUANTITIES))}, got {quantity!r}")
     if not loads:
-        raise InputError("a contact law needs one load at least")
+        raise InputError("a contact law needs at least one load")
     law = _fit_pooled(loads, quantity, min_contacts, confidence)
     if min(len(places) for places in loads) < MIN_PLACES_FOR_SCATTER:
         return law

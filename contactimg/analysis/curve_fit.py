@@ -1,8 +1,8 @@
-"""Curves through points with errors on both axes: effective variances, and scatter that no error explains.
+"""Fit curves to points with errors on both axes, by effective variances and an excess scatter.
 
-A point's distance from the curve ``f`` is weighed by ``s_y^2 + f'^2 s_x^2 - 2 f' cov(x, y) + s^2``. The
-excess scatter ``s`` is zero if the stated errors explain the distances (chi-square at most the degrees of
-freedom), and otherwise what makes them do so.
+The residual of a point from the curve ``f`` has the variance ``s_y^2 + f'^2 s_x^2 - 2 f' cov(x, y) + s^2``.
+The excess scatter ``s`` is zero if chi-square does not exceed the degrees of freedom without it; otherwise it
+is chosen so that chi-square equals the degrees of freedom.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,8 @@ from contactimg.errors import ConvergenceError, InputError
 
 Values = NDArray[np.float64]
 
-_ROUNDING = 1e-12
-"""Of the size of y: distances below it are rounding errors."""
+_ROUNDING_FRACTION = 1e-12
+"""Residuals below this fraction of the largest y are rounding errors. Theory: some thousand times 2.2e-16."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,17 +60,17 @@ class Points:
         return len(np.asarray(self.x))
 
     def variance(self, slope: Values) -> Values:
-        """Variance of a point's distance in y from a curve of this slope there."""
+        """Variance of the residual in y from a curve of this slope."""
         x_part = slope * np.asarray(self.x_std)
         y_part = np.asarray(self.y_std)
         mixed = 2 * np.asarray(self.correlation) * x_part * y_part
         return np.maximum(x_part**2 + y_part**2 - mixed, 0.0)
 
-    def adjusted(self, slope: Values, distance: Values, variance: Values) -> Values:
-        """Most likely x of the points, given their distances from the curve."""
+    def adjusted(self, slope: Values, residual: Values, variance: Values) -> Values:
+        """Most likely x of the points, given their residuals."""
         x_std, y_std = np.asarray(self.x_std), np.asarray(self.y_std)
-        pull = slope * x_std**2 - np.asarray(self.correlation) * x_std * y_std
-        return np.asarray(self.x) + pull * distance / variance
+        shift = slope * x_std**2 - np.asarray(self.correlation) * x_std * y_std
+        return np.asarray(self.x) + shift * residual / variance
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,50 +181,50 @@ def fit_curve(curve: Curve, points: Points, *, start: ArrayLike, scatter: float 
 
 
 class _Weighted:
-    """Weighted distances of points from a curve."""
+    """Weighted residuals of points from a curve."""
 
     def __init__(self, curve: Curve, points: Points) -> None:
         self.curve, self.points = curve, points
         self.x, self.y = np.asarray(points.x), np.asarray(points.y)
-        self.floor = (_ROUNDING * (float(np.abs(self.y).max()) or 1.0)) ** 2
+        self.floor = (_ROUNDING_FRACTION * (float(np.abs(self.y).max()) or 1.0)) ** 2
 
     def variance(self, parameters: Values, extra: float) -> Values:
-        """Variance of each distance."""
+        """Variance of each residual."""
         return self.points.variance(self.curve.slope(parameters, self.x)) + extra + self.floor
 
     def residuals(self, parameters: Values, extra: float) -> Values:
-        """Distances over their standard deviations."""
+        """Residuals over their standard deviations."""
         return (self.y - self.curve.value(parameters, self.x)) / np.sqrt(self.variance(parameters, extra))
 
     def parameters(self, start: Values, *, extra: float = 0.0, flat: bool = False) -> Values:
-        """Parameters of the least sum of squares; ``flat`` weighs all points alike."""
+        """Least-squares parameters; ``flat`` gives all points the same weight."""
 
-        def weighed(parameters: Values) -> Values:
+        def weighted(parameters: Values) -> Values:
             return self.residuals(parameters, extra)
 
-        def alike(parameters: Values) -> Values:
+        def unweighted(parameters: Values) -> Values:
             return self.y - self.curve.value(parameters, self.x)
 
-        fit = optimize.least_squares(alike if flat else weighed, start, method="lm", x_scale="jac")
+        fit = optimize.least_squares(unweighted if flat else weighted, start, method="lm", x_scale="jac")
         if fit.status <= 0:
             raise ConvergenceError(
                 f"the fit of a curve did not converge in {fit.nfev} evaluations; "
-                "leave out points far from the others or narrow the range"
+                "leave out outliers or narrow the range"
             )
         return np.asarray(fit.x)
 
     def excess(self, start: Values, freedom: int) -> float:
-        """Scatter with which chi-square equals the degrees of freedom; 0 if it is smaller without."""
+        """Scatter for which chi-square equals the degrees of freedom; 0 if chi-square is smaller without."""
         if freedom == 0:
             return 0.0
-        # weighed by s^2 alone, chi-square at the flat fit is the freedom; more variance only lowers it
+        # with variance s^2 alone, chi-square of the unweighted fit is the freedom; more variance lowers it
         most = float(np.sum((self.y - self.curve.value(start, self.x)) ** 2)) / freedom
 
         def surplus(extra: float) -> float:
             best = self.parameters(start, extra=extra)
             return float(np.sum(self.residuals(best, extra) ** 2)) - freedom
 
-        least = _ROUNDING * most
+        least = _ROUNDING_FRACTION * most
         if most <= self.floor or surplus(least) <= 0:
             return 0.0
         if surplus(most) >= 0:
@@ -240,7 +240,7 @@ class _Weighted:
         information = (gradient / variance[:, None]).T @ gradient
         size = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
         unit = np.outer(size, size)
-        # parameters that the points cannot tell apart get the smallest covariance that fits
+        # degenerate parameters get the covariance of least norm
         return np.asarray(np.linalg.pinv(information / unit, rcond=1e-12, hermitian=True) / unit)
 
 
@@ -250,7 +250,7 @@ def fit_line(points: Points, *, scatter: float | None = None) -> CurveFit:
     Parameters
     ----------
     points : Points
-        Two different x at least.
+        At least two different x.
     scatter : float, optional
         Excess scatter in y; default: estimated.
 
@@ -272,7 +272,7 @@ def fit_line(points: Points, *, scatter: float | None = None) -> CurveFit:
     """
     x, y = np.asarray(points.x), np.asarray(points.y)
     if np.ptp(x) == 0:
-        raise InputError(f"a line needs points at two different x at least, got {len(x)} at {x[0]:g}")
+        raise InputError(f"a line needs points at two or more different x, got {len(x)} at {x[0]:g}")
 
     first = (y[np.argmax(x)] - y[np.argmin(x)]) / np.ptp(x)
     start = np.array([float(np.mean(y - first * x)), float(first)])

@@ -13,7 +13,7 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number, its standard uncertainty, and the limits of its confidence interval.
+    """A number with its standard uncertainty and confidence interval.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class Estimate:
         Standard deviation, however few the data are: of few, ``value +- 1.96 std`` covers less than 95 %
         (that of `contactimg.calibration.coverage_estimate.CoverageEstimate` is widened to cover it).
     low, high : float
-        Infinite where the data leave no degree of freedom to judge the scatter by.
+        Infinite if no degree of freedom is left to estimate the scatter.
     """
 
     value: float
@@ -32,7 +32,7 @@ class Estimate:
 
 
 def student_estimate(value: float, std: float, *, freedom: int, confidence: float = 0.95) -> Estimate:
-    """A number with the symmetric interval of Student's distribution.
+    """A number with the symmetric confidence interval of Student's distribution.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ def jackknife_covariance(without: ArrayLike) -> Values:
     Returns
     -------
     ndarray, shape (k, k)
-        ``(n - 1)/n sum_j (t_j - mean)(t_j - mean)^T``, with ``n - 1`` degrees of freedom. It holds whatever
-        the errors within a place have in common.
+        ``(n - 1)/n sum_j (t_j - mean)(t_j - mean)^T``, with ``n - 1`` degrees of freedom. Valid for any
+        correlation of the errors within a place.
 
     References
     ----------

@@ -64,8 +64,8 @@ def fit_shear_stress(
     Notes
     -----
     A line through the origin; without stated errors the ordinary least squares of the paper, ``sum QA/sum
-    A^2``. An error that the areas have in common (a threshold) shifts ``tau0`` by its relative size, and is
-    not in the interval.
+    A^2``. The interval does not include errors common to all areas, such as that of the threshold, which
+    change ``tau0`` by their relative size.
 
     References
     ----------

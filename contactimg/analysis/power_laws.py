@@ -22,7 +22,7 @@ class PowerLaw:
     exponent, amplitude : Estimate
         The amplitude is y at ``reference``.
     reference : float
-        Geometric mean of x: there the amplitude and the exponent hardly depend on each other.
+        Geometric mean of x, where amplitude and exponent are nearly uncorrelated.
     low, high : float
         Range of x that was fitted.
     scatter : float
@@ -76,7 +76,7 @@ def fit_power_law(
     correlation : array_like, shape (n,) or scalar
         Of the errors of x and y of a point.
     places : sequence, shape (n,), optional
-        Where on the sample each point was measured. Errors of the points of one place may hang together.
+        Place on the sample where each point was measured. Errors within one place may be correlated.
     confidence : float
         Of the intervals.
 
@@ -157,7 +157,7 @@ def _part(points: Points, keep: NDArray[np.bool_]) -> Points:
 
 
 def _line_without(logs: Points, labels: NDArray[np.intp]) -> Values | None:
-    """Parameters of the line without each place; None for one place, or if a rest has one x only."""
+    """Line parameters with each place left out; None for one place or if only one x remains."""
     rests = [_part(logs, labels != place) for place in range(int(labels.max()) + 1)]
     if len(rests) < 2 or any(np.ptp(np.asarray(rest.x)) == 0 for rest in rests):
         return None
@@ -165,7 +165,7 @@ def _line_without(logs: Points, labels: NDArray[np.intp]) -> Values | None:
 
 
 def exponential(logarithm: Estimate, *, factor: float = 1.0) -> Estimate:
-    """The number with this logarithm, times a factor; limits beyond the floats are 0 and infinity."""
+    """Exponential of an estimated logarithm, times a factor; limits may overflow to 0 and infinity."""
     with np.errstate(over="ignore"):
         value = factor * float(np.exp(logarithm.value))
         low, high = (factor * float(np.exp(limit)) for limit in (logarithm.low, logarithm.high))

@@ -15,8 +15,8 @@ from contactimg.timings import stage
 Values = NDArray[np.float64]
 
 MIN_PLACES_FOR_SCATTER = 4
-"""Places from which on their scatter says more than counting: the relative uncertainty of a standard
-deviation of n values, 1/sqrt(2 (n - 1)), falls below the 45 % by which counting overestimates on dense
+"""Least number of places whose scatter gives the uncertainty. Theory: the relative uncertainty of a standard
+deviation of n values, 1/sqrt(2 (n - 1)), is then below the 45 % by which counting overestimates it on dense
 patterns."""
 
 
@@ -104,7 +104,7 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         )
     sums = sum_moments(places)
     area = _nonzero(sums["area"])
-    unknown = _no_force(sums)
+    unknown = _pressure_unknown(sums)
     return PROFILE.conform(
         {
             "frame": [frame] * len(sums),
@@ -125,14 +125,14 @@ def _nonzero(values: pd.Series) -> Values:
     return np.where(array > 0, array, np.nan)
 
 
-def _no_force(sums: pd.DataFrame) -> NDArray[np.bool_]:
-    """Where the pressure is not known: contacts but no force, in the annulus or in all of them."""
+def _pressure_unknown(sums: pd.DataFrame) -> NDArray[np.bool_]:
+    """Where the pressure is unknown: contacts without any force, in the annulus or in all annuli."""
     nowhere = bool(sums["n"].sum() > 0 and sums["n_forces"].sum() == 0)
     return nowhere | ((sums["n"] > 0) & (sums["n_forces"] == 0)).to_numpy(bool)
 
 
 def _pressure_std(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> Values:
-    """Standard error of the pressure: between places if there are enough, else by counting."""
+    """Standard error of the pressure: from the scatter between enough places, else by counting."""
     area = _nonzero(sums["area"])
     if len(places) < MIN_PLACES_FOR_SCATTER:
         return np.sqrt(sums["pp"].to_numpy(float)) / area
@@ -265,8 +265,9 @@ def normalise_profile(
     ----------
     Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Fig. 6 d-f.
     """
-    where = {"sphere_radius": sphere_radius, "contact_modulus": contact_modulus}
-    a, p0 = float(hertz.radius(load, **where)), float(hertz.peak_pressure(load, **where))
+    R, E = sphere_radius, contact_modulus
+    a = float(hertz.radius(load, sphere_radius=R, contact_modulus=E))
+    p0 = float(hertz.peak_pressure(load, sphere_radius=R, contact_modulus=E))
     return NORMALISED.conform(
         {
             "frame": profile["frame"],

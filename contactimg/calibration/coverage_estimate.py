@@ -1,8 +1,8 @@
-"""An estimated number with its uncertainty, as every calibration states it.
+"""A calibrated number with its 95 % interval and the standard uncertainty that represents it.
 
-Its ``std`` is not that of `contactimg.analysis.estimates.Estimate`, a standard deviation: it is what a normal
-distribution would need for the same 95 % interval, because whoever takes a calibrated number on has only its
-``std``, not the degrees of freedom behind it.
+The ``std`` of `contactimg.analysis.estimates.Estimate` is a standard deviation. Here ``std`` is that of a
+normal distribution with the same 95 % interval, because later steps use only ``std``, not its degrees of
+freedom.
 """
 
 from dataclasses import dataclass

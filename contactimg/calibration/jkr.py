@@ -4,10 +4,11 @@ In the stiffness ``K`` and the adhesion ``S = sqrt(w K)`` the law is linear,
 
     P = K a^3/R - sqrt(6 pi) S a^{3/2},
 
-so that for loads and radii with known errors the fit is a weighted linear one at the latent (true) radii. The
-noise of the loads is not known: a constant part and one proportional to the load are each let vary, and the
-answers of all such noises are averaged, each with its restricted likelihood. The average has Student's wide
-tails where data are few, and holds whether the scale of the loads or their zero is noisy.
+so that for loads and radii with known errors the fit is weighted and linear at the latent (true) radii. The
+noise of the loads is unknown: it is modelled as a constant part plus a part proportional to the load, and the
+fits for many amplitudes of the two are averaged, each weighted by its restricted likelihood. For few data the
+average has the wide tails of Student's distribution, and it is valid whether the scale or the zero of the
+loads is noisy.
 """
 
 from dataclasses import dataclass
@@ -23,24 +24,32 @@ from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
-CONSTANT_SHARES = np.array([1.0, 0.1, 0.003])
-"""Share of the noise variance, at the rms load, that does not grow with the load."""
-PRIOR = np.array([0.5, 0.25, 0.25])
-"""Weights of these shares before the loads are seen: a noisy zero is as likely as a noisy scale."""
-SCALES = np.geomspace(0.03, 1e4, 160)
-"""Noise in units of the residuals' scatter: below the likelihood vanishes, above lies 1e-4 of Student's tail
-at one degree of freedom."""
-DRAWS = 20000
-LEAST_GROWTH = 1.5  # standard errors of the slope of radius against load
-LATENT_STEPS = 4
-ROUNDING = 1e-6  # of the rms load: a residual below it is none
-STRAY = 1e-3  # chance that a series without stray frames loses one
-HYSTERESIS = 0.01  # chance that a series without hysteresis is given two works of adhesion
+CONSTANT_VARIANCE_SHARES = np.array([1.0, 0.1, 0.003])
+"""Shares of the noise variance, at the rms load, that do not grow with the load. Chosen by hand; sensitivity
+not measured."""
+SHARE_PRIORS = np.array([0.5, 0.25, 0.25])
+"""Prior weights of these shares. Chosen: a noisy zero is as likely as a noisy scale."""
+NOISE_SCALES = np.geomspace(0.03, 1e4, 160)
+"""Noise in units of the scatter of the residuals. Theory: the likelihood vanishes below, and the part above
+is 1e-4 of Student's tail at one degree of freedom."""
+N_DRAWS = 20000
+"""Number of draws from the distribution of the parameters. Chosen by hand; sensitivity not measured."""
+MIN_GROWTH_SIGMA = 1.5
+"""Least slope of radius against load, in its standard errors. Chosen by hand; sensitivity not measured."""
+N_LATENT_ITERATIONS = 4
+"""Number of iterations of the latent radii. Chosen by hand; sensitivity not measured."""
+MIN_OUTLIER_FRACTION = 1e-6
+"""Least residual of an outlier relative to the rms load: below it residuals are rounding errors. Chosen by
+hand."""
+OUTLIER_FALSE_ALARM_RATE = 1e-3
+"""False-alarm rate: probability that a series without outliers loses a frame."""
+HYSTERESIS_FALSE_ALARM_RATE = 0.01
+"""False-alarm rate: probability that a series without hysteresis gets two works of adhesion."""
 
 
 @dataclass(frozen=True, eq=False)
 class JkrCalibration:
-    """What a series of contact radii says about the elastic body.
+    """Modulus and work of adhesion from a series of contact radii.
 
     Parameters
     ----------
@@ -98,9 +107,9 @@ def calibrate_jkr(
 
     Notes
     -----
-    One frame after another is left out while its residual is so large that chance would make it so once
-    in a thousand series. The radii's own noise enters through the slope of the law at the latent radii
-    (errors in both variables); an error common to all radii, as of the pixel size, does not.
+    Outliers are removed one by one, each with a residual that chance exceeds in one series of a thousand. The
+    noise of the radii enters through the slope of the law at the latent radii (errors in both variables). An
+    error common to all radii, such as that of the pixel size, is not included.
 
     References
     ----------
@@ -112,15 +121,17 @@ def calibrate_jkr(
     >>> from contactimg.mechanics import jkr
     >>> law = dict(sphere_radius=0.1288, contact_modulus=4e6, work_of_adhesion=0.05)
     >>> loads = np.array([0.02, 0.05, 0.1, 0.2, 0.5])
-    >>> found = calibrate_jkr(loads, jkr.radius(loads, **law), sphere_radius=0.1288, poisson_ratio=0.5)
-    >>> found.young_modulus.value, found.work_of_adhesion.value
+    >>> calibration = calibrate_jkr(
+    ...     loads, jkr.radius(loads, **law), sphere_radius=0.1288, poisson_ratio=0.5
+    ... )
+    >>> calibration.young_modulus.value, calibration.work_of_adhesion.value
     (3000000.0, 0.05)
     """
     data = _Data.of(load, radius, radius_std)
     check_loads(data.load)
     _check_growth(data.load, data.radius)
     branch = classify_branches(data.load)
-    used = _without_strays(data)
+    used = _without_outliers(data)
     columns = _branch_columns(data, branch, used)
     fit = _average_noises(data.part(used), columns[used])
     draws, centre = fit.draws(), fit.centre
@@ -198,7 +209,7 @@ class _Data:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The fits for every noise, with the noises' weights, and the most likely noise's variances."""
+    """The fits for every noise model with their weights, and the variances of the most likely one."""
 
     centres: Values
     covariances: Values
@@ -211,17 +222,18 @@ class _Fit:
         return self.weights @ self.centres
 
     def draws(self) -> Values:
-        """Points that follow the distribution of the numbers, stiffness above 0."""
+        """Draws from the distribution of the parameters, with positive stiffness."""
         freedom = max(len(self.variance) - self.centres.shape[1], 1)
         spread = _draw(self.centres, self.covariances, self.weights) - self.centre
-        # the share of noise that grows, and how it grows, are read off the same residuals: two freedoms less;
-        # without this 90 % of the intervals hold the truth where the noise is one of the loads' scale
+        # the amplitude and the growth of the noise are estimated from the same residuals: two degrees of
+        # freedom less; without this, 90 % of the intervals contain the truth for noise proportional to the
+        # load
         draws = self.centre + np.sqrt((freedom + 2) / freedom) * spread
         return draws[draws[:, 0] > 0]
 
 
 def check_loads(load: ArrayLike) -> None:
-    """Refuse loads from which no JKR fit can be made, whatever the radii.
+    """Refuse loads that do not allow a JKR fit.
 
     Parameters
     ----------
@@ -234,13 +246,13 @@ def check_loads(load: ArrayLike) -> None:
         If there are fewer than three different loads, or none of them presses.
     """
     P = np.asarray(load, float)
-    known = np.unique(P[np.isfinite(P)])
-    if known.size < 3:
+    loads = np.unique(P[np.isfinite(P)])
+    if loads.size < 3:
         raise InputError(
-            f"a JKR fit needs three different loads or more, got {known.size}; "
-            "two numbers are fitted, and a third load is what tests them"
+            f"a JKR fit needs three different loads or more, got {loads.size}; "
+            "it has two parameters and needs a third load to test them"
         )
-    if not (known > 0).any():
+    if not (loads > 0).any():
         raise InputError(
             "no load presses: with the pull-off branch only, stiffness and adhesion cannot be told apart; "
             "add frames at positive loads"
@@ -248,11 +260,11 @@ def check_loads(load: ArrayLike) -> None:
 
 
 def _check_growth(load: Values, radius: Values) -> None:
-    """Refuse radii that do not grow with the load."""
+    """Refuse radii that do not increase with the load."""
     trend = stats.linregress(load, radius)
     grows = trend.slope > 0 and stats.kendalltau(load, radius).statistic > 0
     noise = trend.stderr
-    if not grows or trend.slope < LEAST_GROWTH * noise or np.ptp(radius) < 1e-9 * radius.max():
+    if not grows or trend.slope < MIN_GROWTH_SIGMA * noise or np.ptp(radius) < 1e-9 * radius.max():
         raise InputError(
             "the contact radius does not grow with the load "
             f"({1e6 * trend.slope:.3g} +- {1e6 * noise:.2g} um/N); "
@@ -261,7 +273,7 @@ def _check_growth(load: Values, radius: Values) -> None:
 
 
 def _branch_columns(data: _Data, branch: NDArray[np.str_], used: NDArray[np.bool_]) -> Values:
-    """One column of ones, or one a branch where loading and unloading adhere differently."""
+    """One column of ones, or one per branch if loading and unloading differ in adhesion."""
     together = np.ones((len(branch), 1))
     apart = np.column_stack([branch == "loading", branch == "unloading"]).astype(float)
     counts = apart[used].sum(axis=0)
@@ -270,20 +282,20 @@ def _branch_columns(data: _Data, branch: NDArray[np.str_], used: NDArray[np.bool
     rest = [_least_squares(data.part(used), columns[used]) for columns in (together, apart)]
     freedom = int(used.sum()) - 3
     ratio = (rest[0] - rest[1]) / max(rest[1] / freedom, np.finfo(float).tiny)
-    differs = rest[0] > rest[1] + 1e-18 and stats.f.sf(ratio, 1, freedom) < HYSTERESIS
+    differs = rest[0] > rest[1] + 1e-18 and stats.f.sf(ratio, 1, freedom) < HYSTERESIS_FALSE_ALARM_RATE
     return apart if differs else together
 
 
 def _least_squares(data: _Data, columns: Values) -> float:
-    """Sum of squared scaled residuals, the noise proportional to the mean of constant and growing."""
+    """Chi-square of the scaled residuals for noise with a constant and a growing part."""
     weight = 1 / np.sqrt(0.05 + data.scaled_load**2)
     design = data.design(data.radius, columns) * weight[:, None]
     theta: Values = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0].astype(np.float64)
     return float(np.sum((data.scaled_load * weight - design @ theta) ** 2))
 
 
-def _without_strays(data: _Data) -> NDArray[np.bool_]:
-    """Which frames to use: those with an absurd residual from the fit of all others are left out."""
+def _without_outliers(data: _Data) -> NDArray[np.bool_]:
+    """Mask of the frames to use: outliers from the fit to all others are removed one by one."""
     used = np.ones(len(data.load), bool)
     columns = np.ones((len(data.load), 1))
     for _ in range(len(used) // 4):
@@ -301,17 +313,17 @@ def _without_strays(data: _Data) -> NDArray[np.bool_]:
         student = np.abs(rest) / np.sqrt(np.maximum(others, 1e-12 * np.sum(rest**2) + 1e-24) * (1 - leverage))
         worst = int(student.argmax())
         off = abs(rest[worst]) * np.sqrt(variance[worst])
-        if n * 2 * stats.t.sf(student[worst], n - 3) > STRAY or off < ROUNDING:
+        if n * 2 * stats.t.sf(student[worst], n - 3) > OUTLIER_FALSE_ALARM_RATE or off < MIN_OUTLIER_FRACTION:
             break
         used[np.flatnonzero(used)[worst]] = False
     return used
 
 
 def _average_noises(data: _Data, columns: Values) -> _Fit:
-    """Average the weighted fits over the noises that the loads may have."""
+    """Average the weighted fits over the noise models of the loads."""
     y, latent = data.scaled_load, data.radius
     theta: Values = np.linalg.lstsq(data.design(latent, columns), y, rcond=None)[0].astype(np.float64)
-    for _ in range(LATENT_STEPS):
+    for _ in range(N_LATENT_ITERATIONS):
         design, slope = data.design(latent, columns), data.slope(latent, columns, theta)
         straight = y - slope * (data.radius - latent)
         own = (slope * data.radius_std) ** 2
@@ -325,20 +337,20 @@ def _average_noises(data: _Data, columns: Values) -> _Fit:
 
 
 def _noise_variances(y: Values, design: Values, theta: Values, own: Values) -> Values:
-    """Variances of the scaled loads, one row a noise: a constant and a growing part, and the radii's own."""
+    """Variances of the scaled loads, one row per noise model, plus those due to the radii."""
     model = design @ theta
     freedom = max(len(y) - len(theta), 1)
     scatter = np.sqrt(np.sum((y - model) ** 2) / freedom)
     scatter = max(float(scatter), 1e-9 * float(np.abs(y).max()))
-    share = CONSTANT_SHARES[:, None, None]
+    share = CONSTANT_VARIANCE_SHARES[:, None, None]
     shape = share + (1 - share) * model**2
-    # as large at the loads there are, whatever its shape: the scale is the residuals' own
+    # the same geometric mean over the loads for every shape, so that the scale is that of the residuals
     shape = shape / np.exp(np.mean(np.log(shape), axis=-1, keepdims=True))
-    return ((SCALES[:, None] * scatter) ** 2 * shape).reshape(-1, len(y)) + own
+    return ((NOISE_SCALES[:, None] * scatter) ** 2 * shape).reshape(-1, len(y)) + own
 
 
 def _weighted_fits(y: Values, design: Values, variances: Values) -> tuple[Values, Values, Values]:
-    """Linear fits for every noise, their covariances, and the noises' weights (restricted likelihood)."""
+    """Linear fits for every noise model, their covariances and weights (restricted likelihood)."""
     information = np.einsum("ni,mn,nj->mij", design, 1 / variances, design)
     covariances = np.linalg.inv(information)
     centres = np.einsum("mij,nj,mn->mi", covariances, design, y / variances)
@@ -346,18 +358,18 @@ def _weighted_fits(y: Values, design: Values, variances: Values) -> tuple[Values
     logs = -0.5 * (
         np.log(variances).sum(axis=1) + np.linalg.slogdet(information)[1] + (rest**2 / variances).sum(axis=1)
     )
-    logs += np.repeat(np.log(PRIOR), len(SCALES))
+    logs += np.repeat(np.log(SHARE_PRIORS), len(NOISE_SCALES))
     return centres, covariances, np.exp(logs - special.logsumexp(logs))
 
 
 def _draw(centres: Values, covariances: Values, weights: Values) -> Values:
-    """Points that follow the average of normal distributions, evenly: a Kronecker sequence."""
+    """Evenly spread draws (a Kronecker sequence) from a weighted mixture of normal distributions."""
     dimensions = centres.shape[1] + 1
     phi = 1.5
     for _ in range(60):  # x^{d+1} = x + 1: the generalised golden ratio
         phi = (1 + phi) ** (1 / (dimensions + 1))
     steps = (1 / phi) ** np.arange(1, dimensions + 1)
-    uniform = (0.5 + np.arange(1, DRAWS + 1)[:, None] * steps) % 1
+    uniform = (0.5 + np.arange(1, N_DRAWS + 1)[:, None] * steps) % 1
     cumulated = np.cumsum(weights)
     which = np.minimum(np.searchsorted(cumulated, uniform[:, 0] * cumulated[-1]), len(weights) - 1)
     normal = special.ndtri(np.clip(uniform[:, 1:], 1e-12, 1 - 1e-12))
@@ -366,7 +378,7 @@ def _draw(centres: Values, covariances: Values, weights: Values) -> Values:
 
 
 def _correlation(first: Values, second: Values) -> float:
-    """Rank correlation, which wide tails do not spoil; 0 if one of the two does not vary."""
+    """Rank correlation, robust against wide tails; 0 if one of the two does not vary."""
     if np.ptp(first) == 0 or np.ptp(second) == 0:
         return 0.0
     return float(stats.spearmanr(first, second).statistic)

@@ -1,11 +1,11 @@
-"""Loading told from unloading by the order of the loads."""
+"""Classify frames as loading or unloading by the order of their loads."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 
 def classify_branches(load: ArrayLike) -> NDArray[np.str_]:
-    """Branch on which each load lies.
+    """Classify each load as loading or unloading.
 
     Parameters
     ----------
@@ -15,8 +15,8 @@ def classify_branches(load: ArrayLike) -> NDArray[np.str_]:
     Returns
     -------
     ndarray of str, shape (n,)
-        "loading" up to the largest load and "unloading" after it, if the loads rise to it and fall from it
-        without turning back; the empty text where they are in another order, which tells nothing.
+        "loading" up to the largest load and "unloading" after it, if the loads rise to it and then fall
+        monotonically; empty for any other order.
 
     Examples
     --------

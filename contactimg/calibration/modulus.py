@@ -1,4 +1,4 @@
-"""Young's modulus of a sample whose threshold is calibrated already: forces are proportional to it."""
+"""Young's modulus of a sample at a calibrated threshold: local forces are proportional to the modulus."""
 
 from dataclasses import dataclass
 
@@ -12,19 +12,19 @@ from contactimg.errors import InputError
 
 @dataclass(frozen=True)
 class ModulusCalibration:
-    """The modulus that gives slope 1, and whether the measured one allows it.
+    """The modulus for slope 1, compared with the measured one.
 
     Parameters
     ----------
     young_modulus : CoverageEstimate, Pa
     slope : CoverageEstimate
-        Of the force sums against the loads with the modulus as measured before.
+        Of the force sums against the loads, with the measured modulus.
     distance : float
         New minus measured modulus in standard uncertainties of both; NaN if the measured one has none.
     compatible : bool
         Whether the new modulus lies within the 95 % interval of the measured one.
     message : str
-        One sentence for a person; empty if the two agree.
+        One sentence to show; empty if the two agree.
     """
 
     young_modulus: CoverageEstimate
@@ -52,7 +52,7 @@ def calibrate_modulus(
     young_modulus, young_modulus_std : float, Pa
         As measured, with its standard uncertainty; 0 if that is not known.
     relative_std : float
-        Relative standard uncertainty of the force sums that all share, as from the threshold's.
+        Relative standard uncertainty common to all force sums, such as that due to the threshold.
 
     Returns
     -------
@@ -67,8 +67,8 @@ def calibrate_modulus(
 
     Examples
     --------
-    >>> found = calibrate_modulus([0.098, 0.196], [0.1, 0.2], young_modulus=3e6, young_modulus_std=0.1e6)
-    >>> found.young_modulus.value, found.compatible
+    >>> tuned = calibrate_modulus([0.098, 0.196], [0.1, 0.2], young_modulus=3e6, young_modulus_std=0.1e6)
+    >>> tuned.young_modulus.value, tuned.compatible
     (3061224.5, True)
     """
     if np.ndim(forces) != 1:
@@ -83,7 +83,7 @@ def calibrate_modulus(
         )
     slope = load_slope(forces, load, relative_std=relative_std)
     if not slope.value > 0:
-        raise InputError("no force was found at any load: there is nothing to tune the modulus by")
+        raise InputError("the force sums are zero at every load: no modulus gives slope 1")
     value = young_modulus / slope.value
     relative = slope.std / slope.value
     half = value * (slope.high - slope.low) / 2 / slope.value

@@ -18,8 +18,8 @@ from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
-FALL_MARGINAL = 0.2
-"""Relative fall of the area across the plateau above which it is called none."""
+MAX_RELATIVE_FALL = 0.2
+"""Largest relative decrease of the area over a plateau. Chosen by hand; sensitivity not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +82,8 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
     --------
     >>> from scipy.stats import norm
     >>> t = np.linspace(0.02, 0.98, 97)
-    >>> found = find_plateau(t, np.pi * (20e-6 - 1.4e-6 * norm.ppf(t)) ** 2)
-    >>> round(found.threshold_low, 2), round(found.threshold_high, 2)
+    >>> plateau = find_plateau(t, np.pi * (20e-6 - 1.4e-6 * norm.ppf(t)) ** 2)
+    >>> round(plateau.threshold_low, 2), round(plateau.threshold_high, 2)
     (0.17, 0.79)
     """
     t, A = np.asarray(thresholds, float), np.asarray(areas, float)
@@ -98,10 +98,10 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
     order = np.argsort(t)
     t, A = t[order], A[order]
     total = A.sum(axis=1)
-    there = total > 0
-    if np.count_nonzero(there) < 5:
-        raise InputError("there is no contact area at five thresholds or more: no plateau can be found")
-    t, A, total = t[there], A[there], total[there]
+    positive = total > 0
+    if np.count_nonzero(positive) < 5:
+        raise InputError("a plateau needs contact area at five thresholds or more")
+    t, A, total = t[positive], A[positive], total[positive]
     rate = -_derivative(t, np.log(total))
     slowest = int(rate.argmin())
     flat = rate <= steepness * max(rate[slowest], np.finfo(float).tiny)
@@ -109,7 +109,15 @@ def find_plateau(thresholds: ArrayLike, areas: ArrayLike, *, steepness: float = 
     middle, half = (A[low] + A[high]) / 2, np.abs(A[low] - A[high]) / 2
     fall = float(1 - total[high] / total[low])
     return Plateau(
-        float(t[low]), float(t[high]), float(t[slowest]), middle, half, fall, fall < FALL_MARGINAL, t, rate
+        float(t[low]),
+        float(t[high]),
+        float(t[slowest]),
+        middle,
+        half,
+        fall,
+        fall < MAX_RELATIVE_FALL,
+        t,
+        rate,
     )
 
 

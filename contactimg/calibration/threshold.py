@@ -1,7 +1,7 @@
 """The optical threshold at which the local forces add up to the load (the paper's calibration).
 
-Pixels above a threshold make the contact radii, Hertz's law makes forces of them, and the slope of their sum
-against the load falls as the threshold rises; where it is 1 the threshold is calibrated.
+The pixels above a threshold give the contact radii, and Hertz's law the local forces. The slope of their sum
+against the load decreases as the threshold increases; the calibrated threshold is the one with slope 1.
 """
 
 from dataclasses import dataclass
@@ -47,13 +47,13 @@ def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0)
     forces, load : array_like, shape (n,), N
         The order does not matter; a load of 0 does not count.
     relative_std : float
-        Relative standard uncertainty of what all forces share, as the modulus.
+        Relative standard uncertainty common to all forces, such as that of the modulus.
 
     Returns
     -------
     CoverageEstimate
-        The scatter about the line, noise of the loads included, gives the other part of the uncertainty; of
-        a single load there is none, and only ``relative_std`` counts.
+        The scatter about the line, which includes the noise of the loads, gives the other part of the
+        uncertainty; for a single load only ``relative_std`` contributes.
 
     Raises
     ------
@@ -62,8 +62,8 @@ def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0)
 
     Notes
     -----
-    The scatter's part is the larger of two: with equal errors at all loads, and with each load's own residual
-    (HC3), which also holds if the errors grow with the load.
+    The part due to scatter is the larger of two estimates: one for equal errors at all loads, and one from
+    the residual at each load (HC3), which is also valid if the errors grow with the load.
 
     References
     ----------

@@ -1,1 +1,18 @@
-"""Multi-asperity contact models."""
+"""Contact models: from an asperity table and a load to forces, contact radii and mean pressures.
+
+In: a table of asperities (`contactimg.surfaces`) or a height distribution, the radius of the indenter, the
+contact modulus and the load or the indentation; SI units. Out: an `InteractingSolution` with one row an
+asperity, or a `RingSolution` with averages over rings around the axis.
+
+Read in this order:
+
+- ``solution`` and ``validity``: what a solved problem is, and how far it is from the limits of the models;
+- ``interacting``: every contact of a pattern, elastically coupled. Below it ``scaled_problem`` (removes the
+  dimensions), ``asperity_laws`` (one contact), ``coupling`` and ``fast_coupling`` with ``near_field_sum``
+  (displacement by the neighbours), ``full_coupling`` (their field over the width of a contact),
+  ``newton_iteration``, ``coarse_grid`` (the start for many contacts), ``contact_solver`` (puts these
+  together);
+- ``adhesive``: the same with JKR adhesion, on ``adhesive_asperity_law`` and ``adhesive_full_coupling``;
+- ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
+- ``ensemble``: many random patterns, one after the other.
+"""

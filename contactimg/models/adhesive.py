@@ -1,13 +1,14 @@
-"""Interacting asperities with adhesion: JKR's law for each, followed along loading and unloading.
+"""Interacting asperities with adhesion: JKR's law for each contact, along loading and unloading.
 
-Not a convex problem: at one load several sets of contacts can be in equilibrium, and history chooses. A
-contact forms where two surfaces touch (``delta = 0``) and breaks where its equilibrium ceases to be stable.
-So the set of contacts is carried from load to load; for a given set Newton's method finds radii and
-indentation.
+The problem is not convex: at one load several sets of contacts can be in equilibrium, and the history of
+loading selects one. A contact forms where the surfaces touch (``delta = 0``) and breaks where its equilibrium
+becomes unstable. The set of contacts is therefore passed on from load to load; for a given set, Newton's
+method finds radii and indentation.
 """
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TypedDict, Unpack
 
 import numpy as np
 import pandas as pd
@@ -15,11 +16,11 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.adhesive_full_coupling import refine
+from contactimg.models.adhesive_full_coupling import correct_for_field
 from contactimg.models.asperity_laws import LAWS
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, scale_problem
+from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]
@@ -27,12 +28,26 @@ Rows = NDArray[np.intp]
 
 COUPLINGS = ("none", "asymptotic", "full")
 
-_SHORTEST_STEP = 2.0**-30
+_MIN_STEP_FRACTION = 2.0**-30
+"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
-MAX_REFINEMENTS = 30
+MAX_FIELD_UPDATES = 30
+"""Most updates of the field corrections of full coupling. Chosen by hand; sensitivity not measured."""
 
-REFINED = 1e-10
-"""Change of the radii, of the largest, below which the fields of full coupling have settled."""
+FIELD_UPDATE_CHANGE = 1e-10
+"""Change of the contact radii, relative to the largest, at which the field corrections have converged. Chosen
+by hand, close to the tolerance of the radii."""
+
+
+class AdhesiveOptions(TypedDict, total=False):
+    """Keywords of `solve_adhesive` that hold for every load of a series."""
+
+    apex: tuple[float, float]
+    coupling: str
+    law: str
+    thickness: float
+    tolerance: float
+    max_iterations: int
 
 
 def solve_adhesive(
@@ -51,7 +66,7 @@ def solve_adhesive(
     tolerance: float = 1e-11,
     max_iterations: int = 30,
 ) -> InteractingSolution:
-    """Forces and radii of adhesive contacts, reached from a neighbouring solution or by first loading.
+    """Forces and radii of adhesive contacts, from a previous solution or at first loading.
 
     Parameters
     ----------
@@ -61,7 +76,7 @@ def solve_adhesive(
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
     load, indentation : float, N or m
-        Exactly one of the two; the load may be a pull, the indentation negative, as long as contacts hold.
+        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold.
     apex : (float, float), m
     coupling : {"none", "asymptotic", "full"}
         As in `solve_interacting`.
@@ -70,12 +85,12 @@ def solve_adhesive(
     thickness : float, m
         Of a layer bonded to a rigid support (Poisson's ratio 1/2); infinite for a half-space.
     start : InteractingSolution, optional
-        The solution before: its contacts persist until they break. Without it the surfaces are brought
-        together for the first time.
+        The previous solution: its contacts persist until they break. Without it the surfaces come into
+        contact for the first time.
     tolerance : float
-        On the errors of the penetrations over the scale of the penetrations.
+        Largest accepted error of a penetration, relative to the largest penetration.
     max_iterations : int
-        Newton steps for one set of contacts.
+        Most Newton steps for one set of contacts.
 
     Returns
     -------
@@ -89,15 +104,14 @@ def solve_adhesive(
     ModelRangeError
         If the load is a stronger pull than the contacts bear.
     ConvergenceError
-        If full coupling does not settle.
+        If the field corrections of full coupling do not converge.
 
     Notes
     -----
-    Contacts that have formed persist, so the answer depends on the way: reach a load in steps as the
-    experiment did (`solve_adhesive_path`). Each asperity follows JKR's stable branch under an imposed
-    displacement; the compliance that its neighbours add is in the equations, so a contact breaks earlier
-    among compliant neighbours. Suited to some thousand contacts: the Newton system is a dense, unsymmetric
-    matrix.
+    Contacts that have formed persist, so the solution depends on the history: approach a load in the same
+    steps as the experiment (`solve_adhesive_path`). Each asperity follows JKR's stable branch under an
+    imposed displacement. The equations include the compliance of its neighbours, with which a contact breaks
+    earlier. Suitable for some thousand contacts: the Newton system is a dense, unsymmetric matrix.
 
     References
     ----------
@@ -120,16 +134,14 @@ def solve_adhesive(
             f"work_of_adhesion must be positive, got {work_of_adhesion!r} J/m^2; "
             "use solve_interacting without adhesion"
         )
-    if coupling not in COUPLINGS:
-        raise InputError(f"coupling must be one of {', '.join(map(repr, COUPLINGS))}, got {coupling!r}")
-    if law not in LAWS:
-        raise InputError(f"law must be one of {', '.join(map(repr, LAWS))}, got {law!r}")
+    check_choice("coupling", coupling, COUPLINGS)
+    check_choice("law", law, LAWS)
     setting = ContactConditions(
         indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation
     )
     setting.check()
     problem = scale_problem(asperities, setting, depth=_depth_unit(asperities, setting, w))
-    before = start if start is not None else _without_adhesion(asperities, setting, coupling, law)
+    previous = start if start is not None else _without_adhesion(asperities, setting, coupling, law)
     path = _Path(
         problem,
         AdhesiveLaw(
@@ -140,7 +152,7 @@ def solve_adhesive(
         tolerance,
         max_iterations,
     )
-    state, steps = path.follow(before, first=start is None)
+    state, steps = path.follow(previous, first=start is None)
     if coupling == "full":
         state, steps = path.refined(state, steps)
     return problem.record(
@@ -161,9 +173,9 @@ def solve_adhesive_path(
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
-    **options: object,
+    **options: Unpack[AdhesiveOptions],
 ) -> Iterator[InteractingSolution]:
-    """Loading and unloading: one solution a load, in order, contacts persisting from each to the next.
+    """Load and unload: one solution per load, in order, with contacts persisting from load to load.
 
     Parameters
     ----------
@@ -174,7 +186,7 @@ def solve_adhesive_path(
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
     **options
-        Further keywords of `solve_adhesive`.
+        Further keywords of `solve_adhesive`: those of `AdhesiveOptions`.
 
     Yields
     ------
@@ -197,15 +209,15 @@ def solve_adhesive_path(
             work_of_adhesion=work_of_adhesion,
             load=float(load),
             start=previous,
-            **options,  # type: ignore[arg-type]
+            **options,
         )
         yield previous
 
 
 def _depth_unit(asperities: pd.DataFrame, setting: ContactConditions, work_of_adhesion: float) -> float:
-    """Unit of height: the larger of Hertz's and adhesion's indentation of a typical asperity."""
+    """Unit of height, m: the larger of the indentations by load and by adhesion of the median asperity."""
     if not len(asperities):
-        raise InputError("the asperity table is empty: there is nothing to adhere to")
+        raise InputError("the asperity table is empty: no asperity can adhere")
     radius, E = float(np.median(asperities["radius_m"])), setting.contact_modulus
     hertz = (0.75 * abs(setting.load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
     return float(max(hertz, abs(setting.indentation or 0.0), np.cbrt(radius * (work_of_adhesion / E) ** 2)))
@@ -214,7 +226,7 @@ def _depth_unit(asperities: pd.DataFrame, setting: ContactConditions, work_of_ad
 def _without_adhesion(
     asperities: pd.DataFrame, setting: ContactConditions, coupling: str, law: str
 ) -> InteractingSolution:
-    """The problem without adhesion: first loading touches at least its contacts."""
+    """The solution without adhesion, whose contacts are the least that first loading brings about."""
     return solve_interacting(
         asperities,
         indenter_radius=setting.indenter_radius,
@@ -256,22 +268,22 @@ class _Path:
     tolerance: float
     max_iterations: int
 
-    def follow(self, before: InteractingSolution, *, first: bool) -> tuple[_State, int]:
+    def follow(self, previous: InteractingSolution, *, first: bool) -> tuple[_State, int]:
         """Let contacts break and form until the set is in equilibrium.
 
-        At first loading under a load the highest asperity is in contact; under an indentation those that the
-        indenter reaches are.
+        First loading starts with the highest asperity in contact at prescribed load, and with the asperities
+        that the indenter reaches at prescribed indentation.
         """
         p = self.problem
-        radius = before.radius[p.order] / p.length
+        radius = previous.radius[p.order] / p.length
         if first and not radius.any() and (p.load is not None or p.indentation >= 0):
             radius[0] = self.law.touch_radius(p.radius[:1])[0]
-        return self._settle(radius, before.indentation / p.depth, first=first)
+        return self._settle(radius, previous.indentation / p.depth, first=first)
 
     def refined(self, state: _State, steps: int) -> tuple[_State, int]:
-        """Full coupling, from the state with point forces: its fields and the contacts in turn."""
+        """Full coupling from the state with point forces: alternate field corrections and contacts."""
         path, difference = self, np.inf
-        for _ in range(MAX_REFINEMENTS):
+        for _ in range(MAX_FIELD_UPDATES):
             if not state.rows.size:
                 return state, steps
             guess = np.zeros(self.problem.order.size)
@@ -281,22 +293,24 @@ class _Path:
             steps += taken
             _, radius, _ = following.scattered(guess.size)
             difference, state = float(np.abs(radius - guess).max() / guess.max()), following
-            if difference <= REFINED:
+            if difference <= FIELD_UPDATE_CHANGE:
                 return state, steps
         raise ConvergenceError(
-            f"full coupling of the adhesive contacts did not settle: the radii still change by "
-            f"{difference:.3g} of the largest after {MAX_REFINEMENTS} rounds, tolerance {REFINED:.3g}; "
-            'take coupling "asymptotic"'
+            f"full coupling of the adhesive contacts did not converge: the radii still change by "
+            f"{difference:.3g} of the largest after {MAX_FIELD_UPDATES} updates, tolerance "
+            f'{FIELD_UPDATE_CHANGE:.3g}; use coupling "asymptotic"'
         )
 
     def _refine(self, at: ScaledProblem, state: _State, contact_radius: Values) -> ScaledProblem:
-        """The problem in the fields of a state's contacts, whose summits are those of ``at``."""
+        """The problem with the field corrections of a state; ``at`` holds the shifted summits."""
         force, _, _ = state.scattered(contact_radius.size)
         near = np.flatnonzero((contact_radius > 0) | (state.indentation > self.problem.gap))
         a = contact_radius[near]
         pull = np.sqrt(8 * np.pi * self.law.adhesion * a**3)
         kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
-        return refine(self.problem, at, kernel, near=near, force=force[near], pull=pull, contact_radius=a)
+        return correct_for_field(
+            self.problem, at, kernel, near=near, force=force[near], pull=pull, contact_radius=a
+        )
 
     def _settle(self, guess: Values, depth: float, *, first: bool) -> tuple[_State, int]:
         """Newton for one set of contacts after the other, from guessed radii and indentation."""
@@ -322,17 +336,18 @@ class _Path:
         return self._parted(), steps
 
     def _parted(self) -> _State:
-        """The surfaces have come apart."""
+        """The state without contacts, after the last one has broken."""
         p = self.problem
         if p.load is not None and p.load < 0:
             raise ModelRangeError(
-                f"load must not be below pull-off: no contact bears a pull of {-p.load * p.force_unit:.6g} N"
+                "load must not be below pull-off: the contacts cannot bear a pull of "
+                f"{-p.load * p.force_unit:.6g} N"
             )
         none, depth = np.zeros(0), 0.0 if p.load is not None else p.indentation
         return _State(np.zeros(0, dtype=np.intp), none, none, depth - p.gap, depth, 0.0)
 
     def _equilibrium(self, rows: Rows, a: Values, depth: float) -> tuple[_State | None, int, int]:
-        """Newton on one set of contacts; without equilibrium, the row of the contact nearest to breaking."""
+        """Solve for one set of contacts; if it has no equilibrium, name the contact closest to its fold."""
         contacts = _Contacts.of(self, rows)
         D = self.problem.indentation if self.problem.load is None else depth
         error, missing = contacts.errors(a, D)
@@ -342,7 +357,7 @@ class _Path:
                 return contacts.state(a, D, residual), steps, -1
             change, rise = contacts.direction(a, error, missing)
             step, merit = 1.0, float(error @ error + missing**2)
-            while step > _SHORTEST_STEP:
+            while step > _MIN_STEP_FRACTION:
                 trial = np.clip(a + step * change, contacts.fold, contacts.widest)
                 error, missing = contacts.errors(trial, D + step * rise)
                 if float(error @ error + missing**2) < (1 - 1e-4 * step) * merit:
@@ -394,7 +409,7 @@ class _Contacts:
         """Newton's change of radii and of the indentation."""
         stiffness, softness = self.path.law.slopes(a, self.radius)
         jacobian = self.matrix * stiffness
-        # at the fold the softness vanishes; a floor keeps an uncoupled row regular
+        # at the fold the softness vanishes; a lower bound keeps the matrix of an uncoupled row regular
         jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.radius)
         back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
         if self.path.problem.load is None:
@@ -403,7 +418,7 @@ class _Contacts:
         return rise * sink - back, rise
 
     def state(self, a: Values, depth: float, residual: float) -> _State:
-        """The solution with all penetrations: JKR's in contact, elsewhere the overlap of the surfaces."""
+        """The state with all penetrations: JKR's in contact, the overlap of the surfaces elsewhere."""
         p, law, force = self.path.problem, self.path.law, self.path.law.force(a, self.radius)
         penetration = depth - p.gap
         penetration[self.rows] = 0.0

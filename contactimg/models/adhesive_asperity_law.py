@@ -1,6 +1,6 @@
-"""What one adhesive asperity does, dimensionless (E* = 1): JKR on a paraboloid or on an exact sphere.
+"""Force and penetration of one adhesive asperity, dimensionless (E* = 1): JKR on a paraboloid or a sphere.
 
-For any profile, JKR's state at contact radius ``a`` is the one without adhesion less that of a flat punch of
+For any profile, JKR's state at contact radius ``a`` is the one without adhesion minus that of a flat punch of
 the same radius: ``delta = delta_0(a) - sqrt(2 pi w a)``, ``p = p_0(a) - sqrt(8 pi w a^3)``.
 """
 
@@ -14,6 +14,7 @@ from contactimg.mechanics import sphere
 Values = NDArray[np.float64]
 
 _MAX_STEPS = 60
+"""Most steps of a scalar iteration. Theory: a convergence by halves reaches rounding in 53."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,7 @@ class AdhesiveLaw:
     adhesion : float
         ``w``.
     aspect : float
-        Unit of height over unit of length for a sphere; zero: the paraboloid, which the sphere becomes.
+        Unit of height over unit of length for a sphere; zero for a paraboloid.
 
     References
     ----------
@@ -76,11 +77,11 @@ class AdhesiveLaw:
         return (np.arctanh(s) + s / (1 - s**2)) / self.aspect
 
     def widest(self, radius: Values) -> Values:
-        """A bound on the contact radius: the sphere's equator."""
+        """Upper bound on the contact radius: the equator of the sphere, infinite for a paraboloid."""
         return radius / self.aspect * (1 - 1e-9) if self.aspect else np.full_like(radius, np.inf)
 
     def touch_radius(self, radius: Values) -> Values:
-        """Contact radius of zero penetration, into which a contact jumps."""
+        """Contact radius at zero penetration, to which a contact jumps when it forms."""
         paraboloid = np.cbrt(2 * np.pi * self.adhesion * radius**2)
         return self.contact_radius(np.zeros_like(radius), radius) if self.aspect else paraboloid
 
@@ -88,7 +89,7 @@ class AdhesiveLaw:
         """Contact radius at which an isolated contact breaks under an imposed displacement."""
         a = np.minimum(np.cbrt(np.pi * self.adhesion * radius**2 / 8), 0.9 * self.widest(radius))
         if self.aspect:
-            # steepness = sqrt(pi w/(2 a)); the paraboloid's is the smaller one: a fixed point from above
+            # solve steepness(a) = sqrt(pi w/(2 a)) by a fixed point from above: the paraboloid is less steep
             for _ in range(_MAX_STEPS):
                 before, a = (
                     a,
@@ -99,9 +100,10 @@ class AdhesiveLaw:
         return a
 
     def contact_radius(self, penetration: Values, radius: Values) -> Values:
-        """Stable contact radius at a penetration, which must not be below that of the fold.
+        """Stable contact radius at a penetration not below that of the fold.
 
-        The penetration is a convex function of the contact radius: Newton descends to the larger root.
+        The penetration is a convex function of the contact radius: Newton's method descends to the larger
+        root.
         """
         pulled = np.cbrt(2 * np.pi * self.adhesion * radius**2)
         a = np.minimum(np.sqrt(radius * np.maximum(penetration, 0.0)) + pulled, self.widest(radius))

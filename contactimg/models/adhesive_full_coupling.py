@@ -1,7 +1,7 @@
 """Full coupling of adhesive contacts: the terms of `contactimg.models.full_coupling` with JKR's pressure.
 
-JKR's pressure is Hertz's of the force that the contact radius calls for, less that of a flat punch with the
-excess ``sqrt(8 pi w a^3)``; outside the contact the punch lowers the surface by ``p asin(a/r)/(pi a)``.
+JKR's pressure is Hertz's at the same contact radius minus that of a flat punch with the force
+``sqrt(8 pi w a^3)``. Outside the contact the punch displaces the surface by ``p asin(a/r)/(pi a)``.
 """
 
 from dataclasses import replace
@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.full_coupling import MIN_CURVATURE_FACTOR
 from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
-def refine(
+def correct_for_field(
     problem: ScaledProblem,
     at: ScaledProblem,
     kernel: Kernel,
@@ -26,19 +27,19 @@ def refine(
     pull: Values,
     contact_radius: Values,
 ) -> ScaledProblem:
-    """The problem that asperities see in the field which their neighbours spread over a contact's width.
+    """Correct the problem for the neighbours' displacement field over the width of each contact.
 
     Parameters
     ----------
     problem : ScaledProblem
         With point forces at the summits.
     at : ScaledProblem
-        The one refined before, or the same: its shifted summits are where the fields are taken.
+        The problem as corrected last, or the same: the fields are taken at its shifted summits.
     kernel : Kernel
     near : ndarray of int
-        Asperities to refine: those in or close to contact.
+        Asperities to correct: those in or near contact.
     force, pull, contact_radius : ndarray
-        Theirs: net force, what the punch takes off Hertz's, radius; zero out of contact.
+        Net force, force of the punch and contact radius of these asperities; zero out of contact.
 
     Returns
     -------
@@ -53,16 +54,22 @@ def refine(
     if kernel.thinness:
         excess += _layer_part(pairs, x, y, pull * contact_radius**2)
     shift_x, shift_y = -radius * fields.slope_x, -radius * fields.slope_y
-    place = {name: getattr(problem, name).copy() for name in ("x", "y", "gap", "radius")}
-    place["x"][near] += shift_x
-    place["y"][near] += shift_y
-    place["gap"][near] += excess + (shift_x**2 + shift_y**2) / (2 * radius)
-    place["radius"][near] /= np.maximum(1 + radius * fields.curvature, 0.1)
-    return replace(problem, **place)
+    corrected = replace(
+        problem,
+        x=problem.x.copy(),
+        y=problem.y.copy(),
+        gap=problem.gap.copy(),
+        radius=problem.radius.copy(),
+    )
+    corrected.x[near] += shift_x
+    corrected.y[near] += shift_y
+    corrected.gap[near] += excess + (shift_x**2 + shift_y**2) / (2 * radius)
+    corrected.radius[near] /= np.maximum(1 + radius * fields.curvature, MIN_CURVATURE_FACTOR)
+    return corrected
 
 
 def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
-    """Displacement by punches less that by Hertz's pressure of the same forces, on a half-space."""
+    """Displacement of a half-space by flat punches minus that by Hertz's pressure of the same forces."""
     loaded = np.flatnonzero(a)
     r = np.hypot(x[:, None] - x[loaded], y[:, None] - y[loaded])
     apart = r > 0
@@ -79,7 +86,7 @@ def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
 
 
 def _layer_part(pairs: DenseCoupling, x: Values, y: Values, moment: Values) -> Values:
-    """What a layer takes from it: a fifteenth of ``sum p a^2`` times the deficit's Laplacian."""
+    """Correction of that difference for a layer: 1/15 of ``sum p a^2`` times the Laplacian of the deficit."""
     half_space = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
     weight = (moment > 0).astype(np.float64)
     return (half_space.fields(moment, weight).curvature - pairs.fields(moment, weight).curvature) * 2 / 15

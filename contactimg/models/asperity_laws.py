@@ -1,7 +1,7 @@
-"""What one asperity does: contact radius and force as functions of its penetration, dimensionless (E* = 1).
+"""Contact radius and force of one asperity as functions of its penetration, dimensionless (E* = 1).
 
-A law works on arrays of penetrations and composite radii of one shape. Whatever the axisymmetric profile,
-the stiffness of a contact is ``dp/d delta = 2 E* a``; the solvers rely on it.
+A law takes arrays of penetrations and composite radii of the same shape. For every axisymmetric profile the
+stiffness of a contact is ``dp/d delta = 2 E* a``; the solvers rely on this relation.
 """
 
 from dataclasses import dataclass
@@ -39,8 +39,8 @@ class SphereLaw:
     Parameters
     ----------
     aspect : float
-        Unit of height over unit of length along the surface; a sphere, unlike a paraboloid, does not keep
-        its shape when the two differ.
+        Unit of height over unit of length along the surface: a sphere, unlike a paraboloid, changes its
+        shape when the two units differ.
     """
 
     aspect: float
@@ -56,5 +56,5 @@ LAWS = ("hertz", "sphere")
 
 
 def asperity_law(name: str, *, aspect: float) -> AsperityLaw:
-    """The law of the given name in units of the given aspect (height over length)."""
+    """The law of a name, for units with the given aspect (height over length)."""
     return HertzLaw() if name == "hertz" else SphereLaw(aspect)

@@ -1,7 +1,7 @@
-"""A start for many contacts: the contact problem of the pattern's square cells.
+"""Starting values for many contacts: the contact problem averaged over a coarse grid of square cells.
 
-A cell answers a penetration with the sum of its asperities' forces and lowers the others by that sum. This
-small dense problem gives the displacement of the pattern less what varies within a cell.
+The asperities of a cell share one displacement, and the sum of their forces displaces the other cells. This
+small dense problem gives the displacement of the pattern without its variation inside a cell.
 """
 
 from dataclasses import dataclass
@@ -18,24 +18,26 @@ from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
 
-CELLS = 48
-"""Cells along the longer side: a Newton step on all of them takes 0.1 s."""
+GRID_CELLS = 48
+"""Cells along the longer side. Chosen by time: a Newton step on all 48 x 48 cells takes 0.1 s."""
 
-ENOUGH = 1e-2
-"""Residual of the cells' problem: what varies within a cell is no smaller."""
+GRID_RESIDUAL = 1e-2
+"""Residual at which the grid's problem counts as solved. Chosen by hand: the variation inside a cell is no
+smaller; it affects the number of steps of the fine problem, not its solution."""
 
-MAX_STEPS = 10
+MAX_GRID_STEPS = 10
+"""Most Newton steps on the grid. Chosen by hand; sensitivity not measured."""
 
 
 def coarse_grid_start(
     problem: ScaledProblem, law: AsperityLaw, kernel: Kernel, force: Values, indentation: float
 ) -> tuple[Values, float]:
-    """Forces and indentation in the smooth displacement of the cells, from those without coupling."""
-    cells = CoarseGrid.over(problem, CELLS)
+    """Forces and indentation for the displacement of the grid's cells, from those without coupling."""
+    cells = CoarseGrid.over(problem, GRID_CELLS)
     system = cells.system(problem, law, cells.coupling(kernel))
     state = initial_iterate(system, cells.sums(force), indentation)
-    for _ in range(MAX_STEPS):
-        following = take_step(system, state, ENOUGH) if state.residual > ENOUGH else None
+    for _ in range(MAX_GRID_STEPS):
+        following = take_step(system, state, GRID_RESIDUAL) if state.residual > GRID_RESIDUAL else None
         if following is None:
             break
         state = following
@@ -86,7 +88,7 @@ class CoarseGrid:
         return _sums(self.cell, values, self.count)
 
     def coupling(self, kernel: Kernel, *, own: float | Values = 1.0) -> DenseCoupling:
-        """Of the cells, each acting from its middle; ``own``: share of a cell's force that lowers itself."""
+        """Coupling between cell centres; ``own``: share of a cell's force that acts on the cell itself."""
         row, column = (
             self.size * k.astype(np.float64) for k in np.unravel_index(np.arange(self.count), self.shape)
         )
@@ -100,7 +102,7 @@ class CoarseGrid:
     def system(
         self, problem: ScaledProblem, law: AsperityLaw, coupling: Coupling, *, weight: float = 1.0
     ) -> ContactSystem:
-        """The cells as candidates, each as high as its highest asperity; each asperity counts ``weight``."""
+        """Equations of the cells, each as high as its highest asperity; every asperity counts ``weight``."""
         highest = np.full(self.count, np.inf)
         np.minimum.at(highest, self.cell, problem.gap)
         numbers = np.arange(1.0, self.count + 1)
@@ -111,9 +113,9 @@ class CoarseGrid:
 
 @dataclass(frozen=True, eq=False)
 class _CellLaw:
-    """Asperities that move together with their cell.
+    """Sum of the asperity laws in each cell, as one law per cell.
 
-    A cell has no radius of curvature; its number, from one, stands in that place.
+    A cell has no radius of curvature; ``respond`` gets the number of the cell, from one, in its place.
     """
 
     law: AsperityLaw
@@ -124,7 +126,7 @@ class _CellLaw:
     weight: float
 
     def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
-        """Sums of the forces and of the contact radii, half the stiffness, in cells."""
+        """Sums over each cell of the forces and of the contact radii (half the stiffness)."""
         numbers = radius.astype(np.intp) - 1
         lowered = np.full(self.count, -np.inf)
         lowered[numbers] = penetration

@@ -1,10 +1,10 @@
-"""The solver of one contact problem: which asperities are candidates, how they are coupled, Newton on them.
+"""Solve one contact problem: select the candidates, choose their coupling, iterate to convergence.
 
-Candidates are the asperities that the indenter would reach if the others did not lower the surface,
-``g < D``. At prescribed load ``D`` is not known beforehand: an upper estimate selects them, and if the
-solution exceeds it, the next larger selection is solved. Most candidates of a large set stay out of contact:
-a rough solution, with sums of low accuracy, screens them, and the accurate one is sought among those near
-contact and then checked on the others.
+Candidates are the asperities with ``g < D``, which the indenter would reach if the others did not lower the
+surface. At prescribed load ``D`` is unknown: an upper estimate selects the candidates, and if the solution
+exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A rough
+solution, with sums of low accuracy, therefore selects those near contact; the accurate solution is found for
+them and then checked on the others.
 """
 
 from dataclasses import dataclass
@@ -34,23 +34,26 @@ Values = NDArray[np.float64]
 
 METHODS = ("auto", "dense", "fast")
 
-DENSE_LIMIT = 4000
-"""Candidates up to which a stored matrix (128 MB) and Cholesky are faster than the fast sum."""
+MAX_DENSE_CANDIDATES = 4000
+"""Most candidates for a stored matrix (128 MB). Measured: up to about here Cholesky is faster than fast
+sums."""
 
-REFINE_BELOW = 1e-2
-"""Residual with point forces from which on the refined fields are worth computing."""
+FIELD_CORRECTION_RESIDUAL = 1e-2
+"""Residual with point forces below which the field corrections are computed. Chosen by hand: it affects the
+number of steps, not the converged solution; sensitivity not measured."""
 
-ROUGH = 0.1
-"""Residual of the rough solution that screens the candidates."""
+SCREENING_RESIDUAL = 0.1
+"""Residual of the rough solution that screens the candidates. Chosen by hand; sensitivity not measured."""
 
-SCREENING_ACCURACY = 1e-4
-"""Of the sums in the rough solution."""
+SCREENING_SUM_ACCURACY = 1e-4
+"""Relative accuracy of the sums in the rough solution. Chosen by hand; sensitivity not measured."""
 
-MARGIN = 0.2
-"""Gap over the deepest penetration up to which an asperity of the rough solution may yet come into contact.
+SCREENING_GAP_FRACTION = 0.2
+"""Asperities with a gap below this fraction of the deepest penetration are kept after the screening.
 
-The check counts an asperity as missed at half of it, so that the refined fields, 1e-2 of a penetration or
-less, do not matter to it; nor, by what is added for them, the errors of the sums.
+Chosen by hand: the accurate solution counts an asperity as missed at half of this gap, so that neither the
+field corrections, 1e-2 of a penetration or less, nor the errors of the sums, for which a term is added,
+matter.
 """
 
 
@@ -80,9 +83,9 @@ class ContactSolver:
 
     @stage("candidates")
     def solve(self, seed: Values | None) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """The candidates, their converged system and state, and the Newton steps it took.
+        """The candidates, their converged system and iterate, and the number of Newton steps.
 
-        ``seed`` are forces to start from.
+        ``seed`` are forces to start from, in the order of the problem.
         """
         alone = self._uncoupled()
         if self.coupling == "none":
@@ -109,7 +112,7 @@ class ContactSolver:
     def _solve_all(
         self, candidates: ScaledProblem, force: Values, indentation: float
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """All candidates at once."""
+        """Solve for all candidates at once."""
         system = self._system(candidates, self._operator(candidates))
         iterate = initial_iterate(system, force, indentation)
         return candidates, *self._converge(candidates, system, iterate)
@@ -117,8 +120,8 @@ class ContactSolver:
     def _solve_screened(
         self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Those near contact in a rough solution, and others that turn out to be."""
-        sums = FastCoupling(candidates.x, candidates.y, self.kernel, SCREENING_ACCURACY)
+        """Solve for the candidates near contact in a rough solution, then add those it missed."""
+        sums = FastCoupling(candidates.x, candidates.y, self.kernel, SCREENING_SUM_ACCURACY)
         rough = self._system(candidates, sums)
         if seeded:
             iterate = initial_iterate(rough, force, indentation)
@@ -127,7 +130,7 @@ class ContactSolver:
             iterate = evaluate_iterate(rough, force, indentation, sums.displacement(force))
         rough, iterate, steps = self._converge(candidates, rough, iterate, rough=True)
         force, penetration = iterate.force, iterate.penetration(rough)
-        margin = MARGIN * float(penetration.max()) + 4 * SCREENING_ACCURACY * float(
+        margin = SCREENING_GAP_FRACTION * float(penetration.max()) + 4 * SCREENING_SUM_ACCURACY * float(
             iterate.displacement.max()
         )
         near = penetration > -margin
@@ -145,7 +148,7 @@ class ContactSolver:
             near |= penetration > -margin
 
     def _uncoupled(self) -> Iterate:
-        """Independent contacts."""
+        """The solution for independent contacts."""
         still = np.zeros_like(self.problem.gap)
         system = self._system(self.problem, NoCoupling())
         indentation = self.problem.indentation
@@ -154,22 +157,24 @@ class ContactSolver:
         return evaluate_iterate(system, system.response(indentation - system.gap)[0], indentation, still)
 
     def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
-        """The candidates and their coupling."""
+        """The equations of the candidates with their coupling."""
         return ContactSystem(candidates.gap, candidates.radius, self.law, operator, candidates.load)
 
     def _reach(self, alone: Iterate) -> float:
-        """Upper estimate of the indentation: the uncoupled forces lower the surface under the largest one."""
+        """Upper estimate of the indentation: uncoupled forces, their displacement under the largest added."""
         if self.problem.load is None:
             return alone.indentation
         return alone.indentation + displacement_under_largest_force(self.problem, alone.force)
 
     def _dense(self, candidates: ScaledProblem) -> bool:
-        """Whether a stored matrix serves these candidates."""
+        """Whether to store the coupling matrix of these candidates."""
         count = candidates.gap.size
-        return count < 3 or self.method == "dense" or (self.method == "auto" and count <= DENSE_LIMIT)
+        return (
+            count < 3 or self.method == "dense" or (self.method == "auto" and count <= MAX_DENSE_CANDIDATES)
+        )
 
     def _operator(self, candidates: ScaledProblem) -> Coupling:
-        """Dense or fast coupling of candidates."""
+        """Dense or fast coupling of the candidates."""
         kind = DenseCoupling if self._dense(candidates) else FastCoupling
         return kind(candidates.x, candidates.y, self.kernel)
 
@@ -183,16 +188,16 @@ class ContactSolver:
         *,
         rough: bool = False,
     ) -> tuple[ContactSystem, Iterate, int]:
-        """Newton steps, refining the fields between them where the level of coupling asks for it.
+        """Iterate to the tolerance, updating the field corrections between Newton steps where they apply.
 
-        A rough solution has point forces and a residual of `ROUGH`.
+        A rough solution has point forces only and a residual of `SCREENING_RESIDUAL`.
         """
-        refinement, tolerance = None, max(self.tolerance, ROUGH) if rough else self.tolerance
+        refinement, tolerance = None, max(self.tolerance, SCREENING_RESIDUAL) if rough else self.tolerance
         if self.coupling in ("hertz", "full") and not rough:
             refinement = FieldCorrection(system, problem.x, problem.y, full=self.coupling == "full")
         refined = False
         for steps in range(taken, self.max_iterations + 1):
-            if refinement is not None and (refined or iterate.residual < REFINE_BELOW):
+            if refinement is not None and (refined or iterate.residual < FIELD_CORRECTION_RESIDUAL):
                 if not refined:
                     _refuse_ambiguous(problem, system, iterate)
                 system, iterate = refinement.apply(system, iterate)
@@ -217,7 +222,7 @@ class ContactSolver:
 
 
 def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> float:
-    """What point forces on a half-space lower the surface by under the largest of them."""
+    """Displacement of a half-space under the largest of several point forces, by the others."""
     top, others = int(np.argmax(force)), np.flatnonzero(force)
     distance = np.hypot(problem.x[others] - problem.x[top], problem.y[others] - problem.y[top])
     apart = distance > 0
@@ -225,17 +230,17 @@ def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> f
 
 
 def _refuse_duplicates(problem: ScaledProblem) -> None:
-    """`ModelRangeError` if two asperities stand in the same place."""
+    """Raise `ModelRangeError` if two asperities are at the same place."""
     duplicates = problem.duplicates()
     if duplicates is not None:
         raise ModelRangeError(
-            f"asperities: rows {duplicates[0]} and {duplicates[1]} stand in the same place: coupled, "
+            f"asperities: rows {duplicates[0]} and {duplicates[1]} are at the same place; coupled, "
             "either of them could bear the force; remove one"
         )
 
 
 def _refuse_ambiguous(problem: ScaledProblem, system: ContactSystem, iterate: Iterate) -> None:
-    """`ModelRangeError` if contacts are so close that the equilibrium is unstable or not the only one."""
+    """Raise `ModelRangeError` if contacts are so close that the equilibrium is unstable or not unique."""
     x, y = problem.x, problem.y
     pairs = close_pairs(x, y, 2 * iterate.contact_radius)
     pair = unstable_pair(pairs, iterate.contact_radius, iterate.penetration(system), iterate.force)
@@ -253,7 +258,7 @@ def _refuse_ambiguous(problem: ScaledProblem, system: ContactSystem, iterate: It
 
 
 def _indefinite_pair(system: ContactSystem, iterate: Iterate, pairs: Pairs) -> tuple[int, int] | None:
-    """The closest overlapping pair if contacts overlap and their joint Newton matrix is indefinite."""
+    """The closest overlapping pair if the Newton matrix of all contacts is indefinite; else None."""
     i, j, distance = pairs
     a = iterate.contact_radius
     closeness = np.where(a[j] > 0, distance / (a[i] + a[j]), np.inf)

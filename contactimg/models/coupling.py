@@ -1,9 +1,9 @@
-"""What contacts do to each other: displacement of the surface at every candidate by the forces on all.
+"""Elastic coupling: displacement of the surface at every candidate by the forces on all candidates.
 
-Dimensionless throughout (``E* = 1``): on a half-space a force ``q`` lowers the surface at a distance ``r`` by
-``q/(pi r)``; on a bonded layer of thickness ``t`` by ``q/pi [1/r - phi(r/t)/t]``. An operator offers the
-product with a vector of forces and the solution of the Newton system ``(I + S C S) z = b`` on the active
-rows, ``S`` the diagonal of ``s = sqrt(2 a)``.
+Dimensionless (``E* = 1``): a force ``q`` displaces a half-space at a distance ``r`` by ``q/(pi r)`` and a
+bonded layer of thickness ``t`` by ``q/pi [1/r - phi(r/t)/t]``. A coupling operator multiplies its matrix
+``C`` by a vector of forces and solves the Newton system ``(I + S C S) z = b`` on the active rows, ``S`` the
+diagonal matrix of ``s = sqrt(2 a)``.
 """
 
 from dataclasses import dataclass
@@ -22,8 +22,8 @@ Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 
-class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the iteration, not an error of the user
-    """The Newton matrix is indefinite: some contacts overlap too far."""
+class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the iteration, not a user error
+    """The Newton matrix is indefinite because contacts overlap too far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class Kernel:
 
 @dataclass(frozen=True, eq=False)
 class Fields:
-    """What the neighbours' displacement field does beyond a point force's value at the summit.
+    """The neighbours' displacement field at each candidate, beyond the value for point forces.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Fields:
     slope_x, slope_y : ndarray
         Slope of the displacement by point forces.
     curvature : ndarray
-        Half its Laplacian: the mean curvature over all directions.
+        Half the Laplacian of that displacement: its curvature averaged over all directions.
     """
 
     excess: Values
@@ -86,7 +86,7 @@ class Coupling(Protocol):
         """``C q``: displacement into the body at every candidate."""
 
     def displacement_at(self, rows: Rows, force: Values) -> Values:
-        """``C q`` at some candidates."""
+        """``C q`` at the candidates ``rows``."""
 
     def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """Solve ``(I + S C S) z = b`` on the active rows for the columns of ``sides``."""

@@ -1,4 +1,4 @@
-"""Many random patterns, loads and models in one stream: seeded, over cores, in bounded memory."""
+"""Ensembles of random patterns, each solved at several loads: seeded, in parallel, in bounded memory."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from contactimg.surfaces import CapLaw, generate_asperities
 
 @dataclass(frozen=True, eq=False)
 class EnsembleMember:
-    """One pattern solved at all loads and levels of coupling.
+    """One pattern, solved at all loads and levels of coupling.
 
     Parameters
     ----------
@@ -41,31 +41,31 @@ def solve_ensemble(
     couplings: Sequence[str] = ("none", "asymptotic"),
     workers: int = 1,
 ) -> Iterator[EnsembleMember]:
-    """Random patterns under a lens over their middle, one after the other.
+    """Solve random patterns under a lens centred on each, one after the other.
 
     Parameters
     ----------
     kind : {"SA", "RA-", "RA+"} or CapLaw
         As in `contactimg.generate_asperities`.
     patterns : int
-        How many.
+        Number of patterns.
     loads : sequence of float, N
     side : float, m
         Side of the square pattern.
     indenter_radius : float, m
     contact_modulus : float, Pa
     seed : int
-        Pattern ``k`` depends on the seed and on ``k`` alone, not on the number of patterns or workers.
+        Pattern ``k`` depends only on the seed and on ``k``, not on the number of patterns or workers.
     coverage : float, optional
     couplings : sequence of str
-        Levels of coupling to solve.
+        Levels of coupling to solve for.
     workers : int
         Processes; -1 for all cores.
 
     Yields
     ------
     EnsembleMember
-        In the order of the patterns, as soon as each is solved; only a few are held at a time.
+        In the order of the patterns, each as soon as it is solved; only a few are held in memory.
 
     Raises
     ------
@@ -85,43 +85,46 @@ def solve_ensemble(
     unknown = [level for level in couplings if level not in COUPLINGS]
     if unknown:
         raise InputError(f"couplings must be among {', '.join(map(repr, COUPLINGS))}, got {unknown[0]!r}")
-    options = {
-        "kind": kind,
-        "loads": [float(load) for load in loads],
-        "side": side,
-        "indenter_radius": indenter_radius,
-        "contact_modulus": contact_modulus,
-        "coverage": coverage,
-        "couplings": list(couplings),
-    }
-    tasks = (delayed(_solve_member)(k, seed, **options) for k in range(patterns))
+    ensemble = _Ensemble(
+        kind,
+        tuple(float(load) for load in loads),
+        side,
+        indenter_radius,
+        contact_modulus,
+        seed,
+        coverage,
+        tuple(couplings),
+    )
+    tasks = (delayed(ensemble.solve_member)(k) for k in range(patterns))
     yield from Parallel(n_jobs=workers, return_as="generator")(tasks)
 
 
-def _solve_member(
-    index: int,
-    seed: int,
-    *,
-    kind: str | CapLaw,
-    loads: list[float],
-    side: float,
-    indenter_radius: float,
-    contact_modulus: float,
-    coverage: float | None,
-    couplings: list[str],
-) -> EnsembleMember:
-    """Generate and solve one pattern with its own stream of chance, the child of the seed of its number."""
-    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
-    pattern = generate_asperities(kind, side=side, coverage=coverage, rng=rng)
-    solutions = {}
-    for coupling in couplings:
-        sweep = solve_loads(
-            pattern,
-            loads=loads,
-            indenter_radius=indenter_radius,
-            contact_modulus=contact_modulus,
-            apex=(side / 2, side / 2),
-            coupling=coupling,
-        )
-        solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
-    return EnsembleMember(index, solutions)
+@dataclass(frozen=True)
+class _Ensemble:
+    """What all patterns of an ensemble have in common: the arguments of `solve_ensemble`."""
+
+    kind: str | CapLaw
+    loads: tuple[float, ...]
+    side: float
+    indenter_radius: float
+    contact_modulus: float
+    seed: int
+    coverage: float | None
+    couplings: tuple[str, ...]
+
+    def solve_member(self, index: int) -> EnsembleMember:
+        """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
+        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
+        pattern = generate_asperities(self.kind, side=self.side, coverage=self.coverage, rng=rng)
+        solutions = {}
+        for coupling in self.couplings:
+            sweep = solve_loads(
+                pattern,
+                loads=self.loads,
+                indenter_radius=self.indenter_radius,
+                contact_modulus=self.contact_modulus,
+                apex=(self.side / 2, self.side / 2),
+                coupling=coupling,
+            )
+            solutions.update({(coupling, load): one for load, one in zip(self.loads, sweep, strict=True)})
+        return EnsembleMember(index, solutions)

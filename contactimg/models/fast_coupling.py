@@ -1,9 +1,9 @@
-"""The same coupling without a matrix: cost near-linear in the number of candidates.
+"""Elastic coupling without a stored matrix: cost nearly linear in the number of candidates.
 
 Ewald's split: ``1/r = erfc(b r)/r + erf(b r)/r``. The first part is cut off at a radius and summed over the
-pairs within it; the second is smooth, so a Fourier series on a padded box represents it and non-uniform FFTs
-(finufft) sum it: type 1 to the modes, a multiplication, type 2 back. The multiplier is the discrete transform
-of the smooth kernel itself, faded out beyond the largest distance, so that no periodic image is seen.
+pairs within it. The second is smooth: it is a Fourier series on a padded box, summed by non-uniform FFTs
+(finufft), type 1 to the modes and type 2 back. The Fourier coefficients are those of the smooth kernel, faded
+out beyond the largest distance to suppress periodic images.
 """
 
 from collections.abc import Callable
@@ -23,8 +23,8 @@ Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 Rows = NDArray[np.intp]
 
-NEIGHBOURS = 8
-"""Mean number of neighbours within ``1/b``: balances the near part's time against the Fourier series'."""
+NEIGHBOURS_WITHIN_SHARPNESS = 8
+"""Mean number of neighbours within ``1/b``. Chosen to balance the times of near sum and Fourier series."""
 
 CUTOFF_PER_THICKNESS = 2.5
 """Longest cutoff over the layer's thickness: the modes then resolve the layer's deficit to 1e-12."""
@@ -32,10 +32,11 @@ CUTOFF_PER_THICKNESS = 2.5
 FADE_CELLS = 24
 """Grid cells over which the kernel is faded out; an edge shaped like erf is then smooth to 1e-10."""
 
-DENSE_ACTIVE = 2500
-"""Contacts up to which a Newton system is solved by Cholesky."""
+MAX_CHOLESKY_CONTACTS = 2500
+"""Most contacts for which a Newton system is solved by Cholesky. Chosen by hand; sensitivity not measured."""
 
-MAX_KRYLOV = 500
+MAX_CONJUGATE_GRADIENT_STEPS = 500
+"""Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
 
 
 class FastCoupling:
@@ -61,7 +62,9 @@ class FastCoupling:
         self._extent = max(float(np.ptp(x)), float(np.ptp(y)))
         area = max(float(np.ptp(x) * np.ptp(y)), 1e-3 * self._extent**2)
         reach = float(erfcinv(accuracy))
-        cutoff = min(reach * np.sqrt(NEIGHBOURS * area / (np.pi * x.size)), 0.3 * self._extent)
+        cutoff = min(
+            reach * np.sqrt(NEIGHBOURS_WITHIN_SHARPNESS * area / (np.pi * x.size)), 0.3 * self._extent
+        )
         if kernel.thinness:
             cutoff = min(cutoff, CUTOFF_PER_THICKNESS / kernel.thinness)
         self._sharpness = reach / cutoff
@@ -129,14 +132,14 @@ class FastCoupling:
     def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
         """On the contacts alone: by Cholesky if they are few, else by conjugate gradients."""
         x, y = self._x[active], self._y[active]
-        if active.size <= DENSE_ACTIVE:
+        if active.size <= MAX_CHOLESKY_CONTACTS:
             direct = DenseCoupling(x, y, self._kernel)
             return direct.solve_newton_system(np.arange(active.size), scale, sides, tolerance)
-        # sums need not be much more accurate than the solution asked for
+        # the sums need little more accuracy than the solution
         contacts = FastCoupling(x, y, self._kernel, max(self._accuracy, 1e-3 * tolerance))
 
         def apply(z: Values) -> Values:
-            # columns of one size, so that the rounding of one does not drown the other
+            # scale both columns to the same size: one complex sum has one absolute accuracy
             size = np.maximum(np.linalg.norm(z, axis=0), np.finfo(float).tiny)
             image = contacts.paired_displacement(scale * (z[:, 0] / size[0] + 1j * (z[:, 1] / size[1])))
             return z + scale[:, None] * np.column_stack([image.real, image.imag]) * size
@@ -149,7 +152,7 @@ class FastCoupling:
 
     @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values) -> Fields:
-        """The neighbours' fields: pairs within the cutoff, Fourier series beyond."""
+        """The neighbours' fields: pairs within the cutoff plus the Fourier series."""
         to_modes, back = self._plans
         k = 2 * np.pi / (self._modes * self._cell) * np.arange(-self._modes // 2, self._modes // 2)
         widening = force * contact_radius**2 / 10
@@ -174,7 +177,7 @@ def _conjugate_gradients(apply: Callable[[Values], Values], sides: Values, toler
     direction = residual.copy()
     square = np.sum(residual**2, axis=0)
     goal = tolerance**2 * square
-    for _ in range(MAX_KRYLOV):
+    for _ in range(MAX_CONJUGATE_GRADIENT_STEPS):
         going = square > goal
         if not going.any():
             break

@@ -1,16 +1,16 @@
-"""Greenwood-Tripp: a rough sphere whose asperities obey Greenwood and Williamson on an elastic half-space.
+"""Greenwood-Tripp: a rough sphere on an elastic half-space; its asperities obey Greenwood-Williamson.
 
-On each ring the sphere reaches ``x(r) = D - r^2/(2 Rl) - w(r)`` below the highest summits, and the pressure
-is ``p = K sqrt(R) eta0 F_{3/2}(x)``; ``w`` is the half-space's displacement by ``p``. The pressure is
-piecewise linear over the rings, which makes it a stack of discs, ``w(r) = int -p'(c) W(r, c) dc``: the
-displacement ``W`` by a uniform disc of radius ``c`` is a complete elliptic integral, continuous at
-``c = r``, and the logarithm in its slope is integrated by quadrature graded towards it.
+On each ring the sphere lies at the depth ``x(r) = D - r^2/(2 Rl) - w(r)`` below the highest summits, and the
+pressure is ``p = K sqrt(R) eta0 F_{3/2}(x)``, with ``w`` the displacement of the half-space by ``p``. A
+pressure piecewise linear between the rings is a superposition of uniform discs, ``w(r) = int -p'(c) W(r, c)
+dc``. The displacement ``W`` by a disc of radius ``c`` is a complete elliptic integral, continuous at ``c =
+r``; a quadrature graded towards ``c = r`` integrates the logarithm in its slope.
 
 Newton's method on the depths, with the load as one more equation. Dimensionless: lengths along the surface in
 Hertz's contact radius, heights in Hertz's indentation, ``E* = 1``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,8 @@ from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-_SHORTEST_STEP = 2.0**-20
+_MIN_STEP_FRACTION = 2.0**-20
+"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
 
 @stage("rings")
@@ -47,7 +48,7 @@ def solve_greenwood_tripp(
     tolerance: float = 1e-10,
     max_iterations: int = 30,
 ) -> RingSolution:
-    """Random asperities on an elastically deforming sphere: the average of the coupled model.
+    """Solve for random asperities on an elastic sphere: the average of the coupled model.
 
     Parameters
     ----------
@@ -61,9 +62,9 @@ def solve_greenwood_tripp(
     load : float, N
         Positive.
     rings : int
-        Rings; they crowd at the edge of the loaded region, where the pressure falls.
+        Number of rings; they are denser at the edge of the loaded region, where the pressure falls.
     tolerance : float
-        On the residual, the largest error of a depth over the scale of the depths.
+        Largest accepted residual, the error of a depth over the largest depth.
     max_iterations : int
         Newton steps before giving up.
 
@@ -105,23 +106,20 @@ def solve_greenwood_tripp(
     state, first = _converge(system, system.start(), tolerance, max_iterations)
     system, state = system.fitted(state)
     state, second = _converge(system, state, tolerance, max_iterations - first)
-    r, depth = system.r * scale.length, state.depth * scale.height
-    return ring_solution(
+    solution = ring_solution(
         "gt",
         layer,
-        r,
-        depth,
+        system.r * scale.length,
+        state.depth * scale.height,
         load=load,
-        area=float(ring_weights(r) @ layer.area_fraction(depth)),
         displacement=(state.indentation - system.r**2 / 2 - state.depth) * scale.height,
-        iterations=first + second,
-        residual=state.residual,
     )
+    return replace(solution, iterations=first + second, residual=state.residual)
 
 
 @dataclass(frozen=True)
 class _Scale:
-    """Hertz's contact of the smooth sphere, and how the roughness softens its edge.
+    """Scales of the smooth sphere's Hertz contact, and the width over which roughness softens its edge.
 
     Parameters
     ----------
@@ -166,12 +164,12 @@ class _Scale:
         return cls(length, height, E * height / length, sinking, edge, uncoupled)
 
     def guessed_mesh(self, count: int) -> Values:
-        """Rings out to where either a softened Hertz contact or the uncoupled model ends."""
+        """Rings out to the end of the softened Hertz contact or the uncoupled model, the larger."""
         return _mesh(self.edge, max(1.02 * np.sqrt(2 * self.uncoupled), 1 + 3 * self.edge), count)
 
 
 def _mesh(edge: float, end: float, count: int) -> Values:
-    """Radii from 0 to the end, crowded around 1 in proportion to ``edge/3`` plus the distance from it."""
+    """Radii from 0 to ``end`` with a spacing proportional to ``edge/3`` plus the distance from 1."""
     if edge >= 0.5:
         return np.linspace(0.0, end, count)
     fine = edge / 3
@@ -183,7 +181,7 @@ def _mesh(edge: float, end: float, count: int) -> Values:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Depths below the highest summits, indentation, errors of the equations."""
+    """Depths below the highest summits and indentation, with the errors of the equations."""
 
     depth: Values
     indentation: float
@@ -222,21 +220,21 @@ class _Rings:
         return float(np.mean(state.error**2) + state.missing**2)
 
     def start(self) -> _State:
-        """The better of two guesses: Hertz's contact with sunk asperities, and the uncoupled model."""
+        """The better of two starts: Hertz's contact with compressed asperities, and the uncoupled model."""
         smooth = -hertz.gap(self.r, radius=1.0, sphere_radius=1.0)
         smooth += self.scale.sinking * np.maximum(1 - self.r**2, 0.0) ** 0.2
         guesses = [self._balanced(depth) for depth in (smooth, self.scale.uncoupled - self.r**2 / 2)]
         return min(guesses, key=self.merit)
 
     def _balanced(self, depth: Values) -> _State:
-        """A state whose indentation makes the errors vanish on the average over the pressure."""
+        """The state with the indentation for which the pressure-weighted mean error vanishes."""
         pressure = self.pressure(depth)
         share = self.weights * (np.maximum(pressure, 1e-12 * pressure.max()) + 1e-300)
         indentation = share @ (depth + self.r**2 / 2 + self.matrix @ pressure) / share.sum()
         return self.at(depth, float(indentation))
 
     def fitted(self, state: _State) -> tuple["_Rings", _State]:
-        """Equations on radii that end just outside the loaded region, and the state carried over to them."""
+        """Equations on radii that end just outside the loaded region, with the state interpolated to them."""
         pressure = self.pressure(state.depth)
         last = int(np.flatnonzero(pressure > 1e-14 * pressure.max())[-1])
         end = 1.02 * self.r[last + 1] if last + 1 < self.r.size else 1.5 * self.r[-1]
@@ -246,7 +244,7 @@ class _Rings:
         return finer, finer.at(np.interp(mesh, self.r, state.depth) - beyond, state.indentation)
 
     def step(self, state: _State) -> _State | None:
-        """One Newton step, halved until the errors fall; None if they do not."""
+        """One Newton step, halved until the errors decrease; None if they do not."""
         stiffness = self.stiffness(state.depth)
         jacobian = np.eye(self.r.size) + self.matrix * stiffness
         sides = np.column_stack([state.error, np.ones(self.r.size)])
@@ -254,7 +252,7 @@ class _Rings:
         loading = self.weights * stiffness
         rise = float((state.missing + loading @ back) / (loading @ sink))
         change, step, merit = rise * sink - back, 1.0, self.merit(state)
-        while step >= _SHORTEST_STEP:
+        while step >= _MIN_STEP_FRACTION:
             trial = self.at(state.depth + step * change, state.indentation + step * rise)
             if self.merit(trial) < (1 - 1e-4 * step) * merit:
                 return trial

@@ -1,11 +1,11 @@
 """Greenwood-Williamson: independent asperities of random height, under a flat or under a sphere.
 
-Where the other surface has sunk by ``x`` below the highest summits, ``eta = eta0 F_0(x)`` contacts a unit
-area bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.height_distributions`). Under a
-sphere each ring has its own depth ``x``.
+Where the other surface lies at a depth ``x`` below the highest summits, ``eta = eta0 F_0(x)`` contacts per
+unit area bear the pressure ``p = K sqrt(R) eta0 F_{3/2}(x)`` (`contactimg.models.height_distributions`).
+Under a sphere each ring has its own depth ``x``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class AsperityLayer:
-    """Nominally flat surface covered with asperities of one radius and random height.
+    """A nominally flat surface with asperities of equal radius and random height.
 
     Parameters
     ----------
@@ -121,19 +121,20 @@ class RingSolution:
     r : ndarray, m
         Radii of the rings.
     depth : ndarray, m
-        How far the sphere reaches below the highest summits, their sinking with the half-space included.
+        Depth of the sphere below the highest summits, which move with the half-space.
     pressure, density, mean_radius, area_fraction : ndarray
         Pa, 1/m^2, m, 1.
     indentation : float, m
-        From the law's reference height.
+        From the reference height of the distribution.
     load : float, N
     area : float, m^2
         Real contact area.
     displacement : ndarray, m
-        Of the half-space under the pressure; zero for ``"gw"``.
+        Displacement of the half-space by the pressure; zero for ``"gw"``.
     iterations : int
     residual : float
-        Largest ``|p - q|`` over the largest ``p``.
+        Largest error of a depth over the largest depth, or relative error of the load; 0 for ``"gw"``, a
+        closed form.
     """
 
     model: str
@@ -168,7 +169,7 @@ class RingSolution:
 
 
 def ring_weights(r: Values) -> Values:
-    """Weights with which values at the radii give ``int 2 pi r f dr`` exactly for piecewise linear ``f``."""
+    """Quadrature weights at the radii: ``int 2 pi r f dr``, exact for piecewise linear ``f``."""
     width = np.diff(r)
     weights = np.zeros_like(r)
     weights[:-1] += np.pi * width * (2 * r[:-1] + r[1:]) / 3
@@ -230,22 +231,14 @@ def solve_greenwood_williamson(
     r = end * np.linspace(0.0, 1.0, rings)
     area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
     depth = deepest - r**2 / (2 * indenter_radius)
-    return ring_solution("gw", layer, r, depth, load=load, area=area, displacement=np.zeros_like(r))
+    solution = ring_solution("gw", layer, r, depth, load=load, displacement=np.zeros_like(r))
+    return replace(solution, area=area)
 
 
 def ring_solution(
-    model: str,
-    layer: AsperityLayer,
-    r: Values,
-    depth: Values,
-    *,
-    load: float,
-    area: float,
-    displacement: Values,
-    iterations: int = 0,
-    residual: float = 0.0,
+    model: str, layer: AsperityLayer, r: Values, depth: Values, *, load: float, displacement: Values
 ) -> RingSolution:
-    """Averages on the rings from their depths; the indentation is the sphere's below the reference."""
+    """Averages on the rings from their depths, with the area by quadrature over the rings."""
     return RingSolution(
         model=model,
         r=r,
@@ -256,15 +249,15 @@ def ring_solution(
         area_fraction=layer.area_fraction(depth),
         indentation=float(depth[0] + displacement[0]) - (layer.heights.top - layer.heights.reference),
         load=load,
-        area=area,
+        area=float(ring_weights(r) @ layer.area_fraction(depth)),
         displacement=displacement,
-        iterations=iterations,
-        residual=residual,
+        iterations=0,
+        residual=0.0,
     )
 
 
 def check_rings(indenter_radius: float, load: float, rings: int) -> None:
-    """Refuse arguments that make no rings."""
+    """Refuse arguments for which there is no ring solution."""
     if not (np.isfinite(indenter_radius) and indenter_radius > 0):
         raise InputError(f"indenter_radius must be positive and finite, got {indenter_radius!r} m")
     if not (np.isfinite(load) and load > 0):

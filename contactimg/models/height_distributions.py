@@ -1,9 +1,9 @@
-"""Height laws of the statistical models: how many summits rise above a level, and how far.
+"""Height distributions of the statistical models: how many summits rise above a level, and how far.
 
-A law gives ``F_n(x) = int (z - top + x)^n psi(z) dz`` over the summits higher than ``top - x``, with the
-density of heights ``psi`` (integral one): at a depth ``x`` below the top, the number of summits (``n = 0``)
-and what they add to contact radius, area and force (1/2, 1, 3/2). ``dF_n/dx = n F_{n-1}`` ties them
-together. Depths count from the top, so that a slight touch of a rough surface loses no digits.
+Each gives the moments ``F_n(x) = int (z - top + x)^n psi(z) dz`` over the summits higher than ``top - x``,
+with ``psi`` the density of heights (integral one). At a depth ``x`` below the top, ``n = 0`` gives the
+fraction of summits in contact and ``n = 1/2, 1, 3/2`` their contact radius, area and force; ``dF_n/dx = n
+F_{n-1}``. Depths count from the top, so that a slight touch of a rough surface loses no digits.
 """
 
 import math
@@ -28,7 +28,7 @@ class HeightLaw(Protocol):
 
     @property
     def top(self) -> float:
-        """Height from which depths count: that of the highest summit, or one hardly ever exceeded, m."""
+        """Height from which depths count, m: the highest summit, or a height practically never exceeded."""
 
     @property
     def width(self) -> float:
@@ -141,7 +141,7 @@ class GaussianHeights:
 
 @dataclass(frozen=True, eq=False)
 class SampleHeights:
-    """The heights of given asperities; an indentation counts from the highest.
+    """Heights of given asperities; an indentation counts from the highest.
 
     Parameters
     ----------

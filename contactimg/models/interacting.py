@@ -6,7 +6,8 @@ Solved without dimensions (`contactimg.models.scaled_problem`) by Newton's metho
 others did not lower the surface.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from typing import TypedDict, Unpack
 
 import numpy as np
 import pandas as pd
@@ -15,10 +16,22 @@ from contactimg.errors import InputError
 from contactimg.models.asperity_laws import LAWS, asperity_law
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
-from contactimg.models.scaled_problem import ContactConditions, scale_problem
+from contactimg.models.scaled_problem import ContactConditions, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
+
+
+class InteractingOptions(TypedDict, total=False):
+    """Keywords of `solve_interacting` that hold for every load of a series."""
+
+    apex: tuple[float, float]
+    coupling: str
+    law: str
+    thickness: float
+    method: str
+    tolerance: float
+    max_iterations: int
 
 
 def solve_interacting(
@@ -52,21 +65,22 @@ def solve_interacting(
     apex : (float, float), m
         Where the lens's apex stands.
     coupling : {"none", "asymptotic", "hertz", "full"}
-        ``"none"``: independent contacts. ``"asymptotic"``: a contact lowers the others by ``p/(pi E* r)``.
-        ``"full"``: by Hertz's displacement, whose slope shifts them and whose curvature changes their radius:
-        the accurate level. ``"hertz"``: by Hertz's displacement alone, the model's original form.
+        Displacement of a contact by its neighbours. ``"none"``: zero, independent contacts.
+        ``"asymptotic"``: that of a point force, ``p/(pi E* r)``. ``"full"``, the accurate level: that of
+        Hertz's pressure, with the shift of the contact by its slope and the change of the effective radius by
+        its curvature. ``"hertz"``: that of Hertz's pressure alone, the original form of the model.
     law : {"hertz", "sphere"}
-        Law of one contact: the paraboloid's, or the sphere's with its exact profile (Sneddon).
+        Profile of one asperity: a paraboloid, or the exact sphere (Sneddon).
     thickness : float, m
         Of a layer bonded to a rigid support (Poisson's ratio 1/2); infinite for a half-space.
     start : InteractingSolution, optional
-        A neighbouring solution of the same table to start from.
+        A solution of the same table at a similar load, to start from.
     method : {"auto", "dense", "fast"}
-        A stored matrix, or sums by non-uniform FFT; by default whichever is faster for the candidates.
+        A stored matrix, or sums by non-uniform FFT; ``"auto"`` takes the faster one.
     tolerance : float
-        On the residual, the sum of ``|p - q|`` over the load.
+        Largest accepted residual, the sum of ``|p - q|`` over the load.
     max_iterations : int
-        Newton steps before giving up.
+        Most Newton steps.
 
     Returns
     -------
@@ -102,7 +116,9 @@ def solve_interacting(
     >>> round(float(solution.radius[0]) * 1e6, 9)
     30.0
     """
-    _check_choices(coupling=(coupling, COUPLINGS), law=(law, LAWS), method=(method, METHODS))
+    check_choice("coupling", coupling, COUPLINGS)
+    check_choice("law", law, LAWS)
+    check_choice("method", method, METHODS)
     if load is not None and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
     setting = ContactConditions(
@@ -148,9 +164,9 @@ def solve_loads(
     loads: Iterable[float],
     indenter_radius: float,
     contact_modulus: float,
-    **options: object,
+    **options: Unpack[InteractingOptions],
 ) -> Iterator[InteractingSolution]:
-    """One solution a load, each started from the one before.
+    """Solve at several loads, each solution started from the previous one.
 
     Parameters
     ----------
@@ -159,7 +175,7 @@ def solve_loads(
     indenter_radius : float, m
     contact_modulus : float, Pa
     **options
-        Further keywords of `solve_interacting`.
+        Further keywords of `solve_interacting`: those of `InteractingOptions`.
 
     Yields
     ------
@@ -182,14 +198,7 @@ def solve_loads(
             contact_modulus=contact_modulus,
             load=load,
             start=previous,
-            **options,  # type: ignore[arg-type]
+            **options,
         )
         previous = solution if solution.load > 0 else None
         yield solution
-
-
-def _check_choices(**choices: tuple[str, Collection[str]]) -> None:
-    """Refuse a value that is not among its choices."""
-    for name, (value, allowed) in choices.items():
-        if value not in allowed:
-            raise InputError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")

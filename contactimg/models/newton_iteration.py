@@ -1,11 +1,11 @@
 """Newton's method for many unilateral contacts, load and indentation solved together (dimensionless).
 
-Unknowns are the forces ``q`` on the candidates and the indentation ``D``. They fix the penetrations
-``delta = D - g - C q`` exactly, and the equations are ``q = p(delta)`` and ``sum q = P``. As ``p`` is
-continuously differentiable, with ``p = 0`` out of contact, the active set needs no rule of its own: it is
-``{delta > 0}``, and the mismatch ``|p(delta) - q|`` is a merit function that every Newton direction lowers.
-The Newton system is symmetric: ``(W^{-1} + C) dq = W^{-1}(p - q) + dD`` on the active rows with the
-stiffnesses ``W = 2 a``, and ``dq = -q`` elsewhere.
+The unknowns are the forces ``q`` on the candidates and the indentation ``D``. The penetrations are
+``delta = D - g - C q``; the equations are ``q = p(delta)`` and ``sum q = P``. Since ``p`` is continuously
+differentiable and zero out of contact, the active set is simply ``{delta > 0}``, and every Newton direction
+lowers the mismatch ``|p(delta) - q|``, which serves as merit function. The Newton system is symmetric:
+``(W^{-1} + C) dq = W^{-1}(p - q) + dD`` on the active rows with the stiffnesses ``W = 2 a``, and ``dq = -q``
+elsewhere.
 """
 
 from dataclasses import dataclass
@@ -18,10 +18,12 @@ from contactimg.models.coupling import Coupling, NotPositiveDefinite
 
 Values = NDArray[np.float64]
 
-SHORTEST_STEP = 2.0**-12
+MIN_STEP_FRACTION = 2.0**-12
+"""Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
-DAMPINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
-"""Softenings of the contacts tried in turn when the Newton matrix is indefinite or no step helps."""
+SOFTENINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
+"""Relative softenings of the contacts, tried in turn while the Newton matrix is indefinite or no step lowers
+the mismatch. Chosen by hand; sensitivity not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class ContactSystem:
     Parameters
     ----------
     gap : ndarray
-        ``g``: how far each summit lies below the highest.
+        ``g``: depth of each summit below the highest.
     radius : ndarray
         Composite radii of curvature.
     law : AsperityLaw
@@ -89,7 +91,7 @@ class Iterate:
 def evaluate_iterate(
     system: ContactSystem, force: Values, indentation: float, displacement: Values
 ) -> Iterate:
-    """The state of given forces and indentation."""
+    """Evaluate penetrations, forces and residual for given forces and indentation."""
     carried, contact_radius = system.response(indentation - system.gap - displacement)
     load = system.load if system.load is not None else float(carried.sum())
     difference = float(np.abs(carried - force).sum())
@@ -98,14 +100,14 @@ def evaluate_iterate(
 
 
 def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess: float = np.inf) -> float:
-    """Indentation at which independent contacts under gaps ``g + offset`` bear a load, by Newton.
+    """Find the indentation at which independent contacts under the gaps ``g + offset`` bear a load.
 
-    The load is a convex, increasing function of the indentation, so from above Newton descends to the root,
-    and from below it first steps above. ``guess`` is an indentation to start from.
+    The load is a convex, increasing function of the indentation: Newton's method started above the root
+    descends to it, and started below first steps above. ``guess`` is an indentation to start from.
     """
     gap = system.gap + offset
     lowest = float(gap.min())
-    depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # Hertz's, alone
+    depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # of that asperity alone
     while _bearing(system, lowest + depth - gap)[0] < load:
         depth *= 2
     if 0.01 * depth < guess - lowest < depth:
@@ -127,11 +129,11 @@ def _bearing(system: ContactSystem, penetration: Values) -> tuple[float, float]:
 
 
 def initial_iterate(system: ContactSystem, force: Values, indentation: float) -> Iterate:
-    """A mean-field start from forces that neglect the coupling, or from those of a neighbouring solution.
+    """First iterate from uncoupled forces, or from the forces of a solution at a similar load.
 
-    At prescribed load the displacement by these forces is taken as given and the indentation found that
-    bears the load; at prescribed indentation they are scaled until they bear their own sum. The forces are
-    then averaged with those they call for.
+    At prescribed load the displacement by these forces is kept fixed and the indentation adjusted to bear the
+    load. At prescribed indentation the forces are scaled until they agree with the penetrations in their sum.
+    The start is the mean of these forces and those that follow from the resulting penetrations.
     """
     displacement = system.coupling.displacement(force)
     if system.load is None:
@@ -152,7 +154,7 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
 def _self_consistent_factor(
     system: ContactSystem, force: Values, displacement: Values, indentation: float
 ) -> float:
-    """Factor on forces and their displacement at which the contacts bear the sum, by bisection."""
+    """Factor by which to scale the forces so that their sum agrees with the penetrations, by bisection."""
     low, high, total = 0.0, 1.0, float(force.sum())
     for _ in range(30):
         middle = 0.5 * (low + high)
@@ -162,15 +164,15 @@ def _self_consistent_factor(
 
 
 def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate | None:
-    """One Newton step, shortened where the full one does not lower the mismatch; None if no step does.
+    """One Newton step, shortened until it lowers the mismatch; None if no step does.
 
-    The linear system is solved no better than the residual ``tolerance`` that is wanted in the end calls for.
+    ``tolerance`` is the final residual wanted: the linear system is solved only as accurately as it requires.
     """
     if not at.contact_radius.any():
         return None
-    for damping in DAMPINGS:
+    for softening in SOFTENINGS:
         try:
-            change, rise = _direction(system, at, damping, tolerance)
+            change, rise = _direction(system, at, softening, tolerance)
         except NotPositiveDefinite:
             continue
         following = _search_line(system, at, change, rise)
@@ -179,18 +181,19 @@ def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate |
     return None
 
 
-def _direction(system: ContactSystem, at: Iterate, damping: float, tolerance: float) -> tuple[Values, float]:
-    """Newton's change of forces and of indentation, with contacts softened by ``1/(1 + damping)``."""
+def _direction(
+    system: ContactSystem, at: Iterate, softening: float, tolerance: float
+) -> tuple[Values, float]:
+    """Newton's change of forces and of indentation, with contacts softened by ``1/(1 + softening)``."""
     active = np.flatnonzero(at.contact_radius > 0)
     change = -at.force
-    scale = np.sqrt(2 * at.contact_radius[active] / (1 + damping))
+    scale = np.sqrt(2 * at.contact_radius[active] / (1 + softening))
     right = (at.carried - at.force)[active] / scale
     leaving = change.copy()
     leaving[active] = 0.0
     if leaving.any():
         right -= scale * system.coupling.displacement_at(active, leaving)
-    # an inexact solution is exact enough if its error stays below that of the linearisation, or below what
-    # the next residual may be
+    # the error of the linear solution may be as large as that of the linearisation, or as the residual wanted
     accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.1 * tolerance / at.residual))
     solution = system.coupling.solve_newton_system(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
@@ -202,10 +205,10 @@ def _direction(system: ContactSystem, at: Iterate, damping: float, tolerance: fl
 
 
 def _search_line(system: ContactSystem, at: Iterate, change: Values, rise: float) -> Iterate | None:
-    """Halve the step until the mismatch falls; None if it never does."""
+    """Halve the step until the mismatch decreases; None if it does not."""
     response = system.coupling.displacement(change)
     step, mismatch = 1.0, at.mismatch
-    while step >= SHORTEST_STEP:
+    while step >= MIN_STEP_FRACTION:
         trial = evaluate_iterate(
             system,
             at.force + step * change,

@@ -1,5 +1,6 @@
-"""From an asperity table to a contact problem without dimensions, and back to a solution with them."""
+"""Remove the dimensions from a contact problem, and restore them in its solution."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +14,14 @@ from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-LEAST_LOAD = 1e-100
-"""Load, N, below which powers of its indentation leave the range of numbers."""
+MIN_LOAD_N = 1e-100
+"""Least load. Theory: the indentation goes as P^(2/3) and its powers must stay above 1e-308, the least
+float."""
 
 
 @dataclass(frozen=True)
 class ContactConditions:
-    """What surrounds the asperities and what is prescribed; SI.
+    """Indenter, elastic body and prescribed load or indentation, in SI units.
 
     Parameters
     ----------
@@ -40,7 +42,7 @@ class ContactConditions:
     indentation: float | None
 
     def check(self) -> None:
-        """Refuse what makes no problem."""
+        """Refuse values that define no contact problem."""
         if not (np.isfinite(self.contact_modulus) and self.contact_modulus > 0):
             raise InputError(f"contact_modulus must be a positive modulus, got {self.contact_modulus!r} Pa")
         if not self.thickness > 0:
@@ -53,25 +55,25 @@ class ContactConditions:
         for name, value in (("load", self.load), ("indentation", self.indentation)):
             if value is not None and not np.isfinite(value):
                 raise InputError(f"{name} must be finite, got {value!r}")
-        if self.load and abs(self.load) < LEAST_LOAD:
-            raise InputError(f"load must be 0 or above {LEAST_LOAD:g} N, got {self.load!r} N")
+        if self.load and abs(self.load) < MIN_LOAD_N:
+            raise InputError(f"load must be 0 or above {MIN_LOAD_N:g} N, got {self.load!r} N")
 
 
 @dataclass(frozen=True, eq=False)
 class ScaledProblem:
-    """Asperities without dimensions, from the highest down.
+    """Dimensionless asperities in order of height, the highest first.
 
-    Lengths along the surface are in units of ``length``, heights of ``depth``, forces of
-    ``E* length depth``, with ``length^2 = R depth`` for the highest asperity's ``R``, so that a paraboloid
-    keeps its equation.
+    The units are ``length`` along the surface, ``depth`` for heights and ``E* length depth`` for forces. With
+    ``length^2 = R depth``, ``R`` the radius of the highest asperity, a paraboloid keeps its equation.
 
     Parameters
     ----------
     x, y, gap, radius : ndarray
-        Composite apexes; ``gap`` counts down from the highest.
+        Composite apexes; ``gap`` is the depth below the highest apex.
     load : float or None
+        None if the indentation is prescribed.
     indentation : float
-        The prescribed one, or an estimate.
+        The prescribed indentation; 0 if the load is prescribed.
     order : ndarray
         Rows of the asperities in the table.
     length, depth, force_unit : float
@@ -96,7 +98,7 @@ class ScaledProblem:
 
     @property
     def touches(self) -> bool:
-        """Whether anything is prescribed that brings asperities into contact."""
+        """Whether the prescribed load or indentation brings any asperity into contact."""
         if self.load:
             if not self.order.size:
                 raise InputError("the asperity table is empty: nothing can bear the load")
@@ -119,12 +121,18 @@ class ScaledProblem:
         )
 
     def part(self, rows: NDArray[np.bool_] | slice) -> "ScaledProblem":
-        """The same problem with some of its asperities."""
-        names = ("x", "y", "gap", "radius", "order")
-        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+        """The same problem with a selection of its asperities."""
+        return replace(
+            self,
+            x=self.x[rows],
+            y=self.y[rows],
+            gap=self.gap[rows],
+            radius=self.radius[rows],
+            order=self.order[rows],
+        )
 
     def duplicates(self) -> tuple[int, int] | None:
-        """Rows in the table of two asperities that stand in the same place."""
+        """Rows in the table of two asperities at the same place; None if there are none."""
         x, y = self.x, self.y
         if not np.any(np.diff(np.sort(x)) == 0):
             return None
@@ -136,7 +144,7 @@ class ScaledProblem:
         return first, second
 
     def scattered(self, values: Values, *, fill: float = 0.0) -> Values:
-        """Values in the order of the table; filled for the asperities that the problem has not."""
+        """Values in the order of the table, with ``fill`` for asperities that are not part of the problem."""
         result = np.full(self.height.size, fill)
         result[self.order] = values
         return result
@@ -158,13 +166,19 @@ class ScaledProblem:
         )
 
 
+def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
+    """Refuse a value that is not among the allowed ones."""
+    if value not in allowed:
+        raise InputError(f"{name} must be one of {', '.join(map(repr, allowed))}, got {value!r}")
+
+
 @stage("candidates")
 def scale_problem(
     asperities: pd.DataFrame, setting: ContactConditions, *, depth: float | None = None
 ) -> ScaledProblem:
-    """Scale a table by its highest asperity, ``depth`` being the unit of height (m).
+    """Make a table of asperities dimensionless; ``depth`` is the unit of height (m).
 
-    Without ``depth`` the unit is the prescribed indentation, or the one at which the highest asperity alone
+    The default unit is the prescribed indentation, or the indentation at which the highest asperity alone
     would bear the prescribed load.
     """
     setting.check()
@@ -193,7 +207,7 @@ def scale_problem(
 
 
 def _natural_depth(setting: ContactConditions, highest: float) -> float:
-    """Penetration scale of a load or an indentation; zero if neither is positive."""
+    """Unit of height for a load or an indentation, m; zero if neither is positive."""
     if setting.load is None:
         return max(float(setting.indentation or 0.0), 0.0)
     return float(max(0.75 * setting.load / setting.contact_modulus / np.sqrt(highest), 0.0) ** (2 / 3))

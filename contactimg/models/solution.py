@@ -1,4 +1,4 @@
-"""The record that a solved contact problem of single asperities is, and its table of contacts."""
+"""The record of a solved contact problem of single asperities, and its table of contacts."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,22 +30,23 @@ class InteractingSolution:
     height : ndarray, shape (n,), m
         Height of the summit above the plane it stands on.
     penetration : ndarray, shape (n,), m
-        ``delta``: indentation of each asperity, negative: the gap that remains; -inf for an asperity so far
-        from contact that it was no candidate.
+        ``delta``: indentation of each asperity; where it is negative, the gap that remains; -inf for an
+        asperity too far from contact to be a candidate.
     indentation : float, m
         ``D`` from first touch.
     load : float, N
         Sum of the forces.
     coupling : str
-        Level of coupling.
+        Level of elastic coupling.
     thickness : float, m
-        Of the layer; infinite for a half-space.
+        Thickness of the layer; infinite for a half-space.
     status : str
         ``"converged"``.
     iterations : int
         Newton steps.
     residual : float
-        Sum of ``|p - q|`` over the load, ``q`` the forces and ``p`` those that the penetrations call for.
+        Sum of ``|p - q|`` over the load, with ``q`` the forces and ``p`` those that follow from the
+        penetrations.
     """
 
     force: Values

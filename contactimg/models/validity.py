@@ -1,8 +1,8 @@
-"""Where a solution leaves the ground the models stand on: flags on the contacts and a summary.
+"""How far a solution is from the limits of the contact models: flags on contacts and a summary.
 
-Measured against the assumptions: small strain at a contact (``a/R``), contacts apart from each other, caps
-not pressed down to the plane they stand on, spacing wide against the contacts (``L/a``), a layer thick
-against the loaded region. Beyond a certain overlap the equations have several solutions; that is an error.
+The models assume small strain in each contact (``a/R``), contacts that do not overlap, an indenter above the
+plane between the asperities, a spacing wide against the contacts (``L/a``) and a layer thick against the
+loaded region. Beyond a certain overlap the equations have several solutions, which is an error.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ HERTZ_LIMIT = 0.33
 
 @dataclass(frozen=True)
 class Validity:
-    """How far a solution is from the limits of its model; nan where there is nothing to measure.
+    """Summary of a solution against the limits of its model; NaN without contacts.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Validity:
         Least distance between the indenter and the plane the touched caps stand on, at their summits
         (height minus penetration); below zero the planes touch, outside every asperity model.
     thickness_ratio : float
-        Radius of the loaded region over the layer's thickness; 0 for a half-space.
+        Radius of the loaded region over the thickness of the layer; 0 for a half-space.
     """
 
     n_contacts: int
@@ -58,22 +58,22 @@ class Validity:
 
     def messages(self) -> list[str]:
         """One sentence for each assumption that does not hold."""
-        found = []
+        sentences = []
         if self.n_beyond_hertz:
-            found.append(
+            sentences.append(
                 f"{self.n_beyond_hertz} of {self.n_contacts} contacts have a/R above {HERTZ_LIMIT} "
                 f"(largest {self.max_strain:.2f}): beyond Hertz's law"
             )
         if self.n_overlapping:
-            found.append(
+            sentences.append(
                 f"{self.n_overlapping} of {self.n_contacts} contacts overlap a neighbour: they would merge"
             )
         if self.planes_touch:
-            found.append(
+            sentences.append(
                 f"the indenter lies {-self.base_gap * 1e6:.3g} um below the plane between the asperities: "
                 "the planes touch, outside every asperity model"
             )
-        return found
+        return sentences
 
 
 def close_pairs(x: Values, y: Values, reach: Values) -> Pairs:
@@ -95,9 +95,9 @@ def close_pairs(x: Values, y: Values, reach: Values) -> Pairs:
         near = distance <= reach[i]
         return i[near], j[near], distance[near]
     candidates = np.flatnonzero(reach > 0)
-    found = tree.query_ball_point(points[candidates], reach[candidates])
-    i = np.repeat(candidates, [len(rows) for rows in found])
-    j = np.fromiter((row for rows in found for row in rows), dtype=np.intp, count=i.size)
+    neighbours = tree.query_ball_point(points[candidates], reach[candidates])
+    i = np.repeat(candidates, [len(rows) for rows in neighbours])
+    j = np.fromiter((row for rows in neighbours for row in rows), dtype=np.intp, count=i.size)
     keep = (reach[j] < reach[i]) | ((reach[j] == reach[i]) & (j < i))
     i, j = i[keep], j[keep]
     return i, j, np.hypot(x[i] - x[j], y[i] - y[j])
@@ -106,12 +106,12 @@ def close_pairs(x: Values, y: Values, reach: Values) -> Pairs:
 def unstable_pair(
     pairs: Pairs, contact_radius: Values, penetration: Values, force: Values
 ) -> tuple[int, int] | None:
-    """Two candidates so close that the solution is not the only one, by point forces; None if there are none.
+    """Two candidates so close that the solution with point forces is not unique; None if there are none.
 
-    Two contacts ``i, j`` are in unstable equilibrium where ``2 sqrt(a_i a_j) >= pi r``. A candidate that its
-    neighbour keeps out of contact could keep the neighbour out instead if its displacement, from its
-    penetration without the neighbour, reached the neighbour's penetration. Dimensionless (``E* = 1``), from
-    the pairs no further apart than the larger contact's diameter.
+    Two contacts ``i, j`` are in unstable equilibrium where ``2 sqrt(a_i a_j) >= pi r``. If contact ``i``
+    keeps candidate ``j`` out of contact, the opposite is a second solution when ``j``, pressed in by its
+    penetration without ``i``, would displace the surface at ``i`` by at least the penetration of ``i``.
+    Dimensionless (``E* = 1``); ``pairs`` are those no further apart than the diameter of the larger contact.
     """
     i, j, distance = pairs
     if not i.size:
@@ -150,7 +150,7 @@ def assess(
     base_gap: Values,
     thickness: float,
 ) -> Validity:
-    """Summary over the contacts (arrays over contacts alone, m)."""
+    """Summarise a solution from arrays over its contacts, in m."""
     count = contact_radius.size
     strain = contact_radius / radius
     extent = float(np.hypot(x - x.mean(), y - y.mean()).max()) if count else 0.0

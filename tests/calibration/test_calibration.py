@@ -242,5 +242,5 @@ def test_no_plateau_of_small_contacts_is_said():
     t = np.linspace(0.05, 0.95, 37)
     found = find_plateau(t, (3.0 - 1.5 * stats.norm.ppf(t)).clip(0) ** 2)
     assert not found.marginal
-    with pytest.raises(InputError, match="no contact area"):
+    with pytest.raises(InputError, match="needs contact area"):
         find_plateau(t, np.zeros(37))

@@ -86,7 +86,7 @@ def test_contacts_that_the_screening_missed_come_back(monkeypatch):
     dense = solve_interacting(table, method="dense", **where)
     # the uncoupled forces, which lower the surface too much, are taken for the rough solution
     monkeypatch.setattr(contact_solver, "coarse_grid_start", lambda *posed: posed[3:])
-    monkeypatch.setattr(contact_solver, "ROUGH", np.inf)
+    monkeypatch.setattr(contact_solver, "SCREENING_RESIDUAL", np.inf)
     sizes = []
     converge = contact_solver.ContactSolver._converge
 

@@ -84,7 +84,7 @@ def test_ties_on_lattices(coupling, hexagonal):
 
 @pytest.mark.parametrize("coupling", COUPLINGS[1:])
 def test_duplicates_and_engulfed_asperities_are_named(coupling):
-    with pytest.raises(ModelRangeError, match="rows 1 and 2 stand in the same place"):
+    with pytest.raises(ModelRangeError, match="rows 1 and 2 are at the same place"):
         solve_interacting(caps([1e-3, 0, 0]), load=1e-3, coupling=coupling, **FLAT)
     for r in (1e-12, 1e-9, 1e-6, 1e-5):
         for height in (4e-5, [4e-5, 3.9e-5]):
