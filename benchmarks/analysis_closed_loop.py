@@ -26,8 +26,8 @@ from contactimg.analysis.friction import fit_shear_stress
 from contactimg.analysis.topography import describe_topography
 from contactimg.cli import main as contactimg
 from contactimg.models.interacting import solve_loads
+from contactimg.pipeline.analyse.analysis import Analysis, AnalysisOptions, analyse_places
 from contactimg.pipeline.analyse.places import open_place
-from contactimg.pipeline.analyse.places_together import Analysis, AnalysisOptions, analyse_places
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.surfaces import generate_asperities

@@ -17,11 +17,11 @@ from pattern_scene import pattern_scene
 
 from contactimg.files import list_frames, read_scene, write_frame, write_scene
 from contactimg.frame import Frame
-from contactimg.matching import pair_points
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.overlay import compare_run
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation
+from contactimg.pose.pairs import pair_points
 
 LOADS_N = [0.02, 0.2, 0.5]
 RENDERED = {

@@ -7,7 +7,7 @@ from imaging_figures import OTHERS, OURS, save
 from imaging_scores import ROOT, markdown, put_table
 
 from contactimg.imaging.measure import measure_image
-from contactimg.matching import pair_points
+from contactimg.pose.pairs import pair_points
 
 DATA = ROOT / "tests" / "data"
 NEAR = 14.0  # px: half the radius of the smallest bead

@@ -16,8 +16,8 @@ from pattern_scene import PIXEL, pattern_scene
 
 from contactimg.files import read_scene
 from contactimg.forces import assign_forces, total_area, total_force
+from contactimg.pipeline.frame import measure_frame
 from contactimg.pipeline.inputs import contact_sites, need_asperities
-from contactimg.pipeline.measure import measure_frame
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.prediction import predict_contacts

@@ -15,10 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz, sphere
 from contactimg.models.validity import HERTZ_LIMIT
-from contactimg.tables import Flag
+from contactimg.scene import Scene
+from contactimg.tables import FRAMES, Flag
 
 ForceLaw = Literal["hertz", "sphere"]
 """Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
+
+HERTZ_EXPONENT = 3.0
+"""Theory: p ~ a^3 (Hertz)."""
+
+ADHESION_EXPONENT = 1.5
+"""Theory: adhesion takes sqrt(8 pi w E* a^3) ~ a^(3/2) from the force (JKR)."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +103,7 @@ def assign_forces(
     else:
         pressed[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
-    slope = exponent * pressed - 1.5 * pulled
+    slope = exponent * pressed - ADHESION_EXPONENT * pulled
     beyond = np.zeros(a.shape, bool)
     finite = np.isfinite(a) & np.isfinite(R)
     beyond[finite] = a[finite] > HERTZ_LIMIT * R[finite]
@@ -156,7 +163,7 @@ def force_exponents(
     if law not in ("hertz", "sphere"):
         raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
     a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
-    exponent = np.where(np.isfinite(a) & np.isfinite(R), 3.0, np.nan)
+    exponent = np.where(np.isfinite(a) & np.isfinite(R), HERTZ_EXPONENT, np.nan)
     if law == "sphere":
         ratio = np.where(np.isfinite(exponent), a, 0.0) / np.where(np.isfinite(exponent), R, 1.0)
         inside = (ratio > 0) & (ratio < 1)
@@ -195,7 +202,7 @@ def total_area(
 def total_force(
     contacts: pd.DataFrame,
     *,
-    exponent: ArrayLike = 3.0,
+    exponent: ArrayLike = HERTZ_EXPONENT,
     unseen_radius: float = 0.0,
     modulus_relative_std: float = 0.0,
     length_relative_std: float = 0.0,
@@ -251,3 +258,116 @@ def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
     columns = [name for name in ("contrast_shift_px", "blur_shift_px") if name in contacts]
     shift = contacts[columns].to_numpy(float) / contacts[["radius_px"] * len(columns)].to_numpy(float)
     return np.nan_to_num(shift, nan=0.0)
+
+
+@dataclass(frozen=True)
+class LengthScale:
+    """Length of a pixel and how well it is known.
+
+    Parameters
+    ----------
+    pixel_size : float, m
+    relative_std : float
+        Relative standard uncertainty of the pixel size.
+    """
+
+    pixel_size: float
+    relative_std: float
+
+
+def fill_forces(
+    scene: Scene,
+    contacts: pd.DataFrame,
+    frames: pd.DataFrame,
+    sites: pd.DataFrame | None,
+    scale: LengthScale,
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Fill the local forces of a run, and area and force sum of each frame.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``[effects] sphere_profile = "on"`` the sphere's exact law replaces Hertz's; with
+        ``adhesion = "on"`` contacts adhere. Without ``[elastic]`` there are no forces.
+    contacts, frames : DataFrame
+        The tables of a run; a frame without a number of contacts was not measured and gets no sums.
+    sites : DataFrame or None
+        Composite summits of the asperities.
+    scale : LengthScale
+
+    Returns
+    -------
+    contacts, frames : DataFrame
+
+    Notes
+    -----
+    The uncertainties of the sums allow for one contact that is just too small to be detected.
+    """
+    relative, exponent = 0.0, np.full(len(contacts), HERTZ_EXPONENT)
+    if scene.elastic is not None:
+        relative = scene.elastic.young_modulus_std / scene.elastic.young_modulus
+        contacts, exponent = _with_local_forces(scene, contacts, sites, relative)
+    groups = contacts.groupby("frame").indices
+    rows = []
+    for row in frames.to_dict("records"):
+        if pd.notna(row["n_contacts"]):
+            which = groups.get(row["frame"], np.empty(0, np.intp))
+            part = contacts.iloc[which]
+            # without a contact, an area of zero is known no better than the smallest contact that would show
+            show_limit = row["smallest_px"] > 0 or not len(part)
+            unseen = row["smallest_px"] * scale.pixel_size if show_limit else 0.0
+            area = total_area(part, unseen_radius=unseen, length_relative_std=scale.relative_std)
+            row |= {"area_m2": area.value, "area_std_m2": area.std}
+            if scene.elastic is not None:
+                force = total_force(
+                    part,
+                    exponent=exponent[which],
+                    unseen_radius=unseen,
+                    modulus_relative_std=relative,
+                    length_relative_std=scale.relative_std,
+                )
+                row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
+        rows.append(row)
+    return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
+
+
+def _with_local_forces(
+    scene: Scene, contacts: pd.DataFrame, sites: pd.DataFrame | None, modulus_relative_std: float
+) -> tuple[pd.DataFrame, NDArray[np.float64]]:
+    """The contacts with their forces, and the exponent d ln p/d ln a of each force."""
+    elastic = scene.need("elastic", "local forces")
+    law: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    work = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
+    radii = _sphere_radii(contacts, scene, sites)
+    contacts = assign_forces(
+        contacts,
+        radii,
+        contact_modulus=elastic.contact_modulus,
+        modulus_relative_std=modulus_relative_std,
+        law=law,
+        work_of_adhesion=work,
+    )
+    pulled = adhesive_pull(
+        contacts["radius_m"], contact_modulus=elastic.contact_modulus, work_of_adhesion=work
+    )
+    share = pulled / contacts["force_N"].to_numpy(float)
+    pressed_exponent = force_exponents(contacts["radius_m"], radii, law=law)
+    return contacts, pressed_exponent * (1 + share) - ADHESION_EXPONENT * share
+
+
+def _sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
+    """Composite radius of each contact's asperity, or the one radius common to all, or NaN."""
+    radii = np.full(len(contacts), common_radius(scene, sites))
+    if sites is not None:
+        matched = contacts["asperity"].notna().to_numpy()
+        radii[matched] = sites["radius_m"].to_numpy(float)[contacts["asperity"][matched].to_numpy(int)]
+    return radii
+
+
+def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
+    """Composite radius (m) that holds for contacts without an asperity of their own; NaN if radii differ."""
+    if scene.asperities is not None and scene.asperities.radius is not None:
+        curvature = 1 / scene.asperities.radius
+        return 1 / (curvature + (1 / scene.indenter.radius if scene.indenter is not None else 0.0))
+    radii = sites["radius_m"].to_numpy(float) if sites is not None else np.empty(0)
+    return float(radii.mean()) if len(radii) and np.ptp(radii) <= 1e-6 * radii.max() else np.nan

@@ -31,6 +31,9 @@ Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
 PURPOSE = "a contact model"
 
+MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
+"""Name of a model in the tables -> its level of coupling."""
+
 FEW = 10.0
 """Contacts below which an average over random patterns says little of a single one."""
 

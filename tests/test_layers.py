@@ -53,6 +53,21 @@ INNER_ROOMS = {
         "status",
         "measure",
     ],
+    "pipeline": [
+        "inputs",
+        "parallel",
+        "effects",
+        "frame",
+        "run",
+        "series",
+        "pictures",
+        "calibrate",
+        "predict",
+        "simulate",
+        "overlay",
+        "analyse",
+        "tradeoff",
+    ],
 }
 
 

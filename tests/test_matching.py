@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from contactimg.errors import InputError
-from contactimg.matching import PoseSearch, fit_pose, match_contacts, pair_points
+from contactimg.matching import match_contacts
 from contactimg.pose import Pose
+from contactimg.pose.fit import PoseSearch, fit_pose
+from contactimg.pose.pairs import pair_points
 from contactimg.tables import CONTACTS
 
 SHAPE = (1200, 1600)

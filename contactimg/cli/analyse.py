@@ -14,8 +14,8 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     import pandas as pd
 
+    from contactimg.pipeline.analyse.analysis import AnalysisOptions
     from contactimg.pipeline.analyse.places import Place
-    from contactimg.pipeline.analyse.places_together import AnalysisOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,8 +165,8 @@ def analyse(
     """
     with stage("loading"):
         from contactimg.files import OutputFolder, provenance, read_topography
-        from contactimg.pipeline.analyse.files import write_results
         from contactimg.pipeline.analyse.places import open_place, read_centre
+        from contactimg.pipeline.analyse.write import write_results
 
     if not runs and topography is None:
         raise click.UsageError("Missing argument 'RUN': give the output folder of `contactimg process`.")
@@ -203,9 +203,10 @@ def _write_analysis(
     """Analyse the places and the topography, write tables and figures; return the results and the notes."""
     import pandas as pd
 
-    from contactimg.pipeline.analyse.files import write_analysis, write_topography
-    from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS, count_solutions
-    from contactimg.pipeline.analyse.places_together import analyse_places
+    from contactimg.pipeline.analyse.analysis import analyse_places
+    from contactimg.pipeline.analyse.predicted_places import count_solutions
+    from contactimg.pipeline.analyse.write import write_analysis, write_topography
+    from contactimg.prediction import MODEL_COUPLINGS
 
     results: list[pd.DataFrame] = []
     notes: tuple[str, ...] = ()
@@ -229,8 +230,8 @@ def _inputs(runs: tuple[str, ...], calibration: str | None, topography: str | No
 def _settings(options: AnalyseOptions) -> "AnalysisOptions":
     """The options in SI units, with the shear stress of the smooth contact measured or as given."""
     from contactimg.analysis.estimates import Estimate
+    from contactimg.pipeline.analyse.analysis import AnalysisOptions, smooth_shear_stress
     from contactimg.pipeline.analyse.places import open_place
-    from contactimg.pipeline.analyse.places_together import AnalysisOptions, smooth_shear_stress
 
     if options.smooth is not None and options.smooth_stress is not None:
         raise click.UsageError("--smooth and --smooth-stress-MPa both give the stress; keep one of the two.")

@@ -60,7 +60,7 @@ def effects(
     with stage("loading"):
         from contactimg.cli.scenes import model_inputs, with_tolerance
         from contactimg.files import OutputFolder, provenance, read_scene, write_table
-        from contactimg.pipeline.plan import plan_effects
+        from contactimg.pipeline.effects import plan_effects
         from contactimg.tables import EFFECTS
 
     description = with_tolerance(read_scene(scene), output=output, relative=tolerance)

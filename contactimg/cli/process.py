@@ -91,7 +91,7 @@ def process(
     with stage("loading"):
         from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
-        from contactimg.pipeline.overlays import draw_overlays
+        from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import measure_experiment
         from contactimg.tables import FAILED

@@ -41,8 +41,7 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
         from contactimg.cli.scenes import model_inputs
         from contactimg.files import OutputFolder, provenance, read_scene
         from contactimg.pipeline.inputs import need_asperities
-        from contactimg.pipeline.simulate import write_simulation
-        from contactimg.pipeline.simulation_plan import plan_simulation
+        from contactimg.pipeline.simulate import plan_simulation, write_simulation
         from contactimg.prediction import load_name
 
     description = read_scene(scene)

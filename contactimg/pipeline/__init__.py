@@ -1,1 +1,10 @@
-"""The chains: measure a frame, a series; predict; simulate; compare."""
+"""The chains behind the commands: a folder or a scene goes in, tables, figures and files come out.
+
+Read in this order, each module using only those before it: `inputs` (asperities and loads of a scene),
+`parallel` (the one loop over frames), `effects` (which effects a scene calls for, which ones its frames are
+measured with), `frame` (measure one frame), `run` (the tables of a series: record, write, read back),
+`series` (measure a series: frame by frame, then pose and forces), `pictures` (contacts drawn on their
+frames), `calibrate` (the paper's calibrations), `predict` (model contacts at given loads), `simulate`
+(synthetic series), `overlay` (measured against predicted contacts), `analyse` (several runs together),
+`tradeoff` (accuracy against computing time).
+"""

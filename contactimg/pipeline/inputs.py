@@ -1,16 +1,16 @@
-"""What a scene stands on: its asperities, from a table or a generator, and where they touch."""
+"""What a scene provides to a computation: its asperities and its loads."""
 
 import numpy as np
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.files import read_scene_asperities
+from contactimg.files import read_scene_asperities, read_scene_loads
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
 
 def scene_asperities(scene: Scene) -> pd.DataFrame | None:
-    """The scene's asperity table: read, or generated from its seed; None if it has neither."""
+    """The scene's asperity table, read from its file or generated from its seed; None if it has neither."""
     section = scene.asperities
     if section is None or section.generate is None:
         return read_scene_asperities(scene)
@@ -31,7 +31,24 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
 
 
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
-    """Where each asperity touches first and with which radius: the composite summits under the indenter."""
+    """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
     if scene.indenter is None:
         return asperities
     return composite_apexes(asperities, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)
+
+
+def largest_load(scene: Scene) -> float:
+    """The largest load that the scene states (N).
+
+    Raises
+    ------
+    InputError
+        If it states none.
+    """
+    stated = scene.simulate.loads if scene.simulate is not None else []
+    loads = stated or read_scene_loads(scene)
+    if not loads:
+        raise InputError(
+            "the scene states no load; give one, [simulate] loads_N or [images] loads, or --load-N"
+        )
+    return max(loads)

@@ -11,13 +11,11 @@ import pandas as pd
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
-from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS
-from contactimg.pipeline.overlays import picture_name
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.pipeline.pictures import draw_predicted
-from contactimg.pipeline.series import Run, shift_of
+from contactimg.pipeline.pictures import draw_predicted, picture_name
+from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
-from contactimg.prediction import hertz_circle, predict_contacts, see_contacts
+from contactimg.prediction import MODEL_COUPLINGS, hertz_circle, predict_contacts, see_contacts
 from contactimg.scene import Scene
 from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.timings import stage
@@ -86,7 +84,9 @@ def compare_run(
     for row in _comparable(run.frames).to_dict("records"):
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
-        predicted[frame], reasons = _predicted(run.scene, asperities, row, pose, shift_of(run.frames, frame))
+        predicted[frame], reasons = _predicted(
+            run.scene, asperities, row, pose, frame_shift(run.frames, frame)
+        )
         if reasons:
             left_out[frame] = "; ".join(f"{model}: {reason}" for model, reason in reasons.items())
         for model, seen in predicted[frame].items():
@@ -212,7 +212,7 @@ def _draw(
         predicted,
         hertz_circle(run.scene, load),
         pose=run.need_pose(),
-        shift_px=shift_of(run.frames, source.name),
+        shift_px=frame_shift(run.frames, source.name),
         title=f"{source.name}, {1e3 * load:g} mN",
     )
     write_figure(ax, folder / picture_name(source.name))

@@ -1,15 +1,26 @@
-"""The one door to several processes."""
+"""Calls in several processes, and the one loop over the frames of an experiment."""
 
-from collections.abc import Callable, Iterable, Iterator
+import logging
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs
+from numpy.typing import NDArray
 
+from contactimg.errors import FrameError
+from contactimg.files import Experiment, FrameSource
+from contactimg.tables import Status
 from contactimg.timings import collect_call, gather, is_collecting
 
+logger = logging.getLogger(__name__)
+
 Result = TypeVar("Result")
-FEW = 4
-"""Below this number of items starting processes costs more than it gains."""
+
+FEW_CALLS = 4
+"""Below this number of calls starting processes costs more than it gains. Chosen by hand; sensitivity not
+measured."""
 
 
 def in_parallel(
@@ -26,14 +37,83 @@ def in_parallel(
     count : int
         Number of calls.
     workers : int or None
-        Processes; None for one a core, or this one alone for fewer than four calls. With an active
+        Processes; None for one per core, or only this one for fewer than `FEW_CALLS` calls. With an active
         `joblib.parallel_config` its backend is used (Dask's, say, for a cluster).
     """
     if workers is None:
-        workers = 1 if count < FEW else -1
+        workers = 1 if count < FEW_CALLS else -1
     pool = Parallel(n_jobs=workers, return_as="generator", pre_dispatch="2*n_jobs")
     processes = effective_n_jobs(workers)
     if processes == 1 or not is_collecting():
         return pool(delayed(function)(*item) for item in arguments)
     timed = pool(delayed(collect_call)(function, *item) for item in arguments)
     return gather(timed, processes=processes)
+
+
+@dataclass(frozen=True)
+class FailedFrame:
+    """A frame that could not be read or measured.
+
+    Parameters
+    ----------
+    row : dict
+        Frame, status and message, for a table with these columns.
+    """
+
+    row: dict[str, Any]
+
+    @classmethod
+    def of(cls, name: str, error: Exception) -> "FailedFrame":
+        """The failure of the frame of this name, with the reason."""
+        reason = str(error)
+        if not isinstance(error, FrameError):
+            logger.debug("%s", name, exc_info=error)
+            reason = f"cannot be measured ({type(error).__name__}: {error})"
+        message = reason if name in reason else f"{name}: {reason}"
+        return cls({"frame": name, "status": Status.FAILED, "message": message})
+
+
+def for_each_frame(
+    experiment: Experiment,
+    measure: Callable[..., Result],
+    jobs: Sequence[tuple[Any, ...]] | None = None,
+    *,
+    workers: int | None,
+    advance: Callable[[], None] | None = None,
+) -> Iterator[Result | FailedFrame]:
+    """Read the frames of an experiment and measure each; a frame that fails does not stop the others.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    measure : callable
+        Called with frame, pixels of the reference (None without one) and the rest of the job.
+    jobs : sequence of tuple, optional
+        Each a `contactimg.files.FrameSource` and further arguments; default: every frame of the experiment.
+    workers : int or None
+        As for `in_parallel`.
+    advance : callable, optional
+        Called once a frame, in order.
+
+    Yields
+    ------
+    result of ``measure``, or FailedFrame
+        In order, a few frames in memory at a time.
+    """
+    jobs = [(source,) for source in experiment.frames] if jobs is None else jobs
+    reference = experiment.reference.read().image if experiment.reference is not None else None
+    call = partial(_measure_source, measure, reference)
+    for part in in_parallel(call, jobs, count=len(jobs), workers=workers):
+        yield part
+        if advance is not None:
+            advance()
+
+
+def _measure_source(
+    measure: Callable[..., Result], reference: NDArray | None, source: FrameSource, *arguments: Any
+) -> Result | FailedFrame:
+    """Read and measure one frame; whatever goes wrong becomes a failure of this frame alone."""
+    try:
+        return measure(source.read(), reference, *arguments)
+    except Exception as error:  # whatever it is, the other frames are not concerned
+        return FailedFrame.of(source.name, error)

@@ -1,20 +1,61 @@
-"""What `process` leaves behind: the tables of a run and a picture of each frame."""
+"""A run: the tables that a measured series gives, written to a folder and read back."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from math import degrees, nan, radians
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pandas as pd
+
 from contactimg.errors import InputError
 from contactimg.files import RunFolder, write_table
-from contactimg.matching import PoseFit
-from contactimg.pipeline.series import Run
 from contactimg.pose import Pose
+from contactimg.pose.fit import PoseFit
+from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
+from contactimg.tradeoff.choice import Choice
+
+
+@dataclass(frozen=True)
+class Run:
+    """What the measurement of a series gives.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene as given.
+    contacts, rejected, frames : DataFrame
+        The tables of that name.
+    pose : PoseFit or None
+        Pose of the camera over the reference frame; None without a pixel size.
+    choices : dict
+        Frame -> how it was measured and why, where that was chosen for a tolerance.
+    """
+
+    scene: Scene
+    contacts: pd.DataFrame
+    rejected: pd.DataFrame
+    frames: pd.DataFrame
+    pose: PoseFit | None
+    choices: dict[str, Choice] = field(default_factory=dict)
+
+    def need_pose(self) -> Pose:
+        """The pose of the camera, or an `InputError` that says how to get one."""
+        if self.pose is None:
+            raise InputError("this run has no pose of the camera; run `process` with a pixel size")
+        return self.pose.pose
+
+
+def frame_shift(frames: pd.DataFrame, name: str) -> tuple[float, float]:
+    """Shift (x, y; px) of a frame against the reference, 0 where it is not known."""
+    row = frames[frames["frame"] == name].iloc[0]
+    shift = np.nan_to_num([row["shift_x_px"], row["shift_y_px"]], nan=0.0)
+    return float(shift[0]), float(shift[1])
 
 
 def write_run(run: Run, folder: Path) -> dict[str, Any]:
-    """Write contacts.csv, frames.csv and rejected.csv; return what else the provenance must say."""
+    """Write contacts.csv, frames.csv and rejected.csv; return what else the provenance must state."""
     write_table(run.contacts, CONTACTS, folder / "contacts.csv")
     write_table(run.frames, FRAMES, folder / "frames.csv")
     write_table(run.rejected, REJECTED, folder / "rejected.csv")
@@ -25,7 +66,7 @@ def write_run(run: Run, folder: Path) -> dict[str, Any]:
 
 
 def run_of_folder(folder: RunFolder) -> Run:
-    """The run that `write_run` left in a folder (rejected candidates apart).
+    """The run that `write_run` left in a folder, without its rejected candidates.
 
     Raises
     ------

@@ -1,58 +1,44 @@
-"""Measure a series: every frame on its own, then one pose, asperities and forces for all."""
+"""Measure a series: each frame alone, some again with the optics of the series, then pose and forces."""
 
 import logging
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import InputError
+from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, open_experiment
-from contactimg.matching import PoseFit, PoseSearch, fit_pose, pair_points, pairing_distance
-from contactimg.pipeline.frames import film_rim, measure_frames
+from contactimg.forces import LengthScale, fill_forces
+from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
+from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline.effects import film_rim, resolve_measurement
+from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, locate_contacts, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
-from contactimg.pipeline.local_forces import fill_forces
-from contactimg.pipeline.measure import locate_contacts
-from contactimg.pipeline.measured_effects import resolve_measurement
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
+from contactimg.pose.fit import PoseFit, PoseSearch, fit_pose
+from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 from contactimg.timings import stage
-from contactimg.tradeoff.choice import Choice
 
 logger = logging.getLogger(__name__)
 
+POOLING_GAIN = 1.5
+"""A frame is measured again with the optics of the series if that makes the uncertainty of its sum of a^3 at
+least this many times smaller. Chosen by hand; sensitivity not measured."""
 
-@dataclass(frozen=True)
-class Run:
-    """What a series gave.
+POSE_REACH_FRACTION = 0.05
+"""Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
+hand; sensitivity not measured."""
 
-    Attributes
-    ----------
-    scene : Scene
-        What was asked for.
-    contacts, rejected, frames : DataFrame
-        The tables of that name.
-    pose : PoseFit or None
-        Pose of the camera over the reference frame; None without a pixel size.
-    choices : dict
-        Frame -> how it was measured and why, where that was chosen for a tolerance.
-    """
-
-    scene: Scene
-    contacts: pd.DataFrame
-    rejected: pd.DataFrame
-    frames: pd.DataFrame
-    pose: PoseFit | None
-    choices: dict[str, Choice] = field(default_factory=dict)
-
-    def need_pose(self) -> Pose:
-        """The pose of the camera, or an `InputError` that says how to get one."""
-        if self.pose is None:
-            raise InputError("this run has no pose of the camera; run `process` with a pixel size")
-        return self.pose.pose
+MATCHED_FRACTION = 0.9
+"""A frame gets a remark if fewer of its contacts fall on an asperity. Chosen by hand; changes no number."""
 
 
 def measure_series(
@@ -65,7 +51,7 @@ def measure_series(
     scene : Scene
         From `contactimg.read_scene`, which knows the folder of its files.
     workers : int, optional
-        Processes that share the frames; default one a core, or this one alone for fewer than four frames.
+        Processes that share the frames; default one per core, or only this one for fewer than four frames.
         An active `joblib.parallel_config` (its Dask backend, say) takes precedence.
     advance : callable, optional
         Called once a frame, in order.
@@ -98,14 +84,9 @@ def measure_experiment(
     scene = experiment.scene
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
-    experiment = replace(experiment, scene=resolve_measurement(scene, sites))
-    parts, shape = measure_frames(
-        experiment,
-        film=film_rim(experiment.scene, sites),
-        relative=relative,
-        workers=workers,
-        advance=advance or (lambda: None),
-    )
+    resolved = resolve_measurement(scene, sites)
+    options = FrameOptions(resolved, film_rim(resolved, sites), relative)
+    parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance)
     frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
         load_N=[experiment.load_of(part.row["frame"]) for part in parts]
     )
@@ -113,10 +94,90 @@ def measure_experiment(
     rejected = pd.concat([part.rejected for part in parts], ignore_index=True)
     choices = {str(part.row["frame"]): part.choice for part in parts if part.choice is not None}
     run = Run(scene, CONTACTS.conform(contacts), REJECTED.conform(rejected), frames, None, choices)
-    return run if scene.camera is None else with_forces(_located(run, sites, shape), sites)
+    return run if scene.camera is None else with_forces(_with_pose(run, sites, shape), sites)
 
 
-def _noted(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
+def _measure_frames(
+    experiment: Experiment,
+    options: FrameOptions,
+    *,
+    workers: int | None,
+    advance: Callable[[], None] | None,
+) -> tuple[list[MeasuredFrame], tuple[int, int]]:
+    """Measure every frame on its own, then again those that need contrast and blur of the others.
+
+    Returns
+    -------
+    parts : list of MeasuredFrame
+        In order; a frame that cannot be measured has a row that says why.
+    shape : (int, int)
+        Rows and columns of the frames.
+
+    Raises
+    ------
+    InputError
+        If no frame at all could be measured; the message gives the first reason.
+    """
+    measure = partial(measure_scene_frame, options=options)
+    parts = []
+    for measured in for_each_frame(experiment, measure, workers=workers, advance=advance):
+        part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
+        logger.info("%s", part.summary())
+        parts.append(part)
+    parts, shape = _same_size(parts)
+    method = options.scene.measure.method
+    # a pixel count takes each frame's own plateau
+    fitted = [(part.choice.method if part.choice else method) == "disk" for part in parts]
+    own_optics = [part.relative_optics for part, disks in zip(parts, fitted, strict=True) if disks]
+    pooled = pool_optics([optics for optics in own_optics if optics is not None])
+    if pooled is None:
+        return parts, shape
+    again = [k for k, part in enumerate(parts) if fitted[k] and _gains_by_pooling(part, pooled)]
+    jobs = [(experiment.frames[k], pooled.scaled(parts[k].level or 1.0)) for k in again]
+    second_pass = for_each_frame(experiment, measure, jobs, workers=workers)
+    for k, measured in zip(again, second_pass, strict=True):
+        part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
+        logger.info("with the contrast and blur of the series: %s", part.summary())
+        parts[k] = part.with_choice(parts[k].choice)
+    return parts, shape
+
+
+def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
+    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller.
+
+    A frame without a contact is measured again too: a faint contact may be detected once its contrast is
+    known.
+    """
+    own = part.relative_optics
+    if part.shape is None or pd.isna(part.row["n_contacts"]):
+        return False
+    if own is None or not len(part.contacts):
+        return True
+    contacts = part.contacts
+    slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
+    shifts = contacts[["contrast_shift_px", "blur_shift_px"]].to_numpy(float)
+    alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)
+    gain = gain_of_pooling(slope @ shifts, float(np.sqrt(slope**2 @ alone)), own, pooled)
+    return gain > POOLING_GAIN
+
+
+def _same_size(parts: list[MeasuredFrame]) -> tuple[list[MeasuredFrame], tuple[int, int]]:
+    """The parts, those of an unusual frame size as failures, and the usual size."""
+    sizes = Counter(part.shape for part in parts if part.shape is not None)
+    if not sizes:
+        raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
+    (rows, columns), _ = sizes.most_common(1)[0]
+    checked = []
+    for part in parts:
+        if part.shape not in (None, (rows, columns)):
+            odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
+            checked.append(MeasuredFrame.failed(FailedFrame.of(part.row["frame"], FrameError(odd))))
+        else:
+            checked.append(part)
+    return checked, (rows, columns)
+
+
+def _with_notes(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
     """The frames table with a note added to the messages of the named frames."""
     messages = [
         "; ".join(text for text in (row["message"], notes.get(row["frame"], "")) if text)
@@ -126,7 +187,7 @@ def _noted(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
 
 
 @stage("pose")
-def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Run:
+def _with_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Run:
     """The run with sample coordinates and asperities, under the pose that the contacts themselves confirm."""
     guess = run.scene.pose(shape)
     pose = PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
@@ -141,22 +202,22 @@ def _located(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> Ru
             pose.residual,
         )
     contacts = [
-        locate_frame(part, pose.pose, shift_of(run.frames, str(name)), targets)
+        locate_frame(part, pose.pose, frame_shift(run.frames, str(name)), targets)
         for name, part in run.contacts.groupby("frame", sort=False)
     ]
     located = CONTACTS.conform(pd.concat(contacts, ignore_index=True)) if contacts else run.contacts
     frames = run.frames
     if targets is not None:
-        frames = _noted(frames, _strangers(located))
+        frames = _with_notes(frames, _unmatched_notes(located))
     return replace(run, contacts=located, frames=frames, pose=pose)
 
 
-def _strangers(contacts: pd.DataFrame) -> dict[str, str]:
+def _unmatched_notes(contacts: pd.DataFrame) -> dict[str, str]:
     """What to say of frames where more than a tenth of the contacts fall on no asperity."""
     notes = {}
     for name, part in contacts.groupby("frame"):
         matched = int(part["asperity"].notna().sum())
-        if matched < 0.9 * len(part):
+        if matched < MATCHED_FRACTION * len(part):
             notes[str(name)] = (
                 f"only {matched} of {len(part)} contacts fall on an asperity: "
                 "check the asperity table, the pixel size and where the camera looks"
@@ -169,8 +230,8 @@ def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     counts = run.frames["n_contacts"].fillna(0)
     name = run.frames.loc[counts.idxmax(), "frame"]
     part = run.contacts[run.contacts["frame"] == name]
-    shift = shift_of(run.frames, name)
-    reach = 0.05 * max(guess.shape) * guess.pixel_size
+    shift = frame_shift(run.frames, name)
+    reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
     return fit_pose(
         part["x_px"] - shift[0], part["y_px"] - shift[1], targets, guess, search=PoseSearch(shift=reach)
     )
@@ -190,29 +251,18 @@ def locate_frame(
     return located.assign(asperity=asperity)
 
 
-def shift_of(frames: pd.DataFrame, name: str) -> tuple[float, float]:
-    """Shift (x, y) in pixels of a frame against the reference, 0 where it is not known."""
-    row = frames[frames["frame"] == name].iloc[0]
-    shift = np.nan_to_num([row["shift_x_px"], row["shift_y_px"]], nan=0.0)
-    return float(shift[0]), float(shift[1])
-
-
 @stage("forces")
 def with_forces(run: Run, sites: pd.DataFrame | None) -> Run:
     """The run with local forces where the elastic body and the asperity's radius are known, and with sums."""
-    pose = run.pose
-    contacts, frames = fill_forces(
-        run.scene,
-        run.contacts,
-        run.frames,
-        sites,
-        pixel_size=run.scene.need("camera", "forces").pixel_size if pose is None else pose.pose.pixel_size,
-        length_relative_std=0.0 if pose is None else pose.length_relative_std,
-    )
-    return replace(run, contacts=contacts, frames=_noted(frames, _without_force(contacts)))
+    if run.pose is None:
+        scale = LengthScale(run.scene.need("camera", "forces").pixel_size, relative_std=0.0)
+    else:
+        scale = LengthScale(run.pose.pose.pixel_size, run.pose.length_relative_std)
+    contacts, frames = fill_forces(run.scene, run.contacts, run.frames, sites, scale)
+    return replace(run, contacts=contacts, frames=_with_notes(frames, _missing_force_notes(contacts)))
 
 
-def _without_force(contacts: pd.DataFrame) -> dict[str, str]:
+def _missing_force_notes(contacts: pd.DataFrame) -> dict[str, str]:
     """What to say of frames where some contacts have a force and others, without an asperity, have none."""
     notes = {}
     for name, part in contacts.groupby("frame"):

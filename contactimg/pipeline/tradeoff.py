@@ -10,8 +10,7 @@ import numpy as np
 
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, read_asperities, read_table, write_figure, write_table
-from contactimg.pipeline.inputs import scene_asperities
-from contactimg.pipeline.plan import largest_load
+from contactimg.pipeline.inputs import largest_load, scene_asperities
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF

@@ -19,7 +19,7 @@ from contactimg.files import (
     read_run,
     read_table,
 )
-from contactimg.pipeline.overlays import picture_name
+from contactimg.pipeline.pictures import picture_name
 from contactimg.report.embedding import Picture, embed_figure, embed_picture
 from contactimg.tables import FAILED, REJECTED, RESULTS, SCORES, Flag
 

@@ -16,8 +16,8 @@ from contactimg.errors import InputError
 from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.threshold_radius import disk_radius
-from contactimg.matching import pair_points
 from contactimg.models.solution import InteractingSolution
+from contactimg.pose.pairs import pair_points
 from contactimg.prediction import solve_scene
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene

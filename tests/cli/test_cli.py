@@ -452,9 +452,7 @@ def test_another_pattern_is_said_in_the_message(series, tmp_path):
 
 
 def test_a_frame_that_breaks_the_measurement_is_one_failed_row(series, tmp_path, monkeypatch):
-    import contactimg.pipeline.frames as module
-
-    break_measurement(monkeypatch, module)
+    break_measurement(monkeypatch)
     tifffile.imwrite(series / "frame_2.tif", np.full((340, 360), 7, np.uint8))
     assert process(series, "-o", tmp_path / "out") == 1
     row = frames_of(tmp_path / "out").loc["frame_2.tif"]

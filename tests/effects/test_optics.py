@@ -20,9 +20,9 @@ from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging.background import subtract as reference
 from contactimg.imaging.reject import dirt as dust
 from contactimg.optics import recipe as optics_recipe
+from contactimg.pipeline.effects import SHARP_BLUR_PX, resolve_measurement
 from contactimg.pipeline.inputs import need_asperities
-from contactimg.pipeline.measured_effects import SHARP_PX, resolve_measurement
-from contactimg.pipeline.simulation_plan import explicit_switches, plan_simulation
+from contactimg.pipeline.simulate import explicit_switches, plan_simulation
 from contactimg.render import contacts as render_contacts_module
 from contactimg.render import frames as render_frames
 from contactimg.scene import Simulate
@@ -335,7 +335,7 @@ def test_dust_that_is_off_is_not_looked_for(monkeypatch):
 
 def test_switches_of_the_scene_reach_the_measurement():
     scene = scene_from_dict({"effects": {"blur": "off"}})
-    assert resolve_measurement(scene, None).measure.blur_px == SHARP_PX
+    assert resolve_measurement(scene, None).measure.blur_px == SHARP_BLUR_PX
     given = scene_from_dict({"effects": {"blur": "off"}, "measure": {"blur_px": 2.0}})
     assert resolve_measurement(given, None).measure.blur_px == 2.0
     sites = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [0.0], "radius_m": [1e-4]})

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+import contactimg.pipeline.frame as frame_module
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -42,13 +43,13 @@ def copy_of(folder: Path, target: Path) -> Path:
     return target
 
 
-def break_measurement(monkeypatch, module) -> None:
-    """Let the measurement that a module calls break on images whose brightest pixel is 7."""
-    measure = module.measure_image
+def break_measurement(monkeypatch) -> None:
+    """Let the measurement break on images whose brightest pixel is 7."""
+    measure = frame_module.measure_image
 
     def breaking(image, *arguments, **options):
         if image.max() == 7:
             raise np.linalg.LinAlgError("singular")
         return measure(image, *arguments, **options)
 
-    monkeypatch.setattr(module, "measure_image", breaking)
+    monkeypatch.setattr(frame_module, "measure_image", breaking)

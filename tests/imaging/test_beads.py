@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from contactimg.imaging.measure import measure_image
-from contactimg.matching import pair_points
+from contactimg.pose.pairs import pair_points
 
 DATA = Path(__file__).parents[1] / "data"
 

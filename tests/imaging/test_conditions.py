@@ -8,7 +8,7 @@ from contact_frames import Optics, match, render, scatter
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.fit import residual_light as clearing
 from contactimg.imaging.measure import measure_image
-from contactimg.matching import pair_points
+from contactimg.pose.pairs import pair_points
 from contactimg.render import render_contacts, render_reference
 from contactimg.scene import scene_from_dict
 from contactimg.tables import Flag

@@ -13,8 +13,8 @@ from contactimg.errors import InputError
 from contactimg.files import FrameSource, read_scene, write_frame, write_table
 from contactimg.frame import Frame
 from contactimg.mechanics import hertz
+from contactimg.pipeline.frame import measure_frame
 from contactimg.pipeline.inputs import contact_sites, need_asperities
-from contactimg.pipeline.measure import measure_frame
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict

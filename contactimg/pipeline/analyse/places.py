@@ -13,8 +13,7 @@ from contactimg.analysis.annuli import FieldOfView
 from contactimg.errors import InputError
 from contactimg.files import RunFolder, open_experiment, read_calibration, read_run
 from contactimg.pipeline.inputs import scene_asperities
-from contactimg.pipeline.run import run_of_folder
-from contactimg.pipeline.series import shift_of
+from contactimg.pipeline.run import frame_shift, run_of_folder
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import LOADS
@@ -60,7 +59,7 @@ class Place:
 
     def field(self, frame: str) -> FieldOfView | None:
         """What the camera sees in a frame."""
-        return None if self.pose is None else FieldOfView(self.pose, shift_of(self.frames, frame))
+        return None if self.pose is None else FieldOfView(self.pose, frame_shift(self.frames, frame))
 
 
 def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:

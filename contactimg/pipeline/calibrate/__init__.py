@@ -1,1 +1,8 @@
-"""The calibrations of a folder of frames."""
+"""The paper's calibrations: a folder of frames in; numbers with uncertainties, tables and figures out.
+
+Read in this order. For the smooth contact: `circles` (the contact circle of every frame), `jkr` (Young's
+modulus and work of adhesion from them). For rough contacts: `threshold_scan` (area and force sum of every
+frame at many thresholds), `force_sums` (what the next three share), `plateau` (thresholds between which the
+area hardly changes), `threshold` (the threshold at which the forces add up to the load), `modulus` (the
+modulus at which they do). `result` is what each returns and how it is written.
+"""

@@ -2,28 +2,40 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment, FrameSource
-from contactimg.imaging.measure import measure_image
+from contactimg.files import Experiment
+from contactimg.frame import Frame
+from contactimg.imaging.measure import ImageMeasurement
 from contactimg.imaging.smooth.find_circle import Circle, EdgeSamples, find_circle, sample_edge
 from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_opening, fit_circle
 from contactimg.optics.film import excess_table
 from contactimg.optics.recipe import lamp
-from contactimg.pipeline.frame_options import failed_row, frame_options
-from contactimg.pipeline.parallel import in_parallel
+from contactimg.pipeline.frame import measure_prepared
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.scene import Scene, Simulate
 from contactimg.tables import CIRCLES
 
-BEYOND_FILM_PX = 12.0  # background that is sampled outside the film
-OPENING_FRAMES = 3  # frames from which the opening of the film is found
+BEYOND_FILM_PX = 12.0
+"""Width of the background that is sampled outside the film. Chosen by hand; sensitivity not measured."""
+
+OPENING_FRAMES = 3
+"""Number of frames from which the opening of the film is found. Chosen by hand; sensitivity not measured."""
+
 NO_FILM = Opening(np.inf, np.inf, 0.0)
-CERTAIN = 0.01  # probability of another opening that need not be looked into
-FAR = 4.0  # standard deviations at which a centre has lost half its weight
+
+NEGLIGIBLE_DOUBT = 0.01
+"""Probability of a rival opening below which its circles are not fitted. Chosen by hand: the uncertainty
+grows by at most a tenth of the difference between the two openings."""
+
+OUTLIER_SIGMA = 4.0
+"""Distance of a centre, in standard deviations, at which it has lost half its weight. Chosen by hand;
+sensitivity not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,25 +101,23 @@ def measure_circles(
     """
     scene = experiment.scene
     model = _edge_model(scene)
-    reference = experiment.reference.read().image if experiment.reference is not None else None
-    jobs = ((source, reference, scene, model) for source in experiment.frames)
-    parts = []
-    for part in in_parallel(_sample_source, jobs, count=len(experiment.frames), workers=workers):
-        parts.append(part)
-        if advance is not None:
-            advance()
-    seen = [samples for _, samples in parts if samples is not None]
-    if not seen:
+    measure = partial(_sample_frame, scene=scene, model=model)
+    parts = [
+        (part.row, None) if isinstance(part, FailedFrame) else part
+        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+    ]
+    sampled = [samples for _, samples in parts if samples is not None]
+    if not sampled:
         raise InputError(f"no frame shows a contact circle; the first: {parts[0][0]['message']}")
-    found = NO_FILM if scene.effects.film == "off" else choose_opening(_spread_out(seen), model)
+    opening = NO_FILM if scene.effects.film == "off" else choose_opening(_spread_out(sampled), model)
 
-    def circles(opening: float) -> pd.DataFrame:
-        rows = [_with_circle(row, samples, model, opening) for row, samples in parts]
+    def circles(value: float) -> pd.DataFrame:
+        rows = [_with_circle(row, samples, model, value) for row, samples in parts]
         loads = [experiment.load_of(str(row["frame"])) for row, _ in parts]
         return CIRCLES.conform(pd.DataFrame(rows)).assign(load_N=loads)
 
-    rival = circles(found.rival) if found.doubt > CERTAIN else None
-    return CircleSeries(circles(found.value), found.value, found.doubt, rival)
+    rival = circles(opening.rival) if opening.doubt > NEGLIGIBLE_DOUBT else None
+    return CircleSeries(circles(opening.value), opening.value, opening.doubt, rival)
 
 
 def _edge_model(scene: Scene) -> EdgeModel:
@@ -118,28 +128,37 @@ def _edge_model(scene: Scene) -> EdgeModel:
     return EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(simulate)))
 
 
-def _sample_source(
-    source: FrameSource, reference: NDArray | None, scene: Scene, model: EdgeModel
+def _sample_frame(
+    frame: Frame, reference: NDArray | None, *, scene: Scene, model: EdgeModel
 ) -> tuple[dict[str, object], EdgeSamples | None]:
-    """Read one frame and sample its edge; a failure becomes a row without samples."""
-    row: dict[str, object] = {"frame": source.name, "status": "ok", "message": ""}
+    """The row of one frame and samples of its edge; without samples if it shows no circle."""
+    measurement = measure_prepared(frame, reference, scene, method="threshold")
+    row: dict[str, object] = {
+        "frame": frame.name,
+        "status": measurement.status,
+        "message": measurement.message,
+        "shift_x_px": measurement.shift_x_px,
+        "shift_y_px": measurement.shift_y_px,
+    }
     try:
-        frame = source.read()
-        seen = measure_image(frame.image, reference, method="threshold", **frame_options(frame, scene))
-        row |= {"shift_x_px": seen.shift_x_px, "shift_y_px": seen.shift_y_px, "status": seen.status}
-        row["message"] = seen.message
-        if not seen.contrast:
-            raise FrameError(seen.message or "nothing stands out of the noise")
-        image = seen.difference * np.float32(np.sign(seen.contrast))
-        valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
-        circle = find_circle(image, abs(seen.contrast))
-        for _ in range(2):  # the second time about the circle that a sharp edge gives
-            outside = model.film_px(circle.radius_px) + BEYOND_FILM_PX
-            samples = sample_edge(image, circle, outside_px=outside, noise=seen.noise, valid=valid)
-            circle = fit_circle(samples, model, opening=np.inf)
-        return row, sample_edge(image, circle, outside_px=outside, noise=seen.noise, valid=valid)
-    except Exception as error:  # whatever it is, the other frames are not concerned
-        return row | failed_row(source.name, error), None
+        return row, _sample_edge(frame, measurement, model)
+    except FrameError as error:
+        return row | FailedFrame.of(frame.name, error).row, None
+
+
+def _sample_edge(frame: Frame, measurement: ImageMeasurement, model: EdgeModel) -> EdgeSamples:
+    """Samples of the light across the edge of the contact."""
+    contrast, noise = abs(measurement.contrast), measurement.noise
+    if not contrast:
+        raise FrameError(measurement.message or "nothing stands out of the noise")
+    image = measurement.difference * np.float32(np.sign(measurement.contrast))
+    valid = np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+    circle = find_circle(image, contrast)
+    for _ in range(2):  # the second time about the circle that a sharp edge gives
+        outside_px = model.film_px(circle.radius_px) + BEYOND_FILM_PX
+        samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
+        circle = fit_circle(samples, model, opening=np.inf)
+    return sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
 
 
 def _spread_out(samples: list[EdgeSamples]) -> list[EdgeSamples]:
@@ -158,7 +177,7 @@ def _with_circle(
     try:
         circle: Circle = fit_circle(samples, model, opening=opening, blur_px=samples.circle.blur_px)
     except Exception as error:  # whatever it is, the other frames are not concerned
-        return row | failed_row(str(row["frame"]), error)
+        return row | FailedFrame.of(str(row["frame"]), error).row
     return row | {
         "x_px": circle.x_px,
         "y_px": circle.y_px,
@@ -210,6 +229,6 @@ def _weighted_mean(
     scatter = 1.4826 * float(np.median(np.abs(points - median)))
     variance = own**2 + scatter**2
     far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
-    weight = 1 / np.maximum(variance, 1e-12) / (1 + far / FAR**2)
+    weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
     mean = weight @ points / weight.sum()
     return mean, float(np.sqrt(1 / weight.sum()))

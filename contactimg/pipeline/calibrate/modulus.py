@@ -9,17 +9,16 @@ from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
-from contactimg.pipeline.calibrate.result import (
-    Advance,
-    Calibrated,
-    _disk_slope,
-    _loaded,
-    _measured_modulus,
-    _messages,
-    _slope_quality,
+from contactimg.pipeline.calibrate.force_sums import (
+    disk_slope,
+    force_sum_result,
+    frame_messages,
+    frames_with_load,
+    slope_quality,
+    stated_modulus,
 )
-from contactimg.pipeline.calibrate.threshold import _threshold_result
-from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresholds
+from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
 from contactimg.plots.calibration import plot_forces
 
 
@@ -48,11 +47,11 @@ def run_modulus(
     levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
     if levels.min() <= 0 or levels.max() >= 1:
         raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
-    series = _loaded(measure_thresholds(experiment, levels, workers=workers, advance=advance))
+    series = frames_with_load(measure_thresholds(experiment, levels, workers=workers, advance=advance))
     load = series.frames["load_N"].to_numpy(float)
-    measured, steepness = _measured_modulus(experiment), 0.0
+    measured, steepness = stated_modulus(experiment), 0.0
     if threshold is None:
-        _, forces = _disk_slope(experiment, series, 0.0, workers)
+        _, forces = disk_slope(experiment, series, 0.0, workers)
     else:
         forces = series.forces[1]
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
@@ -64,7 +63,7 @@ def run_modulus(
         young_modulus_std=measured.std,
         relative_std=0.0 if threshold is None else steepness * threshold.std,
     )
-    notes = _messages(series) + ([found.message] if found.message else [])
+    notes = frame_messages(series) + ([found.message] if found.message else [])
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",
@@ -79,6 +78,6 @@ def run_modulus(
         record["threshold"] = threshold.record("1")
         record["fixed"]["threshold"] = threshold.record("1")
     tuned = forces * found.young_modulus.value / measured.value
-    record["quality"] = _slope_quality(load, tuned, 1.0)
+    record["quality"] = slope_quality(load, tuned, 1.0)
     record["notes"] = notes
-    return _threshold_result(record, series, tuned, {"forces.png": plot_forces(load, tuned)})
+    return force_sum_result(record, series, tuned, {"forces.png": plot_forces(load, tuned)})

@@ -8,8 +8,9 @@ import pandas as pd
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.plateau import find_plateau
 from contactimg.files import Experiment
-from contactimg.pipeline.calibrate.result import Advance, Calibrated, _messages
-from contactimg.pipeline.calibrate.thresholds import THRESHOLDS, measure_thresholds
+from contactimg.pipeline.calibrate.force_sums import frame_messages
+from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
 from contactimg.plots.calibration import plot_plateau
 from contactimg.tables import FORCE_SUMS, THRESHOLD_CURVE
 
@@ -30,7 +31,7 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     """
     series = measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance)
     found = find_plateau(series.thresholds, series.areas)
-    notes = _messages(series)
+    notes = frame_messages(series)
     if not found.marginal:
         notes.append(
             f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "

@@ -17,8 +17,8 @@ from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.mechanics import hertz
+from contactimg.pipeline.frame import measure_frame
 from contactimg.pipeline.inputs import contact_sites, need_asperities
-from contactimg.pipeline.measure import measure_frame
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.prediction import predict_contacts

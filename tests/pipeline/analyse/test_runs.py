@@ -12,9 +12,9 @@ from small_series import copy_of
 from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
+from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
 from contactimg.pipeline.analyse.places import open_place
 from contactimg.pipeline.analyse.places import read_centre as read_centre_of
-from contactimg.pipeline.analyse.places_together import AnalysisOptions, analyse_places
 
 QUICK = ["--no-pictures", "--quiet", "--workers", "1"]
 

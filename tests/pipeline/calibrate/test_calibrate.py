@@ -7,9 +7,7 @@ import pandas as pd
 import pytest
 from small_series import break_measurement, copy_of
 
-import contactimg.pipeline.calibrate.circles as circles_module
-import contactimg.pipeline.calibrate.thresholds as thresholds_module
-import contactimg.pipeline.frames as frames_module
+import contactimg.pipeline.frame as frame_module
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -22,7 +20,7 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.pipeline.calibrate.circles import mean_centre, measure_circles
-from contactimg.pipeline.calibrate.thresholds import measure_thresholds
+from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
 from contactimg.pipeline.series import measure_experiment
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -183,32 +181,24 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(smooth_frames, 
     assert (frames["shift_x_px"] == 0).all()
 
 
-@pytest.mark.parametrize("module", [circles_module, thresholds_module, frames_module])
-def test_full_scale_is_that_of_the_scene_in_every_command(module, monkeypatch, tmp_path):
+@pytest.mark.parametrize("measure", [measure_circles, measure_thresholds, measure_experiment])
+def test_full_scale_is_that_of_the_scene_in_every_command(measure, monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr(module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
+    monkeypatch.setattr(frame_module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
     write_frame(Frame(np.zeros((20, 30), np.uint8)), tmp_path / "frame_1.tif")
     base = {"camera": {"pixel_size_m": 6e-6}, "indenter": {"radius_m": 0.1, "apex_m": [0.0, 0.0]}}
     for switch, full_scale in (("auto", 255), ("off", np.inf)):
         scene = scene_from_dict(base | {"effects": {"saturation": switch}}, folder=str(tmp_path))
-        measure = {
-            circles_module: measure_circles,
-            thresholds_module: measure_thresholds,
-            frames_module: measure_experiment,
-        }[module]
         with pytest.raises(InputError, match=r"frame_1.tif: cannot be measured \(ZeroDivisionError: "):
             measure(open_experiment(scene), workers=1)
         assert seen.pop()["full_scale"] == full_scale
 
 
-@pytest.mark.parametrize(
-    ("kind", "frames", "module"),
-    [("jkr", "smooth_frames", circles_module), ("plateau", "small_series", thresholds_module)],
-)
-def test_a_frame_that_breaks_a_calibration_is_one_failed_row(request, monkeypatch, kind, frames, module):
+@pytest.mark.parametrize(("kind", "frames"), [("jkr", "smooth_frames"), ("plateau", "small_series")])
+def test_a_frame_that_breaks_a_calibration_is_one_failed_row(request, monkeypatch, kind, frames):
     tmp_path, capsys = (request.getfixturevalue(name) for name in ("tmp_path", "capsys"))
     folder = copy_of(request.getfixturevalue(frames), tmp_path / "frames")
-    break_measurement(monkeypatch, module)
+    break_measurement(monkeypatch)
     bad = next(source for source in list_frames(folder) if source.name == "frame_2.tif")
     write_frame(Frame(np.full(bad.read().shape, 7, np.uint8)), bad.path)
     assert run("calibrate", kind, folder, "-o", tmp_path / "out", "--workers", 1) == 1

@@ -15,7 +15,7 @@ from contactimg.analysis.radial_profiles import (
     ring_profile,
 )
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.pipeline.analyse.load_groups import LoadGroup, joined
+from contactimg.pipeline.analyse.group_by_load import LoadGroup, joined
 from contactimg.pipeline.analyse.places import Place
 from contactimg.prediction import Prediction, asperity_density, predict_average
 from contactimg.tables import NORMALISED, PRESSURE_LAW, PROFILE

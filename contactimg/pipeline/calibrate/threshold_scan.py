@@ -1,28 +1,32 @@
-"""A series measured at many thresholds: every frame is registered once and thresholded many times."""
+"""A series counted at many thresholds: every frame is registered once and thresholded many times."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment, FrameSource
+from contactimg.files import Experiment
+from contactimg.frame import Frame
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.method import count_contacts
-from contactimg.imaging.measure import ImageMeasurement, measure_image
-from contactimg.pipeline.frame_options import failed_row, frame_options
+from contactimg.imaging.measure import ImageMeasurement
+from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
-from contactimg.pipeline.parallel import in_parallel
-from contactimg.pipeline.series import Run, locate_frame, series_pose, shift_of, with_forces
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.run import Run, frame_shift
+from contactimg.pipeline.series import locate_frame, series_pose, with_forces
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FAILED, FRAMES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
 Values = NDArray[np.float64]
 
 THRESHOLDS = np.round(np.arange(0.05, 0.951, 0.025), 3)
-"""From where noise makes contacts to where small contacts are lost; between them curves are smooth."""
+"""Fractions of the contrast, from where noise makes contacts to where small contacts are lost. Chosen: curves
+of area against threshold are smooth on this grid; sensitivity not measured."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,18 +88,13 @@ def measure_thresholds(
     levels = np.sort(np.asarray(thresholds, float))
     scene = experiment.scene
     scene.need("camera", "a calibration")
-    reference = experiment.reference.read().image if experiment.reference is not None else None
-    jobs = ((source, reference, scene, levels) for source in experiment.frames)
-    parts = []
-    for part in in_parallel(_count_source, jobs, count=len(experiment.frames), workers=workers):
-        parts.append(part)
-        if advance is not None:
-            advance()
+    measure = partial(_count_frame, scene=scene, thresholds=levels)
+    parts = list(for_each_frame(experiment, measure, workers=workers, advance=advance))
     frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
         load_N=[experiment.load_of(str(part.row["frame"])) for part in parts]
     )
-    good = (frames["status"] != FAILED).to_numpy()
-    measured = [part for part, fine in zip(parts, good, strict=True) if fine]
+    measured = [part for part in parts if not isinstance(part, FailedFrame)]
+    good = np.array([not isinstance(part, FailedFrame) for part in parts])
     if not measured:
         raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
     kept = frames[good].reset_index(drop=True)
@@ -110,7 +109,7 @@ def measure_thresholds(
 
 
 @dataclass(frozen=True, eq=False)
-class _Counted:
+class _CountedFrame:
     """One frame's row and its contacts at each threshold."""
 
     row: dict[str, object]
@@ -118,24 +117,19 @@ class _Counted:
     shape: tuple[int, int]
 
 
-def _count_source(
-    source: FrameSource, reference: NDArray | None, scene: Scene, thresholds: Values
-) -> _Counted:
-    """Read and register one frame, and count it at each threshold; a failure becomes a row."""
-    try:
-        frame = source.read()
-        measurement = measure_image(frame.image, reference, method="threshold", **frame_options(frame, scene))
-        if not measurement.contrast:
-            raise FrameError(measurement.message or "nothing stands out of the noise")
-        holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
-        contacts = [
-            CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=source.name))
-            for t in thresholds
-        ]
-    except Exception as error:  # whatever it is, the other frames are not concerned
-        return _Counted(failed_row(source.name, error), [], (1, 1))
+def _count_frame(
+    frame: Frame, reference: NDArray | None, *, scene: Scene, thresholds: Values
+) -> _CountedFrame:
+    """Register one frame and count it at each threshold."""
+    measurement = measure_prepared(frame, reference, scene, method="threshold")
+    if not measurement.contrast:
+        raise FrameError(measurement.message or "nothing stands out of the noise")
+    holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
+    contacts = [
+        CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=frame.name)) for t in thresholds
+    ]
     row: dict[str, object] = {
-        "frame": source.name,
+        "frame": frame.name,
         "status": measurement.status,
         "n_contacts": len(measurement.disks),
         "contrast": measurement.contrast,
@@ -144,7 +138,7 @@ def _count_source(
         "shift_y_px": measurement.shift_y_px,
         "message": measurement.message,
     }
-    return _Counted(row, contacts, frame.shape)
+    return _CountedFrame(row, contacts, frame.shape)
 
 
 def count_at(
@@ -177,7 +171,7 @@ def count_at(
     return pd.DataFrame({**contacts, "label": np.arange(1, len(contacts["x_px"]) + 1)})
 
 
-def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_Counted], thresholds: Values) -> list[Run]:
+def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresholds: Values) -> list[Run]:
     """One run a threshold, all under the pose found at the threshold next to one half."""
     asperities = scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
@@ -193,7 +187,7 @@ def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_Counted], thresholds:
     runs = []
     for contacts in counted:
         located = [
-            locate_frame(part, pose, shift_of(frames, str(name)), targets)
+            locate_frame(part, pose, frame_shift(frames, str(name)), targets)
             for name, part in contacts.groupby("frame", sort=False)
         ]
         table = pd.concat(located, ignore_index=True) if located else contacts

@@ -2,19 +2,16 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import pandas as pd
 
 from contactimg.errors import ConvergenceError, ModelRangeError
-from contactimg.pipeline.analyse.load_groups import usable_frames
+from contactimg.pipeline.analyse.group_by_load import usable_frames
 from contactimg.pipeline.analyse.places import Place, radius_ratios
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.prediction import predict_contacts
+from contactimg.prediction import MODEL_COUPLINGS, predict_contacts
 from contactimg.tables import CONTACTS
-
-MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
-"""Name of the model in the tables -> level of coupling."""
 
 
 def has_models(place: Place) -> bool:

@@ -9,8 +9,8 @@ from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.topography import describe_topography
 from contactimg.files import write_figure, write_table
-from contactimg.pipeline.analyse.places_together import Analysis
-from contactimg.pipeline.analyse.results import result_rows, topography_rows
+from contactimg.pipeline.analyse.analysis import Analysis
+from contactimg.pipeline.analyse.results_table import result_rows, topography_rows
 from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_topography
 from contactimg.tables import (
     AREA,

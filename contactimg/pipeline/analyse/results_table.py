@@ -10,7 +10,7 @@ from contactimg.analysis.broken_power_laws import BrokenLaw
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.analysis.topography import Topography
-from contactimg.pipeline.analyse.places_together import Analysis
+from contactimg.pipeline.analyse.analysis import Analysis
 from contactimg.tables import RESULTS
 
 Row = dict[str, Any]

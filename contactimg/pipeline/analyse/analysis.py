@@ -15,10 +15,11 @@ from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.pipeline.analyse.load_averages import LoadAverage, Surface, average_load
-from contactimg.pipeline.analyse.load_groups import group_frames, joined, usable_frames
-from contactimg.pipeline.analyse.model_places import MODEL_COUPLINGS, has_models, predict_places
+from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
+from contactimg.pipeline.analyse.group_by_load import group_frames, joined, usable_frames
 from contactimg.pipeline.analyse.places import Place
+from contactimg.pipeline.analyse.predicted_places import has_models, predict_places
+from contactimg.prediction import MODEL_COUPLINGS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
 Fit = TypeVar("Fit")

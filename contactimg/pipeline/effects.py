@@ -1,0 +1,134 @@
+"""Effects of a scene: which ones it calls for, and which ones its frames are measured with."""
+
+import numpy as np
+import pandas as pd
+
+from contactimg.effects.optics.edge import film_makes_the_contrast
+from contactimg.effects.plan import Plan, make_plan
+from contactimg.errors import InputError, finite_number
+from contactimg.forces import common_radius
+from contactimg.imaging.profile.film_rim import FilmRim
+from contactimg.optics.recipe import lamp
+from contactimg.pipeline.inputs import largest_load, need_asperities
+from contactimg.scene import Scene, Simulate
+
+SHARP_BLUR_PX = 1e-3
+"""Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
+below 0.3 px, the standard deviation of a pixel, gives the same edge."""
+
+
+def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
+    """Decide which effects a scene calls for, each with the number that decides.
+
+    Parameters
+    ----------
+    scene : Scene
+        With asperities, sections ``[indenter]`` and ``[elastic]``; ``[tolerance]`` says what must be accurate
+        and how accurate, ``[effects]`` what is ordered.
+    load : float, optional, N
+        By default the largest of the scene: of ``[simulate] loads_N``, else of its table of loads.
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        If the scene lacks what the estimates need, or a load.
+    ModelRangeError
+        If the indenter reaches the plane between the asperities.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> scene = scene_from_dict(
+    ...     {
+    ...         "indenter": {"radius_m": 0.1288, "apex_m": [0.002, 0.002]},
+    ...         "elastic": {"young_modulus_Pa": 3e6},
+    ...         "asperities": {"generate": "SA", "side_m": 0.004},
+    ...         "tolerance": {"output": "force"},
+    ...     }
+    ... )
+    >>> plan = plan_effects(scene, load=0.05)
+    >>> plan.coupling, plan.is_on("layer")
+    ('asymptotic', False)
+    """
+    asperities = need_asperities(scene, "planning the effects")
+    chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
+    return make_plan(scene, asperities, load=chosen)
+
+
+def resolve_measurement(scene: Scene, sites: pd.DataFrame | None) -> Scene:
+    """The scene as its frames are measured.
+
+    A correction under "auto" stays on: the frame itself shows how far it drifted, how noisy, dusty and
+    blurred it is. What is "off" is not looked for: drift of position, dust, saturated pixels, blur (the fit
+    takes a sharp edge). The film under "auto" is on where ``[simulate]`` states a contrast within a factor of
+    two of what its light gives an air film, and the radius of the asperities is known. Uneven light, drift of
+    light, noise, steps of the converter and rough edges are measured or divided out in any case.
+
+    Parameters
+    ----------
+    scene : Scene
+    sites : DataFrame or None
+        Its asperities, if they are known.
+
+    Returns
+    -------
+    Scene
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> resolve_measurement(scene_from_dict({"effects": {"blur": "off"}}), None).measure.blur_px
+    0.001
+    >>> resolve_measurement(scene_from_dict({}), None).effects.film
+    'off'
+    """
+    film, measure = scene.effects.film, scene.measure
+    if film == "auto":
+        film = "on" if _states_a_film(scene, sites) else "off"
+    if scene.effects.blur == "off" and measure.blur_px is None:
+        measure = measure.model_copy(update={"blur_px": SHARP_BLUR_PX})
+    effects = scene.effects.model_copy(update={"film": film})
+    return scene.model_copy(update={"effects": effects, "measure": measure})
+
+
+def _states_a_film(scene: Scene, sites: pd.DataFrame | None) -> bool:
+    """Whether the scene states a contrast that is the film's, and what its rim needs."""
+    if scene.camera is None or scene.simulate is None or not film_makes_the_contrast(scene.simulate):
+        return False
+    stated = scene.asperities is not None and scene.asperities.radius is not None
+    return stated or (sites is not None and len(sites) > 0)
+
+
+def film_rim(scene: Scene, sites: pd.DataFrame | None) -> FilmRim | None:
+    """The rim that the air film draws around contacts, where the scene switches it on.
+
+    Parameters
+    ----------
+    scene : Scene
+        ``[effects] film = "on"``; the light is that of ``[simulate] film_*`` (or its defaults, a white LED,
+        glass and PDMS).
+    sites : DataFrame or None
+        Composite summits of the asperities: the film of the mean radius is drawn.
+
+    Raises
+    ------
+    InputError
+        If the pixel size or the asperities' radius is not known.
+    """
+    if scene.effects.film != "on" or scene.measure.method != "disk":
+        return None
+    camera = scene.need("camera", 'measuring with [effects] film = "on"')
+    radius = common_radius(scene, sites)
+    if not np.isfinite(radius) and sites is not None and len(sites):
+        radius = float(sites["radius_m"].mean())
+    if not np.isfinite(radius):
+        raise InputError(
+            '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
+            'with it, or set film = "off"'
+        )
+    light = lamp(scene.simulate if scene.simulate is not None else Simulate())
+    return FilmRim(light, radius, camera.pixel_size)

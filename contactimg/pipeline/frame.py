@@ -1,0 +1,324 @@
+"""Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
+
+from dataclasses import dataclass, replace
+from numbers import Real
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+from contactimg.frame import Frame
+from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
+from contactimg.imaging.profile.film_rim import FilmRim
+from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline.parallel import FailedFrame
+from contactimg.pose import Pose
+from contactimg.scene import Scene
+from contactimg.tables import CONTACTS, REJECTED
+from contactimg.tradeoff.choice import Choice, measure_cheapest
+
+
+def measure_frame(
+    frame: Frame | NDArray,
+    reference: Frame | NDArray | None = None,
+    *,
+    pixel_size: float,
+    method: Literal["threshold", "disk"] = "disk",
+    polarity: Literal["bright", "dark", "auto"] = "auto",
+    threshold: float | Literal["auto"] | None = None,
+    contrast: float | None = None,
+    blur_px: float | None = None,
+) -> pd.DataFrame:
+    """Measure the contacts on one frame.
+
+    Parameters
+    ----------
+    frame : Frame or ndarray, shape (rows, columns)
+        The frame with contacts.
+    reference : Frame or ndarray, optional
+        The non-contact frame, of the same shape. Without it the background is estimated from the frame.
+    pixel_size : float
+        Sample length per pixel, m. Sample coordinates have their origin at the image centre.
+    method : {"disk", "threshold"}
+        Model fit, or the paper's pixel count.
+    polarity : {"auto", "bright", "dark"}
+        Whether contacts are brighter or darker than the reference.
+    threshold : float or "auto", optional
+        Fraction of the contact contrast; default 0.5.
+    contrast : float, optional
+        Plateau of the contacts above the background, grey levels, where it is known (from frames with larger
+        contacts, say); default: estimated from the frame.
+    blur_px : float, optional
+        Standard deviation of the optical blur; default: estimated from the frame.
+
+    Returns
+    -------
+    DataFrame
+        The contacts table, one row a contact; without contacts, an empty table with all its columns.
+
+    Notes
+    -----
+    Contacts as small as the blur do not show how bright they are, and their radii lean on the contrast: where
+    no contact is larger and it is not given, uncertainties are wide and contacts flagged ``NO_PLATEAU``. A
+    series (`contactimg.measure_series`) takes it from its other frames.
+
+    Raises
+    ------
+    InputError
+        If the pixel size, the contrast or the blur is not a positive number, or an option has another value.
+    FrameError
+        If the reference has another shape than the frame.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> y, x = np.mgrid[:60, :80]
+    >>> noise = np.random.default_rng(1).normal(0, 1, (2, 60, 80))
+    >>> spot = 100 / (1 + np.exp(1.5 * (np.hypot(x - 41.3, y - 28.6) - 9.5)))
+    >>> table = measure_frame(50 + spot + noise[0], 50 + noise[1], pixel_size=1e-6)
+    >>> len(table), round(float(table["radius_px"].iloc[0]), 1)
+    (1, 9.5)
+    """
+    pixel_size = _positive("pixel_size", pixel_size, "the sample length that one pixel covers, in m")
+    optics = SharedOptics()
+    if contrast is not None:
+        optics = SharedOptics(_positive("contrast", contrast, "plateau minus background in grey levels"))
+    if blur_px is not None:
+        blur_px = _positive("blur_px", blur_px, "the standard deviation of the blur in pixels")
+    frame = frame if isinstance(frame, Frame) else Frame(np.asarray(frame))
+    image = reference.image if isinstance(reference, Frame) else reference
+    measurement = measure_image(
+        frame.image,
+        image,
+        method=method,
+        polarity=polarity,
+        threshold=threshold,
+        full_scale=frame.full_scale,
+        blur_px=blur_px,
+        optics=optics,
+    )
+    pose = Pose(frame.shape, pixel_size)
+    return locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
+
+
+def _positive(name: str, value: object, hint: str) -> float:
+    """The value as a positive number, or one sentence on what it has to be."""
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not number or not (np.isfinite(value) and value > 0):  # type: ignore[operator, call-overload]
+        raise InputError(f"measure_frame: {name} must be a positive number, got {value!r}; give {hint}")
+    return float(value)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class FrameOptions:
+    """How the frames of a scene are measured.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its ``[measure]``, ``[images]`` and ``[effects]`` apply.
+    film : FilmRim or None
+        Rim that the air film draws around the contacts.
+    relative : float or None
+        Tolerance of the scene's output, for which each frame's method is chosen; None for the scene's method.
+    """
+
+    scene: Scene
+    film: FilmRim | None = None
+    relative: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredFrame:
+    """One frame's part of a run, in pixels.
+
+    Parameters
+    ----------
+    contacts, rejected : DataFrame
+    row : dict
+        Its row of the frames table.
+    shape : (int, int) or None
+        Rows and columns; None for a frame that failed.
+    own_optics : SharedOptics or None
+        Contrast (grey levels) and blur that the frame alone shows; None where it shows nothing.
+    level : float
+        Grey level of its background; 0 where that was subtracted before.
+    choice : Choice or None
+        How it was measured and why, where that was chosen for a tolerance.
+    """
+
+    contacts: pd.DataFrame
+    rejected: pd.DataFrame
+    row: dict[str, Any]
+    shape: tuple[int, int] | None
+    own_optics: SharedOptics | None = None
+    level: float = 0.0
+    choice: Choice | None = None
+
+    @classmethod
+    def failed(cls, failure: FailedFrame) -> "MeasuredFrame":
+        """The part of a frame that could not be measured: empty tables and a row that says why."""
+        return cls(CONTACTS.empty(), REJECTED.empty(), failure.row, shape=None)
+
+    @property
+    def relative_optics(self) -> SharedOptics | None:
+        """Its own optics with the contrast divided by the background, so that drifts of the lamp cancel."""
+        return None if self.own_optics is None else self.own_optics.scaled(1.0 / (self.level or 1.0))
+
+    def with_choice(self, choice: Choice | None) -> "MeasuredFrame":
+        """The same with the choice of the method, which is added to the message."""
+        if choice is None:
+            return self
+        message = "; ".join(text for text in (self.row["message"], str(choice)) if text)
+        return replace(self, row=self.row | {"message": message}, choice=choice)
+
+    def summary(self) -> str:
+        """One line about the frame, for the log."""
+        numbers = (f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float))
+        head = f"{self.row['frame']}: {self.row['status']}, {len(self.contacts)} contacts, "
+        return head + ", ".join(numbers)
+
+
+def measure_scene_frame(
+    frame: Frame,
+    reference: NDArray | None,
+    optics: SharedOptics | None = None,
+    *,
+    options: FrameOptions,
+) -> MeasuredFrame:
+    """Measure one frame by the scene's method, or by the cheapest one that meets a tolerance.
+
+    Parameters
+    ----------
+    frame : Frame
+    reference : ndarray or None
+        Pixels of the reference.
+    optics : SharedOptics, optional
+        Contrast and blur from other frames; disks are then fitted, whatever the scene's method.
+    options : FrameOptions
+    """
+    scene, choice = options.scene, None
+    if options.relative is not None and optics is None:
+        measurement, choice = measure_cheapest(
+            frame.image,
+            reference,
+            scene=scene,
+            relative=options.relative,
+            full_scale=full_scale(frame, scene),
+            film=options.film,
+        )
+    else:
+        measurement = measure_prepared(
+            frame,
+            reference,
+            scene,
+            method=scene.measure.method if optics is None else "disk",
+            threshold=scene.measure.threshold,
+            blur_px=scene.measure.blur_px,
+            optics=optics,
+            film=options.film,
+        )
+    return MeasuredFrame(
+        contacts_table(measurement, frame.name),
+        rejected_table(measurement, frame.name),
+        frame_row(measurement, frame.name),
+        frame.shape,
+        measurement.own_optics if len(measurement.disks) else None,
+        measurement.level,
+    ).with_choice(choice)
+
+
+def measure_prepared(
+    frame: Frame,
+    reference: NDArray | None,
+    scene: Scene,
+    *,
+    method: str,
+    threshold: float | str | None = None,
+    blur_px: float | None = None,
+    optics: SharedOptics | None = None,
+    film: FilmRim | None = None,
+) -> ImageMeasurement:
+    """Measure a frame with the polarity, the full scale and the corrections of its scene.
+
+    Every command measures frames this way: a number calibrated on frames applies only to frames that were
+    prepared alike. The other parameters are those of `contactimg.imaging.measure.measure_image`.
+    """
+    return measure_image(
+        frame.image,
+        reference,
+        method=method,
+        polarity=scene.images.polarity,
+        threshold=threshold,
+        full_scale=full_scale(frame, scene),
+        blur_px=blur_px,
+        optics=optics,
+        film=film,
+        absent=scene.effects.switched_off(*CORRECTIONS),
+    )
+
+
+def full_scale(frame: Frame, scene: Scene) -> float | None:
+    """Grey level of saturation: that of the frame, infinite with ``[effects] saturation = "off"``.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> frame = Frame(np.zeros((3, 4), np.uint8), full_scale=255)
+    >>> full_scale(frame, scene_from_dict({"effects": {"saturation": "off"}}))
+    inf
+    """
+    return np.inf if scene.effects.saturation == "off" else frame.full_scale
+
+
+def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
+    """The frame's row of the frames table; without a number of contacts where nothing could be measured."""
+    return {
+        "frame": name,
+        "status": measurement.status,
+        "n_contacts": len(measurement.disks) if measurement.measurable else pd.NA,
+        "threshold": measurement.threshold,
+        "contrast": measurement.contrast,
+        "noise": measurement.noise,
+        "shift_x_px": measurement.shift_x_px,
+        "shift_y_px": measurement.shift_y_px,
+        "message": measurement.message,
+        "smallest_px": measurement.smallest_px,
+    }
+
+
+def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
+    """The measured disks as a contacts table, in pixels only."""
+    return CONTACTS.conform(measurement.disks.assign(frame=name))
+
+
+def rejected_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
+    """The rejected candidates as a table."""
+    return REJECTED.conform(measurement.rejected.assign(frame=name))
+
+
+def locate_contacts(contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float, float]) -> pd.DataFrame:
+    """Fill the columns in metres of a contacts table.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Contacts table with pixel columns; not changed.
+    pose : Pose
+        Pose of the camera over the reference frame.
+    shift_px : (float, float)
+        Position in the frame minus position in the reference, (x, y).
+    """
+    if not np.isfinite(shift_px).all():
+        raise InputError(f"the shift of a frame must be finite, got {shift_px}")
+    x, y = pose.to_sample(contacts["x_px"] - shift_px[0], contacts["y_px"] - shift_px[1])
+    radius = contacts["radius_px"].to_numpy(float) * pose.pixel_size
+    return contacts.assign(
+        x_m=x,
+        y_m=y,
+        radius_m=radius,
+        radius_std_m=contacts["radius_std_px"].to_numpy(float) * pose.pixel_size,
+        area_m2=np.pi * radius**2,
+    )

@@ -1,0 +1,9 @@
+"""Where the camera looks: the similarity between pixels and sample coordinates, and its fit.
+
+Read in this order: `pose` (`Pose`, the similarity itself), `pairs` (one-to-one pairs of points and targets),
+`fit` (`fit_pose`: contact centres and asperities in, the pose that makes them coincide out).
+"""
+
+from contactimg.pose.pose import Pose
+
+__all__ = ["Pose"]

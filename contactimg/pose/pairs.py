@@ -1,0 +1,70 @@
+"""One-to-one pairs of points and targets in a plane."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
+from scipy.spatial import KDTree
+
+from contactimg.pose.pose import Pose
+
+
+def pair_points(
+    points: ArrayLike, targets: ArrayLike, *, max_distance: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """One-to-one pairs of points and targets with the least sum of squared distances.
+
+    A point without a partner costs ``max_distance**2``, so a pair further apart is never made.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+    targets : array_like, shape (m, 2)
+    max_distance : float
+        Same unit as the coordinates.
+
+    Returns
+    -------
+    point_index, target_index : ndarray of int, shape (k,)
+        Sorted by ``point_index``.
+    distance : ndarray, shape (k,)
+
+    Examples
+    --------
+    >>> pair_points([[0, 0], [5, 5]], [[0.1, 0], [0.2, 0]], max_distance=1.0)[1]
+    array([0])
+    """
+    points = np.asarray(points, float).reshape(-1, 2)
+    targets = np.asarray(targets, float).reshape(-1, 2)
+    n, m = len(points), len(targets)
+    none = np.empty(0, np.intp)
+    if n == 0 or m == 0:
+        return none, none, np.empty(0)
+    near = KDTree(points).sparse_distance_matrix(KDTree(targets), max_distance, output_type="coo_matrix")
+    # a zero weight would read as "no edge": costs run from 1 (distance 0) to 2 (no partner)
+    cost = np.concatenate([1 + (near.data / max_distance) ** 2, np.full(n, 2.0)])
+    row = np.concatenate([near.row, np.arange(n)])
+    column = np.concatenate([near.col, m + np.arange(n)])
+    rows, columns = min_weight_full_bipartite_matching(
+        coo_array((cost, (row, column)), shape=(n, m + n)).tocsr()
+    )
+    real = columns < m
+    rows, columns = rows[real].astype(np.intp), columns[real].astype(np.intp)
+    return rows, columns, np.linalg.norm(points[rows] - targets[columns], axis=1)
+
+
+def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
+    """Distance (m) within which a contact belongs to a target: well below their spacing, two pixels at least.
+
+    Parameters
+    ----------
+    targets : array_like, shape (m, 2)
+        Sample coordinates of the places where contacts can be, m.
+    pose : Pose
+        Gives the pixel size.
+    """
+    points = np.asarray(targets, float).reshape(-1, 2)
+    if len(points) < 2:
+        return 2 * pose.pixel_size
+    distance, _ = KDTree(points).query(points, k=2)
+    return max(0.15 * float(np.median(distance[:, 1])), 2 * pose.pixel_size)
