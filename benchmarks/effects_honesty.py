@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from effect_scenes import SA_LENS, SCENES, mechanical_scene, pattern
 
 from contactimg import generate_asperities, solve_adhesive, solve_interacting
-from contactimg.effects.change import OUTPUTS, relative_change
-from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.output_change import OUTPUTS, relative_change
 from contactimg.effects.plan import make_plan
 from contactimg.scene import scene_from_dict
 
@@ -63,7 +63,7 @@ def compare(scene, table, load):
     for output in OUTPUTS:
         tolerance = scene.tolerance.model_copy(update={"output": output})
         asked = scene.model_copy(update={"tolerance": tolerance})
-        for estimate in estimate_mechanics(asked, table, load=load)[1]:
+        for estimate in estimate_mechanics(asked, table, load=load).estimates:
             if estimate.effect in all_on:
                 truth = relative_change(output, without=without[estimate.effect], complete=complete)
                 yield estimate.effect, output, truth, estimate.change
@@ -105,7 +105,7 @@ def patterns():
         for seed in range(40):
             scene = scene_from_dict({"indenter": {"radius_m": SA_LENS}, "elastic": {"young_modulus_Pa": 3e6}})
             table = pattern("SA", side=4e-3, seed=seed)
-            change.append(estimate_mechanics(scene, table, load=load)[1][0].change)
+            change.append(estimate_mechanics(scene, table, load=load).estimates[0].change)
         print(
             f"SA+ at {load:g} N: coupling changes the area by {100 * np.mean(change):.2f} % on the average "
             f"of 40 patterns (largest {100 * np.max(change):.2f} %)"

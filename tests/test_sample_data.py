@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS
+from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
 from contactimg.files import read_frames, read_scene
 from contactimg.tables import ASPERITIES, CONTACTS
 

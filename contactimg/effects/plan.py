@@ -1,9 +1,8 @@
-"""The plan: which effects are computed for a scene, decided by a number against the scene's tolerance.
+"""The plan: which effects are computed for a scene, from their estimates and the scene's tolerance.
 
-Everything that is left out by the plan's own decision changes the requested output, all together, by less
-than the tolerance: the smallest effects are dropped first, as long as the sum of the estimates, each a
-quarter larger because estimates err, stays below the tolerance. A sum that meets it exactly keeps the effect
-on.
+The effects that the plan leaves out change the requested output together by less than the tolerance. Effects
+are dropped in order of their estimated change, the smallest first, as long as `SAFETY_FACTOR` times the sum
+of the estimates stays below the tolerance.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,9 +11,9 @@ from typing import Any, Literal
 
 import pandas as pd
 
-from contactimg.effects.estimate import Estimate
-from contactimg.effects.mechanics.estimates import weigh_mechanics
-from contactimg.effects.optics.estimates import estimate_optics
+from contactimg.effects.effect_estimate import EffectEstimate
+from contactimg.effects.mechanics.mechanical_effects import estimate_mechanics
+from contactimg.effects.optics.optical_effects import estimate_optics
 from contactimg.scene import Effects, Scene
 from contactimg.tables import EFFECTS
 from contactimg.timings import stage
@@ -22,21 +21,22 @@ from contactimg.timings import stage
 Level = Literal["none", "asymptotic", "full"]
 
 REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
-"""Effects that act through another one only."""
+"""Effects that act only through another one."""
 
 INCLUDED = {"full_coupling": "coupling"}
-"""Effects whose change that of another one includes: left out with it, they count no more.
+"""Effects whose change is part of the change of another one: if both are left out, only the other one counts.
 
-Not so the layer: where it matters, an uncoupled model is right only as far as two effects cancel.
+The layer is no such effect: coupling and layer partly cancel, so that leaving out both can change less than
+leaving out one.
 """
 
-MARGIN = 1.25
-"""Factor on estimates in the sum of what is dropped: they err by up to a quarter."""
+SAFETY_FACTOR = 1.25
+"""Factor on the sum of the dropped estimates. Chosen: estimates differ from solutions by up to a quarter."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """What the plan says of one effect.
+    """The decision on one effect.
 
     Parameters
     ----------
@@ -44,15 +44,15 @@ class Decision:
     change : float
         Estimated relative change of the requested output if the effect is left out.
     tolerance : float
-        What the estimates of all that is left out must stay below together.
+        Upper limit for the sum of the changes of all effects that are left out.
     on : bool
         Whether the effect is computed.
     switch : {"auto", "on", "off"}
-        What the scene orders; "auto" leaves it to the plan.
+        The switch in the scene; "auto" leaves the decision to the plan.
     reason : str
-        Half a sentence with the numbers that decide.
+        The numbers that decide, in words.
     cost : float
-        Time of its stage with the effect over the time without.
+        Time to solve, render or measure with the effect divided by the time without.
     """
 
     effect: str
@@ -72,14 +72,14 @@ class Plan:
     ----------
     decisions : tuple of Decision
     output : {"area", "force", "radius"}
-        What must be accurate.
+        The result that must be accurate.
     relative : float
-        To what relative change.
+        Relative change that is allowed.
     load : float, N
     messages : tuple of str
-        One sentence for each effect that is left out against the plan's advice.
+        One sentence for each switch in the scene that contradicts the estimates.
     limits : tuple of str
-        One sentence for each limit of the models that contacts exceed, and are computed beyond.
+        One sentence for each range of validity that some contacts exceed; they are computed nevertheless.
     """
 
     decisions: tuple[Decision, ...]
@@ -90,7 +90,7 @@ class Plan:
     limits: tuple[str, ...] = ()
 
     def is_on(self, effect: str) -> bool:
-        """Whether an effect is computed; one that the plan does not know is not."""
+        """Whether an effect is computed; False for an effect that is not in the plan."""
         return any(decision.on for decision in self.decisions if decision.effect == effect)
 
     @property
@@ -101,19 +101,19 @@ class Plan:
         return "full" if self.is_on("full_coupling") else "asymptotic"
 
     def apply(self, scene: Scene) -> Scene:
-        """The scene with every switch that the plan decides on explicit: "on" or "off"."""
-        known = Effects.model_fields
-        explicit = {d.effect: "on" if d.on else "off" for d in self.decisions if d.effect in known}
-        return scene.model_copy(update={"effects": scene.effects.model_copy(update=explicit)})
+        """The scene with the decisions of the plan as its switches, "on" or "off"."""
+        names = Effects.model_fields
+        switches = {d.effect: "on" if d.on else "off" for d in self.decisions if d.effect in names}
+        return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
 
     @property
     def record(self) -> list[dict[str, Any]]:
-        """What the provenance keeps: effect, change, decision and reason."""
+        """The decisions for the provenance: effect, change, decision and reason."""
         rows = self.table()[["effect", "change", "decision", "reason"]].to_dict("records")
         return [{str(key): value for key, value in row.items()} for row in rows]
 
     def table(self) -> pd.DataFrame:
-        """One row an effect: the schema `EFFECTS`."""
+        """One row per effect: the schema `contactimg.tables.EFFECTS`."""
         rows = [
             asdict(d) | {"load_N": self.load, "decision": "on" if d.on else "off"} for d in self.decisions
         ]
@@ -121,48 +121,48 @@ class Plan:
 
 
 def decide(
-    estimates: Sequence[Estimate], switches: Effects, *, tolerance: float
+    estimates: Sequence[EffectEstimate], switches: Effects, *, tolerance: float
 ) -> tuple[tuple[Decision, ...], tuple[str, ...]]:
-    """Keep the effects that matter; the sum of what is dropped stays below the tolerance.
+    """Drop the smallest effects, as long as their changes add up to less than the tolerance.
 
     Parameters
     ----------
-    estimates : sequence of Estimate
+    estimates : sequence of EffectEstimate
     switches : Effects
-        The scene's; an order is obeyed. What is off by order does not count in the sum.
+        Of the scene. Effects that it switches "on" or "off" stay so and do not count in the sum.
     tolerance : float
-        Relative change.
+        Relative change that is allowed.
 
     Returns
     -------
     decisions : tuple of Decision
         In the order of the estimates.
     messages : tuple of str
-        One sentence for each effect that is off by order although it changes the output by the tolerance or
-        more.
+        One sentence for each effect that is switched off although it changes the output by the tolerance or
+        more, or switched on although it cannot act.
 
     Examples
     --------
-    >>> found = [Estimate("layer", 0.004, "thin"), Estimate("coupling", 0.2, "close")]
-    >>> [decision.on for decision in decide(found, Effects(), tolerance=0.01)[0]]
+    >>> estimates = [EffectEstimate("layer", 0.004, "thin"), EffectEstimate("coupling", 0.2, "close")]
+    >>> [decision.on for decision in decide(estimates, Effects(), tolerance=0.01)[0]]
     [False, True]
     """
-    order = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
-    needed = {base for effect, base in REQUIRES.items() if order.get(effect) == "on"}
-    on = _kept(estimates, order, needed, tolerance)
-    pulled = {base for effect, base in REQUIRES.items() if effect in on - set(INCLUDED)}
-    if not pulled <= on:
-        on = _kept(estimates, order, needed | pulled, tolerance)
-    moot = {effect: base for effect, base in REQUIRES.items() if base in order and base not in on}
-    on -= set(moot)
+    switch = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
+    required = {base for effect, base in REQUIRES.items() if switch.get(effect) == "on"}
+    on = _kept_effects(estimates, switch, required, tolerance)
+    also_required = {base for effect, base in REQUIRES.items() if effect in on - set(INCLUDED)}
+    if not also_required <= on:
+        on = _kept_effects(estimates, switch, required | also_required, tolerance)
+    inactive = {effect: base for effect, base in REQUIRES.items() if base in switch and base not in on}
+    on -= set(inactive)
     decisions = tuple(
         Decision(
             e.effect,
-            0.0 if e.effect in moot else e.change,
+            0.0 if e.effect in inactive else e.change,
             tolerance,
             e.effect in on,
-            order[e.effect],
-            f"acts through {moot[e.effect]}, which is left out" if e.effect in moot else e.reason,
+            switch[e.effect],
+            f"acts through {inactive[e.effect]}, which is left out" if e.effect in inactive else e.reason,
             e.cost,
         )
         for e in estimates
@@ -171,7 +171,7 @@ def decide(
 
 
 def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
-    """What is off against the plan's advice."""
+    """Sentences on the switches that contradict the estimates."""
     for d in decisions:
         if d.switch == "on" and not d.on:
             yield f"{d.effect} is switched on but {d.reason}"
@@ -182,30 +182,25 @@ def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
             )
 
 
-def _kept(
-    estimates: Sequence[Estimate], order: dict[str, str], needed: set[str], tolerance: float
+def _kept_effects(
+    estimates: Sequence[EffectEstimate], switch: dict[str, str], required: set[str], tolerance: float
 ) -> set[str]:
-    """Effects that are on by order, because others need them or because they matter."""
-    free = [e for e in estimates if order[e.effect] == "auto" and e.effect not in needed]
-    dropped = _dropped(free, tolerance)
-    return {effect for effect, switch in order.items() if switch != "off" and effect not in dropped}
+    """Effects that are switched on, that others require, or that change the output too much to be dropped."""
+    free = [e for e in estimates if switch[e.effect] == "auto" and e.effect not in required]
+    dropped = _dropped_effects(free, tolerance)
+    return {effect for effect in switch if switch[effect] != "off" and effect not in dropped}
 
 
-def _dropped(estimates: Iterable[Estimate], tolerance: float) -> set[str]:
-    """Effects whose changes, the smallest first, add up to less than the tolerance."""
+def _dropped_effects(estimates: Iterable[EffectEstimate], tolerance: float) -> set[str]:
+    """The smallest effects whose changes add up to less than the tolerance."""
     dropped: dict[str, float] = {}
-    for estimate in sorted(estimates, key=_size):
-        moot = {effect for effect, base in INCLUDED.items() if base == estimate.effect}
-        others = sum(change for effect, change in dropped.items() if effect not in moot)
+    for estimate in sorted(estimates, key=lambda e: (e.change, -e.cost, e.effect)):
+        included = {effect for effect, base in INCLUDED.items() if base == estimate.effect}
+        others = sum(change for effect, change in dropped.items() if effect not in included)
         change = 0.0 if INCLUDED.get(estimate.effect) in dropped else estimate.change
-        if MARGIN * (others + change) < tolerance:
-            dropped |= {estimate.effect: change} | dict.fromkeys(moot & set(dropped), 0.0)
+        if SAFETY_FACTOR * (others + change) < tolerance:
+            dropped |= {estimate.effect: change} | dict.fromkeys(included & set(dropped), 0.0)
     return set(dropped)
-
-
-def _size(estimate: Estimate) -> tuple[float, float, str]:
-    """Smallest first; of equal ones the dearest, then by name."""
-    return (estimate.change, -estimate.cost, estimate.effect)
 
 
 @stage("planning")
@@ -215,9 +210,9 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     Parameters
     ----------
     scene : Scene
-        Sections ``[indenter]`` and ``[elastic]`` are needed; ``[tolerance]`` says what must be accurate and
-        how accurate, ``[effects]`` what is ordered. With ``[simulate]`` and ``[camera]`` optics
-        and sensor are weighed as well.
+        With the sections ``[indenter]`` and ``[elastic]``; ``[tolerance]`` states the output and the relative
+        change that is allowed, ``[effects]`` the switches. With ``[simulate]`` and ``[camera]`` the effects
+        of optics and sensor are estimated as well.
     asperities : DataFrame
         Columns ``x_m, y_m, height_m, radius_m``.
     load : float, N
@@ -229,7 +224,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     Raises
     ------
     InputError
-        If the scene lacks a section or the load breaks its rule.
+        If a section is missing or the load is not valid.
     ModelRangeError
         If the indenter reaches the plane between the asperities.
 
@@ -244,7 +239,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     >>> plan.coupling, plan.is_on("sphere_profile")
     ('none', False)
     """
-    mechanics = weigh_mechanics(scene, asperities, load=load)
+    mechanics = estimate_mechanics(scene, asperities, load=load)
     optics = estimate_optics(scene, mechanics.contacts()) if scene.simulate is not None else ()
     estimates = (*mechanics.estimates, *optics)
     decisions, messages = decide(estimates, scene.effects, tolerance=scene.tolerance.relative)

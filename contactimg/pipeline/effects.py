@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.optics.edge import film_makes_the_contrast
+from contactimg.effects.optics.edge_effects import film_makes_the_contrast
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import InputError, finite_number
 from contactimg.forces import common_radius

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS
+from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
 from contactimg.effects.plan import Decision, make_plan
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table

@@ -12,7 +12,7 @@ from math import hypot, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.effects.change import relative_change, stated_change
+from contactimg.effects.output_change import relative_change, stated_change
 from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.method import count_contacts
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image

@@ -11,7 +11,7 @@ from scipy import ndimage
 from skimage.feature import peak_local_max
 from skimage.segmentation import watershed
 
-from contactimg.effects.change import relative_change, stated_change
+from contactimg.effects.output_change import relative_change, stated_change
 from contactimg.errors import InputError
 from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE

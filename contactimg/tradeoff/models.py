@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.change import relative_change
+from contactimg.effects.output_change import relative_change
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.greenwood_williamson import RingSolution

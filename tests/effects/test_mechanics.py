@@ -7,9 +7,13 @@ from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, patt
 from scipy.optimize import brentq
 
 from contactimg import InputError, ModelRangeError, generate_asperities, solve_interacting
-from contactimg.effects.change import OUTPUTS, relative_change
-from contactimg.effects.mechanics.estimates import MECHANICAL_EFFECTS, estimate_mechanics
-from contactimg.effects.mechanics.state import CELLS, SAMPLE, Stage
+from contactimg.effects.mechanics.approximate_state import (
+    CELLS_PER_SIDE,
+    MAX_SAMPLED_CANDIDATES,
+    CandidateSample,
+)
+from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.output_change import OUTPUTS, relative_change
 from contactimg.effects.plan import make_plan
 from contactimg.models.scaled_problem import ContactConditions, scale_problem
 from contactimg.prediction import predict_contacts
@@ -60,7 +64,7 @@ def truths():
 
 def estimates(name, output):
     scene, table, load = mechanical_scene(name, output=output)
-    return {e.effect: e for e in estimate_mechanics(scene, table, load=load)[1]}
+    return {e.effect: e for e in estimate_mechanics(scene, table, load=load).estimates}
 
 
 def change(truth, effect, output):
@@ -166,11 +170,11 @@ def test_estimates_do_not_depend_on_the_units(name):
         "work_of_adhesion_J_m2": elastic.get("work_of_adhesion_J_m2", 0.0) * length * pressure,
     }
     scene = scene_from_dict({"indenter": {"radius_m": lens * length}, "elastic": scaled})
-    there = estimate_mechanics(scene, table() * length, load=load * length**2 * pressure)[1]
+    there = estimate_mechanics(scene, table() * length, load=load * length**2 * pressure).estimates
     plain = scene_from_dict(
         {"indenter": {"radius_m": lens}, "elastic": {"thickness_m": 1.0, "young_modulus_Pa": 3e6, **elastic}}
     )
-    here = estimate_mechanics(plain, table(), load=load)[1]
+    here = estimate_mechanics(plain, table(), load=load).estimates
     for one, other in zip(here, there, strict=True):
         # rounding, magnified by the state's residual being no smaller than 1e-4
         assert other.change == pytest.approx(one.change, rel=1e-6, abs=1e-9), one.effect
@@ -178,7 +182,7 @@ def test_estimates_do_not_depend_on_the_units(name):
 
 def test_contacts_are_those_of_the_coupled_state():
     scene, table, load = mechanical_scene("SA+ 0.1 N")
-    contacts, _ = estimate_mechanics(scene, table, load=load)
+    contacts = estimate_mechanics(scene, table, load=load).contacts()
     force, radius = answer(scene, table, load)
     there = np.zeros((2, len(table)))
     there[:, contacts["asperity"]] = contacts[["force_N", "radius_m"]].to_numpy().T
@@ -190,19 +194,19 @@ def test_contacts_are_those_of_the_coupled_state():
 
 def test_the_size_of_the_problem_is_bounded():
     table = generate_asperities("SA", side=0.045, coverage=0.4, rng=np.random.default_rng(0))
-    assert len(table) > 1.5 * SAMPLE
+    assert len(table) > 1.5 * MAX_SAMPLED_CANDIDATES
     setting = ContactConditions(2.0, 4e6, (0.0225, 0.0225), np.inf, 3.0, None)
-    stage = Stage.of(scale_problem(table, setting))
-    assert stage.problem.gap.size <= SAMPLE
-    assert stage.cells.count <= (CELLS + 1) ** 2
+    sample = CandidateSample.of(scale_problem(table, setting))
+    assert sample.problem.gap.size <= MAX_SAMPLED_CANDIDATES
+    assert sample.cells.count <= (CELLS_PER_SIDE + 1) ** 2
 
 
 def test_a_sample_of_many_says_the_same(monkeypatch):
     """Every fourth candidate for all: the changes by some per cent the same."""
     scene, table, load = mechanical_scene("SA+ large load")
-    whole = estimate_mechanics(scene, table, load=load)[1]
-    monkeypatch.setattr("contactimg.effects.mechanics.state.SAMPLE", 200)
-    part = estimate_mechanics(scene, table, load=load)[1]
+    whole = estimate_mechanics(scene, table, load=load).estimates
+    monkeypatch.setattr("contactimg.effects.mechanics.approximate_state.MAX_SAMPLED_CANDIDATES", 200)
+    part = estimate_mechanics(scene, table, load=load).estimates
     for one, other in zip(whole, part, strict=True):
         assert other.change == pytest.approx(one.change, rel=0.5), one.effect
 

@@ -13,8 +13,8 @@ from small_series import SCENE
 
 from contactimg import measure_image, render_contacts, render_reference, scene_from_dict
 from contactimg.cli import main
-from contactimg.effects.optics.edge import film_makes_the_contrast
-from contactimg.effects.optics.estimates import OPTICS, estimate_optics
+from contactimg.effects.optics.edge_effects import film_makes_the_contrast
+from contactimg.effects.optics.optical_effects import OPTICS, estimate_optics
 from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging.background import subtract as reference

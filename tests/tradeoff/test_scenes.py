@@ -18,7 +18,7 @@ from contactimg import (
     scene_from_dict,
 )
 from contactimg.cli import main
-from contactimg.effects.change import relative_change
+from contactimg.effects.output_change import relative_change
 from contactimg.errors import InputError
 from contactimg.files import read_table, write_scene
 from contactimg.pipeline.inputs import need_asperities

@@ -1,8 +1,8 @@
-"""A test strip: some of a scene's contacts, drawn far apart on a small image, to try the camera on.
+"""A small synthetic image of some of a scene's contacts, on which the effects of the camera are tried.
 
-The contacts are sorted by radius and cut into groups; the strip shows one of each group, which stands for all
-of it. What the camera makes of the strip, with and without an effect, says what the effect does to the frame
-at a fraction of its price. The chance of the strip is fixed: two strips differ by what is asked for alone.
+The contacts are sorted by radius and divided into groups; the image shows one contact of each group, far from
+the others. Measuring it with and without an effect estimates the change on the whole frame in a fraction of
+the time. The random numbers are always the same, so that two images differ only by the effects.
 """
 
 from dataclasses import dataclass
@@ -22,18 +22,18 @@ from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
 
-MOST_CONTACTS = 36
-MOST_PIXELS = 60_000
-FEWEST_CONTACTS = 4
-REALISATIONS = 2  # of the noise; some dozens of contacts each have their own
-REACH = 4.0  # blur widths around a contact that its cell holds
-SPACE_PX = 12.0  # of background around that: a block and a half, so that most of the strip is background
+# All of these are chosen by hand to keep the time per effect short; sensitivity not measured.
+MAX_CONTACTS, MIN_CONTACTS = 36, 4
+MAX_PIXELS = 60_000
+REALISATIONS = 2  # of the noise; each contact has noise of its own in addition
+REACH_SIGMA = 4.0  # widths of the blur that fit around a contact
+SPACE_PX = 12.0  # background around that: 1.5 blocks, so that most of the image is background
 SEED = 20150203
 
 
 @dataclass(frozen=True, eq=False)
-class Strip:
-    """Contacts on a small image; made by `arrange_strip`.
+class SampleImage:
+    """Contacts on the small image; made by `arrange_sample`.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ class Strip:
         Rows and columns.
     x_px, y_px, radius_px : ndarray, shape (n,)
     sphere_radius : ndarray, shape (n,), m
-        R of each; NaN where it is not known.
+        Radius of curvature of each asperity; NaN where it is not known.
     off_axis : ndarray, shape (n,)
-        Mean square of the distance from the centre of the frame, that of a corner being 1.
+        Mean squared distance from the centre of the frame; 1 in a corner.
     weight : ndarray, shape (n,)
-        Contacts that each stands for.
+        Number of contacts of the frame that each one represents.
     pixel_size : float, m
     """
 
@@ -60,57 +60,57 @@ class Strip:
 
     @cached_property
     def nearest(self) -> NDArray[np.intp]:
-        """The contact whose cell each pixel lies in, shape ``shape``."""
+        """Index of the contact nearest to each pixel, shape ``shape``."""
         rows, columns = np.indices(self.shape)
-        return self.owner(columns.ravel(), rows.ravel()).reshape(self.shape)
+        return self.nearest_contact(columns.ravel(), rows.ravel()).reshape(self.shape)
 
-    def owner(self, x_px: NDArray, y_px: NDArray) -> NDArray[np.intp]:
-        """The contact whose rim is nearest to each place."""
+    def nearest_contact(self, x_px: NDArray, y_px: NDArray) -> NDArray[np.intp]:
+        """Index of the contact whose rim is nearest to each point."""
         distance = np.hypot(x_px[:, None] - self.x_px, y_px[:, None] - self.y_px) - self.radius_px
         return distance.argmin(axis=1)
 
     @cached_property
-    def deviates(self) -> Values:
-        """Standard normal numbers, shape (realisations, 4, rows, columns): shots and read-out, twice."""
+    def normal_numbers(self) -> Values:
+        """Shot and read noise of frame and reference, normalised, shape (realisations, 4, rows, columns)."""
         rng = np.random.default_rng([SEED, 1])
         return rng.standard_normal((REALISATIONS, 4, *self.shape))
 
 
-def arrange_strip(scene: Scene, contacts: pd.DataFrame, *, power: int) -> Strip | None:
-    """Choose contacts of a scene and give each a place of its own.
+def arrange_sample(scene: Scene, contacts: pd.DataFrame, *, power: int) -> SampleImage | None:
+    """Choose contacts of a scene and place them far apart.
 
     Parameters
     ----------
     scene : Scene
-        Sections ``[camera]`` and ``[simulate]`` are needed.
+        With the sections ``[camera]`` and ``[simulate]``.
     contacts : DataFrame, contacts schema
-        Lengths in m; those that the frame does not show are left out.
+        Lengths in m; contacts outside the frame are left out.
     power : int
-        Each contact has the mean of this power of the radii that it stands for.
+        The radius of each contact is the power mean of the radii of its group, with this power.
 
     Returns
     -------
-    Strip or None
-        None without a contact in the frame.
+    SampleImage or None
+        None if no contact lies in the frame.
     """
-    simulate = scene.need("simulate", "a test strip")
+    simulate = scene.need("simulate", "a test sample")
     pose = scene.pose(simulate.shape)
     x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))
     radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
     middle = np.array([(n - 1) / 2 for n in simulate.shape])
-    seen = (np.abs(y - middle[0]) <= middle[0] + 0.5) & (np.abs(x - middle[1]) <= middle[1] + 0.5)
-    seen &= radius > 0
-    if not seen.any():
+    inside = (np.abs(y - middle[0]) <= middle[0] + 0.5) & (np.abs(x - middle[1]) <= middle[1] + 0.5)
+    inside &= radius > 0
+    if not inside.any():
         return None
     curvature = _sphere_radii(scene, contacts)
     off_axis = ((y - middle[0]) ** 2 + (x - middle[1]) ** 2) / max(float(middle @ middle), 1.0)
-    order = np.flatnonzero(seen)[np.argsort(radius[seen], kind="stable")]
-    side = 2 * (radius[order].mean() + REACH * simulate.blur_px) + SPACE_PX
-    count = int(np.clip(MOST_PIXELS / side**2, FEWEST_CONTACTS, MOST_CONTACTS))
+    order = np.flatnonzero(inside)[np.argsort(radius[inside], kind="stable")]
+    side = 2 * (radius[order].mean() + REACH_SIGMA * simulate.blur_px) + SPACE_PX
+    count = int(np.clip(MAX_PIXELS / side**2, MIN_CONTACTS, MAX_CONTACTS))
     groups = np.array_split(order, min(count, order.size))
     radii = np.array([np.mean(radius[group] ** power) ** (1 / power) for group in groups])
-    places, shape = _shelves(2 * (radii + REACH * simulate.blur_px) + SPACE_PX)
-    return Strip(
+    places, shape = _place_in_rows(2 * (radii + REACH_SIGMA * simulate.blur_px) + SPACE_PX)
+    return SampleImage(
         shape=shape,
         x_px=places[:, 0],
         y_px=places[:, 1],
@@ -123,7 +123,7 @@ def arrange_strip(scene: Scene, contacts: pd.DataFrame, *, power: int) -> Strip 
 
 
 def _sphere_radii(scene: Scene, contacts: pd.DataFrame) -> Values:
-    """R of each contact by Hertz's law, ``R = 4 E* a^3/(3 p)``; NaN where that is not known."""
+    """Radius of curvature of each contact by the Hertz law, ``R = 4 E* a^3/(3 p)``; NaN where not known."""
     force, radius = contacts["force_N"].to_numpy(float), contacts["radius_m"].to_numpy(float)
     if scene.elastic is None:
         return np.full(len(contacts), np.nan)
@@ -132,8 +132,8 @@ def _sphere_radii(scene: Scene, contacts: pd.DataFrame) -> Values:
     return np.divide(cubed, force, out=np.full(len(contacts), np.nan), where=known)
 
 
-def _shelves(sides: Values) -> tuple[Values, tuple[int, int]]:
-    """Centres (x, y) of squares laid side by side in rows of one width, and rows and columns of it all."""
+def _place_in_rows(sides: Values) -> tuple[Values, tuple[int, int]]:
+    """Place squares side by side in rows; return their centres (x, y) and the shape of the image."""
     width = max(float(np.sqrt(np.sum(sides**2))), float(sides.max()))
     jitter = np.random.default_rng([SEED, 0]).uniform(-0.5, 0.5, (sides.size, 2))
     places, left, top, height = np.empty((sides.size, 2)), 0.0, 0.0, 0.0
@@ -145,62 +145,64 @@ def _shelves(sides: Values) -> tuple[Values, tuple[int, int]]:
     return places + jitter, (int(np.ceil(top + height)) + 1, int(np.ceil(width)) + 1)
 
 
-def strip_light(strip: Strip, recipe: Recipe) -> Values:
-    """Light of the strip's contacts, 1 on a wide one; with the blur, film and rough edges asked for."""
+def sample_light(sample: SampleImage, recipe: Recipe) -> Values:
+    """Light of the contacts, 1 inside a wide one, with blur, film and rough edges as in the recipe."""
     simulate = recipe.simulate
     rough = "edge_roughness" in recipe.effects
-    outlines = np.zeros((strip.radius_px.size, 1))
+    outlines = np.zeros((sample.radius_px.size, 1))
     if rough:
         rng = np.random.default_rng([SEED, 2])
-        outlines = rough_outlines(strip.radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
-    ones = np.ones(strip.radius_px.size)
-    plain = Spots(strip.x_px, strip.y_px, strip.radius_px, ones, outlines, simulate.edge_softness_px)
+        outlines = rough_outlines(sample.radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
+    ones = np.ones(sample.radius_px.size)
+    plain = Spots(sample.x_px, sample.y_px, sample.radius_px, ones, outlines, simulate.edge_softness_px)
     spots: Spots | FilmSpots = plain
     if "film" in recipe.effects:
         spots = surround_with_film(
             plain,
-            sphere_radius=strip.sphere_radius,
-            pixel_size=strip.pixel_size,
+            sphere_radius=sample.sphere_radius,
+            pixel_size=sample.pixel_size,
             excess=excess_table(lamp(simulate)),
         )
     psf, halo = point_spread(recipe)
-    return spots_image(spots, shape=strip.shape, psf=psf, halo=halo)
+    return spots_image(spots, shape=sample.shape, psf=psf, halo=halo)
 
 
-def expose_strip(strip: Strip, light: Values, recipe: Recipe, realisation: int) -> tuple[NDArray, NDArray]:
-    """Frame and reference of the strip as the sensor gives them, with the noise of one realisation.
+def expose_sample(
+    sample: SampleImage, light: Values, recipe: Recipe, realisation: int
+) -> tuple[NDArray, NDArray]:
+    """Frame and reference as the sensor records them, with one realisation of the noise.
 
-    Shots are normal numbers here, which they are at ten electrons and more, so that more or less light keeps
-    the noise its pattern.
+    Shot noise is normally distributed here (a good approximation above about ten electrons), so that the
+    pattern of the noise does not depend on the light.
     """
     simulate = recipe.simulate
-    levels = np.full(strip.shape, simulate.background_levels)
+    levels = np.full(sample.shape, simulate.background_levels)
     if "vignetting" in recipe.effects:
-        levels *= (1 - simulate.vignetting * strip.off_axis)[strip.nearest]
+        levels *= (1 - simulate.vignetting * sample.off_axis)[sample.nearest]
     if simulate.texture:
         blur_px = simulate.blur_px if "blur" in recipe.effects else 0.0
         levels *= 1 + surface_texture(
-            strip.shape, rms=simulate.texture, blur_px=blur_px, shift_px=(0.0, 0.0), seed=SEED
+            sample.shape, rms=simulate.texture, blur_px=blur_px, shift_px=(0.0, 0.0), seed=SEED
         )
     drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
     frame = drift * levels * (1 + simulate.contrast_levels / simulate.background_levels * light)
-    shots = strip.deviates[realisation]
-    return _sensor(frame, recipe, shots[:2]), _sensor(levels, recipe, shots[2:])
+    shots = sample.normal_numbers[realisation]
+    return _record(frame, recipe, shots[:2]), _record(levels, recipe, shots[2:])
 
 
-def _sensor(levels: Values, recipe: Recipe, deviates: Values) -> NDArray:
-    """The camera's pixels."""
+def _record(levels: Values, recipe: Recipe, normal_numbers: Values) -> NDArray:
+    """Add the noise and convert to grey levels."""
     simulate = recipe.simulate
     levels = np.maximum(levels, 0.0)
     noisy = levels
     if "shot_noise" in recipe.effects:
-        noisy = noisy + np.sqrt(levels / simulate.electrons_per_level) * deviates[0]
+        noisy = noisy + np.sqrt(levels / simulate.electrons_per_level) * normal_numbers[0]
     if "read_noise" in recipe.effects:
-        noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * deviates[1]
+        noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * normal_numbers[1]
     return digitise(
         noisy,
         bit_depth=simulate.bit_depth,
         saturate="saturation" in recipe.effects,
         quantise="quantisation" in recipe.effects,
-        name="strip",
+        name="sample",
     ).image

@@ -1,8 +1,8 @@
-"""A cheap state of the contact problem, and how it answers when something in its equations changes.
+"""An approximate solution of the contact problem, and its first-order change if the equations change.
 
-Up to some hundred candidates act on each other one by one; more are gathered in square cells, and of very
-many a sample stands for all. One Newton step from the state in changed equations is its response, the
-prescribed load included: first order in the change, and as cheap for 10^6 asperities as for 10^4.
+Up to some hundred candidates act on each other one by one. More candidates are gathered in the square cells
+of a grid, and a sample represents very many. The response to a changed law, coupling, gap or radius is one
+Newton step at prescribed load. The time is the same for 10^6 asperities as for 10^4.
 """
 
 from dataclasses import dataclass, replace
@@ -27,32 +27,33 @@ from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
 
-SINGLE = 300
-"""Candidates up to which each stands for itself."""
+MAX_SINGLE_CANDIDATES = 300
+"""Number of candidates up to which all pairs are coupled. Chosen by hand; sensitivity not measured."""
 
-CELLS = 16
-"""Cells along the longer side for more candidates than that."""
+CELLS_PER_SIDE = 16
+"""Number of cells along the longer side beyond that. Chosen: estimates then differ by up to a quarter."""
 
-SAMPLE = 20_000
-"""Candidates, evenly over the heights, that stand for more."""
+MAX_SAMPLED_CANDIDATES = 20_000
+"""Largest number of candidates that are computed, evenly over the heights. Chosen to bound the time."""
 
-SETTLED = 1e-4
-"""Residual of the coupled state: what the smallest changes of interest are compared with."""
+STATE_RESIDUAL = 1e-4
+"""Residual of the coupled state, chosen below the smallest changes of interest."""
 
-ROUNDING = 1e-13
-"""Residual below which a change is none."""
+ROUNDING_RESIDUAL = 1e-13
+"""Residual below which the equations count as unchanged: rounding error."""
 
-MAX_STEPS = 6
+MAX_NEWTON_STEPS = 6
+"""Largest number of Newton steps of the coupled state. A safety limit, chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """What the sampled asperities do in a state.
+    """Forces, contact radii and penetrations of asperities.
 
     Parameters
     ----------
     force, contact_radius, penetration : ndarray
-        One value a sampled asperity, without dimension.
+        One value per asperity, dimensionless.
     """
 
     force: Values
@@ -61,19 +62,19 @@ class Response:
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
-    """The candidates of a problem, in the way they are coupled cheaply.
+class CandidateSample:
+    """The candidates for contact of a problem, the sample of them that is solved, and its cells.
 
     Parameters
     ----------
     candidates : ScaledProblem
-        What the indenter reaches once the uncoupled forces have lowered the surface.
+        The asperities that the indenter can reach, in order of their gaps.
     stride : int
-        Every ``stride``-th candidate, in the order of the heights, stands for as many.
+        The sample is every ``stride``-th candidate.
     indentation : float
-        Of the uncoupled solution.
+        Indentation of the uncoupled solution.
     cells : CoarseGrid or None
-        Of all candidates; None if each stands for itself.
+        The cells of all candidates; None if all pairs are coupled.
     """
 
     candidates: ScaledProblem
@@ -82,20 +83,20 @@ class Stage:
     cells: CoarseGrid | None
 
     @classmethod
-    def of(cls, problem: ScaledProblem) -> "Stage":
+    def of(cls, problem: ScaledProblem) -> "CandidateSample":
         """The candidates of a problem at prescribed load."""
         still = np.zeros_like(problem.gap)
         system = ContactSystem(problem.gap, problem.radius, HertzLaw(), NoCoupling(), problem.load)
         depth = solve_uncoupled(system, still, float(problem.load or 0.0))
         reach = depth + displacement_under_largest_force(problem, system.response(depth - problem.gap)[0])
         candidates = problem.part(slice(int(np.searchsorted(problem.gap, reach, side="right"))))
-        single = candidates.gap.size <= SINGLE and candidates.duplicates() is None
-        cells = None if single else CoarseGrid.over(candidates, CELLS)
-        return cls(candidates, -(-candidates.gap.size // SAMPLE), depth, cells)
+        single = candidates.gap.size <= MAX_SINGLE_CANDIDATES and candidates.duplicates() is None
+        cells = None if single else CoarseGrid.over(candidates, CELLS_PER_SIDE)
+        return cls(candidates, -(-candidates.gap.size // MAX_SAMPLED_CANDIDATES), depth, cells)
 
     @cached_property
     def problem(self) -> ScaledProblem:
-        """The sample."""
+        """The sampled candidates."""
         return self.candidates.part(slice(None, None, self.stride))
 
     @cached_property
@@ -104,20 +105,20 @@ class Stage:
         c = self.cells
         return None if c is None else CoarseGrid(c.places[:, :: self.stride], c.shape, c.size)
 
-    def alone(self, law: AsperityLaw) -> Response:
-        """The sample without coupling."""
+    def uncoupled(self, law: AsperityLaw) -> Response:
+        """Response of the sample without coupling."""
         p = self.problem
         system = ContactSystem(p.gap, p.radius, law, NoCoupling(), float(p.load or 0.0) / self.stride)
         penetration = solve_uncoupled(system, np.zeros_like(p.gap), float(system.load or 0.0)) - p.gap
         return Response(*law.respond(penetration, p.radius), penetration)
 
-    def everywhere_alone(self, law: AsperityLaw) -> Response:
-        """All candidates without coupling."""
+    def uncoupled_candidates(self, law: AsperityLaw) -> Response:
+        """Response of all candidates without coupling."""
         penetration = self.indentation - self.candidates.gap
         return Response(*law.respond(penetration, self.candidates.radius), penetration)
 
     def coupling(self, kernel: Kernel) -> DenseCoupling:
-        """Between the candidates or between the cells."""
+        """The coupling between the candidates or between the cells."""
         p, cells = self.problem, self._sampled_cells
         return (
             DenseCoupling(p.x, p.y, kernel)
@@ -139,7 +140,7 @@ class Stage:
     def system(
         self, law: AsperityLaw, coupling: Coupling, *, gap: Values | None = None, radius: Values | None = None
     ) -> ContactSystem:
-        """The equations, where wanted with other gaps or radii of curvature."""
+        """The equations of the sample; ``gap`` and ``radius`` replace its own."""
         p = self.problem
         p = replace(p, gap=p.gap if gap is None else gap, radius=p.radius if radius is None else radius)
         cells = self._sampled_cells
@@ -147,57 +148,59 @@ class Stage:
             return ContactSystem(p.gap, p.radius, law, coupling, p.load)
         return cells.system(p, law, coupling, weight=self.stride)
 
-    def coupled(self, coupling: Coupling) -> "State":
-        """The state of paraboloids with coupling."""
-        law, force, cells = HertzLaw(), self.alone(HertzLaw()).force, self._sampled_cells
+    def coupled(self, coupling: Coupling) -> "CoupledState":
+        """Solve for parabolic caps with coupling."""
+        law, force, cells = HertzLaw(), self.uncoupled(HertzLaw()).force, self._sampled_cells
         system = self.system(law, coupling)
         if cells is not None:
             force = self.stride * cells.sums(force)
         iterate = initial_iterate(system, force, self.indentation)
-        for _ in range(MAX_STEPS):
-            following = take_step(system, iterate, SETTLED) if iterate.residual > SETTLED else None
+        for _ in range(MAX_NEWTON_STEPS):
+            following = (
+                take_step(system, iterate, STATE_RESIDUAL) if iterate.residual > STATE_RESIDUAL else None
+            )
             if following is None:
                 break
             iterate = following
-        return State(self, law, system, iterate)
+        return CoupledState(self, law, system, iterate)
 
     def at_sample(self, displacement: Values) -> Values:
-        """A displacement of the candidates or cells, at each of the sample."""
+        """The displacement of candidates or cells, at each sampled candidate."""
         cells = self._sampled_cells
         return displacement if cells is None else displacement[cells.cell]
 
     def at_all(self, displacement: Values) -> Values:
-        """A displacement of the candidates or cells, at each candidate."""
+        """The displacement of candidates or cells, at each candidate."""
         return displacement if self.cells is None else displacement[self.cells.cell]
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    """A state of the candidates with coupling.
+class CoupledState:
+    """Coupled contacts of the candidates.
 
     Parameters
     ----------
-    stage : Stage
+    sample : CandidateSample
     law : AsperityLaw
     system : ContactSystem
     iterate : Iterate
     """
 
-    stage: Stage
+    sample: CandidateSample
     law: AsperityLaw
     system: ContactSystem
     iterate: Iterate
 
     @cached_property
     def response(self) -> Response:
-        """Of the sampled asperities."""
-        p = self.stage.problem
+        """Response of the sample."""
+        p = self.sample.problem
         return self._response(self.iterate, self.law, p.gap, p.radius)
 
-    def everywhere(self) -> Response:
-        """Of all candidates."""
-        p = self.stage.candidates
-        penetration = self.iterate.indentation - p.gap - self.stage.at_all(self.iterate.displacement)
+    def all_candidates(self) -> Response:
+        """Response of all candidates."""
+        p = self.sample.candidates
+        penetration = self.iterate.indentation - p.gap - self.sample.at_all(self.iterate.displacement)
         return Response(*self.law.respond(penetration, p.radius), penetration)
 
     def changed(
@@ -208,18 +211,18 @@ class State:
         gap: Values | None = None,
         radius: Values | None = None,
     ) -> Response:
-        """The answer to a change of the law, the coupling, the gaps or the radii of curvature."""
+        """Response to another law, coupling, gaps or radii of curvature, to first order."""
         law = self.law if law is None else law
         operator = self.system.coupling if coupling is None else coupling
-        system = self.stage.system(law, operator, gap=gap, radius=radius)
-        # the indentation that bears the load takes up what a change does to all alike
+        system = self.sample.system(law, operator, gap=gap, radius=radius)
+        # the indentation absorbs a displacement that is the same for all contacts
         force, displacement = self.iterate.force, operator.displacement(self.iterate.force)
         depth = solve_uncoupled(
             system, displacement, float(system.load or 0.0), guess=self.iterate.indentation
         )
         start = evaluate_iterate(system, force, depth, displacement)
-        following = take_step(system, start, SETTLED) if start.residual > ROUNDING else None
-        p = self.stage.problem
+        following = take_step(system, start, STATE_RESIDUAL) if start.residual > ROUNDING_RESIDUAL else None
+        p = self.sample.problem
         return self._response(
             start if following is None else following,
             law,
@@ -228,6 +231,6 @@ class State:
         )
 
     def _response(self, iterate: Iterate, law: AsperityLaw, gap: Values, radius: Values) -> Response:
-        """Of the sampled asperities in an iterate."""
-        penetration = iterate.indentation - gap - self.stage.at_sample(iterate.displacement)
+        """Response of the sample in an iterate."""
+        penetration = iterate.indentation - gap - self.sample.at_sample(iterate.displacement)
         return Response(*law.respond(penetration, radius), penetration)

@@ -1,25 +1,26 @@
-"""Adhesive contacts in a frozen displacement of the surface: the a-priori state with JKR's law.
+"""Adhesive contacts on a surface whose displacement is held fixed.
 
-At one load the contacts that adhesion adds change the smooth displacement of the surface little: it is
-taken from the state without adhesion, and each contact answers for itself. Loading as in
-`contactimg.models.adhesive`: contacts form where the surfaces touch, and those that form pull others in.
+The displacement by the neighbours is that of the state without adhesion; adhesion changes it little at a
+given load. Each contact then follows the JKR law independently. As in `contactimg.models.adhesive`, contacts
+form where the surfaces touch, and the contacts that form pull others into contact.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.effects.mechanics.state import Response
+from contactimg.effects.mechanics.approximate_state import Response
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 
 Values = NDArray[np.float64]
 
 MAX_ROUNDS = 50
-"""Rounds of contacts that pull others in; the last ones add next to nothing."""
+"""Largest number of rounds in which contacts pull others in. A safety limit, chosen by hand."""
 
-MAX_STEPS = 30
+MAX_NEWTON_STEPS = 30
+"""Largest number of Newton steps for the indentation. A safety limit, chosen by hand."""
 
-ACCURACY = 1e-6
-"""Of the indentation, in units of adhesion's, ``(w^2 R)^(1/3)``."""
+INDENTATION_ACCURACY = 1e-6
+"""Accuracy of the indentation in units of ``(w^2 R)^(1/3)``, chosen far below the error of the estimates."""
 
 
 def adhesive_response(
@@ -30,18 +31,18 @@ def adhesive_response(
     Parameters
     ----------
     gap : ndarray, shape (n,)
-        Of the asperities, frozen displacement included; without dimension.
+        Gaps of the asperities with the fixed displacement, dimensionless.
     radius : ndarray, shape (n,)
     law : AdhesiveLaw
     load : float
         Not negative.
     indentation : float
-        Of the same contacts without adhesion: first touch of the lowest gap at least.
+        Indentation of the same contacts without adhesion.
     """
     depth = max(indentation, float(gap.min()))
     touching = np.flatnonzero(gap <= depth)
     for _ in range(MAX_ROUNDS):
-        depth, a = _bearing(gap[touching], radius[touching], law, load, depth)
+        depth, a = _balance_load(gap[touching], radius[touching], law, load, depth)
         reached = np.flatnonzero(gap < depth)
         if reached.size <= touching.size:
             break
@@ -51,16 +52,16 @@ def adhesive_response(
     return Response(force, contact_radius, depth - gap)
 
 
-def _bearing(
+def _balance_load(
     gap: Values, radius: Values, law: AdhesiveLaw, load: float, lowest: float
 ) -> tuple[float, Values]:
-    """Indentation, not below the lowest, at which a set of contacts bears a load, and their radii."""
+    """Indentation, at least ``lowest``, at which contacts carry the load, and the contact radii."""
     depth, size = lowest, float(np.cbrt(law.adhesion**2 * radius.max()))
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         a = law.contact_radius(depth - gap, radius)
         stiffness, softness = law.slopes(a, radius)
         rise = (load - float(law.force(a, radius).sum())) / float(np.sum(stiffness / softness))
-        if abs(rise) <= ACCURACY * size or (rise < 0 and depth == lowest):
+        if abs(rise) <= INDENTATION_ACCURACY * size or (rise < 0 and depth == lowest):
             break
         depth = max(depth + rise, lowest)
     return depth, a

@@ -1,4 +1,4 @@
-"""What leaving an effect out would change: the record that every indicator returns."""
+"""The record that every estimate of an effect returns."""
 
 import math
 from dataclasses import dataclass
@@ -7,24 +7,24 @@ from contactimg.errors import InputError
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """What an effect does to the requested output, and what computing it costs.
+class EffectEstimate:
+    """Estimated change of the requested output if an effect is left out, and the cost of computing it.
 
     Parameters
     ----------
     effect : str
         Its name.
     change : float
-        Relative change of the requested output if the effect is left out, not negative; 0 where it cannot
-        act.
+        Relative change of the requested output if the effect is left out; never negative, 0 where the effect
+        cannot act.
     reason : str
-        Half a sentence with the numbers that decide.
+        The numbers that decide, in words.
     cost : float
-        Time of its stage (solving, rendering, measuring) with the effect over the time without; 1: free.
+        Time to solve, render or measure with the effect divided by the time without; 1 means no extra time.
 
     Examples
     --------
-    >>> Estimate("layer", 0.004, "loaded region over thickness 0.15", cost=1.1).change
+    >>> EffectEstimate("layer", 0.004, "loaded region over thickness 0.15", cost=1.1).change
     0.004
     """
 

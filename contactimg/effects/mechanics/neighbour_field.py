@@ -1,8 +1,8 @@
-"""What the neighbours' displacement field does over the width of a contact, from the closest pairs.
+"""Effect of the displacement field of the neighbours over the width of a contact, from the closest pairs.
 
-The terms of full coupling (`contactimg.models.full_coupling`) to first order at the forces of a state:
-Hertz's pressure instead of point forces, the slope that shifts a contact, the curvature that changes its
-radius. They fall with the cube of the distance, so that of many contacts the nearest neighbours are enough.
+The terms of full coupling (`contactimg.models.full_coupling`) to first order at given forces: the Hertz
+pressure instead of point forces, the slope that shifts a contact, and the curvature that changes its radius
+of curvature. They decay with the cube of the distance, so the nearest neighbours are enough.
 """
 
 import numpy as np
@@ -13,33 +13,33 @@ from contactimg.models.near_field_sum import NearFieldSum
 
 Values = NDArray[np.float64]
 
-ALL_PAIRS = 200
-"""Contacts up to which every pair counts."""
+MAX_ALL_PAIRS = 200
+"""Number of contacts up to which all pairs are computed. Chosen by hand; sensitivity not measured."""
 
-NEIGHBOURS = 20
-"""Mean number of neighbours that count for more contacts than that."""
+MEAN_NEIGHBOURS = 20
+"""Mean number of neighbours used beyond that. Chosen by hand; sensitivity not measured."""
 
 
 def field_terms(
     x: Values, y: Values, radius: Values, *, force: Values, contact_radius: Values, kernel: Kernel
 ) -> tuple[Values, Values]:
-    """What full coupling adds to the gaps and by what it divides the radii of curvature.
+    """The change of the gaps and the factor on the curvatures by full coupling.
 
     Parameters
     ----------
     x, y, radius : ndarray, shape (n,)
-        Contacts, without dimension; ``radius`` their radii of curvature.
+        Positions and radii of curvature of the contacts, dimensionless.
     force, contact_radius : ndarray, shape (n,)
-        In a state with point forces.
+        Of the contacts coupled by point forces.
     kernel : Kernel
-        The layer's part in it counts where all pairs do.
+        Its contribution of the layer is used only where all pairs are computed.
 
     Returns
     -------
     lowering, bending : ndarray
         ``excess + s^2/(2 R) + G s - sum_j G_ij s_j`` with the shifts ``s = -R G``, and ``1 + R T``.
     """
-    if x.size <= ALL_PAIRS:
+    if x.size <= MAX_ALL_PAIRS:
         fields = DenseCoupling(x, y, kernel).fields
     else:
         fields = NearFieldSum(x, y, cutoff=_cutoff(x, y), sharpness=0.0).fields
@@ -54,6 +54,8 @@ def field_terms(
 
 
 def _cutoff(x: Values, y: Values) -> float:
-    """Distance within which a contact has the neighbours that count."""
+    """Distance within which a contact has `MEAN_NEIGHBOURS` neighbours on average."""
     area = float(np.ptp(x) * np.ptp(y))
-    return min(float(np.sqrt(NEIGHBOURS * area / (np.pi * x.size))), float(np.hypot(np.ptp(x), np.ptp(y))))
+    return min(
+        float(np.sqrt(MEAN_NEIGHBOURS * area / (np.pi * x.size))), float(np.hypot(np.ptp(x), np.ptp(y)))
+    )

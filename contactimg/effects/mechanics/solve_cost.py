@@ -1,16 +1,16 @@
-"""What an effect costs the solver: a rule of thumb from timed solves of 7 to 100 000 contacts.
+"""Time that the solver needs for an effect: a formula fitted to timed solutions of 7 to 100 000 contacts.
 
-Times in ms of one core, for ``n`` asperities in the table and ``m`` contacts; only their ratios are used. Off
-by no more than a factor of two or three in the range timed (`benchmarks/effects_honesty.py`).
+Times are in ms on one core, for ``n`` asperities in the table and ``m`` contacts; only their ratios are used.
+The error is a factor of two to three at most in the range timed (`benchmarks/effects_honesty.py`).
 """
 
 FAST_SUM_FACTOR = 1.5e-2
 FAST_SUM_POWER = 1.23
-"""Coupled solve with fast sums, ms: factor times contacts to the power."""
+"""Coupled solution with fast sums, in ms: factor times contacts to the power; fitted to timed solutions."""
 
 
 def solve_cost(effect: str, *, asperities: int, contacts: float) -> float:
-    """Time of a solve with the effect over that of the cheapest one, without any.
+    """Time of a solution with the effect divided by the time without any effect.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How far apart two answers to one contact problem are, in the output that a scene asks for."""
+"""Relative difference of two solutions in the output that a scene asks for: area, force or radius."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,23 +15,22 @@ POWER = {"radius": 1, "area": 2, "force": 3}
 
 
 def relative_change(output: str, *, without: Contacts, complete: Contacts) -> float:
-    """Relative change of an output when something is left out.
+    """Relative change of an output if an effect is left out.
 
-    ``area``: ``|A - A'|/A``. ``force``: ``sum |p - p'| / sum |p|`` over the contacts of either answer.
-    ``radius``: ``sqrt(sum (a - a')^2 / sum a^2)`` over the same; a contact of one answer only has radius and
-    force zero in the other.
+    ``area``: ``|A - A'|/A``. ``force``: ``sum |p - p'| / sum |p|`` over all asperities.
+    ``radius``: ``sqrt(sum (a - a')^2 / sum a^2)``. An asperity out of contact has force and radius zero.
 
     Parameters
     ----------
     output : {"area", "force", "radius"}
     without, complete : (array_like, array_like), N and m
         Forces and contact radii of all asperities, in the same order, without the effect (primed above) and
-        with it; zero out of contact.
+        with it.
 
     Returns
     -------
     float
-        0 if neither has a contact, 1 if only the one without the effect has.
+        0 if neither solution has a contact, 1 if only the one without the effect has.
 
     Examples
     --------
@@ -53,19 +52,19 @@ def relative_change(output: str, *, without: Contacts, complete: Contacts) -> fl
 
 
 def _ratio(change: float, size: float) -> float:
-    """A change over a size; nothing over nothing is no change."""
+    """The ratio of change and size; 0 for zero over zero, 1 for a change of nothing."""
     return change / size if size > 0 else float(change > 0)
 
 
 def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
-    """Relative standard uncertainty of an output that independent uncertainties of the radii amount to.
+    """Relative standard uncertainty of an output, from independent uncertainties of the radii.
 
     Parameters
     ----------
     output : {"area", "force", "radius"}
-        Forces count as ``a^3``.
+        Forces are proportional to ``a^3``.
     radius, std : array_like, shape (n,)
-        In one unit.
+        Both in the same unit.
 
     Returns
     -------

@@ -1,0 +1,247 @@
+"""A scene at one load: the approximate contact state and the ranges of validity that it exceeds."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.effects.mechanics.adhesive_contacts import adhesive_response
+from contactimg.effects.mechanics.approximate_state import CandidateSample, CoupledState, Response
+from contactimg.effects.mechanics.neighbour_field import field_terms
+from contactimg.effects.output_change import relative_change
+from contactimg.errors import ModelRangeError
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw
+from contactimg.models.asperity_laws import HertzLaw
+from contactimg.models.coupling import Kernel
+from contactimg.models.scaled_problem import ScaledProblem
+from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
+from contactimg.scene import Scene
+from contactimg.tables import CONTACTS, Flag
+
+Values = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+PURPOSE = "planning the mechanical effects"
+
+PENETRATION_ERROR_FRACTION = 0.1
+"""Error of the penetrations as a fraction of the largest.
+
+Measured: below 6 % where cells replace neighbours.
+"""
+
+ENGULFED_DISTANCE = 0.2
+"""Distance over contact radius below which two contacts are refused.
+
+Chosen well below 0.64, where coupled contacts become unstable, because these radii are without coupling.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedScene:
+    """A scene at one load with its approximate contact state, in dimensionless quantities.
+
+    Parameters
+    ----------
+    scene : Scene
+    problem : ScaledProblem
+    """
+
+    scene: Scene
+    problem: ScaledProblem
+
+    @cached_property
+    def sample(self) -> CandidateSample:
+        """The candidates for contact and the sample of them that is solved."""
+        return CandidateSample.of(self.problem)
+
+    @cached_property
+    def uncoupled(self) -> Response:
+        """The sampled contacts without coupling."""
+        return self.sample.uncoupled(HertzLaw())
+
+    def kernel(self, *, layer: bool) -> Kernel:
+        """Displacement kernel of the scene's layer, if it has one, or of a half-space."""
+        thickness = self.scene.elastic.thickness if self.scene.elastic is not None else None
+        return Kernel.of_thickness(thickness / self.problem.length if layer and thickness else np.inf)
+
+    @cached_property
+    def state(self) -> CoupledState:
+        """The coupled state; on the layer unless that is switched off."""
+        kernel = self.kernel(layer=self.scene.effects.layer != "off")
+        return self.sample.coupled(self.sample.coupling(kernel))
+
+    @property
+    def coupled(self) -> bool:
+        """Whether coupling between the contacts is not switched off."""
+        return self.scene.effects.coupling != "off"
+
+    @property
+    def base(self) -> Response:
+        """The state that the effects other than coupling are compared with."""
+        return self.state.response if self.coupled else self.uncoupled
+
+    @property
+    def aspect(self) -> float:
+        """Ratio of the units of height and of length."""
+        return self.problem.depth / self.problem.length
+
+    @property
+    def adhesion(self) -> float:
+        """Dimensionless work of adhesion."""
+        elastic = self.scene.need("elastic", PURPOSE)
+        depth = self.problem.depth
+        return float(elastic.work_of_adhesion / (elastic.contact_modulus * depth) / self.aspect)
+
+    @property
+    def adheres(self) -> bool:
+        """Whether the contacts adhere and this is not switched off."""
+        return self.adhesion > 0 and self.scene.effects.adhesion != "off"
+
+    def adhered(
+        self, response: Response, radius: Values, *, stride: int = 1, aspect: float = 0.0
+    ) -> Response:
+        """The contacts of a response with the JKR law; it holds one in ``stride`` of all asperities."""
+        return adhesive_response(
+            -response.penetration,
+            radius,
+            law=AdhesiveLaw(self.adhesion, aspect),
+            load=float(self.problem.load or 0.0) / stride,
+            indentation=0.0,
+        )
+
+    def answer(self, response: Response, *, radius: Values | None = None) -> Response:
+        """A response of the sample, with adhesion if the contacts adhere."""
+        radius = self.sample.problem.radius if radius is None else radius
+        return self.adhered(response, radius, stride=self.sample.stride) if self.adheres else response
+
+    @cached_property
+    def with_adhesion(self) -> Response:
+        """The base state, with adhesion if the contacts adhere."""
+        return self.answer(self.base)
+
+    def change(self, without: Response, complete: Response) -> float:
+        """Relative change of the requested output between two responses."""
+        return relative_change(
+            self.scene.tolerance.output,
+            without=(without.force, without.contact_radius),
+            complete=(complete.force, complete.contact_radius),
+        )
+
+    @cached_property
+    def all_candidates(self) -> Response:
+        """Response of all candidates."""
+        p = self.sample.candidates
+        response = (
+            self.state.all_candidates() if self.coupled else self.sample.uncoupled_candidates(HertzLaw())
+        )
+        return self.adhered(response, p.radius) if self.adheres else response
+
+    @cached_property
+    def touching(self) -> Rows:
+        """Rows of the candidates that are in contact."""
+        return np.flatnonzero(self.all_candidates.contact_radius)
+
+    @cached_property
+    def flags(self) -> NDArray[np.int64]:
+        """Flags of the contacts."""
+        p, rows = self.sample.candidates, self.touching
+        strain_radius = p.radius[rows] / self.aspect  # radii of curvature have a unit of their own
+        return contact_flags(p.x[rows], p.y[rows], self.all_candidates.contact_radius[rows], strain_radius)
+
+    def contacts(self) -> pd.DataFrame:
+        """Table of all contacts."""
+        p, response, rows = self.sample.candidates, self.all_candidates, self.touching
+        x, y, a = (v[rows] * self.problem.length for v in (p.x, p.y, response.contact_radius))
+        return CONTACTS.conform(
+            pd.DataFrame(
+                {
+                    "label": np.arange(1, rows.size + 1),
+                    "x_m": x,
+                    "y_m": y,
+                    "radius_m": a,
+                    "area_m2": np.pi * a**2,
+                    "asperity": p.order[rows],
+                    "force_N": response.force[rows] * self.problem.force_unit,
+                    "flags": self.flags,
+                }
+            )
+        )
+
+    @cached_property
+    def engulfed_pair(self) -> tuple[int, int] | None:
+        """Rows of two asperities, if any, that lie far inside each other's contact without coupling."""
+        p, response = self.sample.candidates, self.sample.uncoupled_candidates(HertzLaw())
+        rows = np.flatnonzero(response.contact_radius)
+        i, j, _ = close_pairs(p.x[rows], p.y[rows], ENGULFED_DISTANCE * response.contact_radius[rows])
+        if not i.size:
+            return None
+        first, second = sorted(int(p.order[rows[k[0]]]) for k in (i, j))
+        return first, second
+
+    def check_engulfed(self) -> None:
+        """Raise `ModelRangeError` if coupled contacts lie far inside each other."""
+        if self.coupled and self.engulfed_pair is not None:
+            first, second = self.engulfed_pair
+            raise ModelRangeError(
+                f"asperities: rows {first} and {second} would overlap so far that several solutions exist; "
+                "lower the load or merge them"
+            )
+
+    @cached_property
+    def base_gap(self) -> float:
+        """Smallest distance between the indenter and the plane between the asperities, m."""
+        rows, depth = self.touching, self.problem.depth * self.all_candidates.penetration
+        return float(np.min(self.problem.height[self.sample.candidates.order[rows]] - depth[rows]))
+
+    @property
+    def base_gap_error(self) -> float:
+        """Error of `base_gap`, m."""
+        return PENETRATION_ERROR_FRACTION * self.problem.depth * float(self.all_candidates.penetration.max())
+
+    def check_plane_gap(self) -> None:
+        """Raise `ModelRangeError` if the indenter certainly reaches the plane between the asperities."""
+        if self.base_gap < -self.base_gap_error:
+            load = float(self.problem.load or 0.0) * self.problem.force_unit
+            raise ModelRangeError(
+                f"at {load:g} N the indenter lies about {-self.base_gap * 1e6:.3g} um below the plane "
+                "between the asperities: the planes touch, outside every asperity model; lower the load"
+            )
+
+    def limits(self) -> Iterator[str]:
+        """Sentences on the ranges of validity that are exceeded."""
+        sentences = {
+            Flag.BEYOND_HERTZ: f"have a/R above {HERTZ_LIMIT}, where the Hertz law is no longer accurate",
+            Flag.OVERLAP: "overlap a neighbour and would merge with it",
+        }
+        for flag, sentence in sentences.items():
+            count = int(np.count_nonzero(self.flags & flag))
+            if count:
+                yield f"about {count} of {self.flags.size} contacts {sentence}"
+        if self.base_gap < self.base_gap_error:
+            yield (
+                f"the indenter comes within {self.base_gap * 1e6:.2g} +- {self.base_gap_error * 1e6:.2g} um "
+                "of the plane between the asperities; whether the planes touch, only the solution will show"
+            )
+
+    @cached_property
+    def fully_coupled(self) -> tuple[Response, Values, float]:
+        """Response with full coupling, its radii of curvature and their largest relative change."""
+        p, response, stride = self.sample.candidates, self.state.all_candidates(), self.sample.stride
+        rows = np.flatnonzero(response.force)
+        lowering, bending = np.zeros_like(p.gap), np.ones_like(p.gap)
+        lowering[rows], bending[rows] = field_terms(
+            p.x[rows],
+            p.y[rows],
+            p.radius[rows],
+            force=response.force[rows],
+            contact_radius=response.contact_radius[rows],
+            kernel=self.kernel(layer=self.scene.effects.layer != "off"),
+        )
+        gap, radius = (
+            self.sample.problem.gap + lowering[::stride],
+            self.sample.problem.radius / bending[::stride],
+        )
+        return self.state.changed(gap=gap, radius=radius), radius, float(np.abs(bending - 1).max())
