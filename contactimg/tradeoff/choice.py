@@ -1,32 +1,20 @@
 """The cheapest measurement of a frame that meets a tolerance: the threshold if good enough, else the fit.
 
-What the threshold gets wrong is estimated on the frame itself: the radii of blurred disks that cross the
-threshold where it counted (`contactimg.imaging.profile.threshold_radius`), contacts that do not reach it
-but a lower one, contacts that it joins, and the stated uncertainty.
+The error of the threshold is estimated on the frame itself (`contactimg.imaging.count.expected_error`) and
+compared with the tolerance.
 """
 
 from dataclasses import dataclass
 from functools import partial
 from math import hypot, inf
 
-import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.effects.output_change import relative_change, stated_change
-from contactimg.imaging.contrast.plateau import Contrast
-from contactimg.imaging.count.method import count_contacts
+from contactimg.imaging.count.expected_error import estimate_true_radii
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
-from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim
-from contactimg.imaging.profile.threshold_radius import disk_radius
-from contactimg.imaging.shapes.inscribed_disks import find_inscribed
-from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.scene import Scene
-
-Values = NDArray[np.float64]
-
-FAINT = 0.4
-"""Of the threshold: where contacts that do not reach it are looked for."""
 
 
 @dataclass(frozen=True)
@@ -138,53 +126,13 @@ def estimate_count_error(
     disks = measurement.disks
     if not len(disks) or not measurement.resolved:
         return inf
-    signed = measurement.foreground
-    signed[~np.isfinite(signed)] = 0.0
-    plateau, fraction = abs(measurement.contrast), measurement.threshold
-    blur = estimate_blur(signed, plateau) if blur_px is None else hypot(blur_px, PIXEL_VARIANCE**0.5)
-    counted = disks[["x_px", "y_px", "radius_px"]].to_numpy(float)
-    radius, complete = _parted(counted, find_inscribed(signed, fraction * plateau, smoothing=0.0, valid=None))
-    complete = disk_radius(complete, blur_px=blur, fraction=fraction)
-    missed = disk_radius(_missed(signed, measurement, counted), blur_px=blur, fraction=FAINT * fraction)
-    radius = np.concatenate([radius, np.zeros(missed.size)])
-    complete = np.concatenate([complete, missed])
-    bias = relative_change(output, without=(radius**3, radius), complete=(complete**3, complete))
-    return hypot(bias, stated_change(output, radius=counted[:, 2], std=disks["radius_std_px"]))
-
-
-def _parted(counted: Values, inscribed: Values) -> tuple[Values, Values]:
-    """Counted radii, and those of the contacts behind them, row by row.
-
-    A component with several inscribed disks is one contact in the first list and several in the second.
-    """
-    if not len(inscribed):
-        return counted[:, 2], counted[:, 2]
-    apart = np.hypot(inscribed[:, None, 0] - counted[None, :, 0], inscribed[:, None, 1] - counted[None, :, 1])
-    owner = np.argmin(apart - counted[None, :, 2], axis=1)
-    number = np.bincount(owner, minlength=len(counted))
-    joined = number > 1
-    parts = inscribed[joined[owner]]
-    # parts keep the area that was counted for them together
-    square = np.bincount(owner, inscribed[:, 2] ** 2, minlength=len(counted))
-    scale = counted[:, 2] / np.sqrt(np.where(square > 0, square, 1.0))
-    radii = parts[:, 2] * scale[owner[joined[owner]]]
-    alone = counted[~joined, 2]
-    radius = np.concatenate([alone, counted[joined, 2], np.zeros(radii.size)])
-    complete = np.concatenate([alone, np.zeros(int(joined.sum())), radii])
-    return radius, complete
-
-
-def _missed(signed: NDArray[np.float32], measurement: ImageMeasurement, counted: Values) -> Values:
-    """Radii at a lower threshold of the contacts that do not reach the one used."""
-    faint, _ = count_contacts(
-        signed,
-        fraction=FAINT * measurement.threshold,
-        contrast=Contrast(abs(measurement.contrast), resolved=True),
+    counted, true = estimate_true_radii(
+        measurement.foreground,
+        disks[["x_px", "y_px", "radius_px"]].to_numpy(float),
+        fraction=measurement.threshold,
+        plateau=abs(measurement.contrast),
         noise=measurement.noise,
+        blur_px=blur_px,
     )
-    places = np.column_stack([faint[name] for name in ("x_px", "y_px", "radius_px")])
-    if not len(places):
-        return np.empty(0)
-    apart = np.hypot(places[:, None, 0] - counted[None, :, 0], places[:, None, 1] - counted[None, :, 1])
-    alone = (apart > places[:, None, 2] + 1).all(axis=1)
-    return places[alone, 2]
+    bias = relative_change(output, without=(counted**3, counted), complete=(true**3, true))
+    return hypot(bias, stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"]))

@@ -1,11 +1,35 @@
-"""The paper's measurement: pixels above a threshold, their area as the radius of a contact."""
+"""The method "threshold" from end to end: count the pixels above a fraction of the contrast.
+
+A contact is a connected component of the pixels above ``background + fraction (plateau - background)``; its
+radius is ``sqrt(area/pi)``. Components that consist of several contacts are split.
+
+These constants shape the result:
+
+===================================== ======= ================================================== ============
+constant                              value   meaning                                            origin
+===================================== ======= ================================================== ============
+`threshold.DEFAULT_FRACTION`          0.5     threshold as a fraction of the contrast            convention
+`COMPONENT_LIGHT_SIGMA`               8       least light of a component, standard deviations    false alarms
+`HOT_PIXEL_NEIGHBOUR_FRACTION`        0.2     least brightness of the neighbours of 1 or 2 px    theory
+`SPECK_AREA_PX2`, `SPECK_MARGIN_PX`   12, 3   specks: only light above the level around counts   by hand
+`NOISY_CONTRAST_TO_NOISE`             12      below, components are smoothed before splitting    by hand
+`SMOOTHING_PX`                        1.4     ... with a Gaussian of this width                  typical blur
+`split_touching.ELONGATION`           1.015   least second moment of a component that is split   theory
+`split_touching.LEAST_AREA_PX2`       25      least area of a component that is split            theory
+`inscribed_disks.SMALLEST_INSCRIBED`  2       least radius of an inscribed disk, px              by hand
+`inscribed_disks.PENETRATION`         0.7     share of its radius inside a larger disk: same     by hand
+`overlap.DEEPEST`                     0.35    overlap over diameter above which disks are one    by hand
+===================================== ======= ================================================== ============
+
+"By hand" means chosen on rendered frames; how much the result depends on it was not measured. The origin of
+the others stands beside them.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.contrast.plateau import Contrast
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -13,63 +37,100 @@ from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
 from contactimg.imaging.reject.dirt import absent_in_frame
 from contactimg.imaging.reject.foreground import Foreground
+from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
 
-SIGNIFICANT = 8.0  # standard deviations of the summed light of a component; noise alone stays below 6
-HOT = 0.2  # a lone pixel whose neighbours reach less of its height is a hot pixel: no optics is that sharp
-TYPICAL_BLUR = 1.4  # px, for the slope of the rim in the uncertainty
-SMALLEST = 4  # pixels
-SPECK, AROUND = 12, 3  # pixels of what may be noise on a soft slope, and how far off the slope shows
-QUIET = 12.0  # contrast/noise below which noise notches the components
-CUT = 1.3  # radii from the centre of what is counted: a hole that close cuts the contact
+COMPONENT_LIGHT_SIGMA = 8.0
+"""Least summed light of a component in standard deviations of the noise. In frames of noise alone, components
+stay below 6."""
+HOT_PIXEL_NEIGHBOUR_FRACTION = 0.2
+"""Brightness of the four neighbours relative to the peak below which one or two pixels are a hot pixel.
+Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.48 px, ``s^2 = 0.48^2 + 1/12``."""
+TYPICAL_BLUR_PX = 1.4
+"""Blur for which the smallest visible contact is stated: that of the paper's frames."""
+SMOOTHING_PX = 1.4
+"""Gaussian applied to components in noise before disks are inscribed; about the blur."""
+NOISY_CONTRAST_TO_NOISE = 12.0
+"""Contrast over noise below which noise notches the outline of components: twice six standard deviations at
+half height. Chosen by hand."""
+SMALL_AREA_PX2 = 4
+"""Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. Chosen by hand."""
+SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
+"""Largest area of a speck, and distance from it at which the level around it is read. Chosen by hand."""
+HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
+"""A contact is flagged EDGE if a hole lies within this many radii plus pixels of its centre: the pixels of a
+cut contact make too small a radius. Chosen by hand."""
 
 
 def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fraction: float) -> Detections:
-    """The paper's measurement, with what an error of the contrast does to it."""
-    contrast, frame_pair = foreground.contrast, foreground.frame_pair
+    """Count the pixels of the contacts of a frame.
+
+    Parameters
+    ----------
+    foreground : Foreground
+    difference : DifferenceImage
+        From which the foreground comes.
+    fraction : float
+        Threshold as a fraction of the contrast.
+
+    Returns
+    -------
+    Detections
+
+    Notes
+    -----
+    The uncertainty of a radius has three parts: counting (a pixel of the rim is in or out, variance 1/12 px^2
+    of its position), noise, and the uncertainty of the contrast, which moves the threshold in all contacts
+    alike. The last two act through the slope of the rim at the threshold. The bias of the threshold is not
+    included.
+    """
+    contrast, frame_pair, image = foreground.contrast, foreground.frame_pair, foreground.image
+    slope = rim_slope(contrast.plateau, _blur_of(foreground), fraction)
     contacts, rejected = count_contacts(
-        foreground.image,
+        image,
         fraction=fraction,
-        contrast=contrast,
+        plateau=contrast.plateau,
         noise=foreground.noise,
         saturated=frame_pair.saturated,
     )
-    cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], CUT * contacts["radius_px"] + 1.5)
+    contacts["radius_std_px"] = counting_std(contacts["radius_px"], foreground.noise / slope)
+    reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
+    cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     places = np.column_stack([contacts[name] for name in PLACE])
-    dust = absent_in_frame(frame_pair.frame, foreground.image, difference, places)
-    gone = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
+    dust = absent_in_frame(frame_pair.frame, image, difference, places)
     rejected = {
-        "reason": np.append(rejected["reason"], gone),
+        "reason": np.append(rejected["reason"], np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)),
         **{name: np.append(rejected[name], contacts[name][dust]) for name in PLACE},
     }
     contacts = {name: values[~dust] for name, values in contacts.items()}
-    # the threshold is a fraction of the contrast: where it cuts the rim of a wide contact moves with it
-    slope = np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
-    shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / contrast.plateau / slope)
+    shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / slope)
     contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], shift[:, None])
     contacts |= {"contrast_shift_px": shift, "blur_shift_px": np.zeros(len(shift))}
-    optics = SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan)
-    # the middle of a blurred disk reaches 1 - exp(-a^2/(2 s^2)) of the contrast
-    smallest = TYPICAL_BLUR * np.sqrt(-2.0 * np.log1p(-fraction))
     measured = foreground.measured_contrast
-    own = SharedOptics(max(measured.plateau, 1e-9), measured.std, blur_std_px=np.nan)
-    return Detections(contacts, rejected, optics, own, float(smallest))
+    return Detections(
+        contacts,
+        rejected,
+        optics=SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan),
+        own_optics=SharedOptics(max(measured.plateau, 1e-9), measured.std, blur_std_px=np.nan),
+        # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
+        smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
+    )
 
 
-@stage("counting")
-def count_contacts(
-    image: NDArray[np.float32],
-    *,
-    fraction: float,
-    contrast: Contrast,
-    noise: float,
-    saturated: Mask = None,
-) -> tuple[Columns, Columns]:
-    """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
+def _blur_of(foreground: Foreground) -> float:
+    """Standard deviation of the blur, pixel included, px: the prior one, else from the slope of the rims."""
+    prior = foreground.prior_optics.blur_px
+    if np.isfinite(prior):
+        return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
+    return estimate_blur(foreground.image, foreground.contrast.plateau)
 
-    Components that are several contacts share their pixels among them.
+
+def count_at_fraction(
+    image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float
+) -> Columns:
+    """Count a frame that was measured before at another threshold.
 
     Parameters
     ----------
@@ -77,66 +138,125 @@ def count_contacts(
         Difference image, contacts positive, holes 0.
     fraction : float
         Threshold as a fraction of the contrast.
-    contrast : Contrast
+    plateau, noise : float
+        Contrast, and standard deviation of a background pixel.
+
+    Returns
+    -------
+    dict of arrays
+        Columns x_px, y_px, radius_px, flags, radius_std_px; the uncertainty without that of the contrast.
+    """
+    contacts, _ = count_contacts(image, fraction=fraction, plateau=plateau, noise=noise)
+    slope = rim_slope(plateau, estimate_blur(image, plateau), fraction)
+    return contacts | {"radius_std_px": counting_std(contacts["radius_px"], noise / slope)}
+
+
+def rim_slope(plateau: float, blur_px: float, fraction: float) -> float:
+    """Slope of a blurred straight rim where it crosses a threshold, grey levels per px.
+
+    ``C exp(-z^2/2)/(s sqrt(2 pi))`` with the plateau ``C``, the blur ``s`` and the normal quantile ``z`` of
+    the fraction.
+
+    Examples
+    --------
+    >>> round(rim_slope(100.0, 1.4, 0.5), 2)
+    28.5
+    """
+    return float(plateau * np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * blur_px))
+
+
+def counting_std(radius_px: NDArray[np.float64], noise_px: float) -> NDArray[np.float64]:
+    """Standard uncertainty of ``sqrt(area/pi)``, px.
+
+    Parameters
+    ----------
+    radius_px : ndarray
+    noise_px : float, px
+        Noise of a pixel over the slope of the rim.
+    """
+    return np.sqrt((PIXEL_VARIANCE + noise_px**2) / (2 * np.pi * radius_px))
+
+
+@stage("counting")
+def count_contacts(
+    image: NDArray[np.float32],
+    *,
+    fraction: float,
+    plateau: float,
+    noise: float,
+    saturated: Mask = None,
+) -> tuple[Columns, Columns]:
+    """Connected components above ``fraction`` of the contrast, ``radius = sqrt(area/pi)``.
+
+    Components that consist of several contacts are split; the parts share the pixels.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, contacts positive, holes 0.
+    fraction : float
+        Threshold as a fraction of the contrast.
+    plateau : float
+        Contrast of the contacts.
     noise : float
-        Standard deviation of a pixel.
+        Standard deviation of a background pixel.
     saturated : Mask
-        Pixels at full scale.
+        1 at full scale.
 
     Returns
     -------
     contacts, rejected : dict of arrays
-        Columns x_px, y_px, radius_px, radius_std_px, flags; and x_px, y_px, radius_px, reason.
-
-    Notes
-    -----
-    The uncertainty is that of counting (each pixel of the rim is in or out, variance 1/12 px^2 of its
-    position) and of the noise on the slope of a rim blurred by 1.4 px; not the bias of the threshold.
+        Columns x_px, y_px, radius_px, flags; and x_px, y_px, radius_px, reason.
     """
-    level = fraction * contrast.plateau
-    noisy = contrast.plateau < QUIET * noise
-    found, split = split_components(image, level, marks=saturated, smoothing=TYPICAL_BLUR if noisy else 0.0)
-    hot = (found["area"] <= 2) & (_surroundings(image, found) < HOT * found["peak"])
-    light = found["flux"] - found["area"] * np.maximum(_slope_under(image, found), 0.0)
-    weak = light < SIGNIFICANT * noise * np.sqrt(found["area"])
-    radius = np.sqrt(found["area"] / np.pi)
-    bad = hot | weak
+    noisy = plateau < NOISY_CONTRAST_TO_NOISE * noise
+    components, split = split_components(
+        image, fraction * plateau, marks=saturated, smoothing=SMOOTHING_PX if noisy else 0.0
+    )
+    hot = components["area"] <= 2
+    hot &= _neighbour_mean(image, components) < HOT_PIXEL_NEIGHBOUR_FRACTION * components["peak"]
+    light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
+    bad = hot | (light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
+    radius = np.sqrt(components["area"] / np.pi)
     rejected = {
-        "x_px": found["x"][bad],
-        "y_px": found["y"][bad],
+        "x_px": components["x"][bad],
+        "y_px": components["y"][bad],
         "radius_px": radius[bad],
         "reason": np.where(hot[bad], Reason.HOT_PIXEL, Reason.NOISE),
     }
-    kept, split, radius = found[~bad], split[~bad], radius[~bad]
-    rows, columns = image.shape
-    edge = (
-        (kept["left"] == 0)
-        | (kept["top"] == 0)
-        | (kept["right"] == columns - 1)
-        | (kept["bottom"] == rows - 1)
-    )
-    flags = (
-        np.where(edge, int(Flag.EDGE), 0)
-        | np.where(kept["marked"] > 0, int(Flag.SATURATED), 0)
-        | np.where(kept["area"] < SMALLEST, int(Flag.TOO_SMALL), 0)
-        | np.where(split, int(Flag.MERGED), 0)
-    )
-    slope = contrast.plateau / (np.sqrt(2 * np.pi) * TYPICAL_BLUR)
-    std = np.sqrt((PIXEL_VARIANCE + (noise / slope) ** 2) / (2 * np.pi * radius))
+    kept = components[~bad]
     contacts = {
         "x_px": kept["x"],
         "y_px": kept["y"],
-        "radius_px": radius,
-        "radius_std_px": std,
-        "flags": flags,
+        "radius_px": radius[~bad],
+        "flags": _flags(kept, split[~bad], image.shape),
     }
     return contacts, rejected
 
 
-def _surroundings(image: NDArray[np.float32], found: NDArray[np.void]) -> NDArray[np.float64]:
-    """Mean of the four neighbours of each component's highest pixel (the border repeats)."""
+def _flags(
+    components: NDArray[np.void], split: NDArray[np.bool_], shape: tuple[int, ...]
+) -> NDArray[np.int64]:
+    """Flags of components, those that touch the border of an image of that shape included."""
+    rows, columns = shape
+    edge = (
+        (components["left"] == 0)
+        | (components["top"] == 0)
+        | (components["right"] == columns - 1)
+        | (components["bottom"] == rows - 1)
+    )
+    conditions = {
+        Flag.EDGE: edge,
+        Flag.SATURATED: components["marked"] > 0,
+        Flag.TOO_SMALL: components["area"] < SMALL_AREA_PX2,
+        Flag.MERGED: split,
+    }
+    return np.sum([np.where(holds, int(flag), 0) for flag, holds in conditions.items()], axis=0)
+
+
+def _neighbour_mean(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
+    """Mean of the four neighbours of each component's highest pixel; the border of the image repeats."""
     rows, columns = image.shape
-    x, y = found["peak_x"], found["peak_y"]
+    x, y = components["peak_x"], components["peak_y"]
     return 0.25 * (
         image[y, np.maximum(x - 1, 0)]
         + image[y, np.minimum(x + 1, columns - 1)]
@@ -145,13 +265,16 @@ def _surroundings(image: NDArray[np.float32], found: NDArray[np.void]) -> NDArra
     ).astype(float)
 
 
-def _slope_under(image: NDArray[np.float32], found: NDArray[np.void]) -> NDArray[np.float64]:
-    """Median of eight points about each speck: about its own level on a slope, 0 beside a single contact."""
-    out = np.zeros(len(found))
-    specks = np.flatnonzero(found["area"] <= SPECK)
-    part, (rows, columns) = found[specks], image.shape
-    x = np.stack([part["left"] - AROUND, part["peak_x"], part["right"] + AROUND])
-    y = np.stack([part["top"] - AROUND, part["peak_y"], part["bottom"] + AROUND])
+def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
+    """Median of eight pixels around each speck: its own level on a slope, about 0 if it stands alone.
+
+    0 for components larger than a speck.
+    """
+    out = np.zeros(len(components))
+    specks = np.flatnonzero(components["area"] <= SPECK_AREA_PX2)
+    part, (rows, columns) = components[specks], image.shape
+    x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
+    y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])
     grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
     out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
     return out

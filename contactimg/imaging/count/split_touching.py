@@ -1,8 +1,8 @@
-"""Components of pixels that are several contacts, parted where they touch.
+"""Split components that consist of several contacts.
 
-A component whose pixels lie further from their centroid than a disk's is looked at: the disks inscribed in
-it, as far as they overlap no more than contacts do, share its pixels, each pixel to the disk in which it lies
-deepest (its power with respect to the circle). Pixels are parted, none is lost: the areas add up.
+A component with a larger second moment than a disk of its area is a candidate. Disks are inscribed in it;
+those that overlap no more than contacts do share its pixels. Each pixel goes to the disk with the least
+power, i.e. in which it lies deepest. No pixel is lost, so the areas add up.
 """
 
 import cv2
@@ -15,31 +15,36 @@ from contactimg.imaging.shapes.components import COMPONENT, add_pixel, finish_co
 from contactimg.imaging.shapes.inscribed_disks import select_inscribed
 from contactimg.imaging.shapes.overlap import hidden
 
-ELONGATED = 1.015  # moment of the pixels over that of a disk: two that touch have 1.5, a small one on a
-# large one of five times its radius 1.03; rims in noise stay below
-STRAIGHT, DIAGONAL, KNIGHT = np.float32(1.0), np.float32(1.4), np.float32(2.1969)  # px, as `cv2.DIST_MASK_5`
+ELONGATION = 1.015
+"""Second moment of a component over that of a disk of its area above which it may be several contacts.
+Theory: 1.5 for two equal disks that touch, 1.03 for a disk beside one of a fifth of its radius. The rims of
+single contacts in noise stay below."""
+LEAST_AREA_PX2 = 25
+"""Least area of such a component: two disks of the smallest radius that is inscribed, 2 px (2 pi 2^2)."""
+STRAIGHT, DIAGONAL, KNIGHT = np.float32(1.0), np.float32(1.4), np.float32(2.1969)
+"""Lengths of the three moves of the distance transform, px: those of `cv2.DIST_MASK_5`."""
 NEAR, FAR = np.float32(0.0), np.float32(1e6)
-FEWEST = 25  # pixels: two disks of 2 px, below which no inscribed disk is told from noise
+"""Distance of pixels outside the region, and of those not reached yet, px."""
 
 
 def split_components(
     image: NDArray[np.float32], level: float, *, marks: Mask = None, smoothing: float = 0.0
 ) -> tuple[NDArray[np.void], NDArray[np.bool_]]:
-    """Components of the pixels above a level, those parted that are several contacts.
+    """Components of the pixels above a level, split where they consist of several contacts.
 
     Parameters
     ----------
     image, level, marks
         As for `contactimg.imaging.shapes.components.label_components`.
     smoothing : float, px
-        Gaussian that keeps noise from notching the components while disks are inscribed; 0 for none.
+        Width of a Gaussian that removes notches due to noise before disks are inscribed; 0 for none.
 
     Returns
     -------
     parts : ndarray of `COMPONENT`
-        Whole components, and parts in the place of those that were split.
+        Components; those that were split are replaced by their parts.
     split : ndarray of bool
-        Which are parts.
+        Which rows are parts.
 
     Examples
     --------
@@ -49,14 +54,14 @@ def split_components(
     >>> [int(area) for area in parts["area"]], split.tolist()
     ([249, 249], [True, True])
     """
-    found, runs = label_runs(image, level, marks=marks)
-    area = np.maximum(found["area"], 1)
-    # n pixels in a disk have the moment n^2/(2 pi), of which n/6 is that of each pixel about its centre
-    shape = 2.0 * np.pi * (found["moment"] + area / 6.0) / area**2 - 2.0 * np.pi / 6.0 / area
-    doubtful = np.flatnonzero((shape > ELONGATED) & (area >= FEWEST))
-    places = [found[name][doubtful].tolist() for name in ("top", "bottom", "left", "right")]
-    counts, groups = np.ones(len(found), np.int64), []
-    for number, top, bottom, left, right in zip(doubtful.tolist(), *places, strict=True):
+    components, runs = label_runs(image, level, marks=marks)
+    area = np.maximum(components["area"], 1)
+    # n pixels in a disk have the second moment n^2/(2 pi), of which n/6 is that of the pixels themselves
+    shape = 2.0 * np.pi * (components["moment"] + area / 6.0) / area**2 - 2.0 * np.pi / 6.0 / area
+    candidates = np.flatnonzero((shape > ELONGATION) & (area >= LEAST_AREA_PX2))
+    places = [components[name][candidates].tolist() for name in ("top", "bottom", "left", "right")]
+    counts, groups = np.ones(len(components), np.int64), []
+    for number, top, bottom, left, right in zip(candidates.tolist(), *places, strict=True):
         box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
         alone = np.zeros(image[box].shape, np.float32)
         _copy_component(alone, image, runs, number, (box[0].start, box[1].start))
@@ -71,7 +76,7 @@ def split_components(
         start, end = end, end + len(disks)
         inside = for_kernel(None if marks is None else marks[box])
         _share(alone, inside, disks, parts[start:end], (box[0].start, box[1].start))
-    whole = np.repeat(found, counts)
+    whole = np.repeat(components, counts)
     whole[split] = parts
     return whole, split
 
@@ -88,7 +93,7 @@ def _copy_component(out, image, runs, number, corner):
 
 
 def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    """The image seen through a Gaussian; 0 for none."""
+    """The image after a Gaussian filter; width 0 for none."""
     if not width:
         return image
     return np.asarray(cv2.GaussianBlur(image, (0, 0), width, borderType=cv2.BORDER_REPLICATE))
@@ -96,7 +101,7 @@ def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
 
 @njit(cache=True)
 def _inscribe(image, level):
-    """Disks inscribed in what lies above a level; of those that overlap too much, the largest."""
+    """Disks inscribed in the region above a level, without those that overlap a larger one too much."""
     distance = _measure_distances(image, level)
     if distance.min() > 0:
         return np.empty((0, 3))  # nothing bounds a disk
@@ -106,10 +111,10 @@ def _inscribe(image, level):
 
 @njit(cache=True)
 def _measure_distances(image, level):
-    """Distance of pixels above a level to the next that is not, in moves of the king and the knight.
+    """Distance of the pixels above a level to the nearest pixel below, by moves of the king and the knight.
 
-    What `cv2.distanceTransform` finds (Borgefors, doi:10.1016/S0734-189X(86)80047-0); a call of that takes
-    longer than most components. A border that cuts the region is repeated: the region goes on beyond it.
+    The same as `cv2.distanceTransform` (Borgefors, doi:10.1016/S0734-189X(86)80047-0), whose call takes
+    longer than the work on most components. The border repeats: a region cut by it goes on beyond.
     """
     rows, columns = image.shape
     out = np.full((rows + 6, columns + 6), FAR, np.float32)
@@ -149,7 +154,7 @@ def _along(row):
 def _share(image, marks, disks, parts, corner):
     """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
 
-    What is not of the component is 0; the parts lie in an image with its first pixel at (row, column).
+    The image is 0 outside the component; ``corner`` is the row and column of its first pixel in the frame.
     """
     top, left = corner
     parts["left"][:] = image.shape[1]

@@ -7,9 +7,16 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError
 from contactimg.imaging.contrast.plateau import Contrast
 
+DEFAULT_FRACTION = 0.5
+"""Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
+OTSU_LEVELS = 200.0
+"""Grey levels of 8 bits between background and plateau."""
+OTSU_RANGE = (0.05, 0.95)
+"""Range of the automatic threshold: outside it noise makes contacts or takes them away."""
+
 
 def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: float | str | None) -> float:
-    """The fraction to use: a number as given, 0.5 for None, Otsu's two-class optimum for ``"auto"``.
+    """The fraction to use: a number as given, `DEFAULT_FRACTION` for None, Otsu's for ``"auto"``.
 
     Raises
     ------
@@ -17,7 +24,7 @@ def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: 
         If it is not a fraction between 0 and 1.
     """
     if threshold is None:
-        return 0.5
+        return DEFAULT_FRACTION
     if isinstance(threshold, str):
         if threshold != "auto":
             raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
@@ -28,9 +35,12 @@ def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: 
 
 
 def _otsu(image: NDArray[np.float32], plateau: float) -> float:
-    """Fraction of the plateau that separates background and contacts with least variance inside both."""
+    """Fraction of the plateau that separates two classes of pixels with least variance inside both (Otsu).
+
+    N. Otsu, doi:10.1109/TSMC.1979.4310076.
+    """
     if plateau <= 0:
-        return 0.5
-    scaled = np.clip(image * (200.0 / plateau), 0, 255).astype(np.uint8)
+        return DEFAULT_FRACTION
+    scaled = np.clip(image * (OTSU_LEVELS / plateau), 0, 255).astype(np.uint8)
     level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
-    return float(np.clip((level + 0.5) / 200.0, 0.05, 0.95))
+    return float(np.clip((level + 0.5) / OTSU_LEVELS, *OTSU_RANGE))

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
-from contactimg.imaging.contrast.plateau import Contrast
-from contactimg.imaging.count.method import count_contacts
+from contactimg.imaging.count.method import count_at_fraction
 from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
@@ -162,11 +161,8 @@ def count_at(
     signed = measurement.foreground
     if holes is not None:
         signed = np.where(holes, np.float32(0.0), signed)
-    contacts, _ = count_contacts(
-        signed,
-        fraction=threshold,
-        contrast=Contrast(abs(measurement.contrast), resolved=True),
-        noise=measurement.noise,
+    contacts = count_at_fraction(
+        signed, fraction=threshold, plateau=abs(measurement.contrast), noise=measurement.noise
     )
     return pd.DataFrame({**contacts, "label": np.arange(1, len(contacts["x_px"]) + 1)})
 
