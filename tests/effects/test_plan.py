@@ -166,7 +166,7 @@ def counted(monkeypatch):
     count(SphereLaw, "respond", "sphere")
     count(layer, "deficit_table", "layer")
     count(adhesive._Contacts, "direction", "adhesion")
-    count(adhesive, "refine", "full adhesive")
+    count(adhesive, "correct_for_field", "full adhesive")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
