@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -11,7 +12,11 @@ from contactimg import InputError, scene_from_dict
 from contactimg.scene import Effects, Scene
 
 NAN, INF = float("nan"), float("inf")
-SECTIONS = "indenter, elastic, asperities, camera, images, measure, tolerance, effects, simulate"
+LIGHT_KEYS = (
+    "allowed keys: film_index_indenter, film_index_elastic, film_wavelength_nm, film_bandwidth_nm, "
+    "film_range_nm"
+)
+SECTIONS = "indenter, elastic, asperities, camera, light, images, measure, tolerance, effects, simulate"
 
 
 def refusal(data):
@@ -130,6 +135,10 @@ def test_value_that_is_refused(key, value, sentence):
         ),
         ({"xyz": 3}, f"unknown section [xyz] (allowed sections: {SECTIONS})"),
         (
+            {"light": {"wavelength_nm": 560}},
+            f"[light] has no key 'wavelength_nm'; did you mean 'film_wavelength_nm'? ({LIGHT_KEYS})",
+        ),
+        (
             {"tolerance": {"realtive": 0.1}},
             "[tolerance] has no key 'realtive'; did you mean 'relative'? (allowed keys: output, relative)",
         ),
@@ -149,6 +158,45 @@ def test_value_that_is_refused(key, value, sentence):
 )
 def test_scene_that_is_refused(data, sentence):
     assert refusal(data) == sentence
+
+
+LIGHT = {"film_wavelength_nm": 530.0, "film_range_nm": [500.0, 560.0]}
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {"light": LIGHT},
+        {"simulate": LIGHT},
+        {"light": LIGHT, "simulate": {"shape": [3, 4]}},
+        {"light": {"film_wavelength_nm": 530.0}, "simulate": {"film_range_nm": [500.0, 560.0]}},
+        {"light": LIGHT, "simulate": LIGHT},
+    ],
+)
+def test_the_lamp_is_the_same_in_light_and_in_its_aliases(data):
+    scene = scene_from_dict(data)
+    expected = scene_from_dict({"light": LIGHT}).light.model_dump()
+    assert expected["film_wavelength_nm"] == 530.0
+    assert scene.light.model_dump() == expected
+    if scene.simulate is not None:
+        assert {key: getattr(scene.simulate, key) for key in expected} == expected
+    assert scene_from_dict(scene.configuration).light == scene.light
+
+
+def test_two_different_lamps_are_refused():
+    data = {"light": {"film_wavelength_nm": 530.0}, "simulate": {"film_wavelength_nm": 560.0}}
+    assert refusal(data) == (
+        "[light] film_wavelength_nm (530.0) and [simulate] film_wavelength_nm (560.0) differ; "
+        "keep one of the two"
+    )
+
+
+def test_every_key_says_what_it_means():
+    for section, field in Scene.model_fields.items():
+        model = next(iter(get_args(field.annotation)), field.annotation)
+        assert (model.__doc__ or "").strip(), section
+        for key, rule in model.model_fields.items():
+            assert (rule.description or "").endswith("."), f"[{section}] {key}"
 
 
 def test_internal_names_are_no_keys():

@@ -7,7 +7,7 @@ import numpy as np
 from contactimg.errors import InputError
 from contactimg.optics.film import Light
 from contactimg.optics.psf import Halo, Psf, airy_psf, gaussian_psf, no_blur, sampling_for
-from contactimg.scene import Scene, Simulate
+from contactimg.scene import FilmLight, Scene, Simulate
 
 PARAMETER = {
     "blur": "blur_px",
@@ -81,14 +81,14 @@ def read_recipe(scene: Scene) -> Recipe:
     return recipe
 
 
-def lamp(simulate: Simulate) -> Light:
-    """The light of the scene, and the media that it crosses."""
+def lamp(keys: FilmLight | Simulate) -> Light:
+    """The light of a scene and the media that it crosses, from ``[light]`` or from its aliases."""
     return Light(
-        index_indenter=simulate.film_index_indenter,
-        index_elastic=simulate.film_index_elastic,
-        wavelength=simulate.film_wavelength_nm * 1e-9,
-        bandwidth=simulate.film_bandwidth_nm * 1e-9,
-        band=(simulate.film_range_nm[0] * 1e-9, simulate.film_range_nm[1] * 1e-9),
+        index_indenter=keys.film_index_indenter,
+        index_elastic=keys.film_index_elastic,
+        wavelength=keys.film_wavelength_nm * 1e-9,
+        bandwidth=keys.film_bandwidth_nm * 1e-9,
+        band=(keys.film_range_nm[0] * 1e-9, keys.film_range_nm[1] * 1e-9),
     )
 
 

@@ -10,7 +10,7 @@ from contactimg.forces import common_radius
 from contactimg.imaging.profile.film_rim import FilmRim
 from contactimg.optics.recipe import lamp
 from contactimg.pipeline.inputs import largest_load, need_asperities
-from contactimg.scene import Scene, Simulate
+from contactimg.scene import Scene
 
 SHARP_BLUR_PX = 1e-3
 """Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
@@ -109,8 +109,8 @@ def film_rim(scene: Scene, sites: pd.DataFrame | None) -> FilmRim | None:
     Parameters
     ----------
     scene : Scene
-        ``[effects] film = "on"``; the light is that of ``[simulate] film_*`` (or its defaults, a white LED,
-        glass and PDMS).
+        ``[effects] film = "on"``; the light is that of ``[light]`` (by default a white LED, glass and
+        PDMS).
     sites : DataFrame or None
         Composite summits of the asperities: the film of the mean radius is drawn.
 
@@ -130,5 +130,5 @@ def film_rim(scene: Scene, sites: pd.DataFrame | None) -> FilmRim | None:
             '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
             'with it, or set film = "off"'
         )
-    light = lamp(scene.simulate if scene.simulate is not None else Simulate())
+    light = lamp(scene.light)
     return FilmRim(light, radius, camera.pixel_size)

@@ -18,7 +18,7 @@ from contactimg.optics.film import excess_table
 from contactimg.optics.recipe import lamp
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.scene import Scene, Simulate
+from contactimg.scene import Scene
 from contactimg.tables import CIRCLES
 
 BEYOND_FILM_PX = 12.0
@@ -121,11 +121,10 @@ def measure_circles(
 
 
 def _edge_model(scene: Scene) -> EdgeModel:
-    """What the scene says about the light at the edge; without a lamp, a white LED, glass and PDMS."""
+    """Light and gap at the edge of the contact, as the scene describes them."""
     camera = scene.need("camera", "measuring a smooth contact")
     indenter = scene.need("indenter", "measuring a smooth contact")
-    simulate = scene.simulate if scene.simulate is not None else Simulate()
-    return EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(simulate)))
+    return EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
 
 
 def _sample_frame(

@@ -1,0 +1,38 @@
+"""The scene: one description of an experiment, measured or simulated, validated on entry.
+
+Keys carry their unit (``radius_m``); the attributes of the records do not (``radius``) and hold SI floats,
+except pixel lengths (``_px``). An unknown key, a missing key or a value out of range is an `InputError` whose
+sentence names the section, the key, the rule, the value and, for an unknown key, the allowed keys.
+
+Read in this order: `sections` (every section with its keys), `scene` (`Scene` and `scene_from_dict`),
+`messages` (the sentence for a broken rule).
+"""
+
+from contactimg.scene.scene import Scene, scene_from_dict
+from contactimg.scene.sections import (
+    Asperities,
+    Camera,
+    Effects,
+    Elastic,
+    FilmLight,
+    Images,
+    Indenter,
+    Measure,
+    Simulate,
+    Tolerance,
+)
+
+__all__ = [
+    "Asperities",
+    "Camera",
+    "Effects",
+    "Elastic",
+    "FilmLight",
+    "Images",
+    "Indenter",
+    "Measure",
+    "Scene",
+    "Simulate",
+    "Tolerance",
+    "scene_from_dict",
+]

@@ -1,0 +1,157 @@
+"""The whole scene: its sections together, and what follows from more than one of them."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import PrivateAttr, ValidationError
+
+from contactimg.errors import InputError
+from contactimg.pose import Pose
+from contactimg.scene.messages import broken_rule
+from contactimg.scene.sections import (
+    Asperities,
+    Camera,
+    Effects,
+    Elastic,
+    FilmLight,
+    Images,
+    Indenter,
+    Measure,
+    Section,
+    Simulate,
+    Tolerance,
+)
+
+INCOMPRESSIBLE_POISSON_RATIO = 0.49
+"""Poisson's ratio from which on a body counts as incompressible. Theory: 0.5; chosen: 2 % below it."""
+
+
+class Scene(Section):
+    """A whole scene: every section is optional where a command does not need it."""
+
+    indenter: Indenter | None = None
+    elastic: Elastic | None = None
+    asperities: Asperities | None = None
+    camera: Camera | None = None
+    light: FilmLight = FilmLight()
+    images: Images = Images()
+    measure: Measure = Measure()
+    tolerance: Tolerance = Tolerance()
+    effects: Effects = Effects()
+    simulate: Simulate | None = None
+
+    _source: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _folder: str = PrivateAttr(default=".")
+
+    @property
+    def source(self) -> dict[str, Any]:
+        """The dict this scene was made from, with the keys as written."""
+        return self._source
+
+    @property
+    def folder(self) -> str:
+        """The folder that the scene's paths are relative to."""
+        return self._folder
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Every key with its value, defaults included, as a dict that gives this scene again."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+    def need(self, section: str, purpose: str) -> Any:
+        """The named section, or an `InputError` that says what it is needed for."""
+        value = getattr(self, section)
+        if value is None:
+            raise InputError(f"{purpose} needs a section [{section}] in the scene; add it")
+        return value
+
+    def check_effects(self) -> None:
+        """Refuse mechanical effects without the parameter they act by, or outside their range.
+
+        Raises
+        ------
+        InputError
+            Naming the effect and the key.
+        """
+        elastic, effects = self.elastic, self.effects
+        if elastic is None:
+            return
+        if effects.layer == "on" and elastic.thickness is None:
+            raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
+        if effects.adhesion == "on" and elastic.work_of_adhesion == 0:
+            raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
+        if (
+            elastic.thickness is not None
+            and effects.layer != "off"
+            and elastic.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO
+        ):
+            raise InputError(
+                "[elastic] thickness_m: the layer is that of an incompressible body, poisson_ratio = 0.5, "
+                f'got {elastic.poisson_ratio:g}; leave the thickness out, or set [effects] layer = "off"'
+            )
+
+    def pose(self, shape: tuple[int, int]) -> Pose:
+        """The camera's pose for images of ``shape`` (rows, columns)."""
+        camera: Camera = self.need("camera", "turning pixels into metres")
+        apex = self.indenter.apex if self.indenter is not None else (0.0, 0.0)
+        return Pose(
+            shape=shape,
+            pixel_size=camera.pixel_size,
+            centre=camera.centre if camera.centre is not None else apex,
+            rotation=camera.rotation,
+            mirrored=camera.mirrored,
+        )
+
+
+def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene", folder: str = ".") -> Scene:
+    """Validate a scene.
+
+    Parameters
+    ----------
+    data : mapping
+        Sections and keys as in the scene file.
+    name : str
+        What to call the scene in an error (the file name).
+    folder : str
+        What the scene's paths are relative to.
+
+    Raises
+    ------
+    InputError
+        One sentence on the first broken rule: section, key, rule, value, allowed keys.
+
+    Examples
+    --------
+    >>> scene_from_dict({"camera": {"pixel_size_m": 6e-6}}).camera.pixel_size
+    6e-06
+    """
+    try:
+        scene = Scene.model_validate(dict(data))
+    except ValidationError as error:
+        details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
+        raise InputError(broken_rule(details[0], name, Scene)) from None
+    scene = _with_one_light(scene, name)
+    scene._source, scene._folder = dict(data), folder
+    return scene
+
+
+def _with_one_light(scene: Scene, name: str) -> Scene:
+    """The scene with the same light in ``[light]`` and ``[simulate]``, whichever states a key."""
+    sections = {"light": scene.light, "simulate": scene.simulate}
+    stated: dict[str, Any] = {}
+    for key in FilmLight.model_fields:
+        values = {
+            section: getattr(keys, key)
+            for section, keys in sections.items()
+            if keys is not None and key in keys.model_fields_set
+        }
+        if len(set(values.values())) > 1:
+            raise InputError(
+                f"{name}: [light] {key} ({values['light']}) and [simulate] {key} ({values['simulate']}) "
+                "differ; keep one of the two"
+            )
+        if values:
+            stated[key] = next(iter(values.values()))
+    light = scene.light.model_copy(update=stated)
+    simulate = None if scene.simulate is None else scene.simulate.model_copy(update=stated)
+    return scene.model_copy(update={"light": light, "simulate": simulate})

@@ -1,0 +1,345 @@
+"""The sections of a scene with their keys: type, range, default and meaning of each."""
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
+
+# strict: text and true/false are not numbers
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+CountFrom1 = Annotated[int, Field(strict=True, ge=1)]
+YesNo = Annotated[bool, Field(strict=True)]
+Positive = Annotated[Number, Field(gt=0)]
+NonNegative = Annotated[Number, Field(ge=0)]
+Fraction = Annotated[Number, Field(ge=0, le=1)]
+OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
+Point = tuple[Number, Number]
+FilePath = Annotated[str, Field(min_length=1)]
+Side = Annotated[int, Field(strict=True, ge=1, le=100_000)]
+Switch = Literal["auto", "on", "off"]
+
+MAX_SIMULATED_PIXELS = 200_000_000
+"""Largest synthetic frame, px: 1.6 GB in double precision. Chosen: it catches slips of the pen."""
+
+MIN_ELECTRONS_PER_LEVEL = 1e-3
+"""Smallest number of electrons per grey level above 0. Chosen: below it every pixel is noise."""
+
+
+class Section(BaseModel):
+    """Common rules of all sections: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=False, allow_inf_nan=False)
+
+
+class Indenter(Section):
+    """The smooth sphere, or the textured lens."""
+
+    radius: Positive = Field(alias="radius_m", description="Radius of curvature, m.")
+    apex: Point = Field(
+        (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
+    )
+
+
+class Elastic(Section):
+    """The elastic body; its partner is rigid."""
+
+    young_modulus: Positive = Field(alias="young_modulus_Pa", description="Young's modulus E, Pa.")
+    young_modulus_std: NonNegative = Field(
+        0.0, alias="young_modulus_std_Pa", description="Standard uncertainty of E, Pa."
+    )
+    poisson_ratio: Annotated[Number, Field(gt=-1, le=0.5)] = Field(0.5, description="Poisson's ratio nu.")
+    thickness: Positive | None = Field(
+        None, alias="thickness_m", description="Thickness of the elastic layer, m; a half-space if not given."
+    )
+    work_of_adhesion: NonNegative = Field(
+        0.0, alias="work_of_adhesion_J_m2", description="Work of adhesion w, J/m^2."
+    )
+
+    @property
+    def contact_modulus(self) -> float:
+        """E* = E/(1 - nu^2), Pa: the partner is rigid."""
+        return self.young_modulus / (1 - self.poisson_ratio**2)
+
+
+class Asperities(Section):
+    """The asperities: a table, a generator, or the parameters of a statistical model."""
+
+    file: FilePath | None = Field(
+        None, description="CSV table of the asperities with columns x_m, y_m, height_m, radius_m."
+    )
+    generate: Literal["SA", "RA-", "RA+"] | None = Field(
+        None, description="Generate a pattern of this kind instead of reading a file."
+    )
+    coverage: OpenFraction | None = Field(
+        None, description="Fraction of the area that a generated pattern covers with asperities."
+    )
+    side: Positive = Field(0.01, alias="side_m", description="Side of the square that the pattern fills, m.")
+    seed: Count = Field(0, description="Seed of the random numbers of a generated pattern.")
+    textured: Literal["soft", "rigid"] = Field(
+        "soft", description="Which body carries the asperities: the elastic one (SA) or the lens (RA)."
+    )
+    density: Positive | None = Field(
+        None,
+        alias="density_per_m2",
+        description="Asperities per unit area for gw and gt, 1/m^2; derived from the table if not given.",
+    )
+    radius: Positive | None = Field(
+        None,
+        alias="radius_m",
+        description="Radius of curvature common to all asperities, m; that of the table if not given.",
+    )
+    height_law: Literal["uniform", "gaussian"] | None = Field(
+        None, description="Height distribution for gw and gt; that of the table if not given."
+    )
+    height_min: Number | None = Field(
+        None, alias="height_min_m", description="Smallest height of the uniform distribution, m."
+    )
+    height_max: Number | None = Field(
+        None, alias="height_max_m", description="Largest height of the uniform distribution, m."
+    )
+    height_mean: Number | None = Field(
+        None, alias="height_mean_m", description="Mean height of the Gaussian distribution, m."
+    )
+    height_std: NonNegative | None = Field(
+        None, alias="height_std_m", description="Standard deviation of the Gaussian distribution, m."
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> "Asperities":
+        if self.file is not None and self.generate is not None:
+            raise ValueError("file and generate are both given; keep one of the two")
+        if self.height_min is not None and self.height_max is not None and self.height_max < self.height_min:
+            raise ValueError(
+                f"height_max_m ({self.height_max}) must not be below height_min_m ({self.height_min})"
+            )
+        return self
+
+
+class Camera(Section):
+    """How the camera sees the sample."""
+
+    pixel_size: Positive = Field(alias="pixel_size_m", description="Sample length per pixel, m.")
+    centre: Point | None = Field(
+        None,
+        alias="centre_m",
+        description="Sample point (x, y) at the centre of the image, m; the apex if not given.",
+    )
+    rotation: Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)] = Field(
+        0.0, alias="rotation_deg", description="Rotation of the image, +x towards +y, degrees."
+    )
+    mirrored: YesNo = Field(default=False, description="Whether +y of the sample points up in the image.")
+    full_scale: Positive | None = Field(
+        None,
+        alias="full_scale_levels",
+        description="Grey level at which the sensor saturates (4095 for 12 bits in 16-bit files); "
+        "that of the file or of its pixel type if not given.",
+    )
+
+
+class FilmLight(Section):
+    """The real lamp and the media that its light crosses: they shape the fringes of the air film at an edge.
+
+    `process` and the effects use it with ``[effects] film = "on"``, `calibrate jkr` always, `simulate` where
+    the film is rendered. The keys of the same name in ``[simulate]`` are aliases; a key that stands in both
+    sections must have the same value in both.
+    """
+
+    film_index_indenter: Positive = Field(1.52, description="Refractive index of the indenter (glass).")
+    film_index_elastic: Positive = Field(1.41, description="Refractive index of the elastic body (PDMS).")
+    film_wavelength_nm: Positive = Field(560.0, description="Centre of the lamp's spectrum, nm.")
+    film_bandwidth_nm: Positive = Field(
+        70.0, description="1/e half-width of the lamp's spectrum, a Gaussian in wavelength, nm."
+    )
+    film_range_nm: tuple[Positive, Positive] = Field(
+        (450.0, 680.0), description="Shortest and longest wavelength that the camera detects, nm."
+    )
+
+
+class Images(Section):
+    """The frames of the experiment, by paths relative to the scene file."""
+
+    reference: FilePath | None = Field(
+        None, description="The non-contact frame; if not given, the background is estimated from each frame."
+    )
+    frames: str | list[str] | None = Field(
+        None,
+        description="The frames: a glob, a list, or one multi-page TIFF or .seq file; if not given, frame_*, "
+        "or else every image of the folder except the reference.",
+    )
+    loads: FilePath | None = Field(
+        None,
+        description="CSV table of the loads: frame, load_N and optionally friction_N, velocity_m_s; "
+        "if not given, loads.csv where it exists.",
+    )
+    polarity: Literal["bright", "dark", "auto"] = Field(
+        "bright", description="Whether contacts are brighter or darker than the background."
+    )
+
+    @field_validator("frames", mode="before")
+    @classmethod
+    def _frames(cls, value: Any) -> Any:
+        entries = value if isinstance(value, list) else [value]
+        if value is not None and not (entries and all(isinstance(entry, str) and entry for entry in entries)):
+            raise ValueError(f"must be a file, a glob or a list of these, got {value!r}")
+        return value
+
+
+class Measure(Section):
+    """How contacts are measured."""
+
+    method: Literal["threshold", "disk"] = Field(
+        "disk", description='"threshold": the pixel count of the paper; "disk": fit of blurred disks.'
+    )
+    threshold: OpenFraction | Literal["auto"] = Field(
+        0.5, description='Threshold of the pixel count as a fraction of the contact contrast, or "auto".'
+    )
+    blur_px: Positive | None = Field(
+        None, description="Standard deviation of the optical blur, px; found from the frame if not given."
+    )
+    pose: Literal["fit", "given"] = Field(
+        "fit",
+        description="Whether the pose of the camera is corrected with the asperities, or kept as given.",
+    )
+
+    @field_validator("threshold", mode="wrap")
+    @classmethod
+    def _threshold(cls, value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(
+                f'must be a number between 0 and 1 (exclusive) or "auto", got {value!r}'
+            ) from None
+
+
+class Tolerance(Section):
+    """Which output must be accurate, and how accurate."""
+
+    output: Literal["area", "force", "radius"] = Field(
+        "area", description="The output that must be accurate: area, forces or contact radii."
+    )
+    relative: Positive = Field(0.01, description="Largest relative error that may be tolerated.")
+
+
+class Effects(Section):
+    """One switch per effect: "auto" leaves the decision to the plan of the effects."""
+
+    coupling: Switch = Field("auto", description="Elastic interaction of the contacts (point forces).")
+    full_coupling: Switch = Field(
+        "auto", description="Interaction with the finite size of the contacts; needs coupling."
+    )
+    adhesion: Switch = Field("auto", description="Adhesion of the contacts (JKR).")
+    layer: Switch = Field("auto", description="Finite thickness of the elastic body.")
+    sphere_profile: Switch = Field("auto", description="Exact profile of the asperities, not a paraboloid.")
+    blur: Switch = Field("auto", description="Optical blur.")
+    film: Switch = Field("auto", description="Interference in the air film around contacts.")
+    vignetting: Switch = Field("auto", description="Illumination that falls off towards the corners.")
+    light_drift: Switch = Field("auto", description="Brightness that differs between frame and reference.")
+    position_drift: Switch = Field("auto", description="Shift of the frame against its reference.")
+    shot_noise: Switch = Field("auto", description="Noise of the photoelectrons.")
+    read_noise: Switch = Field("auto", description="Noise of the sensor's electronics.")
+    quantisation: Switch = Field("auto", description="Rounding to whole grey levels.")
+    saturation: Switch = Field("auto", description="Clipping at the full scale of the sensor.")
+    dust: Switch = Field("auto", description="Dust and dirt in the light path.")
+    edge_roughness: Switch = Field("auto", description="Contacts whose outline departs from a circle.")
+    supersampling: Switch = Field(
+        "auto", description='Depth of rendering: "on" as [simulate] states, "off" no deeper than blur needs.'
+    )
+
+    def switched_off(self, *names: str) -> frozenset[str]:
+        """Those of the named effects that are "off"."""
+        return frozenset(name for name in names if getattr(self, name) == "off")
+
+
+class Simulate(Section):
+    """Optics and sensor of synthetic frames.
+
+    An optical or sensor effect under ``"auto"`` is rendered if its parameter here is not zero, the air film
+    only where it is switched on; ``contactimg simulate`` renders what the plan of the effects calls for. The
+    bounds lie far beyond any camera: they stop a slip of the pen from requesting a frame that fits in no
+    memory.
+    """
+
+    loads: list[Number] = Field(
+        [], alias="loads_N", description="Normal loads, N; a negative load is a pull that adhesion must bear."
+    )
+    shape: tuple[Side, Side] = Field((1200, 1600), description="Rows and columns of the frames.")
+    background_levels: Annotated[Positive, Field(le=1e6)] = Field(
+        80.0, description="Grey level of the background at the centre of the image."
+    )
+    contrast_levels: Annotated[Number, Field(ge=-1e6, le=1e6)] = Field(
+        100.0, description="Contact minus background at the centre of the image, grey levels."
+    )
+    brightness_spread: Fraction = Field(
+        0.0, description="Relative standard deviation of the contrast between contacts."
+    )
+    blur_px: Annotated[NonNegative, Field(le=100)] = Field(
+        1.4, description="Standard deviation of the optical blur, px."
+    )
+    psf: Literal["gaussian", "halo", "airy"] = Field(
+        "gaussian",
+        description="Point spread function: Gaussian, Gaussian with a wide halo, or Airy disk.",
+    )
+    halo_fraction: Fraction = Field(0.2, description="Fraction of the light that goes into the halo.")
+    halo_sigma_px: Annotated[Positive, Field(le=500)] = Field(
+        8.0, description="Standard deviation of the halo, px."
+    )
+    edge_softness_px: Annotated[NonNegative, Field(le=100)] = Field(
+        0.0, description="Width of the edge of a contact before the blur, px."
+    )
+    edge_roughness_px: Annotated[NonNegative, Field(le=1000)] = Field(
+        0.0, description="RMS departure of the outline of a contact from a circle, px."
+    )
+    vignetting: Fraction = Field(0.0, description="Relative loss of illumination in the corners.")
+    texture: Fraction = Field(0.0, description="Relative RMS of the structure of the background.")
+    dust_count: Annotated[Count, Field(le=100_000)] = Field(0, description="Number of dust grains.")
+    light_drift: Annotated[Number, Field(gt=-1, le=100)] = Field(
+        0.0, description="Relative change of brightness from the reference to the frames."
+    )
+    position_drift_px: Annotated[NonNegative, Field(le=1e5)] = Field(
+        0.0, description="Standard deviation of the shift of a frame against the reference, px."
+    )
+    electrons_per_level: Annotated[NonNegative, Field(le=1e9)] = Field(
+        0.0, description="Photoelectrons per grey level; 0 for frames without noise."
+    )
+    read_noise_electrons: Annotated[NonNegative, Field(le=1e9)] = Field(
+        0.0, description="Standard deviation of the read noise, electrons."
+    )
+    bit_depth: Literal[8, 10, 12, 14, 16] = Field(8, description="Bits of a pixel.")
+    supersampling: Annotated[CountFrom1, Field(le=16)] = Field(
+        4, description="Subpixels per pixel in each direction when rendering."
+    )
+    film_index_indenter: Positive = Field(1.52, description="Alias of the key of [light].")
+    film_index_elastic: Positive = Field(1.41, description="Alias of the key of [light].")
+    film_wavelength_nm: Positive = Field(560.0, description="Alias of the key of [light].")
+    film_bandwidth_nm: Positive = Field(70.0, description="Alias of the key of [light].")
+    film_range_nm: tuple[Positive, Positive] = Field(
+        (450.0, 680.0), description="Alias of the key of [light]."
+    )
+    seed: Count = Field(0, description="Seed of the random numbers of the frames.")
+
+    @field_validator("electrons_per_level", mode="after")
+    @classmethod
+    def _electrons(cls, value: float) -> float:
+        if 0 < value < MIN_ELECTRONS_PER_LEVEL:
+            raise ValueError(f"must be 0 (no noise) or at least {MIN_ELECTRONS_PER_LEVEL:g}, got {value:g}")
+        return value
+
+    @field_validator("shape", mode="after")
+    @classmethod
+    def _shape(cls, value: tuple[int, int]) -> tuple[int, int]:
+        if math.prod(value) > MAX_SIMULATED_PIXELS:
+            raise ValueError(
+                f"must have no more than {MAX_SIMULATED_PIXELS:.0e} pixels, got {math.prod(value):.1e}"
+            )
+        return value
