@@ -1,14 +1,16 @@
 """What the models predict for a scene: contacts, the frames row and the profile at each load."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
-from contactimg.effects.plan import Plan
+from contactimg.effects.plan import Plan, coupling_level
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
@@ -25,7 +27,7 @@ from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius
-from contactimg.tables import CONTACTS, FAILED, FRAMES, PROFILE
+from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
@@ -34,13 +36,17 @@ PURPOSE = "a contact model"
 MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
 """Name of a model in the tables -> its level of coupling."""
 
-FEW = 10.0
-"""Contacts below which an average over random patterns says little of a single one."""
+FEW_CONTACTS = 10.0
+"""Mean number of contacts below which an average over random patterns comes with a remark. Theory: a single
+pattern scatters about it by 1/sqrt(n), 32 % at 10."""
 
-WIDER = 1.15
-"""Factor between the stated side of a pattern and the span of its table from which one of them is wrong."""
-ENOUGH = 20
-"""Asperities that fill their rectangle well enough to tell its sides."""
+SIDE_MISMATCH_RATIO = 1.15
+"""Ratio of the stated side of a pattern to the span of its table from which one of them is taken for wrong.
+Chosen by hand; it only triggers an error."""
+
+MIN_ASPERITIES_FOR_SIDES = 20
+"""Number of asperities that fill their rectangle well enough to determine its sides. Chosen by hand;
+sensitivity not measured."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ class Prediction:
     def failed(cls, load: float, reason: str) -> "Prediction":
         """No answer at a load (N): empty tables and a row that says why."""
         row = pd.DataFrame(
-            {"frame": [load_name(load)], "status": [FAILED], "load_N": [load], "message": [reason]}
+            {"frame": [load_name(load)], "status": [Status.FAILED], "load_N": [load], "message": [reason]}
         )
         return cls(CONTACTS.empty(), FRAMES.conform(row), PROFILE.empty())
 
@@ -119,9 +125,11 @@ def predict_contacts(
         If the solver stops above its tolerance.
     """
     if coupling == "auto":
-        coupling = _level(scene)
-    options = {} if tolerance is None else {"tolerance": tolerance}
-    solution = solve_scene(scene, asperities, load=load, coupling=coupling, **options)
+        effects = scene.effects
+        coupling = coupling_level(
+            coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on"
+        )
+    solution = solve_scene(scene, asperities, load=load, coupling=coupling, tolerance=tolerance)
     if solution.validity.planes_touch:
         raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if coupling == "none" else "coupled"
@@ -186,7 +194,7 @@ def predict_average(
 def _scatter_remark(rings: RingSolution) -> str:
     """What to say of averages that stand for a few contacts; empty for many."""
     count = float(ring_weights(rings.r) @ rings.density)
-    if count >= FEW:
+    if count >= FEW_CONTACTS:
         return ""
     return (
         f"an average over random patterns in which only about {count:.2g} asperities touch: a single pattern "
@@ -200,16 +208,20 @@ def solve_average(
     *,
     load: float,
     model: Literal["gw", "gt"],
-    **options: Any,
+    rings: int | None = None,
 ) -> RingSolution:
-    """Solve a statistical model for a scene: the rings behind `predict_average`, which see.
+    """Solve a statistical model for a scene: the rings behind `predict_average`, with its arguments.
 
-    ``options`` are those of the solver: ``rings``, and for ``"gt"`` ``tolerance``.
+    ``rings`` is their number; by default the solver's own.
     """
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
     radius = _mean_radius(section, asperities)
-    solve = solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
+    solve: Callable[..., RingSolution] = (
+        solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
+    )
+    if rings is not None:
+        solve = partial(solve, rings=rings)
     return solve(
         _height_law(section, asperities),
         density=asperity_density(section, asperities),
@@ -217,7 +229,6 @@ def solve_average(
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         load=load,
-        **options,
     )
 
 
@@ -226,7 +237,7 @@ def _row(name: str, load: float, area: float, force: float, indentation: float) 
     return pd.DataFrame(
         {
             "frame": [name],
-            "status": ["ok"],
+            "status": [Status.OK],
             "load_N": [load],
             "area_m2": [float(area)],
             "force_sum_N": [float(force)],
@@ -235,15 +246,8 @@ def _row(name: str, load: float, area: float, force: float, indentation: float) 
     )
 
 
-def _level(scene: Scene) -> Coupling:
-    """Level of coupling that the scene's switches call for."""
-    if scene.effects.coupling == "off":
-        return "none"
-    return "full" if scene.effects.full_coupling == "on" else "asymptotic"
-
-
 def solve_scene(
-    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: str, **options: Any
+    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: str, tolerance: float | None = None
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
@@ -257,8 +261,8 @@ def solve_scene(
         N.
     coupling : {"none", "asymptotic", "hertz", "full"}
         ``[effects]`` does not enter here.
-    **options
-        Of the solver: ``tolerance``, ``max_iterations``.
+    tolerance : float, optional
+        Of the solver, on its residual; default: its own, close to rounding.
 
     Returns
     -------
@@ -274,25 +278,27 @@ def solve_scene(
         If the solver stops above its tolerance.
     """
     scene.check_effects()
-    indenter, elastic, effects = (
-        scene.need("indenter", PURPOSE),
-        scene.need("elastic", PURPOSE),
-        scene.effects,
+    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
+    effects = scene.effects
+    solve: Callable[..., InteractingSolution] = solve_interacting
+    if effects.adhesion == "on":
+        if coupling not in ADHESIVE_COUPLINGS:
+            raise InputError(
+                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"'
+            )
+        solve = partial(solve_adhesive, work_of_adhesion=elastic.work_of_adhesion)
+    if tolerance is not None:
+        solve = partial(solve, tolerance=tolerance)
+    return solve(
+        asperities,
+        indenter_radius=indenter.radius,
+        contact_modulus=elastic.contact_modulus,
+        apex=indenter.apex,
+        load=load,
+        coupling=coupling,
+        law="sphere" if effects.sphere_profile == "on" else "hertz",
+        thickness=elastic.thickness if effects.layer == "on" else np.inf,
     )
-    where = {
-        "indenter_radius": indenter.radius,
-        "contact_modulus": elastic.contact_modulus,
-        "apex": indenter.apex,
-        "load": load,
-        "coupling": coupling,
-        "law": "sphere" if effects.sphere_profile == "on" else "hertz",
-        "thickness": elastic.thickness if effects.layer == "on" else np.inf,
-    }
-    if effects.adhesion != "on":
-        return solve_interacting(asperities, **where, **options)
-    if coupling not in ADHESIVE_COUPLINGS:
-        raise InputError(f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"')
-    return solve_adhesive(asperities, work_of_adhesion=elastic.work_of_adhesion, **where, **options)
 
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:
@@ -337,14 +343,14 @@ def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float,
     spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]
     sides = [float(np.ptp([asperities[name] - base, asperities[name] + base])) for name in ("x_m", "y_m")]
     if section.generate is None and "side" not in section.model_fields_set:
-        if len(asperities) < ENOUGH or not min(spans) > 0:
+        if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not min(spans) > 0:
             raise InputError(
                 f"{len(asperities)} asperities do not tell the area that they stand for; state side_m or "
                 "density_per_m2 in [asperities]"
             )
         return sides[0], sides[1]
-    missed = len(asperities) >= ENOUGH and max(sides) < section.side / WIDER
-    if max(spans) > WIDER * section.side or missed:
+    missed = len(asperities) >= MIN_ASPERITIES_FOR_SIDES and max(sides) < section.side / SIDE_MISMATCH_RATIO
+    if max(spans) > SIDE_MISMATCH_RATIO * section.side or missed:
         raise InputError(
             f"[asperities] side_m is {section.side:g} m but the table spans {spans[0]:.3g} x "
             f"{spans[1]:.3g} m; correct it, leave it out, or state density_per_m2"

@@ -16,6 +16,9 @@ COVERAGE = 0.95
 NORMAL_95 = float(stats.norm.ppf(0.5 + COVERAGE / 2))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
 
+ROUNDED_NORMAL_95 = 1.96
+"""The same to three digits, as stated uncertainties use it."""
+
 
 @dataclass(frozen=True)
 class CoverageEstimate:
@@ -36,6 +39,18 @@ class CoverageEstimate:
     std: float
     low: float
     high: float
+
+    @classmethod
+    def of_normal(cls, value: float, std: float) -> "CoverageEstimate":
+        """A number with a normal distribution of known standard deviation.
+
+        Examples
+        --------
+        >>> CoverageEstimate.of_normal(3e6, 1e4).high
+        3019600.0
+        """
+        half = ROUNDED_NORMAL_95 * std
+        return cls(value, std, value - half, value + half)
 
     def record(self, unit: str) -> dict[str, Any]:
         """As ``calibration.json`` states it.

@@ -297,7 +297,7 @@ def _fixed_threshold(
         raise InputError("--calibration and --threshold both give the threshold; keep one of the two")
     if "threshold" in record:
         value, std = record["threshold"]["value"], float(record["threshold"].get("std") or 0.0)
-        return CoverageEstimate(value, std, value - 1.96 * std, value + 1.96 * std)
+        return CoverageEstimate.of_normal(value, std)
     scene = experiment.scene
     stated = scene.source.get("measure", {}).get("threshold")
     if option is None and isinstance(stated, float | int) and scene.measure.method == "threshold":

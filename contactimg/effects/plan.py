@@ -34,6 +34,19 @@ SAFETY_FACTOR = 1.25
 """Factor on the sum of the dropped estimates. Chosen: estimates differ from solutions by up to a quarter."""
 
 
+def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
+    """Level of coupling of the interacting model that two switches amount to.
+
+    Examples
+    --------
+    >>> coupling_level(coupling=True, full_coupling=False)
+    'asymptotic'
+    """
+    if not coupling:
+        return "none"
+    return "full" if full_coupling else "asymptotic"
+
+
 @dataclass(frozen=True)
 class Decision:
     """The decision on one effect.
@@ -96,9 +109,7 @@ class Plan:
     @property
     def coupling(self) -> Level:
         """Level of coupling for the interacting model."""
-        if not self.is_on("coupling"):
-            return "none"
-        return "full" if self.is_on("full_coupling") else "asymptotic"
+        return coupling_level(coupling=self.is_on("coupling"), full_coupling=self.is_on("full_coupling"))
 
     def apply(self, scene: Scene) -> Scene:
         """The scene with the decisions of the plan as its switches, "on" or "off"."""

@@ -150,11 +150,11 @@ def _ring_change(case: Case, rings: RingSolution, reference: InteractingSolution
     )
 
 
-def _solve(case: Case, coupling: str, **options: float) -> InteractingSolution:
+def _solve(case: Case, coupling: str, *, tolerance: float | None = None) -> InteractingSolution:
     """The scene's contact problem at a level of coupling."""
     if case.asperities is None:
         raise InputError("the scene has no asperities")
-    return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling, **options)
+    return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling, tolerance=tolerance)
 
 
 def _in_range(solution: InteractingSolution) -> InteractingSolution:

@@ -41,8 +41,7 @@ def frames_with_load(series: ThresholdSeries) -> ThresholdSeries:
 def stated_modulus(experiment: Experiment) -> CoverageEstimate:
     """The modulus that the scene states."""
     elastic = experiment.scene.need("elastic", "local forces")
-    value, std = elastic.young_modulus, elastic.young_modulus_std
-    return CoverageEstimate(value, std, value - 1.96 * std, value + 1.96 * std)
+    return CoverageEstimate.of_normal(elastic.young_modulus, elastic.young_modulus_std)
 
 
 def modulus_relative_std(experiment: Experiment) -> float:

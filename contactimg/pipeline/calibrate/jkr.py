@@ -95,16 +95,12 @@ def _doubted(found: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrC
 def _jkr_record(found: JkrCalibration, series: CircleSeries, contact_modulus: float) -> dict[str, Any]:
     """What ``calibration.json`` says of a JKR fit."""
     centre = mean_centre(series.table)
-    point = [
-        CoverageEstimate(v, centre.std_px, v - 1.96 * centre.std_px, v + 1.96 * centre.std_px)
-        for v in (centre.x_px, centre.y_px)
-    ]
     record: dict[str, Any] = {
         "kind": "jkr",
         "young_modulus": found.young_modulus.record("Pa"),
         "work_of_adhesion": found.work_of_adhesion.record("J/m^2"),
-        "centre_x": point[0].record("px"),
-        "centre_y": point[1].record("px"),
+        "centre_x": CoverageEstimate.of_normal(centre.x_px, centre.std_px).record("px"),
+        "centre_y": CoverageEstimate.of_normal(centre.y_px, centre.std_px).record("px"),
         "correlation": {"young_modulus, work_of_adhesion": found.correlation},
         "fitted": ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"],
         "quality": {

@@ -44,8 +44,7 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     }
     step = float(np.diff(series.thresholds).max()) / 12**0.5
     record: dict[str, Any] = {
-        name: CoverageEstimate(value, step, value - 1.96 * step, value + 1.96 * step).record("1")
-        for name, value in exact.items()
+        name: CoverageEstimate.of_normal(value, step).record("1") for name, value in exact.items()
     }
     record |= {
         "kind": "plateau",
