@@ -260,7 +260,7 @@ def _check(
         raise FrameError(f"an image must have two dimensions and at least one pixel, got shape {image.shape}")
     if reference is not None and reference.shape != image.shape:
         raise FrameError(
-            f"the reference must have the size of the frame, {image.shape[1]} x {image.shape[0]} frame_pair, "
+            f"the reference must have the size of the frame, {image.shape[1]} x {image.shape[0]} pixels, "
             f"got {' x '.join(str(n) for n in reference.shape[::-1])}"
         )
     if method not in ("disk", "threshold"):

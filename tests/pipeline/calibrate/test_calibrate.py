@@ -268,7 +268,7 @@ def test_modulus_with_the_threshold_of_another_sample(threshold_result, small_se
 
 def test_both_on_one_curve_are_refused(threshold_result, tmp_path, capsys):
     folder, out = threshold_result
-    both = "cannot both be fitted on one load curve"
+    both = "cannot both be fitted to the same load curve"
     assert both in refusal(
         capsys, "calibrate", "modulus", folder, "--calibration", out, "-o", tmp_path / "a", "--quiet"
     )
