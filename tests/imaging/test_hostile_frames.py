@@ -8,7 +8,7 @@ from contact_frames import Optics, coverage, expose, match, scatter, sub_pixel_s
 from hostile_frames import hostile_frame
 
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.shapes.objects import find_objects
+from contactimg.imaging.shapes.labelled_regions import label_regions
 from contactimg.tables import Flag
 
 OPTICS = Optics(shape=(300, 400), contrast=60 / 80, dust=2)
@@ -89,7 +89,7 @@ def test_chains_of_contacts_are_no_bars():
     result = measure_image(*expose_pair(chain), polarity="bright")
     assert len(match(chain, result.disks)) == len(chain)
     image = coverage(chain.x_px, chain.y_px, chain.radius_px, np.ones(len(chain)), OPTICS)
-    assert not find_objects(image, 0.5).long.any()
+    assert not label_regions(image, 0.5).long.any()
 
 
 STOPS = {

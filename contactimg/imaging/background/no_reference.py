@@ -18,7 +18,7 @@ from contactimg.imaging.contrast.plateau import measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.shapes.objects import find_objects
+from contactimg.imaging.shapes.labelled_regions import label_regions
 
 CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
 LEAST_LIGHT = 0.2  # of the usual light: where the background is darker, it is not divided by
@@ -115,6 +115,6 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     )
     if contrast.plateau <= 0.0:
         return 0.0
-    found = find_objects(image, 0.5 * contrast.plateau)
+    found = label_regions(image, 0.5 * contrast.plateau)
     total = float(found.area.sum())
     return float(np.minimum(np.pi * found.half_width**2, found.area).sum()) / total if total else 0.0

@@ -1,7 +1,6 @@
-"""Contrast of a frame and the level that a threshold stands for.
+"""Contrast of the contacts: their plateau above the background, which is 0 in a difference image.
 
-Level = background + threshold x (plateau - background), one plateau a frame; the difference image has its
-background at 0.
+A threshold is a fraction of it: level = background + threshold x (plateau - background), one plateau a frame.
 """
 
 from dataclasses import dataclass
@@ -12,22 +11,40 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.robust import median, quantile
-from contactimg.imaging.shapes.objects import find_objects
+from contactimg.imaging.shapes.labelled_regions import label_regions
 from contactimg.timings import stage
 
-BRIGHTER, FAINTER = 1.6, 0.6  # of the contacts: what is brighter or fainter is none
+BRIGHTER_RATIO, FAINTER_RATIO = 1.6, 0.6
+"""Peak over the usual plateau above and below which an object is not a contact. Chosen by hand on rendered
+frames; sensitivity not measured."""
+CORE_PX = 6
+"""Width of a window that must lie inside a contact for its middle to show the plateau: the middle is then two
+blur widths from the rim for a blur of 1.4 px."""
+LEAST_PLATEAU_PIXELS = 10
+"""Pixels that give a plateau. Chosen by hand."""
+SAMPLE_PIXELS = 20_000
+"""Pixels of an image that are looked at, if there are more: they give a median to 1 % of the scatter."""
+DETECTION_SIGMA = 6.0
+"""Height of a pixel above the background that is not noise, standard deviations. False-alarm rate 1e-9 a
+pixel (theory: normal noise)."""
+MEDIAN_STD_RATIO = 1.2533
+"""Standard error of a median over that of a mean. Theory: sqrt(pi/2), normal values."""
+TEXTURE_CORRELATED_PIXELS = 4.0
+"""Neighbouring pixels whose errors the surface texture makes equal. Chosen by hand."""
+FAINTEST_RATIO = 0.15
+"""Of the brightest plateau: level down to which fainter objects are looked for. Chosen by hand."""
+LEVEL_RATIO = 0.7
+"""Lowest pixel of the window over its middle above which an object is level there. Chosen by hand."""
+WIDE_AREA = 12
+"""Binned pixels of a region that is wide enough to show its brightness. Chosen by hand."""
+UNRESOLVED_RELATIVE_STD = 0.66
+"""Relative standard uncertainty of a plateau guessed from the brightest spots. Theory: ln(10)/sqrt(12), if
+the plateau may be anything up to ten times as bright."""
+SETTLED_CHANGE = 0.03
+"""Relative change of the plateau below which the iteration ends."""
 
-CORE = 6  # px: the plateau is read where a window of this width lies inside a contact
-ENOUGH = 10  # values that give a plateau
-SAMPLE = 20_000  # pixels that tell as much as all
 VALUE, AROUND, WIDER = 0, 1, 2
-DETECTABLE = 6.0  # noise standard deviations
-MEDIAN = 1.2533  # sqrt(pi/2): error of a median over that of a mean
-SHARED = 4.0  # neighbouring values that texture gives the same error
-FAINT = 0.15  # of the plateau: the faintest contacts that something bright does not hide
-LEVEL = 0.7  # of a pixel that all its surroundings have where something is level
-WIDE = 12  # pixels of a region that shows how bright it is
-GUESS = 0.66  # relative uncertainty of the brightest spots as plateau: anything up to ten times as bright
+"""Rows of the array of pixels that stand out: value, and lowest value in two windows around."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +56,7 @@ class Contrast:
     plateau : float
         Grey levels; 0 when nothing stands out of the noise.
     resolved : bool
-        True if contacts wide enough to show their plateau gave it, False if it was guessed from the brightest
-        spots.
+        True if measured inside contacts wide enough to show it, False if guessed from the brightest spots.
     std : float
         Standard uncertainty of the plateau, grey levels.
     """
@@ -51,87 +67,90 @@ class Contrast:
 
 
 @stage("contrast")
-def measure_contrast(coarse: BinnedImage, noise: float) -> Contrast:
-    """Plateau of the contacts in an image where they are positive and the background is zero.
+def measure_contrast(binned: BinnedImage, noise: float) -> Contrast:
+    """Measure the plateau of the contacts of a difference image in which they are positive.
 
     Parameters
     ----------
-    coarse : BinnedImage
-        The image.
+    binned : BinnedImage
     noise : float
-        Of one pixel of the image at its own resolution.
+        Standard deviation of one pixel before binning.
 
     Returns
     -------
     Contrast
     """
-    image, window = coarse.image, CORE // coarse.step
-    floor = max(DETECTABLE * noise / coarse.step, 1e-6)
+    image, window = binned.image, CORE_PX // binned.step
+    floor = max(DETECTION_SIGMA * noise / binned.step, 1e-6)
     high = _stand_out(image, window, floor)
     if high.shape[1] < 4:
         return Contrast(0.0, resolved=False)
     plateau, level = _settle(high, floor)
     if _mixed(high, floor, plateau, level):
-        high = _stand_out(_usual_objects(image, max(FAINT * plateau, floor)), window, floor)
+        high = _stand_out(_keep_usual_objects(image, max(FAINTEST_RATIO * plateau, floor)), window, floor)
         plateau, level = _settle(high, floor)
-    resolved = bool(np.count_nonzero(high[AROUND] > level) >= ENOUGH)
-    return Contrast(plateau, resolved, _plateau_std(high, plateau, level) if resolved else GUESS * plateau)
+    resolved = bool(np.count_nonzero(high[AROUND] > level) >= LEAST_PLATEAU_PIXELS)
+    std = _plateau_std(high, plateau, level) if resolved else UNRESOLVED_RELATIVE_STD * plateau
+    return Contrast(plateau, resolved, std)
 
 
 def _stand_out(image: NDArray[np.float32], window: int, floor: float) -> NDArray[np.float32]:
-    """Pixels above the floor: value, lowest in the window about it, and in one wider by a pixel on each side.
+    """Pixels above the floor: value, and lowest value in the window around and in one wider by 2 px.
 
-    Of many pixels, those of every so many rows, unless hardly any of these lies inside a contact.
+    A sample of the rows if there are many, unless hardly any of these pixels lies inside a contact.
     """
     around = cv2.erode(image, np.ones((window, window), np.uint8))
     wider = cv2.erode(around, np.ones((3, 3), np.uint8))
     above = image > np.float32(floor)
-    every = max(int(np.count_nonzero(above)) // SAMPLE, 1)
-    if every > 1 and np.count_nonzero(around[::every] > np.float32(floor)) < SAMPLE // 10:
+    every = max(int(np.count_nonzero(above)) // SAMPLE_PIXELS, 1)
+    if every > 1 and np.count_nonzero(around[::every] > np.float32(floor)) < SAMPLE_PIXELS // 10:
         every = 1
     rows = slice(every // 2, None, every)
     return np.stack([part[rows][above[rows]] for part in (image, around, wider)])
 
 
 def _settle(high: NDArray[np.float32], floor: float) -> tuple[float, np.float32]:
-    """Median of the pixels whose surroundings reach half of it, and the level that these reached."""
+    """Plateau: the median of the pixels whose whole window reaches half of it; and that half."""
     plateau = quantile(high[VALUE], 0.95) if high.size else 0.0
     for _ in range(4):
         level = np.float32(max(0.5 * plateau, floor))
         values = high[VALUE][high[AROUND] > level]
-        if len(values) < ENOUGH:
+        if len(values) < LEAST_PLATEAU_PIXELS:
             break
-        before, plateau = plateau, median(values)
-        if abs(plateau - before) < 0.03 * plateau:
+        previous, plateau = plateau, median(values)
+        if abs(plateau - previous) < SETTLED_CHANGE * plateau:
             break
     return plateau, level
 
 
 def _mixed(high: NDArray[np.float32], floor: float, plateau: float, level: np.float32) -> bool:
-    """Whether wide things of quite another brightness than the plateau stand in the image."""
+    """Whether the image has wide objects much brighter or much fainter than the plateau."""
     pixels, around, _ = high
-    if np.count_nonzero((around > level) & (pixels > np.float32(BRIGHTER * plateau))) >= ENOUGH:
+    bright = (around > level) & (pixels > np.float32(BRIGHTER_RATIO * plateau))
+    if np.count_nonzero(bright) >= LEAST_PLATEAU_PIXELS:
         return True
-    low = (pixels > np.float32(max(FAINT * plateau, floor))) & (pixels < np.float32(FAINTER * plateau))
-    # not the slope of something bright, nor something too small to show how bright it is: level all around
-    return bool(np.count_nonzero(low & (around > np.float32(LEVEL) * pixels)) >= ENOUGH)
+    low = pixels > np.float32(max(FAINTEST_RATIO * plateau, floor))
+    low &= pixels < np.float32(FAINTER_RATIO * plateau)
+    # level all around: neither the slope of a bright object nor one too small to show its brightness
+    return bool(np.count_nonzero(low & (around > np.float32(LEVEL_RATIO) * pixels)) >= LEAST_PLATEAU_PIXELS)
 
 
-def _usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
-    """The image without objects that are long, or of another brightness than most that are not."""
-    found = find_objects(image, level)
-    wide = ~found.long & (found.area >= WIDE)
+def _keep_usual_objects(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
+    """The image without long objects, and without those much brighter or fainter than most."""
+    regions = label_regions(image, level)
+    wide = ~regions.long & (regions.area >= WIDE_AREA)
     if not wide.any():
-        wide = ~found.long
+        wide = ~regions.long
     if not wide.any():
         return image
-    usual = float(np.median(found.peak[wide]))
-    kept = wide & (found.peak > FAINTER * usual) & (found.peak < BRIGHTER * usual)
-    return np.where(np.append(kept, np.False_)[found.labels], image, np.float32(0.0))
+    usual = float(np.median(regions.peak[wide]))
+    kept = wide & (regions.peak > FAINTER_RATIO * usual) & (regions.peak < BRIGHTER_RATIO * usual)
+    return np.where(np.append(kept, np.False_)[regions.labels], image, np.float32(0.0))
 
 
 def _plateau_std(high: NDArray[np.float32], plateau: float, level: np.float32) -> float:
-    """Uncertainty of a plateau from its scatter, and from how much higher it is further inside."""
+    """Standard uncertainty of a plateau: its scatter, and how much it rises further inside the contacts."""
     values, core = (high[VALUE][high[window] > level] for window in (AROUND, WIDER))
+    independent = max(len(values) / TEXTURE_CORRELATED_PIXELS, 1.0)
     rise = (median(core) if len(core) else float(values.max())) - plateau
-    return float(np.hypot(MEDIAN * values.std() / np.sqrt(max(len(values) / SHARED, 1.0)), rise))
+    return float(np.hypot(MEDIAN_STD_RATIO * values.std() / np.sqrt(independent), rise))

@@ -35,8 +35,8 @@ from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
-from contactimg.imaging.reject.dirt import absent_in_frame
 from contactimg.imaging.reject.foreground import Foreground
+from contactimg.imaging.reject.reference_dust import find_reference_dust
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
@@ -99,7 +99,7 @@ def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fra
     cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     places = np.column_stack([contacts[name] for name in PLACE])
-    dust = absent_in_frame(frame_pair.frame, image, difference, places)
+    dust = find_reference_dust(frame_pair.frame, image, difference, places)
     rejected = {
         "reason": np.append(rejected["reason"], np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)),
         **{name: np.append(rejected[name], contacts[name][dust]) for name in PLACE},

@@ -30,8 +30,8 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
 from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import Detections
-from contactimg.imaging.reject.dirt import reject_disks
 from contactimg.imaging.reject.foreground import Foreground
+from contactimg.imaging.reject.implausible_disks import reject_disks
 from contactimg.imaging.shapes.overlap import count_touching
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.tables import Flag, Reason

@@ -1,8 +1,8 @@
-"""What stands out of a frame and is no contact: bars, hairs, scratches, bubbles, grains of other brightness.
+"""Foreign objects: bars, hairs, scratches, bubbles, hot pixels, and grains brighter than the contacts.
 
 A contact is a disk, and contacts that touch are a union of disks. In a union of disks most pixels lie near
-the rim: the mean of their distance from it is a third of the largest, whereas along a bar of constant width
-it is half. And all contacts of a frame are about equally bright.
+the rim: their mean distance from it is a third of the largest, whereas along a bar of constant width it is
+half. And all contacts of a frame are about equally bright.
 """
 
 from dataclasses import dataclass
@@ -13,127 +13,149 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.contrast.plateau import BRIGHTER
+from contactimg.imaging.contrast.plateau import BRIGHTER_RATIO
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.frame_pair import Levels
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.reject.dirt import absent_in_frame
+from contactimg.imaging.reject.detections import Columns
+from contactimg.imaging.reject.reference_dust import find_reference_dust
 from contactimg.imaging.shapes.components import label_components
-from contactimg.imaging.shapes.objects import LENGTH, SHORT, Objects, find_objects
+from contactimg.imaging.shapes.labelled_regions import (
+    LENGTH_HALF_WIDTHS,
+    LENGTH_MARGIN_PX,
+    LabelledRegions,
+    label_regions,
+)
 from contactimg.tables import Reason
 
-SPRAWLING = 4.0  # squared diagonal of the bounding box over the area: 2.5 for a disk, 3.2 for two that touch
-NARROW = 1.0  # px: half width of a streak
-SKIRT = 3  # coarse pixels of blur about an object
-LEVEL = 0.3  # of the contrast: blurred hairs do not reach half of it all along
-COARSE = 2  # px
-HOT = 0.25  # of the highest pixel: no optics let its neighbours on both sides be darker
-REASONS = [Reason.REFERENCE_DUST, Reason.TOO_SHARP, Reason.TOO_BRIGHT, Reason.LONG]
-BRIGHT_PIXELS = 4  # coarse pixels
+LEVEL_FRACTION = 0.3
+"""Level, as a fraction of the contrast, above which objects are looked for: a blurred hair does not reach
+half the contrast along its whole length. Chosen by hand; sensitivity not measured."""
+SPRAWL = 4.0
+"""Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
+Theory: 2.5 for a disk, 3.2 for two that touch."""
+STREAK_HALF_WIDTH_PX = 1.0
+"""Largest half width of a hot pixel or streak, binned px."""
+HOT_NEIGHBOUR_FRACTION = 0.25
+"""Brightness of the pixels on both sides relative to the highest pixel below which it is sharper than the
+optics. Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.53 px, ``s^2 = 0.53^2 + 1/12``."""
+FEW_PIXELS = 4
+"""Binned pixels: a region of more is not a hot pixel, and so many bright ones make an object too bright."""
+BRIGHT_AREA_FRACTION = 0.1
+"""Fraction of its area that must be too bright, at least, for an object to be rejected. Chosen by hand."""
+MASK_MARGIN = 3
+"""Binned pixels around an object that are masked with it: its blurred rim."""
+BIN_PX = 2
+"""Pixels that a binned pixel stands for, each way, where the highest pixel is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignObjects:
-    """Objects that are no contacts.
+    """Objects that are not contacts.
 
     Parameters
     ----------
     rejected : dict of arrays
         x_px, y_px, radius_px (of the disk of equal area), reason.
     mask : Mask
-        1 on them and their blurred rims.
+        1 on the objects and their blurred rims.
     """
 
-    rejected: dict[str, NDArray]
+    rejected: Columns
     mask: Mask
 
 
 def find_foreign_objects(
     image: NDArray[np.float32],
-    coarse: BinnedImage,
+    binned: BinnedImage,
     plateau: float,
     *,
     frame: Levels,
     difference: DifferenceImage,
 ) -> ForeignObjects:
-    """Objects of a difference image that are no contacts.
+    """Objects of a difference image that are not contacts.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
         Difference image, contacts positive, holes 0.
-    coarse : BinnedImage
-        The same.
+    binned : BinnedImage
+        The same, binned.
     plateau : float
         Contrast of the contacts.
     frame : ndarray, shape (rows, columns)
         The frame itself.
     difference : DifferenceImage
-        Where the image comes from.
+        From which the image comes.
     """
-    small = coarse.image
+    small = binned.image
     scale = np.array([image.shape[1] / small.shape[1], image.shape[0] / small.shape[0]])
-    regions = label_components(small, LEVEL * plateau)
-    if not len(regions):
+    components = label_components(small, LEVEL_FRACTION * plateau)
+    if not len(components):
         return NO_FOREIGN_OBJECTS
-    disks = _full(scale, regions["x"], regions["y"], regions["area"])
-    absent = absent_in_frame(frame, image, difference, disks)
-    sharp = _too_sharp(image, regions, scale, plateau)
-    if not (absent.any() or sharp.any() or _suspicious(regions, plateau)):
+    disks = _equal_disks(scale, components["x"], components["y"], components["area"])
+    dust = find_reference_dust(frame, image, difference, disks)
+    sharp = _are_too_sharp(image, components, scale, plateau)
+    if not (dust.any() or sharp.any() or _any_suspicious(components, plateau)):
         return NO_FOREIGN_OBJECTS
-    found = find_objects(small, LEVEL * plateau)
-    number = found.labels[regions["peak_y"], regions["peak_x"]]
-    bright = np.bincount(found.labels[small > BRIGHTER * plateau], minlength=len(found.area)) > np.maximum(
-        BRIGHT_PIXELS, 0.1 * found.area
+    regions = label_regions(small, LEVEL_FRACTION * plateau)
+    number = regions.labels[components["peak_y"], components["peak_x"]]
+    bright_pixels = regions.labels[small > BRIGHTER_RATIO * plateau]
+    bright = np.bincount(bright_pixels, minlength=len(regions.area)) > np.maximum(
+        FEW_PIXELS, BRIGHT_AREA_FRACTION * regions.area
     )
-    thin = found.half_width <= NARROW
-    conditions = [_among(number[absent], found), _among(number[sharp], found) & thin, bright, found.long]
-    reasons = np.select(conditions, REASONS, "")
+    conditions = {
+        Reason.REFERENCE_DUST: _among(number[dust], regions),
+        Reason.TOO_SHARP: _among(number[sharp], regions) & (regions.half_width <= STREAK_HALF_WIDTH_PX),
+        Reason.TOO_BRIGHT: bright,
+        Reason.LONG: regions.long,
+    }
+    reasons = np.select(list(conditions.values()), list(conditions), "")
     bad = np.flatnonzero(reasons != "")
     if not len(bad):
         return NO_FOREIGN_OBJECTS
-    mask = np.isin(found.labels, bad).astype(np.uint8)
-    mask = cv2.dilate(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * SKIRT + 1, 2 * SKIRT + 1)))
-    mask = cv2.resize(mask, image.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    places = _full(scale, found.x[bad], found.y[bad], found.area[bad])
-    return ForeignObjects(_rows(places, reasons[bad]), np.asarray(mask))
+    mask = np.isin(regions.labels, bad).astype(np.uint8)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MASK_MARGIN + 1, 2 * MASK_MARGIN + 1))
+    mask = cv2.resize(cv2.dilate(mask, window), image.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    disks = _equal_disks(scale, regions.x[bad], regions.y[bad], regions.area[bad])
+    return ForeignObjects(_rejected(disks, reasons[bad]), np.asarray(mask))
 
 
-def _full(scale: NDArray, x: NDArray, y: NDArray, area: NDArray) -> NDArray[np.float64]:
-    """x, y, radius of equal area in pixels of the image, from coarse ones."""
+def _equal_disks(scale: NDArray, x: NDArray, y: NDArray, area: NDArray) -> NDArray[np.float64]:
+    """x, y and radius of the disk of equal area in px of the image, from binned ones."""
     places = np.column_stack([x, y]) * scale + (scale - 1) / 2
     return np.column_stack([places, np.sqrt(area * scale.prod() / np.pi)])
 
 
-def _among(numbers: NDArray[np.int32], found: Objects) -> NDArray[np.bool_]:
-    """Which objects have one of some numbers."""
-    out = np.zeros(len(found.area), np.bool_)
+def _among(numbers: NDArray[np.int32], regions: LabelledRegions) -> NDArray[np.bool_]:
+    """Mask of the regions with these numbers."""
+    out = np.zeros(len(regions.area), np.bool_)
     out[numbers] = True
     return out
 
 
-def _too_sharp(
-    image: NDArray[np.float32], regions: NDArray[np.void], scale: NDArray, plateau: float
+def _are_too_sharp(
+    image: NDArray[np.float32], components: NDArray[np.void], scale: NDArray, plateau: float
 ) -> NDArray[np.bool_]:
-    """Regions whose highest pixel stands far above both its sides: hot pixels, cosmic streaks."""
-    out = np.zeros(len(regions), np.bool_)
-    # a contact is not one the less for a hot pixel on it
-    narrow = np.flatnonzero((regions["area"] <= BRIGHT_PIXELS) | _sprawling(regions))
-    x = (regions["peak_x"][narrow] * scale[0]).astype(int)
-    y = (regions["peak_y"][narrow] * scale[1]).astype(int)
-    out[narrow] = _stand_alone(image, x, y, np.float32(LEVEL * plateau))
+    """Components whose highest pixel stands far above both its sides: hot pixels, cosmic-ray streaks."""
+    out = np.zeros(len(components), np.bool_)
+    # a hot pixel on a contact does not make the contact foreign: look at small and sprawling components only
+    narrow = np.flatnonzero((components["area"] <= FEW_PIXELS) | _sprawl(components))
+    x = (components["peak_x"][narrow] * scale[0]).astype(int)
+    y = (components["peak_y"][narrow] * scale[1]).astype(int)
+    out[narrow] = _stand_alone(image, x, y, np.float32(LEVEL_FRACTION * plateau))
     return out
 
 
 @njit(cache=True)
 def _stand_alone(image, x, y, level):
-    """Whether the highest pixel near each place is above a level and far above its two sides."""
+    """Whether the highest pixel near each place is above a level and far above the pixels on two sides."""
     rows, columns = image.shape
     out = np.zeros(len(x), np.bool_)
     for n in range(len(x)):
         value, row, column = np.float32(-np.inf), 0, 0
-        for j in range(max(y[n] - 1, 0), min(y[n] + COARSE + 1, rows)):
-            for i in range(max(x[n] - 1, 0), min(x[n] + COARSE + 1, columns)):
+        for j in range(max(y[n] - 1, 0), min(y[n] + BIN_PX + 1, rows)):
+            for i in range(max(x[n] - 1, 0), min(x[n] + BIN_PX + 1, columns)):
                 if image[j, i] > value:
                     value, row, column = image[j, i], j, i
         if not value > level:
@@ -141,30 +163,34 @@ def _stand_alone(image, x, y, level):
         for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
             before = image[max(row - dy, 0), min(max(column - dx, 0), columns - 1)]
             after = image[min(row + dy, rows - 1), min(max(column + dx, 0), columns - 1)]
-            out[n] |= max(before, after) < HOT * value
+            out[n] |= max(before, after) < HOT_NEIGHBOUR_FRACTION * value
     return out
 
 
-def _suspicious(regions: NDArray[np.void], plateau: float) -> bool:
-    """Whether a region may be long or is too bright: the quick look that most frames end with."""
-    extended = regions[_square(regions) > (LENGTH * (0.5 + SHORT)) ** 2]
-    return bool(_sprawling(extended).any()) or bool((regions["peak"] > BRIGHTER * plateau).any())
+def _any_suspicious(components: NDArray[np.void], plateau: float) -> bool:
+    """Whether a component may be long or is too bright: a quick check that clears most frames."""
+    shortest = LENGTH_HALF_WIDTHS * (0.5 + LENGTH_MARGIN_PX)
+    extended = components[_squared_diagonal(components) > shortest**2]
+    return bool(_sprawl(extended).any()) or bool((components["peak"] > BRIGHTER_RATIO * plateau).any())
 
 
-def _square(regions: NDArray[np.void]) -> NDArray[np.float64]:
-    """Squared diagonal of the bounding boxes."""
-    wide, high = regions["right"] - regions["left"] + 1.0, regions["bottom"] - regions["top"] + 1.0
-    return np.asarray(wide**2 + high**2)
+def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
+    """Squared diagonal of the bounding boxes, px^2."""
+    width = components["right"] - components["left"] + 1.0
+    height = components["bottom"] - components["top"] + 1.0
+    return np.asarray(width**2 + height**2)
 
 
-def _sprawling(regions: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Regions that are no disk and no pair of disks."""
-    return np.asarray((_square(regions) > SPRAWLING * regions["area"]) & (regions["area"] > BRIGHT_PIXELS))
+def _sprawl(components: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Which components are no disk and no pair of disks."""
+    large = components["area"] > FEW_PIXELS
+    return np.asarray((_squared_diagonal(components) > SPRAWL * components["area"]) & large)
 
 
-def _rows(places: NDArray[np.float64], reasons: NDArray[np.str_]) -> dict[str, NDArray]:
-    return {"x_px": places[:, 0], "y_px": places[:, 1], "radius_px": places[:, 2], "reason": reasons}
+def _rejected(disks: NDArray[np.float64], reasons: NDArray[np.str_]) -> Columns:
+    """Table of rejected candidates."""
+    return {"x_px": disks[:, 0], "y_px": disks[:, 1], "radius_px": disks[:, 2], "reason": reasons}
 
 
-NO_FOREIGN_OBJECTS = ForeignObjects(_rows(np.empty((0, 3)), np.empty(0, np.str_)), None)
+NO_FOREIGN_OBJECTS = ForeignObjects(_rejected(np.empty((0, 3)), np.empty(0, np.str_)), None)
 """Every object may be a contact."""

@@ -1,4 +1,4 @@
-"""Regions above a level, with what tells disks from bars and hairs."""
+"""Label image of the regions above a level, with the measures that tell disks from bars and hairs."""
 
 from dataclasses import dataclass
 
@@ -7,26 +7,32 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-LENGTH, SHORT = 6.0, 3.0  # half widths, px on top: a few small contacts that touch are shorter than that
-
-FILLED = 0.42  # mean over largest distance from the rim: 1/3 for disks and squares, 1/2 for bars
-LONG = 4.0  # disks of the largest width that fill the object: shorter ones may be anything
-THIN = 1.6  # px: half width of a region whose distances from the rim are too coarse to tell
+LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
+"""A long region is longer than ``6 (half width + 3 px)``: longer than a few small contacts that touch. By
+hand."""
+BAR_DISTANCE_RATIO = 0.42
+"""Mean over largest distance from the rim above which a region is a bar. Theory: 1/3 for disks and squares,
+1/2 for bars."""
+BAR_AREA_DISKS = 4.0
+"""Least area of a long region in disks of its half width; the shape of shorter ones tells nothing. By
+hand."""
+THIN_HALF_WIDTH_PX = 1.6
+"""Half width below which distances in whole pixels are too coarse for that ratio. Chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False)
-class Objects:
-    """Regions above a level, with what tells contacts from other things.
+class LabelledRegions:
+    """Regions above a level, with the measures that tell contacts from other things.
 
     Parameters
     ----------
     labels : ndarray of int32, shape (rows, columns)
-        Number of the object of each pixel, from 0; -1 outside.
+        Number of the region of each pixel, from 0; -1 outside.
     area : ndarray, shape (n,), px^2
     peak : ndarray, shape (n,)
         Largest value.
     long : ndarray of bool, shape (n,)
-        Whether the shape is that of a bar or hair rather than of disks.
+        Whether the region is a bar or hair rather than a disk or a group of disks.
     half_width : ndarray, shape (n,), px
         Radius of the largest disk inside.
     x, y : ndarray, shape (n,), px
@@ -42,29 +48,31 @@ class Objects:
     y: NDArray[np.float64]
 
 
-def find_objects(image: NDArray[np.float32], level: float) -> Objects:
+def label_regions(image: NDArray[np.float32], level: float) -> LabelledRegions:
     """Regions of an image above a level, joined by sides and corners.
 
     Examples
     --------
     >>> y, x = np.mgrid[0:40, 0:60]
     >>> bar, disk = np.abs(x - 50) < 4, np.hypot(x - 20, y - 20) < 9
-    >>> find_objects((bar | disk).astype(np.float32), 0.5).long.tolist()
+    >>> label_regions((bar | disk).astype(np.float32), 0.5).long.tolist()
     [True, False]
     """
     mask = (image > level).astype(np.uint8)
     count, labels, stats, centroids = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    # what the border cuts goes on beyond it
+    # the border repeats: a region cut by it goes on beyond
     around = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_REPLICATE)
     distance = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     widest, mean, peak = _inside(labels, np.minimum(distance, max(image.shape)), image, count)
     area = stats[:, cv2.CC_STAT_AREA].astype(float)
-    # pixels lie up to half a pixel beyond the rim that distances count from
+    # distances end at the first pixel outside, on average half a pixel beyond the rim
     half = np.maximum(widest - 0.5, 0.5)
     length = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    filled = (mean - 0.5 > FILLED * half) | (half < THIN)
-    long = filled & (area > LONG * np.pi * half**2) & (length > LENGTH * (half + SHORT))
-    return Objects(labels - 1, area[1:], peak[1:], long[1:], half[1:], centroids[1:, 0], centroids[1:, 1])
+    bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
+    long = bar & (area > BAR_AREA_DISKS * np.pi * half**2)
+    long &= length > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
+    x, y = centroids[1:].T
+    return LabelledRegions(labels - 1, area[1:], peak[1:], long[1:], half[1:], x, y)
 
 
 @njit(cache=True)
