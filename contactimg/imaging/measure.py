@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
+from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.no_reference import estimate_background, estimate_either_background
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
@@ -37,6 +38,9 @@ from contactimg.tables import Flag
 
 CORRECTIONS = ("position_drift", "dust")
 """Corrections that can be left out where their cause is known to be absent."""
+
+BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
+"""Level of the background among those of a frame, by the polarity of the contacts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,8 +212,8 @@ def _tabulate(
         noise=foreground.noise * unit,
         threshold=fraction,
         blur_px=optics.blur_px,
-        shift_x_px=difference.shift.x_px if difference.shift else float("nan"),
-        shift_y_px=difference.shift.y_px if difference.shift else float("nan"),
+        shift_x_px=difference.alignment.x_px if difference.alignment else float("nan"),
+        shift_y_px=difference.alignment.y_px if difference.alignment else float("nan"),
         polarity="bright" if foreground.sign > 0 else "dark",
         status=verdict.status,
         message=verdict.message,
@@ -278,9 +282,12 @@ def _subtract_background(
         plain = np.subtract(frame, frame if reference is None else reference, dtype=np.float32)
         return plain_difference(plain), -1 if polarity == "dark" else 1
     if reference is not None:
-        background_is = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}[polarity]
         difference = subtract_reference(
-            frame, reference, valid=frame_pair.valid, background_is=background_is, registered=registered
+            frame,
+            reference,
+            valid=frame_pair.valid,
+            background_is=BACKGROUND_IS[polarity],
+            registered=registered,
         )
         if polarity == "auto":
             polarity = find_polarity(block_means(difference.image))

@@ -1,221 +1,207 @@
-"""Sub-pixel shift, rotation and scale between a frame and its reference, from the background alone.
+"""Align a reference with its frame to a fraction of a pixel, from the background alone.
 
-Gauss-Newton on the difference of the two images, both smoothed by the same Gaussian (which makes them
-band-limited, so that interpolation is exact enough and its noise does not depend on the shift), over strips
-of the image where no contact stands, with clipped residuals. The sums are kept for tiles of the strips: where
-the tiles lie apart as a rotation or a change of scale would move them, that is found as well.
+Gauss-Newton on the difference of the two images. Both are smoothed by the same Gaussian, which makes them
+band-limited: interpolation is then accurate, and its noise does not depend on the shift. Contacts are left
+out, and residuals are clipped. The sums are kept for each tile of the image: a rotation or change of scale
+shows in the way the shift varies from tile to tile.
 """
-
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.background.alignment import UNKNOWN, Alignment
 from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.resample import Shift, filter_rows_and_columns, shift_kernel
+from contactimg.imaging.background.resample import filter_rows_and_columns, shift_kernel
 from contactimg.imaging.pixels.blocks import side_of
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import median
+from contactimg.imaging.pixels.robust import median, robust_std
 from contactimg.timings import stage
 
-SMOOTHING = 1.0  # px
-INDEPENDENT = 4.0 * np.pi * SMOOTHING**2  # pixels that share one independent value after the smoothing
-STRIP, STRIP_EVERY, MARGIN = 32, 400, 6  # rows of a strip, distance of strips, rows lost at its rims
-SMALL = 560  # rows of an image all of which take part
-TILE = 256  # px: widest part of a strip that is looked at alone
-LARGEST_STD = 0.25  # px: a background without texture determines no shift
-GOOD_STD = 0.05
-"""Uncertainty (px) up to which a shift found in strips holds: what it leaves of the texture is noise times
-`INDEPENDENT` over the number of pixels, whatever the texture."""
+# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
+SMOOTHING_PX = 1.0  # standard deviation of the Gaussian
+CORRELATED_PX = 4.0 * np.pi * SMOOTHING_PX**2
+"""Pixels for each independent value after the smoothing. Theory: the noise-equivalent area of a Gaussian."""
 
-LARGEST_REFINED = 4.0  # px
-SIGNIFICANCE = 5.0  # standard deviations of a rotation or scale ...
-LEAST_TURN = 0.03  # ... and px in the corners, below which there is none
-UNEVEN = 0.6  # of the likeness of the best tiles
-STEPS = 8
-SETTLED = 0.02  # px: the next step is ten times smaller
-FEWEST = 200  # pixels
-WINDOW, STANDS_OUT = (
-    31,
-    5.0,
-)  # px, robust standard deviations: what is dirt, against the mean of its surroundings
+STRIP_ROWS, STRIP_SPACING = 32, 400  # rows of a strip, and from one strip to the next
+MARGIN_PX = 6  # pixels not used at the edges of a strip, of the image and of holes: the filters reach so far
+SMALL_ROWS = 560  # an image with fewer rows is used whole
+TILE_PX = 256  # width of a tile
+LARGEST_STD_PX = 0.25  # an alignment that is more uncertain is taken as unknown: there is no texture
+GOOD_STD_PX = 0.05
+"""Uncertainty up to which an alignment from strips is accepted: what it leaves of the texture is the noise
+times `CORRELATED_PX` over the number of pixels, whatever the texture."""
 
-
-@dataclass(frozen=True)
-class Found:
-    """A shift and whether it holds for all of the image.
-
-    Parameters
-    ----------
-    shift : Shift
-        Unknown (infinite ``std_px``) if they have nothing in common.
-    even : bool
-        Whether the images are alike all over, not in the middle of a rotation alone.
-    """
-
-    shift: Shift
-    even: bool
-
-
-NOTHING = Found(Shift(0.0, 0.0, np.inf), even=True)
+LARGEST_SHIFT_PX = 4.0  # the Gauss-Newton iteration is not followed beyond
+ROTATION_SIGMA = 5.0  # a rotation or scale must exceed so many standard deviations ...
+SMALLEST_ROTATION_PX = 0.03  # ... and move the corners of the image by so much
+CONSISTENT_FRACTION = 0.6  # the median correlation of the tiles must reach this fraction of that of the best
+ITERATIONS = 8
+CONVERGED_PX = 0.02  # the next step would be ten times smaller
+CLIP_MAD = 4.0  # residuals beyond so many median absolute deviations are left out
+CORRELATION_SIGMA = 5.0  # significance that the correlation of the two images must have
+FEWEST_PIXELS = 200
+DIRT_WINDOW_PX = 31  # dirt stands out of the mean over a square of this side ...
+DIRT_SIGMA = 5.0  # ... by so many robust standard deviations
 
 
 @stage("registration")
-def estimate_shift(
-    frame: NDArray,
-    reference: NDArray,
-    light: Illumination,
-    valid: Mask = None,
-) -> Found:
-    """Shift of a few pixels at most between frame and reference, and their rotation and scale.
+def align_strips(
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask = None
+) -> Alignment:
+    """Alignment of two images that lie a few pixels apart at most, from strips of the image.
 
     Parameters
     ----------
     frame, reference : ndarray, shape (rows, columns)
         Grey levels, holes filled.
-    light : Illumination
-        Slow ratio frame/reference of the background, with the blocks where no contact stands.
-    valid : ndarray of uint8 or None
+    illumination : Illumination
+        Ratio frame/reference of the background, with the blocks where no contact stands.
+    valid : Mask
         0 at holes of either.
 
     Returns
     -------
-    Found
-        Uncertainty 0.004-0.03 px for a 1600 x 1200 frame with 2 % texture.
+    Alignment
+        `UNKNOWN` if the images have nothing in common. Uncertainty 0.004-0.03 px for a 1600 x 1200 frame with
+        2 % texture.
     """
-    found = _estimate(frame, reference, light, valid, _strip_rows(frame.shape[0]))
-    return found if found.shift.std_px < LARGEST_STD else NOTHING
+    return _known_only(_align(frame, reference, illumination, valid, _strip_rows(frame.shape[0])))
 
 
-def estimate_shift_closely(
-    frame: NDArray,
-    reference: NDArray,
-    light: Illumination,
-    valid: Mask = None,
-) -> Found:
-    """`estimate_shift` from all rows; if that is not enough, from nothing but dirt where that tells more."""
+def align_all_rows(
+    frame: NDArray, reference: NDArray, illumination: Illumination, valid: Mask = None
+) -> Alignment:
+    """`align_strips` from all rows; if that is too uncertain, from dirt alone where that is better."""
     rows = np.arange(frame.shape[0])
-    found = _estimate(frame, reference, light, valid, rows)
-    if found.shift.std_px >= GOOD_STD:
-        dirty = _estimate(frame, reference, light, valid, rows, dirt=True)
-        found = min(found, dirty, key=lambda one: one.shift.std_px)
-    return found if found.shift.std_px < LARGEST_STD else NOTHING
+    alignment = _align(frame, reference, illumination, valid, rows)
+    if alignment.std_px >= GOOD_STD_PX:
+        from_dirt = _align(frame, reference, illumination, valid, rows, dirt_only=True)
+        alignment = min(alignment, from_dirt, key=lambda one: one.std_px)
+    return _known_only(alignment)
 
 
-def _estimate(
+def _known_only(alignment: Alignment) -> Alignment:
+    """The alignment, or `UNKNOWN` if it is too uncertain."""
+    return alignment if alignment.std_px < LARGEST_STD_PX else UNKNOWN
+
+
+def _align(
     frame: NDArray,
     reference: NDArray,
-    light: Illumination,
-    valid: NDArray | None,
+    illumination: Illumination,
+    valid: Mask,
     rows: NDArray[np.int64],
     *,
-    dirt: bool = False,
-) -> Found:
-    """`estimate_shift` from some rows, or from the dirt in them alone."""
-    mask = _strip_mask(rows, light.background, frame.shape, valid)
-    smooth, other = _smooth(frame[rows] / light.ratio_rows(rows, frame.shape)), _smooth(reference[rows])
-    if dirt:
-        mask &= _dirt(other, mask)
-    if np.count_nonzero(mask) < FEWEST:
-        return NOTHING
-    return _refine(smooth, other, mask, rows, frame.shape)
+    dirt_only: bool = False,
+) -> Alignment:
+    """Alignment from some rows, or from the dirt in them alone."""
+    mask = _background_mask(rows, illumination.background, frame.shape, valid)
+    smooth_frame = _smooth(frame[rows] / illumination.ratio_at_rows(rows, frame.shape))
+    smooth_reference = _smooth(reference[rows])
+    if dirt_only:
+        mask &= _find_dirt(smooth_reference, mask)
+    if np.count_nonzero(mask) < FEWEST_PIXELS:
+        return UNKNOWN
+    return _gauss_newton(smooth_frame, smooth_reference, mask, rows, frame.shape)
 
 
-def _dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """1 about pixels that stand out of the usual texture and noise of the reference."""
-    detail = smooth - cv2.blur(smooth, (WINDOW, WINDOW))
-    spread = 1.4826 * median(np.abs(detail[mask > 0])) if mask.any() else 0.0
-    grains = (np.abs(detail) > STANDS_OUT * spread).astype(np.uint8) & mask
+def _find_dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """1 around pixels that stand out of the usual texture and noise of the reference."""
+    detail = smooth - cv2.blur(smooth, (DIRT_WINDOW_PX, DIRT_WINDOW_PX))
+    scatter = robust_std(detail[mask > 0], centre=0.0) if mask.any() else 0.0
+    grains = (np.abs(detail) > DIRT_SIGMA * scatter).astype(np.uint8) & mask
     return cv2.dilate(grains, np.ones((5, 5), np.uint8))
 
 
 def _strip_rows(rows: int) -> NDArray[np.int64]:
-    """Row numbers of the strips that take part; all rows of a small image."""
-    if rows <= SMALL:
+    """Row numbers of the strips; all rows of a small image."""
+    if rows <= SMALL_ROWS:
         return np.arange(rows)
-    starts = np.arange((STRIP_EVERY - STRIP) // 2, rows - STRIP, STRIP_EVERY)
-    return (starts[:, None] + np.arange(STRIP)).ravel()
+    starts = np.arange((STRIP_SPACING - STRIP_ROWS) // 2, rows - STRIP_ROWS, STRIP_SPACING)
+    return (starts[:, None] + np.arange(STRIP_ROWS)).ravel()
 
 
-def _strip_mask(
+def _background_mask(
     rows: NDArray, background: NDArray, shape: tuple[int, int], valid: NDArray | None
 ) -> NDArray[np.uint8]:
-    """1 where a strip pixel is background and far from holes and from the rims of its strip and the image."""
-    row_ok = np.ones(len(rows), bool)
+    """1 where a pixel is background and far from holes and from the edges of its strip and of the image."""
+    inside = np.ones(len(rows), bool)
     breaks = np.flatnonzero(np.diff(rows) != 1)
     for edge in np.r_[-1, breaks, len(rows) - 1]:
-        row_ok[max(edge + 1 - MARGIN, 0) : edge + 1 + MARGIN] = False
+        inside[max(edge + 1 - MARGIN_PX, 0) : edge + 1 + MARGIN_PX] = False
     side = side_of(background.shape, shape)
-    usual = background[rows // side] & row_ok[:, None]
-    mask = usual.astype(np.uint8).repeat(side, axis=1)[:, : shape[1]].copy()
-    mask[:, :MARGIN] = mask[:, -MARGIN:] = 0
+    free = background[rows // side] & inside[:, None]
+    mask = free.astype(np.uint8).repeat(side, axis=1)[:, : shape[1]].copy()
+    mask[:, :MARGIN_PX] = mask[:, -MARGIN_PX:] = 0
     if valid is not None:
-        mask &= cv2.erode(valid[rows], np.ones((2 * MARGIN + 1, 2 * MARGIN + 1), np.uint8))
+        mask &= cv2.erode(valid[rows], np.ones((2 * MARGIN_PX + 1, 2 * MARGIN_PX + 1), np.uint8))
     return mask
 
 
 def _smooth(image: NDArray) -> NDArray[np.float32]:
     single = np.asarray(image, np.float32)
-    return cv2.GaussianBlur(single, (7, 7), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
+    return cv2.GaussianBlur(single, (7, 7), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
 
 
-def _refine(
+def _gauss_newton(
     frame: NDArray, reference: NDArray, mask: NDArray, rows: NDArray[np.int64], shape: tuple[int, int]
-) -> Found:
+) -> Alignment:
     """Gauss-Newton for a shift of a few pixels at most.
 
-    The gradients of the frame serve as instruments for those of the reference: the noise of the two images is
-    independent, so their product is free of the noise power that would make every step too short.
+    The gradients of the frame are used as instrumental variables for those of the reference: the noise of the
+    two images is independent, so the mean of their product has no noise term, which would shorten every step.
     """
     x = y = 0.0
     tops = np.flatnonzero(np.r_[True, np.diff(rows) != 1])
-    tops = np.unique(np.r_[tops, np.arange(0, len(rows), STRIP)]) if len(tops) == 1 else tops
-    edges = np.linspace(0, shape[1], max(round(shape[1] / TILE), 1) + 1).astype(np.int64)
+    tops = np.unique(np.r_[tops, np.arange(0, len(rows), STRIP_ROWS)]) if len(tops) == 1 else tops
+    edges = np.linspace(0, shape[1], max(round(shape[1] / TILE_PX), 1) + 1).astype(np.int64)
     sums = np.zeros((len(tops), len(edges) - 1, SUMS))
-    for _ in range(STEPS):
+    for _ in range(ITERATIONS):
         moved = filter_rows_and_columns(reference, shift_kernel(x), shift_kernel(y))
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = median(residuals) if len(residuals) else 0.0
-        clip = 4.0 * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0
+        clip = CLIP_MAD * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0
         limits = np.float32(middle), np.float32(max(clip, 1e-6))
         _tile_sums(frame, moved, mask, *limits, np.r_[tops, len(rows)], edges, sums)
-        cross, own, right, squares, count = _unpack(sums.sum(axis=(0, 1)))
-        if not _in_common(cross, own, count):
-            return NOTHING
+        cross, own, right, chi_square, count = _unpack(sums.sum(axis=(0, 1)))
+        if not _correlated(cross, own, count):
+            return UNKNOWN
         step = np.linalg.solve(cross, right)
         x, y = x + float(step[0]), y + float(step[1])
-        if max(abs(x), abs(y)) > LARGEST_REFINED:
-            return NOTHING
-        if np.hypot(step[0], step[1]) < SETTLED:
+        if max(abs(x), abs(y)) > LARGEST_SHIFT_PX:
+            return UNKNOWN
+        if np.hypot(step[0], step[1]) < CONVERGED_PX:
             break
     inverse = np.linalg.inv(cross)
-    covariance = inverse @ own @ inverse.T * (squares / count) * INDEPENDENT
+    covariance = inverse @ own @ inverse.T * (chi_square / count) * CORRELATED_PX
     std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
     middles = (rows[tops] + rows[np.r_[tops[1:], len(rows)] - 1]) / 2
-    turn = _turn(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
-    return Found(Shift(x, y, std, *turn), _even(sums))
+    rotation, scale = _rotation_and_scale(sums, (edges[1:] + edges[:-1] - 1) / 2, middles, shape)
+    return Alignment(x, y, std, rotation, scale, _consistent(sums))
 
 
-def _in_common(cross: NDArray, own: NDArray, count: float) -> bool:
+def _correlated(cross: NDArray, own: NDArray, count: float) -> bool:
     """Whether the gradients of the two images are correlated beyond chance, in every direction."""
-    if count < FEWEST / 2:
+    if count < FEWEST_PIXELS / 2:
         return False
     smallest = float(np.linalg.eigvalsh((cross + cross.T) / 2)[0])
-    return smallest > 5.0 / np.sqrt(count / INDEPENDENT) * float(np.linalg.eigvalsh(own)[0]) > 0.0
+    noise = CORRELATION_SIGMA / np.sqrt(count / CORRELATED_PX) * float(np.linalg.eigvalsh(own)[0])
+    return smallest > noise > 0.0
 
 
-def _even(sums: NDArray) -> bool:
+def _consistent(sums: NDArray) -> bool:
     """Whether the gradients of the two images agree in most tiles as well as they do in the best."""
-    tiles = sums[sums[..., 9] > FEWEST]
+    tiles = sums[sums[..., 9] > FEWEST_PIXELS]
     own = tiles[:, 3] + tiles[:, 5]
-    likeness = (tiles[:, 0] + tiles[:, 2])[own > 0] / own[own > 0]
-    return len(likeness) < 4 or bool(np.median(likeness) > UNEVEN * np.percentile(likeness, 90))
+    correlation = (tiles[:, 0] + tiles[:, 2])[own > 0] / own[own > 0]
+    best = np.percentile(correlation, 90) if len(correlation) else 0.0
+    return len(correlation) < 4 or bool(np.median(correlation) > CONSISTENT_FRACTION * best)
 
 
-def _turn(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tuple[float, float]:
-    """Rotation (rad) and scale by which the tiles lie apart; 0 and 1 where they are not significant."""
+def _rotation_and_scale(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tuple[float, float]:
+    """Rotation (rad) and scale from the shifts of the tiles; 0 and 1 if they are not significant."""
     centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
     corner = float(np.hypot(*centre))
     u, v = np.meshgrid((x - centre[0]) / corner, (y - centre[1]) / corner)
@@ -228,20 +214,20 @@ def _turn(sums: NDArray, x: NDArray, y: NDArray, shape: tuple[int, int]) -> tupl
     normal = (transposed @ tile_cross @ jacobian).sum(axis=(0, 1))
     own = (transposed @ tile_own @ jacobian).sum(axis=(0, 1))
     right = (transposed @ sums[..., 6:8, None]).sum(axis=(0, 1))[:, 0]
-    squares, count = sums[..., 8:].sum(axis=(0, 1))
+    chi_square, count = sums[..., 8:].sum(axis=(0, 1))
     if np.linalg.cond(normal) > 1e6:
         return 0.0, 1.0
     inverse = np.linalg.inv(normal)
-    moves = inverse @ right
-    std = np.sqrt(np.maximum(np.diag(inverse @ own @ inverse.T) * (squares / count) * INDEPENDENT, 0.0))
-    if not np.any(np.abs(moves[2:]) > np.maximum(SIGNIFICANCE * std[2:], LEAST_TURN)):
+    solution = inverse @ right
+    std = np.sqrt(np.maximum(np.diag(inverse @ own @ inverse.T) * (chi_square / count) * CORRELATED_PX, 0.0))
+    if not np.any(np.abs(solution[2:]) > np.maximum(ROTATION_SIGMA * std[2:], SMALLEST_ROTATION_PX)):
         return 0.0, 1.0
-    return float(moves[2]) / corner, 1.0 + float(moves[3]) / corner
+    return float(solution[2]) / corner, 1.0 + float(solution[3]) / corner
 
 
 SUMS = 10
 """Length of the packed sums of a tile: products of the gradients of the two images (xx, xy, yy), of their
-mean with itself and with the residual, squares, count."""
+mean with itself (xx, xy, yy) and with the residual (x, y), chi-square, number of pixels."""
 
 
 def _unpack(sums: NDArray) -> tuple[NDArray, NDArray, NDArray, float, float]:

@@ -1,12 +1,12 @@
-"""Frame minus background: the record that all later steps start from."""
+"""The difference image: frame minus background, which all later steps start from."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.resample import Shift
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage
@@ -14,7 +14,7 @@ from contactimg.timings import stage
 
 @dataclass(frozen=True, eq=False)
 class DifferenceImage:
-    """Frame minus background, light corrected.
+    """Frame minus background, corrected for uneven and changed illumination.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ class DifferenceImage:
     brightness : ndarray of float32, shape (block rows, block columns)
         Brightness of the background of each block relative to ``level``.
     illumination : Illumination
-        Slow ratio (with a reference) or level (without) of the background, and which blocks are background.
-    shift : Shift or None
-        Of the frame against the reference, NaN if nothing tells it; None without reference.
+        Of the background: ratio to the reference, or grey level without one; and which blocks are background.
+    alignment : Alignment or None
+        Of the frame against the reference, NaN if the images do not determine it; None without reference.
     ratio : bool
         Whether ``illumination`` is a ratio to the reference.
     valid : ndarray of uint8 or None
@@ -42,7 +42,7 @@ class DifferenceImage:
     level: float
     brightness: NDArray[np.float32]
     illumination: Illumination
-    shift: Shift | None
+    alignment: Alignment | None
     ratio: bool = False
     valid: Mask = None
     registration_failed: bool = False
@@ -50,22 +50,20 @@ class DifferenceImage:
 
     @property
     def remark(self) -> str:
-        """One sentence on how frame and reference lie together; empty if it is as usual or there is none."""
+        """One sentence on the alignment with the reference; empty for a pure shift or without reference."""
         if self.registration_failed:
             return "the surface shown by the reference was not found in the frame: their shift is unknown"
-        if self.shift is None or (self.shift.known and self.shift.plain):
+        if self.alignment is None or (self.alignment.known and self.alignment.is_shift):
             return ""
-        if not self.shift.known:
-            return "nothing on the surface tells the shift against the reference"
-        return (
-            f"turned by {np.degrees(self.shift.rotation):.3f} degrees and scaled by {self.shift.scale:.5f} "
-            "against the reference, which was taken out"
-        )
+        if not self.alignment.known:
+            return "the surface shows nothing that determines the shift against the reference"
+        degrees, scale = np.degrees(self.alignment.rotation), self.alignment.scale
+        return f"rotated by {degrees:.3f} degrees and scaled by {scale:.5f} against the reference; corrected"
 
 
 @stage("light")
 def plain_difference(image: NDArray[np.float32]) -> DifferenceImage:
-    """A plain difference in which nothing can be registered or corrected: all of it counts as background."""
+    """A difference image in which nothing was registered or corrected: all of it counts as background."""
     blocks = np.zeros_like(block_means(image))
-    light = Illumination(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)
-    return DifferenceImage(image, 0.0, np.ones_like(blocks), light, None)
+    illumination = Illumination(np.zeros((4, 4)), np.ones(blocks.shape, np.bool_), 0.0)
+    return DifferenceImage(image, 0.0, np.ones_like(blocks), illumination, None)

@@ -1,4 +1,4 @@
-"""One pass over the rows of a frame: move and filter the reference, weight its bands, divide by it.
+"""Compiled pass over the rows of a frame: move and filter the reference, weight its bands, divide by it.
 
 Whatever a row needs stays in the processor's cache, and every loop over a row compiles to vector
 instructions: that takes contiguous rows, single precision, a number of filter coefficients that the compiler
@@ -8,14 +8,17 @@ knows, and no check for a division by zero (which numba inserts by default).
 import numpy as np
 from numba import njit
 
+from contactimg.imaging.background.illumination import cubic
+
 TAPS = 9
 """Number of coefficients of each filter; odd."""
 
-CLEAN = 1e30
+NO_DIRT = 1e30
 """Scatter of a band in which nothing counts as dirt."""
 
-DUST_FROM, DUST_FULL = 4.0, 6.0
-"""Robust standard deviations of a band between which detail is dirt."""
+DIRT_SIGMA, FULL_DIRT_SIGMA = 4.0, 6.0
+"""Robust standard deviations of a band from which its detail is partly, and from which it is wholly taken as
+dirt. Chosen by hand on rendered frames; sensitivity not measured."""
 
 
 @njit(cache=True)
@@ -25,20 +28,20 @@ def divide_rows(out, frame, reference, half, quarter, along, across, filters, sh
     Parameters
     ----------
     out : ndarray of float32, shape (rows, columns)
-        Gets the frame's relative excess over the background, times the level.
+        Receives the relative excess of the frame over the background, times the level.
     frame, reference : ndarray, shape (rows, columns)
     half, quarter : ndarray of float32
         The reference at half and quarter of the resolution, moved and blurred.
     along, across : ndarray of float32
-        Slow ratio, see `contactimg.imaging.background.illumination.LightField.row_polynomials`.
+        Illumination ratio, see `contactimg.imaging.background.illumination.Illumination.row_polynomials`.
     filters : ndarray of float32, shape (1 or 2, 2, TAPS)
-        Filters along rows and columns that move the reference (where its finest band counts) and that move
-        and blur it narrowly.
+        Filters along rows and columns that move the reference (left out if its finest band has no weight) and
+        that move it and blur it by the narrowest Gaussian.
     sharp : ndarray of float32, shape (2, TAPS)
         Filter that moves the reference.
     numbers : ndarray of float32
-        Weights of the three finer bands, finest first; one over the scatter of the coarser two of them; the
-        level; the least background to divide by.
+        Gains of the three finer bands, finest first; the inverse scatters of the coarser two of them; the
+        level; the smallest background that is divided by.
     """
     rows, columns = reference.shape
     reach, kinds = TAPS // 2, len(filters)
@@ -59,17 +62,17 @@ def divide_rows(out, frame, reference, half, quarter, along, across, filters, sh
         for i in range(kinds):
             _turn_taps(turned, filters[i, 1], y)
             _sum_rows(bands[i], ring[i], turned)
-        above, below, share = _neighbours(y, 2, len(half))
+        above, below, fraction = _neighbours(y, 2, len(half))
         for row in range(halves_done, below + 1):
             _double_row(halves[row % 2], half[row])
         halves_done = below + 1
-        _mix_rows(bands[-2], halves[above % 2], halves[below % 2], share)
-        above, below, share = _neighbours(y, 4, len(quarter))
+        _mix_rows(bands[-2], halves[above % 2], halves[below % 2], fraction)
+        above, below, fraction = _neighbours(y, 4, len(quarter))
         for row in range(quarters_done, below + 1):
             _double_row(twice, quarter[row])
             _double_row(quarters[row % 2], twice)
         quarters_done = below + 1
-        _mix_rows(bands[-1], quarters[above % 2], quarters[below % 2], share)
+        _mix_rows(bands[-1], quarters[above % 2], quarters[below % 2], fraction)
         dirty = _weight_bands(out[y], bands[0], bands[-3], bands[-2], bands[-1], numbers)
         if dirty:
             _restore_dirt(out[y], dirty, y, reference, sharp, bands[-3], bands[-2], bands[-1], numbers)
@@ -78,7 +81,7 @@ def divide_rows(out, frame, reference, half, quarter, along, across, filters, sh
 
 @njit(cache=True)
 def _neighbours(y, side, rows):
-    """Coarse rows above and below row y, and how far it lies from one to the other."""
+    """Binned rows above and below row y, and its position between them (0 to 1)."""
     place = min(max((y + 0.5) / side - 0.5, 0.0), rows - 1.0)
     above = int(place)
     return above, min(above + 1, rows - 1), np.float32(place - above)
@@ -86,9 +89,9 @@ def _neighbours(y, side, rows):
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def _weight_bands(out, sharp, narrow, middle, wide, numbers):
-    """Put the bands of a row together; the number of pixels where one of them shows dirt."""
+    """Sum the weighted bands of a row; return the number of pixels where a band shows dirt."""
     finest, finer, coarser, per_finer, per_coarser = numbers[:5]
-    limit = np.float32(DUST_FROM)
+    limit = np.float32(DIRT_SIGMA)
     dirty = np.int32(0)
     for x in range(len(out)):
         fine, coarse = narrow[x] - middle[x], middle[x] - wide[x]
@@ -99,11 +102,11 @@ def _weight_bands(out, sharp, narrow, middle, wide, numbers):
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def _restore_dirt(out, dirty, y, reference, sharp, narrow, middle, wide, numbers):
-    """In so many pixels of the row, where a band shows dirt, the reference as it is, merely moved."""
+    """Replace the sum by the unfiltered reference, merely moved, in the pixels where a band shows dirt."""
     per_finer, per_coarser = numbers[3:5]
     rows, columns = reference.shape
     reach = TAPS // 2
-    start, width = np.float32(DUST_FROM), np.float32(DUST_FULL - DUST_FROM)
+    start, width = np.float32(DIRT_SIGMA), np.float32(FULL_DIRT_SIGMA - DIRT_SIGMA)
     for x in range(columns):
         worst = max(abs(narrow[x] - middle[x]) * per_finer, abs(middle[x] - wide[x]) * per_coarser)
         if not worst > start:
@@ -121,25 +124,24 @@ def _restore_dirt(out, dirty, y, reference, sharp, narrow, middle, wide, numbers
 
 @njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
 def _divide_row(out, frame, along, across, numbers):
-    """The frame's relative excess over the background, times the level."""
+    """Relative excess of the frame over the background, times the level."""
     c0, c1, c2, c3 = along
     level, lowest = numbers[5:]
     for x in range(len(out)):
-        u = across[x]
-        background = (c0 + u * (c1 + u * (c2 + u * c3))) * out[x]
+        background = cubic(c0, c1, c2, c3, across[x]) * out[x]
         out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)
 
 
 @njit(cache=True)
 def _turn_taps(turned, taps, y):
-    """Coefficients in the order of a ring whose first row is number y modulo `TAPS`."""
+    """Coefficients in the order of a ring buffer whose first row is number y modulo `TAPS`."""
     for k in range(TAPS):
         turned[(y + k) % TAPS] = taps[k]
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def _pad_row(line, row):
-    """The row in single precision, its ends repeated."""
+    """The row in single precision, padded by its end values."""
     half = TAPS // 2
     for x in range(len(row)):
         line[half + x] = np.float32(row[x])
@@ -169,7 +171,7 @@ def _sum_rows(out, rows, taps):
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def _double_row(out, row):
-    """A row of twice as many pixels, between those of the row."""
+    """The row interpolated to twice as many pixels."""
     near, far = np.float32(0.75), np.float32(0.25)
     out[0], out[2 * len(row) - 1] = row[0], row[-1]
     for i in range(len(row) - 1):
@@ -178,7 +180,7 @@ def _double_row(out, row):
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
-def _mix_rows(out, one, other, share):
-    """The row between two, at a share of the way."""
+def _mix_rows(out, above, below, fraction):
+    """The row interpolated linearly between two."""
     for x in range(len(out)):
-        out[x] = one[x] + share * (other[x] - one[x])
+        out[x] = above[x] + fraction * (below[x] - above[x])

@@ -1,40 +1,48 @@
-"""Background of a frame without reference, from itself, and whether its contacts are bright or dark.
+"""Estimate the background of a frame from the frame itself, and the polarity of its contacts.
 
-The lower envelope of the block means (an opening by a window wider than the contacts) follows uneven light
-from gap to gap; a polynomial through it flattens the frame, and the most common level of what is left is the
-background. Seen the other way up, the frame would show a net between disks, not disks: that tells the
-polarity.
+The lower envelope of the block means (a morphological opening by a window wider than the contacts) follows
+uneven illumination from gap to gap. A polynomial through it flattens the frame, and the lowest well-populated
+level of what is left is the background. Where contacts cover most of a frame, a single polynomial cannot
+follow the little background there is: then the envelope itself is subtracted, and the upper envelope (a
+closing) gives the height of the contacts.
+
+With the wrong polarity the frame shows a net between disks, not disks: that determines the polarity.
 """
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.crowd_envelope import WINDOW, flatten_crowd
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.illumination import Illumination, background_mode, fit_illumination
+from contactimg.imaging.background.find_illumination import find_background_level
+from contactimg.imaging.background.illumination import Illumination, fit_illumination
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.plateau import measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.shapes.labelled_regions import label_regions
 
-CROWDED = 0.5  # of the blocks: with less background, contacts hide what one slow field would have to follow
-LEAST_LIGHT = 0.2  # of the usual light: where the background is darker, it is not divided by
-GAP = 0.15  # of the height of the contacts: blocks darker than that lie between them
+# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
+WINDOW_FRACTION = 1.0 / 6.0  # of the longer side of the image: contacts wider than that count as background
+CROWDED_FRACTION = 0.5  # of the blocks: if fewer are background, contacts hide what a polynomial would follow
+FAINTEST_FRACTION = 0.2  # of the median level: a background that is darker anywhere is not divided by
+GAP_FRACTION = 0.15  # of the height of the contacts: darker blocks lie between them
+LOWEST_HEIGHT_FRACTION = 0.3  # of the median height of the contacts: where it is less, the field of view ends
+ENVELOPE_SMOOTHING = 0.15  # standard deviation of the Gaussian that smooths the envelopes, of the window
 
 
 def estimate_background(
     frame: NDArray[np.float32], *, valid: Mask = None, dark: bool = False
 ) -> DifferenceImage:
-    """Frame minus a slow background fitted to the frame itself.
+    """Frame minus a slowly varying background fitted to the frame itself.
 
     Parameters
     ----------
     frame : ndarray, shape (rows, columns)
         Grey levels; holes filled with anything finite.
-    valid : ndarray of uint8 or None
+    valid : Mask
         0 at holes.
     dark : bool
         Whether the contacts are darker than the background.
@@ -42,30 +50,32 @@ def estimate_background(
     Returns
     -------
     DifferenceImage
-        Texture and dirt stay in it.
+        Still with texture and dirt.
 
     Examples
     --------
     >>> y, x = np.mgrid[0:160, 0:240]
     >>> frame = (50 + 0.2 * x + 30 * (np.hypot(x - 80, y - 70) < 12)).astype(np.float32)
-    >>> found = estimate_background(frame).image
-    >>> bool(np.abs(found[70, 80] - 30) < 1), bool(np.abs(found[20, 200]) < 1)
+    >>> image = estimate_background(frame).image
+    >>> bool(np.abs(image[70, 80] - 30) < 1), bool(np.abs(image[20, 200]) < 1)
     (True, True)
     """
     sign = np.float32(-1.0 if dark else 1.0)
     blocks = sign * block_means(frame, valid)
-    slow = _fit_envelope(blocks, frame.shape)
-    rest = blocks - slow.at_blocks(blocks.shape, frame.shape)
-    start, spread = background_mode(rest, background_is="lowest")
-    light = fit_illumination(rest, frame.shape, start=start, spread=spread)
-    light = Illumination(sign * (slow.coefficients + light.coefficients), light.background, light.spread)
-    level = float(np.median(np.abs(blocks[light.background]))) if light.background.any() else abs(start)
-    ones = np.ones_like(blocks)
-    if np.mean(light.background) > CROWDED or not np.isfinite(blocks).all():
-        return _level_out(frame, light, level, np.isfinite(blocks))
-    image = sign * flatten_crowd(sign * frame, blocks)
-    gaps = np.abs(block_means(image)) < GAP * np.percentile(np.abs(image[::8, ::8]), 90)
-    return DifferenceImage(image, level, ones, Illumination(light.coefficients, gaps, light.spread), None)
+    finite = np.isfinite(blocks)
+    envelope = _fit_envelope(blocks, frame.shape)
+    flat = blocks - envelope.at_blocks(blocks.shape, frame.shape)
+    start, scatter = find_background_level(flat, background_is="lowest")
+    rest = fit_illumination(flat, frame.shape, level=start, scatter=scatter)
+    total = sign * (envelope.coefficients + rest.coefficients)
+    illumination = Illumination(total, rest.background, rest.scatter)
+    level = float(np.median(np.abs(blocks[rest.background]))) if rest.background.any() else abs(start)
+    if np.mean(rest.background) > CROWDED_FRACTION or not finite.all():
+        return _divide_by_illumination(frame, illumination, level, blocks.shape)
+    image = sign * _flatten_crowd(sign * frame, blocks)
+    gaps = np.abs(block_means(image)) < GAP_FRACTION * np.percentile(np.abs(image[::8, ::8]), 90)
+    illumination = Illumination(total, gaps, rest.scatter)
+    return DifferenceImage(image, level, np.ones_like(blocks), illumination, None)
 
 
 def estimate_either_background(
@@ -73,48 +83,78 @@ def estimate_either_background(
 ) -> tuple[DifferenceImage, int]:
     """The background for contacts of unknown polarity, and the sign that makes them positive.
 
-    Both are tried; what then stands out is more like disks for one of them.
+    Both are tried; the one whose foreground is more like disks is taken.
     """
     both = [(estimate_background(frame, valid=valid, dark=dark), -1 if dark else 1) for dark in (False, True)]
     return max(both, key=lambda one: _roundness(one[0], one[1], valid))
 
 
-def _level_out(frame: NDArray, light: Illumination, level: float, seen: NDArray[np.bool_]) -> DifferenceImage:
-    """Frame minus background, contacts brought to the same height: they transmit a fraction of the light."""
-    at_blocks = light.at_blocks(seen.shape, frame.shape)
-    field = light.rows(np.arange(frame.shape[0]), frame.shape)
-    image = frame - field
-    if (
-        not at_blocks.min() >= LEAST_LIGHT * level > 0
-    ):  # a background that was subtracted before, or hardly any light
-        return DifferenceImage(image, level, np.ones(seen.shape, np.float32), light, None)
-    image *= np.float32(level) / np.maximum(field, np.float32(0.5 * LEAST_LIGHT * level))
-    return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), light, None)
+def _divide_by_illumination(
+    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int]
+) -> DifferenceImage:
+    """Frame minus background, relative to it: contacts transmit a fraction of the light."""
+    at_blocks = illumination.at_blocks(blocks, frame.shape)
+    background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
+    image = frame - background
+    if not at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # subtracted before, or hardly any light
+        return DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None)
+    image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
+    return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), illumination, None)
 
 
 def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
     """Polynomial through the lower envelope of the blocks."""
-    side = max(int(max(shape) * WINDOW / BLOCK) | 1, 3)
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     finite = np.isfinite(blocks)
     filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0)
-    calm = cv2.medianBlur(filled.astype(np.float32), 3)
-    low = cv2.morphologyEx(calm, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
-    middle = float(np.median(low))
-    spread = 2.0 * 1.4826 * float(np.median(np.abs(low - middle)))
-    return fit_illumination(np.where(finite, low, np.nan), shape, start=middle, spread=spread)
+    envelope = _envelope(filled, shape, cv2.MORPH_OPEN)
+    middle = float(np.median(envelope))
+    scatter = 2.0 * robust_std(envelope, centre=middle)
+    return fit_illumination(np.where(finite, envelope, np.nan), shape, level=middle, scatter=scatter)
+
+
+def _envelope(blocks: NDArray, shape: tuple[int, int], operation: int) -> NDArray[np.float32]:
+    """Opening or closing of the blocks by a disk wider than the contacts."""
+    side = _window_side(shape)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    smooth = cv2.medianBlur(np.ascontiguousarray(blocks, np.float32), 3)
+    return cv2.morphologyEx(smooth, operation, window, borderType=cv2.BORDER_REPLICATE)
+
+
+def _window_side(shape: tuple[int, int]) -> int:
+    """Diameter of the window of the envelopes, in blocks; odd."""
+    return max(int(max(shape) * WINDOW_FRACTION / BLOCK) | 1, 3)
+
+
+def _flatten_crowd(image: NDArray[np.float32], blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Image of bright contacts minus its lower envelope, contacts scaled to their median contrast."""
+    width = ENVELOPE_SMOOTHING * _window_side(image.shape)
+    low, high = (
+        cv2.GaussianBlur(
+            _envelope(blocks, image.shape, operation), (0, 0), width, borderType=cv2.BORDER_REPLICATE
+        )
+        for operation in (cv2.MORPH_OPEN, cv2.MORPH_CLOSE)
+    )
+    height = high - low
+    median_height = max(float(np.median(height[height >= 0.5 * height.max()])), 1e-6)
+    gain = median_height / np.maximum(height, LOWEST_HEIGHT_FRACTION * median_height)
+    size = (blocks.shape[1] * BLOCK, blocks.shape[0] * BLOCK)
+    rows, columns = image.shape
+    low, gain = (
+        cv2.resize(part.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
+        for part in (low, gain)
+    )
+    return np.asarray((image - low) * gain)
 
 
 def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
-    """Share of the area that stands out which lies in the largest disks that fit its parts."""
+    """Fraction of the foreground's area that lies in the largest disks that fit into its components."""
     image = difference.image * np.float32(sign)
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
-    contrast = measure_contrast(
-        BinnedImage.of(image), estimate_noise(image, difference.illumination.background)
-    )
+    noise = estimate_noise(image, difference.illumination.background)
+    contrast = measure_contrast(BinnedImage.of(image), noise)
     if contrast.plateau <= 0.0:
         return 0.0
-    found = label_regions(image, 0.5 * contrast.plateau)
-    total = float(found.area.sum())
-    return float(np.minimum(np.pi * found.half_width**2, found.area).sum()) / total if total else 0.0
+    regions = label_regions(image, 0.5 * contrast.plateau)
+    total = float(regions.area.sum())
+    return float(np.minimum(np.pi * regions.half_width**2, regions.area).sum()) / total if total else 0.0

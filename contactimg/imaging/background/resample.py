@@ -1,10 +1,9 @@
-"""Where a frame lies against its reference, and images moved by it, exact to a thousandth of a pixel.
+"""Resample an image at shifted, rotated or scaled positions, by a Kaiser-windowed sinc.
 
-All by a Kaiser-windowed sinc. A rotation with a change of scale goes in two passes of one dimension each,
-along the rows and then along the columns (Catmull and Smith, doi:10.1145/800250.807505).
+A rotation with a change of scale takes two one-dimensional passes, along the rows and then along the columns
+(Catmull and Smith, doi:10.1145/800250.807505).
 """
 
-from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import cv2
@@ -13,88 +12,27 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
+from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.masks import Mask
 
-WINDOW = 8.0  # beta of the Kaiser window: errs by 3e-3 at periods of 4 px and more
-TAPS = 8
-PHASES = 512  # places between two pixels for which a filter is tabulated: off by 1/1024 px at most
+KAISER_BETA = 8.0  # shape of the window: error at most 3e-3 of the amplitude at periods of 4 px and more
+HALF_WIDTH_PX = 4  # of the filters, which have 2 x 4 + 1 coefficients
+PHASES = 512  # tabulated positions between two pixels: a position is off by at most 1/1024 px
 
 
-@dataclass(frozen=True)
-class Shift:
-    """Where the frame lies: position = centre + scale x rotated (position in the reference - centre) + shift.
-
-    Parameters
-    ----------
-    x_px, y_px : float
-        Shift at the centre of the image; zero when nothing tells it.
-    std_px : float
-        Standard uncertainty of each; infinite when nothing tells them.
-    rotation : float, rad
-        From x towards y (clockwise on the screen).
-    scale : float
-    """
-
-    x_px: float
-    y_px: float
-    std_px: float
-    rotation: float = 0.0
-    scale: float = 1.0
-
-    @property
-    def known(self) -> bool:
-        """Whether the images tell the shift."""
-        return bool(np.isfinite(self.std_px))
-
-    @property
-    def plain(self) -> bool:
-        """Whether it is a shift alone."""
-        return self.rotation == 0.0 and self.scale == 1.0
-
-    @property
-    def longest(self) -> float:
-        """Larger one of its components, px."""
-        return max(abs(self.x_px), abs(self.y_px))
-
-    def after(self, first: "Shift") -> "Shift":
-        """The motion that is another one first and then this; the uncertainty is this one's.
-
-        Examples
-        --------
-        >>> Shift(1.0, 0.0, 0.1).after(Shift(0.0, 2.0, 0.1, rotation=0.01))
-        Shift(x_px=1.0, y_px=2.0, std_px=0.1, rotation=0.01, scale=1.0)
-        """
-        moved = self.scale * np.exp(1j * self.rotation) * complex(first.x_px, first.y_px)
-        return replace(
-            self,
-            x_px=float(moved.real) + self.x_px,
-            y_px=float(moved.imag) + self.y_px,
-            rotation=self.rotation + first.rotation,
-            scale=self.scale * first.scale,
-        )
-
-    def sources(self, shape: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Place in the reference of each pixel of the frame: matrix and offset on (x, y)."""
-        centre = np.array([(shape[1] - 1) / 2, (shape[0] - 1) / 2])
-        c, s = np.cos(self.rotation) / self.scale, np.sin(self.rotation) / self.scale
-        matrix = np.array([[c, s], [-s, c]])
-        return matrix, centre - matrix @ (centre + np.array([self.x_px, self.y_px]))
-
-
-def shift_kernel(fraction: float, taps: int = TAPS) -> NDArray[np.float64]:
+def shift_kernel(fraction: float) -> NDArray[np.float64]:
     """Filter that moves a row of pixels by ``fraction`` (px, between -1 and 1): a Kaiser-windowed sinc.
 
-    Correlating with it gives ``image(x - fraction)``; ``2 taps/2 + 1`` coefficients, sum 1.
+    Correlating with it gives ``image(x - fraction)``. Nine coefficients, which sum to 1.
 
     Examples
     --------
     >>> [float(abs(c)) for c in shift_kernel(0.0).round(12)]
     [0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0]
     """
-    half = taps // 2
-    offset = np.arange(-half, half + 1) + fraction
-    inside = np.clip(1 - (offset / (half + 1)) ** 2, 0, None)
-    kernel = np.sinc(offset) * special.i0(WINDOW * np.sqrt(inside)) / special.i0(WINDOW)
+    offset = np.arange(-HALF_WIDTH_PX, HALF_WIDTH_PX + 1) + fraction
+    inside = np.clip(1 - (offset / (HALF_WIDTH_PX + 1)) ** 2, 0, None)
+    kernel = np.sinc(offset) * special.i0(KAISER_BETA * np.sqrt(inside)) / special.i0(KAISER_BETA)
     return kernel / kernel.sum()
 
 
@@ -105,7 +43,7 @@ def filter_rows_and_columns(image: NDArray, along: NDArray, across: NDArray) -> 
 
 
 def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
-    """The image moved right by ``columns`` and down by ``rows``; what moves in repeats the border."""
+    """The image moved right by ``columns`` and down by ``rows``; the border is repeated."""
     if not (rows or columns):
         return image
     y = np.clip(np.arange(image.shape[0]) - rows, 0, image.shape[0] - 1)
@@ -113,7 +51,7 @@ def shift_whole_pixels(image: NDArray, columns: int, rows: int) -> NDArray:
     return np.ascontiguousarray(image[y][:, x])
 
 
-def move_reference(reference: NDArray, valid: Mask, shift: Shift) -> tuple[NDArray, Mask]:
+def move_reference(reference: NDArray, valid: Mask, alignment: Alignment) -> tuple[NDArray, Mask]:
     """The reference as it lies under the frame, and where it has pixels.
 
     Parameters
@@ -121,49 +59,49 @@ def move_reference(reference: NDArray, valid: Mask, shift: Shift) -> tuple[NDArr
     reference : ndarray, shape (rows, columns)
     valid : ndarray of uint8 or None
         0 at its holes.
-    shift : Shift
-        Whole pixels if it is a shift alone.
+    alignment : Alignment
+        A pure shift must be by whole pixels.
 
     Returns
     -------
     image, valid
-        What lies outside the reference repeats its border and is not valid.
+        Outside the reference the image repeats its border and is not valid.
     """
     shape = reference.shape
-    if shift.plain and not (shift.x_px or shift.y_px):
+    if alignment.is_shift and not alignment.largest_px:
         return reference, valid
     valid = np.ones(shape, np.uint8) if valid is None else valid
-    matrix, offset = shift.sources(shape)
+    matrix, offset = alignment.to_reference(shape)
     x, y = np.arange(shape[1]), np.arange(shape[0])[:, None]
     inside = np.ones(shape, np.bool_)
     for (along_x, along_y), start, size in zip(matrix, offset, shape[::-1], strict=True):
         place = along_x * x + along_y * y + start
         inside &= (place > -0.5) & (place < size - 0.5)
-    if shift.plain:
-        columns, rows = round(shift.x_px), round(shift.y_px)
+    if alignment.is_shift:
+        columns, rows = round(alignment.x_px), round(alignment.y_px)
         moved, there = (shift_whole_pixels(part, columns, rows) for part in (reference, valid))
     else:
-        moved = move_rows(reference, shift, 0, shape[0])
-        there = move_rows(valid.astype(np.float32), shift, 0, shape[0]) > 0.99
+        moved = move_rows(reference, alignment, 0, shape[0])
+        there = move_rows(valid.astype(np.float32), alignment, 0, shape[0]) > 0.99
     return moved, np.asarray(there & inside, np.uint8)
 
 
-def move_rows(image: NDArray, shift: Shift, first: int, end: int) -> NDArray[np.float32]:
-    """Rows ``first`` to ``end`` of the image rotated, scaled and shifted; the border repeats."""
-    matrix, offset = shift.sources((image.shape[0], image.shape[1]))
+def move_rows(image: NDArray, alignment: Alignment, first: int, end: int) -> NDArray[np.float32]:
+    """Rows ``first`` to ``end`` of the image rotated, scaled and shifted; the border is repeated."""
+    matrix, offset = alignment.to_reference((image.shape[0], image.shape[1]))
     return np.asarray(_move_rows(image, matrix, offset, first, end, _phases()))
 
 
 @lru_cache(maxsize=1)
 def _phases() -> NDArray[np.float32]:
-    """Filters that read a row between two pixels, for places from -1/2 to 1/2 px."""
+    """Filters that interpolate at positions from -1/2 to 1/2 px from a pixel."""
     fractions = np.linspace(-0.5, 0.5, PHASES + 1)
     return np.stack([shift_kernel(-float(f)) for f in fractions]).astype(np.float32)
 
 
 @njit(cache=True)
 def _move_rows(image, matrix, offset, first, end, phases):
-    """Resample along the rows at the column that each source row meets, then along the columns."""
+    """Resample each source row at the columns where the output columns cross it, then along the columns."""
     rows, columns = image.shape
     half = phases.shape[1] // 2
     corners = np.array([matrix[1, 0] * x + matrix[1, 1] * y + offset[1] for x in (0, columns - 1)
@@ -185,7 +123,7 @@ def _move_rows(image, matrix, offset, first, end, phases):
 
 @njit(cache=True)
 def _read(line, place, phases):
-    """Value of a line of pixels at any place; its ends repeat."""
+    """Value of a line of pixels at any position; its ends are repeated."""
     last = len(line) - 1
     place = min(max(place, 0.0), float(last))
     nearest = int(place + 0.5)

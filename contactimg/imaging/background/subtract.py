@@ -1,8 +1,8 @@
-"""Take the background out of a frame: registered reference, slow light, texture and dirt of both frames.
+"""Subtract the registered reference, with its texture and dirt, from a frame.
 
-Contacts transmit a fraction of the light that falls on them, so the frame is divided by the background (the
-reference where it lies under the frame, times the slow ratio of the two), and the difference is given at the
-background's median level.
+Contacts transmit a fraction of the light that falls on them, so the frame is divided by the background: the
+reference, aligned with the frame, times the slowly varying ratio of the two illuminations. The result is
+scaled to grey levels at the median level of the reference.
 """
 
 from collections.abc import Callable
@@ -12,23 +12,42 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.align import GOOD_STD, Found, estimate_shift, estimate_shift_closely
-from contactimg.imaging.background.align_far import search_shift
+from contactimg.imaging.background.align import GOOD_STD_PX, align_all_rows, align_strips
+from contactimg.imaging.background.align_far import search_alignment
+from contactimg.imaging.background.alignment import UNKNOWN, Alignment
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.divide import FLOOR, divide_by_reference
-from contactimg.imaging.background.illumination import Illumination, neighbour_scatter
-from contactimg.imaging.background.illumination_in_crowds import find_illumination
-from contactimg.imaging.background.resample import Shift, move_reference
+from contactimg.imaging.background.divide import DARKEST_FRACTION, divide_by_reference
+from contactimg.imaging.background.find_illumination import (
+    BackgroundLevel,
+    find_illumination,
+    neighbour_scatter,
+)
+from contactimg.imaging.background.illumination import Illumination
+from contactimg.imaging.background.resample import move_reference
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage
 
-FAINTEST = 0.05  # of the brightest blocks: a darker background cannot be divided by
-BRIGHT = 98.0  # percentile of the blocks of the reference that is lit in any case
-RIM = 3  # px: width of the rim of a field stop
-NEAR = 0.75  # px: shifts beyond are taken in whole pixels first
-ROUNDS = 5
-NO_SHIFT, UNKNOWN, STILL = Shift(0.0, 0.0, np.inf), Shift(np.nan, np.nan, np.inf), Shift(0.0, 0.0, 0.0)
+# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
+FAINTEST_FRACTION = 0.05  # of the brightest blocks: a darker reference cannot be divided by
+LIT_PERCENTILE = 98.0  # of the blocks of the reference: those as bright are lit in any case
+FIELD_STOP_PX = 3  # width of the blurred edge of a field stop
+SUBPIXEL_PX = 0.75  # a larger shift is first taken out in whole pixels
+APPROACHES = 5  # moves of the reference at most
+NO_ALIGNMENT = Alignment(np.nan, np.nan, np.inf)
+REGISTERED = Alignment(0.0, 0.0, 0.0)
+
+Estimate = Callable[[NDArray, NDArray, Illumination, Mask], Alignment]
+
+
+@dataclass(frozen=True, eq=False)
+class _Images:
+    """A frame, its reference before registration, their holes, and which level is the background."""
+
+    frame: NDArray
+    reference: NDArray
+    valid: Mask
+    background_is: BackgroundLevel
 
 
 @stage("light")
@@ -37,101 +56,119 @@ def subtract_reference(
     reference: NDArray,
     *,
     valid: Mask = None,
-    background_is: str = "nearest_one",
+    background_is: BackgroundLevel = "nearest_one",
     registered: bool = False,
 ) -> DifferenceImage:
-    """Frame minus registered, light-corrected reference.
+    """Frame minus background: registered reference times the ratio of the illuminations.
 
     Parameters
     ----------
     frame, reference : ndarray, shape (rows, columns)
         Grey levels of any type; holes filled with anything finite.
-    valid : ndarray of uint8 or None
+    valid : Mask
         0 where either image has a hole.
-    background_is : str
-        Which level is background, see `contactimg.imaging.background.illumination.background_mode`.
+    background_is : BackgroundLevel
+        Which level is background, see `contactimg.imaging.background.find_illumination`.
     registered : bool
-        Nothing has moved: the reference is taken where it lies.
+        The images are known to be registered: no shift is looked for.
 
     Returns
     -------
     DifferenceImage
     """
-    view = _View.of(frame, reference, valid, background_is, NO_SHIFT)
-    if view is None:
-        return _subtract_offset(frame, reference, valid)
-    rest, textured = STILL, False
+    images = _Images(frame, reference, valid, background_is)
+    placed = _PlacedReference.of(images, UNKNOWN)
+    if placed is None:
+        return _subtract_plainly(images)
+    residual, textured = REGISTERED, False
     if not registered:
-        view, rest, textured = _register(frame, reference, valid, background_is, view)
-    image = divide_by_reference(frame, view.reference, view.half, view.light, shift=rest, level=view.level)
-    if view.valid is not None:
-        image[view.valid == 0] = 0.0
-    shift = rest.after(view.shift) if rest.known else UNKNOWN
+        placed, residual, textured = _register(placed)
+    image = divide_by_reference(
+        frame, placed.reference, placed.half, placed.illumination, residual=residual, level=placed.level
+    )
+    if placed.valid is not None:
+        image[placed.valid == 0] = 0.0
     return DifferenceImage(
-        image, view.level, view.illumination, view.light, shift, ratio=True, valid=view.valid,
-        registration_failed=textured and not rest.known,
-    )  # fmt: skip
+        image,
+        placed.level,
+        placed.brightness,
+        placed.illumination,
+        residual.after(placed.alignment) if residual.known else NO_ALIGNMENT,
+        ratio=True,
+        valid=placed.valid,
+        registration_failed=textured and not residual.known,
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """The reference as it lies under the frame, to whole pixels, its half resolution, and the slow ratio.
+class _PlacedReference:
+    """The reference moved to where it lies under the frame, and the ratio of the illuminations.
 
-    ``valid`` is 0 at holes and where the moved reference has no pixel or no light; ``level`` is its median
-    over the lit blocks, to which ``illumination`` is relative.
+    ``alignment`` is the move: by whole pixels if it is a pure shift. ``half`` holds means of the moved
+    reference over 2 x 2 pixels; ``valid`` is 0 at holes and where it has no pixel or no light; ``level`` is
+    its median over the lit blocks, and ``brightness`` its blocks relative to that.
     """
 
+    images: _Images
     reference: NDArray
     half: NDArray[np.float32]
     valid: Mask
     level: float
-    illumination: NDArray[np.float32]
-    light: Illumination
-    shift: Shift
+    brightness: NDArray[np.float32]
+    illumination: Illumination
+    alignment: Alignment
 
     @classmethod
-    def of(
-        cls, frame: NDArray, reference: NDArray, valid: NDArray | None, background_is: str, shift: Shift
-    ) -> "_View | None":
-        """Of the unmoved reference and its holes; None if it is too dark to divide by."""
-        moved, valid = move_reference(reference, valid, shift)
-        half = block_means(moved, valid, side=2)
-        blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
-        known = blocks_r if valid is None else blocks_r[np.isfinite(blocks_r)]
-        if not known.size:
+    def of(cls, images: _Images, alignment: Alignment) -> "_PlacedReference | None":
+        """The reference moved by an alignment; None if it is too dark to divide by."""
+        moved, valid = move_reference(images.reference, images.valid, alignment)
+        half, blocks = _bin_reference(moved, valid)
+        frame_blocks = block_means(images.frame, valid)
+        finite = blocks if valid is None else blocks[np.isfinite(blocks)]
+        if not finite.size:
             return None
-        brightest = float(np.nanmax(np.abs(blocks_f)) + np.abs(known).max())
-        lit = known[known > FLOOR * np.percentile(known.ravel()[::5], BRIGHT)]
+        brightest = float(np.nanmax(np.abs(frame_blocks)) + np.abs(finite).max())
+        lit = finite[finite > DARKEST_FRACTION * np.percentile(finite.ravel()[::5], LIT_PERCENTILE)]
         level = float(np.median(lit)) if len(lit) else 0.0
-        if level < FAINTEST * brightest:
+        if level < FAINTEST_FRACTION * brightest:
             return None
-        if len(lit) < blocks_r.size:
-            valid = _lit(moved, valid, FLOOR * level)
-            half = block_means(moved, valid, side=2)
-            blocks_f, blocks_r = block_means(frame, valid), _blocks(moved, valid, half)
+        if len(lit) < blocks.size:
+            valid = _exclude_dark(moved, valid, DARKEST_FRACTION * level)
+            half, blocks = _bin_reference(moved, valid)
+            frame_blocks = block_means(images.frame, valid)
 
         def ratio(side: int) -> tuple[NDArray, float]:
-            means, of_reference = (
-                (blocks_f, blocks_r)
-                if side == BLOCK
-                else (block_means(frame, valid, side=side), block_means(moved, valid, side=side))
-            )
-            return means / np.maximum(of_reference, FLOOR * level), _noise_of_two(of_reference) / level
+            above, below = frame_blocks, blocks
+            if side != BLOCK:
+                above, below = (block_means(image, valid, side=side) for image in (images.frame, moved))
+            return above / np.maximum(below, DARKEST_FRACTION * level), _noise_of_two(below) / level
 
-        light = find_illumination(ratio, frame.shape, background_is=background_is)
-        if valid is not None:  # what holes leave of a block is noisier than a block
-            side = side_of(light.background.shape, frame.shape)
+        illumination = find_illumination(ratio, images.frame.shape, background_is=images.background_is)
+        if valid is not None:  # blocks with holes are noisier than whole ones
+            side = side_of(illumination.background.shape, images.frame.shape)
             whole = block_means(valid.astype(np.float32), side=side) == 1.0
-            light = replace(light, background=light.background & whole)
-        illumination = np.maximum(blocks_r, FLOOR * level) / level
-        illumination[~np.isfinite(illumination)] = 1.0
-        return cls(moved, half, valid, level, illumination.astype(np.float32), light, shift)
+            illumination = replace(illumination, background=illumination.background & whole)
+        brightness = np.maximum(blocks, DARKEST_FRACTION * level) / level
+        brightness[~np.isfinite(brightness)] = 1.0
+        return cls(images, moved, half, valid, level, brightness.astype(np.float32), illumination, alignment)
+
+    def moved_by(self, residual: Alignment) -> "_PlacedReference":
+        """The reference moved further; by whole pixels if the total is a pure shift."""
+        total = residual.after(self.alignment)
+        if total.is_shift:
+            total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
+        return _PlacedReference.of(self.images, total) or self
+
+    def align(self, estimate: Estimate) -> Alignment:
+        """Alignment that is left, by one of the estimates."""
+        return estimate(self.images.frame, self.reference, self.illumination, self.valid)
 
 
-def _blocks(image: NDArray, valid: NDArray | None, half: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Block means of an image of which those of two pixels are known."""
+def _bin_reference(image: NDArray, valid: Mask) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Means over 2 x 2 pixels and over blocks."""
+    half = block_means(image, valid, side=2)
     whole = all(size % BLOCK == 0 for size in image.shape)
-    return block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
+    return half, block_means(half, side=BLOCK // 2) if valid is None and whole else block_means(image, valid)
 
 
 def _noise_of_two(reference: NDArray) -> float:
@@ -139,80 +176,66 @@ def _noise_of_two(reference: NDArray) -> float:
     return float(np.sqrt(2.0) * neighbour_scatter(reference))
 
 
-def _lit(reference: NDArray, valid: NDArray | None, lowest: float) -> NDArray[np.uint8]:
-    """1 where the reference is brighter than ``lowest`` and far enough from where it is not."""
+def _exclude_dark(reference: NDArray, valid: Mask, lowest: float) -> Mask:
+    """Mask without the pixels where the reference is darker than ``lowest``, and those near them."""
     dark = (cv2.blur(reference, (3, 3)) < lowest).astype(np.uint8)
-    lit = 1 - cv2.dilate(dark, np.ones((2 * RIM + 1, 2 * RIM + 1), np.uint8))
+    lit = 1 - cv2.dilate(dark, np.ones((2 * FIELD_STOP_PX + 1, 2 * FIELD_STOP_PX + 1), np.uint8))
     return lit if valid is None else lit & valid
 
 
-def _register(
-    frame: NDArray, reference: NDArray, valid: NDArray | None, background_is: str, view: _View
-) -> tuple[_View, Shift, bool]:
-    """View of the reference moved to within a pixel, the shift left, and whether there is texture."""
-    for estimate in (estimate_shift, estimate_shift_closely):
-        found = estimate(frame, view.reference, view.light, view.valid)
-        if found.shift.std_px < GOOD_STD and found.even:
-            return *_approach(frame, reference, valid, background_is, view, found, estimate), True
-        if not found.shift.known:
+def _register(placed: _PlacedReference) -> tuple[_PlacedReference, Alignment, bool]:
+    """The reference moved to within a pixel, the alignment that is left, and whether there is texture.
+
+    From strips of the image; if that is too uncertain, from all rows; if that is as well, by a far search.
+    """
+    for estimate in (align_strips, align_all_rows):
+        residual = placed.align(estimate)
+        if residual.std_px < GOOD_STD_PX and residual.consistent:
+            return *_approach(placed, residual, estimate), True
+        if not residual.known:
             break
-    search = search_shift(frame, view.reference, view.light, view.valid, near=found.shift)
+    search = search_alignment(
+        placed.images.frame, placed.reference, placed.illumination, placed.valid, near=residual
+    )
     if not search.textured:
-        return view, found.shift, False
-    if estimate is estimate_shift:
-        found = estimate_shift_closely(frame, view.reference, view.light, view.valid)
-    if search.found and not (found.shift.known and search.shift.plain):
-        nearer = _moved(frame, reference, valid, background_is, view, search.shift)
-        better = estimate_shift_closely(frame, nearer.reference, nearer.light, nearer.valid)
-        if better.shift.std_px < found.shift.std_px:
-            view, found = nearer, better
-    return *_approach(
-        frame, reference, valid, background_is, view, found, estimate_shift_closely
-    ), search.rich
-
-
-def _moved(
-    frame: NDArray, reference: NDArray, valid: NDArray | None, background_is: str, view: _View, rest: Shift
-) -> _View:
-    """View of the reference moved by the rest as well: to whole pixels if that is a shift alone."""
-    total = rest.after(view.shift)
-    if total.plain:
-        total = replace(total, x_px=float(round(total.x_px)), y_px=float(round(total.y_px)))
-    return _View.of(frame, reference, valid, background_is, total) or view
+        return placed, residual, False
+    if estimate is align_strips:
+        residual = placed.align(align_all_rows)
+    if search.alignment is not None and not (residual.known and search.alignment.is_shift):
+        candidate = placed.moved_by(search.alignment)
+        left = candidate.align(align_all_rows)
+        if left.std_px < residual.std_px:
+            placed, residual = candidate, left
+    return *_approach(placed, residual, align_all_rows), search.textured_everywhere
 
 
 def _approach(
-    frame: NDArray,
-    reference: NDArray,
-    valid: NDArray | None,
-    background_is: str,
-    view: _View,
-    found: Found,
-    estimate: Callable[..., Found],
-) -> tuple[_View, Shift]:
-    """Move the reference until less than a pixel is left, as long as the images become more alike."""
-    for _ in range(ROUNDS):
-        if not found.shift.known or (found.shift.plain and found.shift.longest < NEAR):
+    placed: _PlacedReference, residual: Alignment, estimate: Estimate
+) -> tuple[_PlacedReference, Alignment]:
+    """Move the reference until less than a pixel is left, as long as the uncertainty falls."""
+    for _ in range(APPROACHES):
+        if not residual.known or (residual.is_shift and residual.largest_px < SUBPIXEL_PX):
             break
-        nearer = _moved(frame, reference, valid, background_is, view, found.shift)
-        better = estimate(frame, nearer.reference, nearer.light, nearer.valid)
-        if better.shift.std_px >= found.shift.std_px and not found.shift.plain:
-            found = replace(found, shift=replace(found.shift, rotation=0.0, scale=1.0))
-            if found.shift.longest < NEAR:
+        candidate = placed.moved_by(residual)
+        left = candidate.align(estimate)
+        if left.std_px >= residual.std_px and not residual.is_shift:
+            residual = replace(residual, rotation=0.0, scale=1.0)
+            if residual.largest_px < SUBPIXEL_PX:
                 break
             continue
-        view, found = nearer, better
-    return view, found.shift
+        placed, residual = candidate, left
+    return placed, residual
 
 
-def _subtract_offset(frame: NDArray, reference: NDArray, valid: NDArray | None) -> DifferenceImage:
-    """Plain difference for a background that is dark or was subtracted before: nothing to divide by."""
+def _subtract_plainly(images: _Images) -> DifferenceImage:
+    """Plain difference for a reference that is dark or was subtracted before: it cannot be divided by."""
+    frame, reference, valid = images.frame, images.reference, images.valid
 
     def difference(side: int) -> tuple[NDArray, float]:
-        of_reference = block_means(reference, valid, side=side)
-        return block_means(frame, valid, side=side) - of_reference, _noise_of_two(of_reference)
+        means = block_means(reference, valid, side=side)
+        return block_means(frame, valid, side=side) - means, _noise_of_two(means)
 
-    light = find_illumination(difference, frame.shape, background_is="most_common")
-    image = light.subtract_from(np.subtract(frame, reference, dtype=np.float32))
-    illumination = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
-    return DifferenceImage(image, 0.0, illumination, light, UNKNOWN)
+    illumination = find_illumination(difference, frame.shape, background_is="most_common")
+    image = illumination.subtract_from(np.subtract(frame, reference, dtype=np.float32))
+    brightness = np.ones([-(-size // BLOCK) for size in frame.shape], np.float32)
+    return DifferenceImage(image, 0.0, brightness, illumination, NO_ALIGNMENT)

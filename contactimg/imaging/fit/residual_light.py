@@ -180,4 +180,4 @@ def _rest_of_light(means: BlockMeans, fit: DiskFit, field: Field) -> Illuminatio
         return None
     blocks = np.where(dark, image - model, np.float32(np.nan))
     spread = 1.4826 * median(np.abs(blocks[dark]))
-    return fit_illumination(blocks, field.image.shape, start=0.0, spread=max(spread, LEAST_SPREAD))
+    return fit_illumination(blocks, field.image.shape, level=0.0, scatter=max(spread, LEAST_SPREAD))

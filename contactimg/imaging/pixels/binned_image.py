@@ -1,4 +1,4 @@
-"""An image in larger pixels, where half the resolution is enough."""
+"""An image at half its resolution, where that is enough."""
 
 from dataclasses import dataclass
 
@@ -6,19 +6,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-FEW = 16  # rows or columns of an image that is not made coarser
+SMALLEST_SIDE = 16  # rows or columns: a smaller image is not binned
 
 
 @dataclass(frozen=True, eq=False)
 class BinnedImage:
-    """An image in larger pixels: a quarter as many, with half the noise.
+    """An image binned 2 x 2: a quarter of the pixels, with half the noise.
 
     Parameters
     ----------
     image : ndarray of float32
         Means of ``step x step`` pixels.
     step : int
-        2; 1 for an image with few pixels.
+        2; 1 for a small image.
     """
 
     image: NDArray[np.float32]
@@ -26,8 +26,8 @@ class BinnedImage:
 
     @classmethod
     def of(cls, image: NDArray[np.float32]) -> "BinnedImage":
-        """From an image at its own resolution."""
+        """From an image at its full resolution."""
         rows, columns = image.shape
-        if min(rows, columns) < FEW:
+        if min(rows, columns) < SMALLEST_SIDE:
             return cls(image, 1)
         return cls(cv2.resize(image, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA), 2)

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
@@ -41,44 +40,15 @@ def find_reference_dust(
     """
     if difference.dust_free or not difference.ratio or not len(disks):
         return np.zeros(len(disks), np.bool_)
+    columns, rows = (
+        np.clip(np.rint(disks[:, k : k + 1] + disks[:, 2:3] * GRID[:, k]), 0, size - 1).astype(int)
+        for k, size in enumerate(frame.shape[::-1])
+    )
     # a median over 5 x 5 blocks is not affected by a speck of dust
-    smooth = cv2.medianBlur(difference.brightness, 5) * difference.level
-    dust = _is_hardly_shown(
-        frame, image, difference.image, smooth, difference.illumination.coefficients, difference.level,
-        np.ascontiguousarray(disks[:, :3]),
-    )  # fmt: skip
-    return np.asarray(dust)
-
-
-@njit(cache=True)
-def _is_hardly_shown(frame, signed, image, smooth, coefficients, level, disks):
-    """Whether a small disk of the difference image hardly stands out of the frame's smooth background."""
-    rows, columns = frame.shape
-    out = np.zeros(len(disks), np.bool_)
-    for k in range(len(disks)):
-        x, y, radius = disks[k]
-        if not radius < LARGEST_DUST_PX:
-            continue
-        total = shown = 0.0
-        for n in range(len(GRID)):
-            i = min(max(round(x + GRID[n, 0] * radius), 0), columns - 1)
-            j = min(max(round(y + GRID[n, 1] * radius), 0), rows - 1)
-            background = smooth[j // BLOCK, i // BLOCK] * _polynomial_at(coefficients, i, j, frame.shape)
-            sign = -1.0 if signed[j, i] * image[j, i] < 0 else 1.0
-            shown += sign * level * (frame[j, i] / max(background, 1e-6) - 1.0)
-            total += signed[j, i]
-        out[k] = shown < SHOWN_FRACTION * total
-    return out
-
-
-@njit(cache=True)
-def _polynomial_at(coefficients, x, y, shape):
-    """The polynomial of a `contactimg.imaging.background.illumination.Illumination` at a pixel."""
-    u, v = 2.0 * x / shape[1] - 1.0, 2.0 * y / shape[0] - 1.0
-    value = 0.0
-    for row in coefficients[::-1]:
-        along = 0.0
-        for c in row[::-1]:
-            along = along * u + c
-        value = value * v + along
-    return value
+    smooth = cv2.medianBlur(difference.brightness, 5)[rows // BLOCK, columns // BLOCK] * difference.level
+    background = smooth * difference.illumination.at(columns, rows, frame.shape)
+    height = image[rows, columns].astype(float)
+    sign = np.where(height * difference.image[rows, columns] < 0, -1.0, 1.0)
+    shown = sign * difference.level * (frame[rows, columns] / np.maximum(background, 1e-6) - 1.0)
+    small = disks[:, 2] < LARGEST_DUST_PX
+    return np.asarray(small & (shown.sum(axis=1) < SHOWN_FRACTION * height.sum(axis=1)))

@@ -15,12 +15,13 @@ from contact_frames import (
 )
 from scipy import ndimage
 
+from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.background.divide import _fit_taps
 from contactimg.imaging.background.divide_rows import _double_row
-from contactimg.imaging.background.illumination import background_mode, fit_illumination
+from contactimg.imaging.background.find_illumination import find_background_level
+from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.resample import (
-    Shift,
     filter_rows_and_columns,
     move_rows,
     shift_kernel,
@@ -63,7 +64,7 @@ def test_whole_pixels_move_right_and_down():
 @pytest.mark.parametrize("shift", [(-0.4, 0.3), (0.5, -0.5), (1.7, 0.2), (9.3, -6.6)])
 def test_shift_is_found_with_contacts_in_the_frame(shift):
     frame, reference = frames(some_disks(), shift=shift, texture=0.03)
-    found = subtract_reference(frame, reference, background_is="lowest").shift
+    found = subtract_reference(frame, reference, background_is="lowest").alignment
     # the uncertainty that the estimate gives itself, at four standard deviations
     assert found.std_px < 0.06
     assert found.x_px == pytest.approx(shift[0], abs=4 * found.std_px)
@@ -75,7 +76,7 @@ def test_shift_is_found_when_contacts_cover_most_of_the_frame():
     crowd = pd.DataFrame({"x_px": x.ravel(), "y_px": y.ravel(), "radius_px": 30.0})
     assert np.pi * 30.0**2 / 66**2 > 0.6
     frame, reference = frames(crowd, texture=0.03, sigma=1.0)
-    found = subtract_reference(frame, reference, background_is="lowest").shift
+    found = subtract_reference(frame, reference, background_is="lowest").alignment
     assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
     assert found.std_px < 0.25
 
@@ -91,12 +92,12 @@ def crowd():
 def test_large_shifts_are_found(shift, many, texture):
     frame, reference = frames(crowd() if many else some_disks(), seed=2, shift=shift, texture=texture)
     difference = subtract_reference(frame, reference, background_is="lowest")
-    found = difference.shift
+    found = difference.alignment
     error = np.hypot(found.x_px - shift[0], found.y_px - shift[1])
     assert error < 0.05
     # the uncertainty that the estimate gives itself: sqrt(2) for two components, at four standard deviations
     assert error < 4 * np.sqrt(2) * found.std_px
-    assert found.plain
+    assert found.is_shift
     if max(np.abs(shift)) > 1:
         # strips where the moved reference has no pixels are holes, to the whole pixel next to the shift
         holes = difference.valid == 0
@@ -116,7 +117,7 @@ def test_shift_needs_no_more_than_dirt():
     )
     found = subtract_reference(
         frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
-    ).shift
+    ).alignment
     assert found.std_px < 0.1
     assert np.hypot(found.x_px + 0.4, found.y_px - 0.3) < 4 * np.sqrt(2) * found.std_px
 
@@ -149,14 +150,14 @@ def test_rotation_and_scale_are_taken_out(degrees, scale, shift):
     truth, frame, reference = turned(np.radians(degrees), scale, shift)
     found = subtract_reference(
         frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
-    ).shift
+    ).alignment
     # 5 % of texture over 2e5 pixels tells the corners, 344 px from the middle, to some 0.02 px
     assert np.abs(found.rotation - np.radians(degrees)) * 344 < 0.08
     assert np.abs(found.scale - scale) * 344 < 0.08
     assert np.hypot(found.x_px - shift[0], found.y_px - shift[1]) < 0.05
     result, still = measure_image(frame, reference), measure_image(*turned(0.0, 1.0, (0.2, 0.1))[1:])
-    assert "turned by" in result.message
-    assert "turned by" not in still.message
+    assert "rotated by" in result.message
+    assert "rotated by" not in still.message
     # the difference is as quiet as that of a pair that is not turned, to the 1 % of 2e4 sampled pixels
     assert result.noise == pytest.approx(still.noise, rel=0.03)
     pairs = match(truth, result.disks)
@@ -173,15 +174,15 @@ def test_what_is_not_turned_stays_so():
         _, frame, reference = turned(0.0, 1.0, (0.3, -0.4), seed=seed)
         found = subtract_reference(
             frame.astype(np.float32), reference.astype(np.float32), background_is="lowest"
-        ).shift
-        assert found.plain
+        ).alignment
+        assert found.is_shift
 
 
 def test_moved_rows_are_exact():
     y, x = np.mgrid[0:120, 0:160].astype(float)
     wave = lambda x, y: np.cos(2 * np.pi * x / 7.0 + 0.3) * np.cos(2 * np.pi * y / 9.0 - 0.5)  # noqa: E731
-    shift = Shift(2.3, -1.6, 0.1, rotation=np.radians(0.7), scale=1.004)
-    matrix, offset = shift.sources((120, 160))
+    shift = Alignment(2.3, -1.6, 0.1, rotation=np.radians(0.7), scale=1.004)
+    matrix, offset = shift.to_reference((120, 160))
     moved = move_rows(wave(x, y).astype(np.float32), shift, 0, 120)
     expected = wave(
         matrix[0, 0] * x + matrix[0, 1] * y + offset[0], matrix[1, 0] * x + matrix[1, 1] * y + offset[1]
@@ -195,12 +196,12 @@ def test_moved_rows_are_exact():
 
 def test_no_texture_is_no_shift():
     frame, reference = frames(some_disks(), texture=0.0)
-    found = subtract_reference(frame, reference, background_is="lowest").shift
+    found = subtract_reference(frame, reference, background_is="lowest").alignment
     assert np.isnan([found.x_px, found.y_px]).all()
     assert not found.known
     result = measure_image(frame, reference)
     assert np.isnan([result.shift_x_px, result.shift_y_px]).all()
-    assert "nothing on the surface tells the shift" in result.message
+    assert "the surface shows nothing that determines the shift" in result.message
 
 
 def test_a_reference_of_another_place_is_named():
@@ -219,11 +220,11 @@ def test_light_field_is_recovered_under_contacts(rng):
     blocks = field + 0.002 * rng.standard_normal(field.shape)
     covered = rng.random(field.shape) < 0.3
     blocks[covered] += 0.5
-    start, spread = background_mode(blocks, background_is="lowest")
-    light = fit_illumination(blocks, (rows * 8, columns * 8), start=start, spread=spread)
+    level, scatter = find_background_level(blocks, background_is="lowest")
+    light = fit_illumination(blocks, (rows * 8, columns * 8), level=level, scatter=scatter)
     # 0.002 of noise over 5600 blocks and ten coefficients: 0.002 sqrt(10/5600) = 1e-4; the pull adds 1e-3 of
     # 0.05
-    centre = light.rows(np.array([rows * 4]), (rows * 8, columns * 8))[0, columns * 4]
+    centre = light.at_rows(np.array([rows * 4]), (rows * 8, columns * 8))[0, columns * 4]
     assert centre == pytest.approx(field[rows // 2, columns // 2], abs=6e-4)
     assert light.background[~covered].mean() > 0.95
     assert not light.background[covered].any()

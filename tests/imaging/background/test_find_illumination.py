@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from contactimg.imaging.background.illumination import background_mode, fit_illumination
-from contactimg.imaging.background.illumination_in_crowds import SQUARE, find_illumination
+from contactimg.imaging.background.find_illumination import (
+    SQUARE_PX,
+    find_background_level,
+    find_illumination,
+)
+from contactimg.imaging.background.illumination import fit_illumination
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.masks import visible_fraction
 
@@ -30,8 +34,8 @@ def means_of(ratio, rng):
 
 def coarse_light(means):
     blocks, _ = means(BLOCK)
-    start, spread = background_mode(blocks, background_is="lowest")
-    return fit_illumination(blocks, SHAPE, start=start, spread=spread)
+    level, scatter = find_background_level(blocks, background_is="lowest")
+    return fit_illumination(blocks, SHAPE, level=level, scatter=scatter)
 
 
 def side_and_level(light):
@@ -41,7 +45,7 @@ def side_and_level(light):
 def test_background_is_found_between_contacts_that_leave_no_block_free(rng):
     means = means_of(LEVEL + 0.05 * X / SHAPE[1] + 1.2 * crowd(15, 4), rng)
     side, level = side_and_level(find_illumination(means, SHAPE, background_is="lowest"))
-    assert side == SQUARE
+    assert side == SQUARE_PX
     # half-way between two contacts 0.006 x 2 x 1.2 of their light is left, and light within the noise passes
     assert level == pytest.approx(LEVEL + 0.025, abs=0.02)
     assert side_and_level(coarse_light(means))[1] > LEVEL + 0.1
@@ -75,7 +79,7 @@ def test_contacts_in_step_with_the_blocks_do_not_hide_the_background(rng):
         blocks = (LEVEL + 0.001 * rng.standard_normal((240, 320))).astype(np.float32)
         blocks[phase::3] += 0.4
         blocks[:, phase::3] += 0.4
-        light = fit_illumination(blocks, (1920, 2560), start=LEVEL, spread=0.003)
+        light = fit_illumination(blocks, (1920, 2560), level=LEVEL, scatter=0.003)
         assert light.background.mean() == pytest.approx(4 / 9, abs=0.01)
 
 

@@ -1,0 +1,151 @@
+"""Find the background of an image and fit its illumination, from blocks or, in a crowd, from smaller squares.
+
+Among many small contacts hardly a block of 8 px is free of light from one of them: what passes for background
+is too bright and scatters more than the blocks of the reference. Squares of 2 px fit between such contacts.
+"""
+
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.background.illumination import (
+    FIT_BLOCKS,
+    SMALLEST_SCATTER_FRACTION,
+    Illumination,
+    fit_illumination,
+    jittered_grid,
+    one_sided_scatter,
+)
+from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.robust import robust_std
+
+BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
+"""Which of several well-populated levels is the background: the lowest (contacts are bright), the highest
+(contacts are dark), the one nearest to 1 (for a ratio to a reference) or the most common."""
+
+# Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
+SQUARE_PX = 2
+"""Side of the squares that fit between crowded contacts, px; a power of 2."""
+
+CROWD_SCATTER = 1.1  # of what noise and texture explain: blocks that scatter more contain contacts
+RIM_SCATTER, RIM_FRACTION = 3.0, 0.1
+"""A frame is crowded if in more than this fraction of the blocks the squares scatter by so many times what
+noise and texture explain: those blocks contain rims of contacts."""
+
+CHANGE_SCATTER = 0.25  # of the scatter of the blocks: squares must change the illumination by more
+DARKEST_FRACTION = 0.05  # of the squares: those least covered by contacts
+POPULATED_FRACTION = 0.05  # of the highest bin of the histogram: lower peaks are no level
+MOST_BINS = 2000  # of the histogram
+QUARTILE_SIGMA = 0.3186  # theory: a quarter of normal deviates lie within Phi^-1(5/8) standard deviations
+
+
+def find_illumination(
+    means: Callable[[int], tuple[NDArray, float]], shape: tuple[int, int], *, background_is: BackgroundLevel
+) -> Illumination:
+    """Fit a slowly varying illumination to the background.
+
+    Parameters
+    ----------
+    means : callable
+        For a side in px the means of the quantity (ratio to the reference, or difference from it) over
+        squares of that side, NaN = no data, and the scatter that noise and texture give one of them.
+    shape : (int, int)
+        Shape of the image in pixels.
+    background_is : BackgroundLevel
+
+    Returns
+    -------
+    Illumination
+        Its background consists of blocks, or of squares of `SQUARE_PX` where contacts leave no block free.
+    """
+    blocks, expected = means(BLOCK)
+    level, scatter = find_background_level(blocks, background_is=background_is)
+    coarse = fit_illumination(blocks, shape, level=level, scatter=scatter)
+    if coarse.scatter <= CROWD_SCATTER * expected:
+        return coarse
+    squares, expected = means(SQUARE_PX)
+    if not np.isfinite(squares).any():
+        return coarse
+    expected = max(expected, _scatter_of_darkest(squares, background_is))
+    if not np.mean(_scatter_inside(squares) > RIM_SCATTER * expected) > RIM_FRACTION:
+        return coarse  # the illumination is less even than a cubic
+    expected = min(expected, neighbour_scatter(squares))
+    level, scatter = find_background_level(squares, background_is=background_is, scatter=expected)
+    fine = fit_illumination(squares, shape, level=level, scatter=min(scatter, 2.0 * expected))
+    change = np.abs(fine.at_blocks(blocks.shape, shape) - coarse.at_blocks(blocks.shape, shape))
+    return fine if np.median(change) > CHANGE_SCATTER * coarse.scatter else coarse
+
+
+def _scatter_of_darkest(squares: NDArray, background_is: BackgroundLevel) -> float:
+    """Scatter of a square from the differences of neighbours that are both among the least covered."""
+    covered = {
+        "lowest": squares,
+        "highest": -squares,
+        "nearest_one": np.abs(squares - 1.0),
+        "most_common": squares,
+    }[background_is]
+    dark = covered < np.quantile(covered[np.isfinite(covered)], DARKEST_FRACTION)
+    differences = np.diff(squares, axis=1)[dark[:, 1:] & dark[:, :-1]]
+    return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
+
+
+def _scatter_inside(squares: NDArray) -> NDArray[np.float64]:
+    """Standard deviation of the squares of each block."""
+    mean, square = (block_means(part, side=BLOCK // SQUARE_PX) for part in (squares, squares**2))
+    return np.sqrt(np.maximum(square - mean**2, 0.0))
+
+
+def find_background_level(
+    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float | None = None
+) -> tuple[float, float]:
+    """Most likely level of the background among block means, and the scatter of a block.
+
+    Parameters
+    ----------
+    blocks : ndarray
+        Block means; NaN = no data.
+    background_is : BackgroundLevel
+        Which peak of the histogram is the background.
+    scatter : float or None
+        Standard deviation of a background block; None: measured on the differences of neighbours.
+
+    Returns
+    -------
+    level, scatter : float
+    """
+    values = blocks[np.isfinite(blocks)]
+    if not len(values):
+        return 1.0, SMALLEST_SCATTER_FRACTION
+    low, high = float(values.min()), float(values.max())
+    least = max(SMALLEST_SCATTER_FRACTION * max(abs(low), abs(high)), 1e-9)
+    scatter = max(neighbour_scatter(blocks) if scatter is None else scatter, least)
+    bins = int(np.clip((high - low) / scatter, 1, MOST_BINS)) + 4
+    edges = np.linspace(low - 2 * scatter, high + 2 * scatter, bins + 1)
+    places = ((values - edges[0]) * (bins / (edges[-1] - edges[0]))).astype(np.int64)
+    counts = np.bincount(np.minimum(places, bins - 1), minlength=bins)
+    smooth = np.convolve(counts, [1, 4, 6, 4, 1], mode="same") / 16.0
+    left, right = np.r_[0.0, smooth[:-1]], np.r_[smooth[1:], 0.0]
+    populated = smooth >= max(POPULATED_FRACTION * smooth.max(), 1e-9)
+    peaks = np.flatnonzero((smooth > left) & (smooth >= right) & populated)
+    centres = (edges[:-1] + edges[1:]) / 2
+    choice = {
+        "lowest": 0,
+        "highest": -1,
+        "nearest_one": int(np.argmin(np.abs(centres[peaks] - 1.0))),
+        "most_common": int(np.argmax(smooth[peaks])),
+    }[background_is]
+    level, width = float(centres[peaks[choice]]), float(edges[1] - edges[0])
+    sample = values[jittered_grid((1, len(values)), max(len(values) // FIT_BLOCKS, 1))[1][0]]
+    return level, 2.0 * max(min(scatter, one_sided_scatter(sample - level)), width, least)
+
+
+def neighbour_scatter(blocks: NDArray) -> float:
+    """Scatter of a block from the differences of neighbours, some of which lie across rims."""
+    rows = jittered_grid((1, len(blocks)), max(blocks.size // FIT_BLOCKS, 1))[1][0]
+    difference = np.diff(blocks[rows], axis=1).ravel()
+    difference = difference[np.isfinite(difference)]
+    if not len(difference):
+        return 0.0
+    return float(np.percentile(np.abs(difference), 25) / QUARTILE_SIGMA / np.sqrt(2))
