@@ -1,5 +1,6 @@
 __version__: str
 
+from . import plots as plots
 from .analysis.annuli import annulus_moments as annulus_moments
 from .analysis.annuli import sum_moments as sum_moments
 from .analysis.area_against_load import fit_area_law as fit_area_law

@@ -256,11 +256,14 @@ def _calibrate(
 
 def _echo(result: "Calibrated", *, title: str) -> None:
     """Print each number with its uncertainty, and the notes."""
+    from contactimg.report.units import display_unit
+
     click.echo(title)
     for name, entry in result.record.items():
         if isinstance(entry, dict) and {"value", "std", "unit"} <= set(entry):
-            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-            click.echo(f"  {name:26} {entry['value']:.6g} ± {entry['std']:.2g}{unit}")
+            factor, unit = display_unit(entry["value"], entry["unit"])
+            numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
+            click.echo(f"  {name:26} {numbers} {unit}".rstrip())
     for note in result.notes:
         click.echo(f"  {note}")
 

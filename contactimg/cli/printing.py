@@ -55,6 +55,8 @@ def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     """Print the results of an analysis with their confidence intervals."""
+    from contactimg.report.units import in_display_units
+
     heads = ("quantity", "model", "value", "interval", "unit", "points")
     rows = [
         [
@@ -65,7 +67,7 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
             row["unit"],
             str(row["n_points"]),
         ]
-        for row in results.to_dict("records")
+        for row in in_display_units(results).to_dict("records")
     ]
     _echo_table(title, heads, rows, left=2)
 

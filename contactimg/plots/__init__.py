@@ -1,4 +1,8 @@
-"""Figures: tables in, matplotlib axes in and out. Lengths in um or mm, forces in mN, areas in mm^2."""
+"""Draw figures: tables in, matplotlib axes out; ``ax=`` draws on existing axes.
+
+Lengths are in um or mm, forces in mN, areas in mm^2, moduli and stresses in MPa. Read in this order: `images`
+(contacts on frames), `curves` (analysis), `calibration`, `tradeoff`, `axes`.
+"""
 
 from contactimg.plots.axes import image_axes, new_axes, scale_by_decades
 from contactimg.plots.calibration import (

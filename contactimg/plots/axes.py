@@ -1,4 +1,4 @@
-"""New axes that no window or global state knows about."""
+"""New axes on figures outside of pyplot: no window and no global state."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,14 +8,14 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 
 def new_axes(*, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
-    """Axes on a new figure that no window or global state knows about."""
+    """Axes on a new figure outside of pyplot, ``size`` in inches."""
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     return figure.add_subplot()
 
 
 def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
-    """Axes that fill a new figure: whole screen pixels for each of the image's, 1600 across or more."""
+    """Axes that fill a new figure, 1600 screen pixels or wider, a whole number per image pixel."""
     rows, columns = shape
     zoom = max(1, int(np.ceil(1600 / columns)))
     figure = Figure(figsize=(zoom * columns / dpi, zoom * rows / dpi), dpi=dpi)
@@ -24,7 +24,7 @@ def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
 
 
 def scale_by_decades(ax: Axes) -> Axes:
-    """Logarithmic axes with plain numbers at 1, 2 and 5."""
+    """Set logarithmic axes with plain numbers at 1, 2 and 5."""
     ax.set(xscale="log", yscale="log")
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -1,4 +1,4 @@
-"""What a calibration was read from: curves with the number that was found."""
+"""Figures of the calibrations: the measured points with the fitted law or number."""
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,7 @@ def plot_jkr(points: pd.DataFrame, curve: pd.DataFrame, *, ax: Axes | None = Non
     Axes
     """
     ax = new_axes() if ax is None else ax
-    ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color="C1", label="JKR")
+    ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color="C1", label="JKR fit")
     for branch, part in points[points["used"].astype(bool)].groupby("branch"):
         marker = MARKERS[str(branch)]
         ax.plot(
@@ -41,7 +41,7 @@ def plot_jkr(points: pd.DataFrame, curve: pd.DataFrame, *, ax: Axes | None = Non
 
 
 def plot_jkr_residuals(points: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
-    """Plot what the loads (mN) differ from the fitted law.
+    """Plot the difference between the measured loads and the fitted law (mN).
 
     Parameters
     ----------
@@ -56,23 +56,27 @@ def plot_jkr_residuals(points: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     ax = new_axes() if ax is None else ax
     ax.axhline(0.0, color="C1")
     for branch, part in points[points["used"].astype(bool)].groupby("branch"):
-        ax.plot(part["load_N"] * 1e3, part["residual_N"] * 1e3, MARKERS[str(branch)], color="C0")
+        marker, label = MARKERS[str(branch)], str(branch) or "measured"
+        ax.plot(part["load_N"] * 1e3, part["residual_N"] * 1e3, marker, color="C0", label=label)
     _mark_left_out(points, "residual_N", 1e3, ax)
-    ax.set(xlabel="load P (mN)", ylabel="load minus fit (mN)")
+    ax.set(xlabel="load P (mN)", ylabel="measured minus fitted load (mN)")
+    ax.legend()
     return ax
 
 
 def _mark_left_out(points: pd.DataFrame, column: str, factor: float, ax: Axes) -> None:
-    """Crosses on the frames that the fit does not use."""
+    """Mark the frames that the fit does not use with crosses."""
     left_out = points[~points["used"].astype(bool)]
     if len(left_out):
-        ax.plot(left_out["load_N"] * 1e3, left_out[column] * factor, "x", color="C3", label="left out")
+        ax.plot(
+            left_out["load_N"] * 1e3, left_out[column] * factor, "x", color="C3", label="not used in the fit"
+        )
 
 
 def plot_slopes(
     thresholds: Values, slopes: Values, stds: Values, *, found: float, ax: Axes | None = None
 ) -> Axes:
-    """Plot the slope of force sums against loads over the threshold.
+    """Plot the slope of the sum of the forces against the load, for each threshold.
 
     Parameters
     ----------
@@ -90,16 +94,18 @@ def plot_slopes(
     ax.plot(thresholds, slopes, color="C0", label="slope")
     ax.axhline(1.0, color="0.5", linewidth=1)
     if np.isfinite(found):
-        ax.axvline(found, color="C1", label=f"threshold {found:.3f}")
+        ax.axvline(found, color="C1", label=f"calibrated threshold {found:.3f}")
     ax.set(
-        xlabel="threshold (fraction of the contrast)", ylabel="slope of force sum against load", ylim=(0, 2.5)
+        xlabel="threshold (fraction of the contrast)",
+        ylabel="sum of the forces over load (slope)",
+        ylim=(0, 2.5),
     )
     ax.legend()
     return ax
 
 
 def plot_forces(load: Values, forces: Values, *, ax: Axes | None = None) -> Axes:
-    """Plot force sums against loads (mN) with the line of slope 1.
+    """Plot the sums of the forces against the loads (mN) with the line of slope 1.
 
     Parameters
     ----------
@@ -112,9 +118,9 @@ def plot_forces(load: Values, forces: Values, *, ax: Axes | None = None) -> Axes
     """
     ax = new_axes() if ax is None else ax
     top = 1.05e3 * float(np.max(load, initial=0.0))
-    ax.plot([0, top], [0, top], color="0.5", linewidth=1, label="slope 1")
+    ax.plot([0, top], [0, top], color="0.5", linewidth=1, label="sum equals load")
     ax.plot(np.asarray(load) * 1e3, np.asarray(forces) * 1e3, "o", color="C0", label="measured")
-    ax.set(xlabel="load P (mN)", ylabel="sum of local forces (mN)")
+    ax.set(xlabel="load P (mN)", ylabel="sum of the local forces (mN)")
     ax.legend()
     return ax
 
@@ -138,7 +144,7 @@ def plot_plateau(
     """
     ax = new_axes() if ax is None else ax
     ax.plot(thresholds, areas * 1e6)
-    ax.axvspan(low, high, color="0.85", label=f"plateau, {low:.3f} to {high:.3f}")
+    ax.axvspan(low, high, color="0.85", label=f"plateau from {low:.3f} to {high:.3f}")
     ax.set(yscale="log", xlabel="threshold (fraction of the contrast)", ylabel="total contact area A (mm²)")
     ax.legend()
     return ax

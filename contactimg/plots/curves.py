@@ -1,4 +1,4 @@
-"""Curves of what the contacts say together."""
+"""Figures of an analysis: area laws, profiles, contact laws, friction, topography."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,7 +23,7 @@ STYLES: dict[str, dict[str, Any]] = {
     "gt": {"color": "tab:blue", "linestyle": "-", "label": "Greenwood-Tripp"},
     "hertz": {"color": "black", "linestyle": ":", "label": "Hertz"},
 }
-"""Of each model, as in the paper's Fig. 6."""
+"""Line style of each model, as in Fig. 6 of the paper."""
 
 
 def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
@@ -32,7 +32,7 @@ def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     Parameters
     ----------
     frames : DataFrame
-        The frames table; rows without load or area are left out.
+        The table of frames; rows without load or area are left out.
     ax : Axes, optional
 
     Returns
@@ -55,14 +55,14 @@ def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
 
 
 def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | None = None) -> Axes:
-    """Plot A(P) of the runs and of the models, with the power law through the runs' areas.
+    """Plot area against load for runs and models, with the power law fitted to the runs.
 
     Parameters
     ----------
     areas : DataFrame
         Columns of `contactimg.tables.AREA`.
     laws : mapping
-        Model -> law; exponents are entered in the legend.
+        Model -> law; the legend shows the exponents.
     ax : Axes, optional
 
     Returns
@@ -89,12 +89,12 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
 
 
 def _bars(std: pd.Series, unit: float) -> np.ndarray:
-    """Lengths of error bars; none where no uncertainty is stated."""
+    """Lengths of error bars; zero where the uncertainty is not known."""
     return np.nan_to_num(std.to_numpy(float), nan=0.0) * unit
 
 
 def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
-    """Plot the pressure over Hertz's against the distance over Hertz's contact radius.
+    """Plot the pressure against the distance from the apex, both relative to a smooth Hertz contact.
 
     Parameters
     ----------
@@ -121,7 +121,11 @@ def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
         ax.errorbar(r, p, capsize=3, **bars, **STYLES[str(model)])
     load = normalised["load_N"].iloc[0] if len(normalised) else np.nan
     ax.set(
-        xlabel="$r/a_H$", ylabel="$p/p_0$", title=f"P = {load * 1e3:.4g} mN", xlim=(0, None), ylim=(0, None)
+        xlabel="distance from the apex over Hertz radius, $r/a_H$",
+        ylabel="pressure over largest Hertz pressure, $p/p_0$",
+        title=f"load P = {load * 1e3:.4g} mN",
+        xlim=(0, None),
+        ylim=(0, None),
     )
     ax.legend(fontsize="small")
     return ax
@@ -137,7 +141,7 @@ def plot_pressure_law(
     points : DataFrame
         Columns of `contactimg.tables.PRESSURE_LAW`.
     laws : mapping
-        (Quantity, model) -> law, drawn broken where the points support a break and straight elsewhere.
+        (Quantity, model) -> law; two power laws are drawn if the data support a break, else one.
     quantity : {"density", "mean_radius"}
     ax : Axes, optional
 
@@ -163,17 +167,17 @@ def plot_pressure_law(
 
 
 def _pressure_axis(points: pd.DataFrame, quantity: str) -> tuple[str, str, float, str]:
-    """Columns of a quantity and of its uncertainty, its unit, and what to write at the axis."""
+    """Columns of a quantity and its uncertainty, the factor to its unit, and the axis label."""
     if quantity == "mean_radius":
         return "mean_radius_m", "mean_radius_std_m", 1e6, "mean contact radius (µm)"
     density = 1 / (points["density_ratio"] / points["density_per_m2"]).median()
     if np.isfinite(density):
-        return "density_per_m2", "density_std_per_m2", 1 / density, "contacts per asperity $\\eta/\\eta_0$"
+        return "density_per_m2", "density_std_per_m2", 1 / density, "contacts per asperity, $\\eta/\\eta_0$"
     return "density_per_m2", "density_std_per_m2", 1e-6, "contacts per mm²"
 
 
 def _law_text(law: BrokenLaw) -> str:
-    """Exponents for the legend."""
+    """The exponents, for the legend."""
     if not law.supported:
         return f"$p^{{{law.single.exponent.value:.3f} ± {law.single.exponent.std:.3f}}}$"
     low, high = law.low_exponent.value, law.high_exponent.value
@@ -212,7 +216,7 @@ def plot_friction(
 
 
 def plot_topography(table: pd.DataFrame, topography: Topography, *, ax: Axes | None = None) -> Axes:
-    """Plot the height of asperities against their radius, with the line of one contact angle if there is one.
+    """Plot the height of asperities against their radius, with the line of the contact angle if there is one.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Contacts drawn on their frames."""
+"""Draw contacts on frames."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,11 +15,14 @@ from contactimg.plots.axes import image_axes
 from contactimg.pose import Pose
 
 MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
-"""Colours of measured contacts, of the two predictions, and of the Hertz circle (the paper's Fig. 6)."""
+"""Colours of measured contacts, of the two predictions, and of the Hertz circle, as in Fig.
+
+6 of the paper.
+"""
 
 
 def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:
-    """Part of an image that holds all points and a margin, and its first row and column.
+    """Crop an image to the points and a margin; also return the first row and column.
 
     Parameters
     ----------
@@ -38,16 +41,16 @@ def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -
 
 
 def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:
-    """Show an image in grey, pixel centres at integers, stretched between its 0.5 and 99.8 % levels.
+    """Show an image in grey between its 0.5 and 99.8 % quantiles, with pixel centres at integers.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-        Grey levels; holes may be NaN.
+        Grey levels; may contain NaN.
     top, left : int
-        Row and column of its first pixel, if it is a part of a larger image.
+        Row and column of the first pixel, if the image is cropped from a larger one.
     ax : Axes, optional
-        Default: new axes of the image's size.
+        By default new axes of the size of the image.
 
     Returns
     -------
@@ -73,17 +76,17 @@ def plot_circles(
     label: str = "",
     **style: Any,
 ) -> EllipseCollection:
-    """Draw outlines of circles given in data units, and enter them in the legend under ``label``.
+    """Draw outlines of circles in data units.
 
     Parameters
     ----------
     x, y, radius : array_like, shape (n,)
-        Same unit as the axes (pixels on an image).
+        In the unit of the axes (pixels on an image).
     ax : Axes
     label : str
-        Text of the legend; empty for none.
+        Text for the legend; empty for none.
     **style
-        Of the collection: ``color``, ``linewidth``, ``linestyle``.
+        Of the outlines: ``color``, ``linewidth``, ``linestyle``.
     """
     diameter = 2 * np.asarray(radius, float)
     color = style.pop("color", MEASURED)
@@ -104,7 +107,7 @@ def plot_circles(
 
 
 def plot_scale_bar(pose: Pose, *, ax: Axes) -> Axes:
-    """Draw a bar of a round length, up to a sixth of the axes wide, in the lower right corner."""
+    """Draw a scale bar in the lower right corner, 1, 2 or 5 units long, at most a sixth of the width."""
     left, right = ax.get_xlim()
     bottom, top = ax.get_ylim()
     target = (right - left) * pose.pixel_size / 6
@@ -120,23 +123,25 @@ def plot_scale_bar(pose: Pose, *, ax: Axes) -> Axes:
 
 
 def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: str = "") -> None:
-    """Legend with one line a collection: the collections themselves have no handle that shows an outline."""
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=mpl.colors.to_hex(c.get_edgecolor()[0]),
-            linestyle=c.get_linestyle()[0],
-            label=str(c.get_label()),
-        )
-        for c in circles
-    ]
-    style = {"labelcolor": "white", "facecolor": "black", "framealpha": 0.6, "fontsize": _font_size(ax)}
-    legend = ax.legend(handles=handles, title=title, loc="upper left", **style)
-    # titles hold names of files, in which a $ is a $
-    legend.get_title().set(color="white", fontsize=_font_size(ax), parse_math=False)
+    """Add a legend with one line per collection, which matplotlib does not draw for outlines."""
+    handles = []
+    for outlines in circles:
+        color, style = mpl.colors.to_hex(outlines.get_edgecolor()[0]), outlines.get_linestyle()[0]
+        handles.append(Line2D([], [], color=color, linestyle=style, label=str(outlines.get_label())))
+    size = _font_size(ax)
+    legend = ax.legend(
+        handles=handles,
+        title=title,
+        loc="upper left",
+        labelcolor="white",
+        facecolor="black",
+        framealpha=0.6,
+        fontsize=size,
+    )
+    # titles hold file names, in which a $ is no formula
+    legend.get_title().set(color="white", fontsize=size, parse_math=False)
 
 
 def _font_size(ax: Axes) -> float:
-    """Size of letters that can be read when the whole picture is looked at."""
+    """Font size that is legible when the whole picture is shown."""
     return 0.0065 * float(ax.bbox.width)

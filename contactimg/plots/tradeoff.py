@@ -1,4 +1,4 @@
-"""Error against time, a panel a knob."""
+"""Figure of a trade-off: error against time, one panel per choice."""
 
 import textwrap
 
@@ -19,38 +19,37 @@ TITLES = {
     "model": "contact model",
     "solver": "tolerance of the solver",
     "sums": "coupling sums over many contacts",
-    "rings": "rings of Greenwood-Tripp",
-    "patterns": "patterns of an ensemble",
+    "rings": "rings of the Greenwood-Tripp model",
+    "patterns": "number of patterns averaged",
     "supersampling": "sampling of rendered frames",
 }
 
 MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
-    (1, {"marker": "o", "color": "tab:blue"}, "no other is cheaper and better"),
-    (0, {"marker": "o", "color": "grey", "markerfacecolor": "none"}, "another is cheaper and better"),
-    (-1, {"marker": "D", "color": "grey", "markerfacecolor": "none"}, "stored, not run here"),
+    (1, {"marker": "o", "color": "tab:blue"}, "no other is faster and more accurate"),
+    (0, {"marker": "o", "color": "grey", "markerfacecolor": "none"}, "another is faster and more accurate"),
+    (-1, {"marker": "D", "color": "grey", "markerfacecolor": "none"}, "stored result, not run here"),
 )
-"""Pareto mark (-1: none), its style, what it means."""
+"""Value of the column ``pareto`` (-1 for empty), marker style, meaning."""
 
-PANEL = (5.2, 4.0)
-"""Width and height of a panel, inches."""
-
-COLUMNS = 2
-LABEL_WIDTH = 24  # characters
-LABEL_HEIGHT = 0.042  # of the panel's height, a line
-LETTER = 0.0135  # of the panel's width
-MOST_PLAIN = 2.5  # decades of time below which 1, 2 and 5 are labelled, not the powers of ten
+# Layout, chosen by eye
+PANEL_INCHES = (5.2, 4.0)  # width and height of a panel
+PANEL_COLUMNS = 2
+LABEL_CHARACTERS = 24  # in a line
+LINE_HEIGHT_FRACTION = 0.042  # of the height of a panel
+CHARACTER_WIDTH_FRACTION = 0.0135  # of the width of a panel
+PLAIN_DECADES = 2.5  # time axes shorter than this are labelled at 1, 2 and 5, longer ones at powers of ten
 
 
 def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | None = None) -> Axes:
-    """Plot the error of a knob's settings against their time, the front marked.
+    """Plot the error of the settings of one choice against their time.
 
     Parameters
     ----------
     table : DataFrame
-        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`, of one knob; rows without numbers are left out,
-        an error of 0 is drawn a decade below the smallest other one.
+        Rows of one knob, columns of `contactimg.tables.TRADEOFF`. Rows without numbers are left out; an error
+        of 0 is drawn a decade below the smallest other one.
     relative : float, optional
-        Tolerance, drawn as a line.
+        Tolerance to draw as a line.
     ax : Axes, optional
 
     Returns
@@ -77,14 +76,14 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
 
 
 def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes:
-    """Plot all knobs on one figure.
+    """Plot all choices on one figure.
 
     Parameters
     ----------
     table : DataFrame
-        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`.
+        Columns of `contactimg.tables.TRADEOFF`.
     relative : float, optional
-        Tolerance, drawn as a line.
+        Tolerance to draw as a line.
 
     Returns
     -------
@@ -92,9 +91,11 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
         The first panel; its figure holds the others.
     """
     groups = [part for _, part in table.groupby("knob", sort=False)]
-    columns = min(COLUMNS, len(groups))
+    columns = min(PANEL_COLUMNS, len(groups))
     rows = -(-len(groups) // columns)
-    figure = Figure(figsize=(PANEL[0] * columns, PANEL[1] * rows), layout="constrained", dpi=130)
+    figure = Figure(
+        figsize=(PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows), layout="constrained", dpi=130
+    )
     FigureCanvasAgg(figure)
     panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
     for ax, part in zip(panels, groups, strict=False):
@@ -108,28 +109,28 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
 
 
 def _leave_room(ax: Axes, x: Values, y: Values) -> None:
-    """Limits with room for the labels right of the points."""
-    wide = max(np.log10(x.max() / x.min()), 0.8)  # less than a decade of axis has no plain labels
+    """Set limits that leave room for the labels to the right of the points."""
+    wide = max(np.log10(x.max() / x.min()), 0.8)  # a shorter axis would have no labels
     high = max(np.log10(y.max() / y.min()), 0.5)
     ax.set_xlim(x.min() / 10 ** (0.1 * wide), x.max() * 10 ** (0.55 * wide))
     ax.set_ylim(y.min() / 10 ** (0.12 * high), y.max() * 10 ** (0.12 * high))
-    if wide < MOST_PLAIN:
+    if wide < PLAIN_DECADES:
         ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _label(ax: Axes, x: Values, y: Values, names: list[str]) -> None:
-    """Names right of the points, from the top down, below those that they would overlap."""
-    texts = [textwrap.fill(name, LABEL_WIDTH) for name in names]
+    """Write the names to the right of the points, moved down where they would overlap."""
+    texts = [textwrap.fill(name, LABEL_CHARACTERS) for name in names]
     places = ax.transAxes.inverted().transform(ax.transData.transform(np.column_stack([x, y])))
     taken: list[tuple[float, float, float]] = []  # left, right, lower end
     for k in np.lexsort((x, -y)):
         lines = texts[k].split("\n")
-        left, height = places[k, 0] + 0.02, LABEL_HEIGHT * len(lines)
-        right = left + LETTER * max(map(len, lines))
+        left, height = places[k, 0] + 0.02, LINE_HEIGHT_FRACTION * len(lines)
+        right = left + CHARACTER_WIDTH_FRACTION * max(map(len, lines))
         above = min((end for low, high, end in taken if low < right and left < high), default=np.inf)
-        middle = max(min(places[k, 1] + 0.3 * LABEL_HEIGHT, above - height / 2), height / 2)
+        middle = max(min(places[k, 1] + 0.3 * LINE_HEIGHT_FRACTION, above - height / 2), height / 2)
         taken.append((left, right, middle - height / 2))
         ax.text(
             left,

@@ -1,4 +1,8 @@
-"""One self-contained HTML page of a run."""
+"""Write one self-contained HTML page about a run.
+
+In: the output folder of a run. Out: HTML text. Read in this order: `page` (the page), `contents` (what it
+shows), `embedding` (pictures inside the page), `units` (units for display); the template is ``page.html.j2``.
+"""
 
 from contactimg.report.page import build_report
 

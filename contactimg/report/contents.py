@@ -1,4 +1,4 @@
-"""What the page of a run shows: its tables, pictures, and the results of other commands beside it."""
+"""Gather what the page of a run shows: its tables and pictures, and the results of other commands on it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,20 +21,36 @@ from contactimg.files import (
 )
 from contactimg.pipeline.pictures import picture_name
 from contactimg.report.embedding import Picture, embed_figure, embed_picture
+from contactimg.report.units import in_display_units
 from contactimg.tables import FAILED, REJECTED, RESULTS, SCORES, Flag
 
-FIGURES = (".svg", ".png")
+FIGURE_FORMATS = (".svg", ".png")
 """Formats of figures, the preferred one first."""
+
+CAPTIONS = {
+    "area": "Real contact area against load, with the fitted power law.",
+    "profile": "Contact pressure against distance from the apex, relative to a smooth Hertz contact.",
+    "density": "Number of contacts per area against local pressure.",
+    "mean_radius": "Mean contact radius against local pressure.",
+    "friction": "Friction force against load.",
+    "topography": "Height of the asperities against their radius of curvature.",
+    "jkr": "Contact radius against load, with the fitted JKR law.",
+    "residuals": "Difference between the measured load and the fitted JKR law.",
+    "slope_threshold": "Slope of the sum of the forces against the load, for each threshold.",
+    "forces": "Sum of the local forces against load.",
+    "plateau": "Total contact area against threshold, with the plateau shaded.",
+}
+"""File name of a figure, without number and ending -> caption."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """The output of another command on the run.
+    """The output of another command for this run.
 
     Parameters
     ----------
     command : str
-        As typed.
+        The command line.
     pictures : list of Picture
     table : DataFrame or None
     """
@@ -46,23 +62,23 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """All that the page shows.
+    """Everything that the page shows.
 
     Parameters
     ----------
     run : RunFolder
     flags : DataFrame
-        ``frame`` and one column a flag: contacts that carry it.
+        ``frame`` and, for each flag, the number of contacts that carry it.
     rejected : DataFrame
         ``reason`` and ``count`` of rejected candidates.
     failed : DataFrame
-        Rows of the frames table that could not be measured.
+        Rows of the table of frames that could not be measured.
     law : PowerLaw or None
-        Exponent of A(P); None where the run has too few loads.
+        Power law of area against load; None if the run has too few loads.
     overlays : list of Picture
         Frames with their contacts.
     overlays_total : int
-        How many there are.
+        Number of overlays in the run.
     comparisons, analyses, calibrations : list of Part
         Outputs of ``overlay``, ``analyse`` and ``calibrate``.
     """
@@ -80,31 +96,32 @@ class Contents:
 
 
 def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) -> Contents:
-    """Read a run and what other commands made of it.
+    """Read a run and the outputs of other commands for it.
 
     Parameters
     ----------
     folder : Path
         Output of `process`.
     others : sequence of Path
-        Outputs of `overlay`, `analyse` or `calibrate`; those in folders inside the run's are found.
+        Outputs of `overlay`, `analyse` or `calibrate`; those inside the folder of the run are included
+        anyway.
     max_pictures : int
-        Most pictures of frames; of more, as many evenly chosen.
+        Largest number of pictures of frames; of a longer series, evenly spaced ones.
 
     Raises
     ------
     InputError
-        If the folder holds no complete run, or another one no output of such a command.
+        If the folder holds no complete run, or one of the others no output of these commands.
     """
     run = read_run(folder)
     overlays = _pictures_of(folder / "overlays", run.frames["frame"])
     parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
-    for place in [*_found(folder), *others]:
-        found = [(kind, command) for kind, command in _kinds(place) if kind in parts]
-        if not found:
-            command = _kinds(place)[0][1]
+    for place in [*_outputs_inside(folder), *others]:
+        outputs = [(kind, command) for kind, command in _commands(place) if kind in parts]
+        if not outputs:
+            command = _commands(place)[0][1]
             raise InputError(f"{place}: is the output of {command!r}, not of overlay, analyse or calibrate")
-        for kind, command in found:
+        for kind, command in outputs:
             parts[kind].append(_part(kind, command, place, run, max_pictures))
     return Contents(
         run=run,
@@ -112,7 +129,7 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
         rejected=_rejected(folder),
         failed=run.frames[run.frames["status"] == FAILED],
         law=_area_law(run),
-        overlays=_embedded(_thinned(overlays, max_pictures)),
+        overlays=_embedded(_evenly_spaced(overlays, max_pictures)),
         overlays_total=len(overlays),
         comparisons=parts["overlay"],
         analyses=parts["analyse"],
@@ -120,15 +137,15 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
     )
 
 
-def _found(folder: Path) -> list[Path]:
-    """Outputs of other commands in folders inside the run's."""
+def _outputs_inside(folder: Path) -> list[Path]:
+    """Folders inside that of the run with outputs of other commands."""
     places = [path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}"))]
     shown = {"overlay", "analyse", "calibrate"}
-    return [place for place in places if shown & {kind for kind, _ in _kinds(place)}]
+    return [place for place in places if shown & {kind for kind, _ in _commands(place)}]
 
 
-def _kinds(place: Path) -> list[tuple[str, str]]:
-    """The commands that wrote into a folder: name, and as typed."""
+def _commands(place: Path) -> list[tuple[str, str]]:
+    """The commands that wrote into a folder: name and command line."""
     try:
         commands = [str(record.get("command", "")) for record in read_records(place)]
     except (OSError, ValueError):
@@ -137,27 +154,36 @@ def _kinds(place: Path) -> list[tuple[str, str]]:
 
 
 def _part(kind: str, command: str, place: Path, run: RunFolder, max_pictures: int) -> Part:
-    """What a command left behind."""
+    """Pictures and table of a command."""
     if kind == "overlay":
-        pictures = _thinned(_pictures_of(place / "overlays", run.frames["frame"]), max_pictures)
+        pictures = _evenly_spaced(_pictures_of(place / "overlays", run.frames["frame"]), max_pictures)
         return Part(command, _embedded(pictures), read_table(place / "scores.csv", SCORES))
     if kind == "calibrate":
         table = _numbers(read_calibration(place))
     else:
         table = read_table(place / "results.csv", RESULTS, infinite=True)
-    return Part(command, [embed_figure(path, caption=path.stem) for path in _figures(place)], table)
+    return Part(
+        command,
+        [embed_figure(path, caption=_caption(path)) for path in _figures(place)],
+        in_display_units(table),
+    )
+
+
+def _caption(path: Path) -> str:
+    """The caption of a figure; its file name if there is none."""
+    return CAPTIONS.get(path.stem.rstrip("0123456789").removesuffix("_"), path.stem)
 
 
 def _figures(place: Path) -> list[Path]:
-    """The figures of a folder, each once."""
+    """The figures of a folder, each in one format."""
     best: dict[str, Path] = {}
-    for ending in reversed(FIGURES):
+    for ending in reversed(FIGURE_FORMATS):
         best |= {path.stem: path for path in place.glob(f"*{ending}")}
     return [best[stem] for stem in sorted(best)]
 
 
 def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
-    """The numbers of a calibration."""
+    """The table of the numbers of a calibration."""
     rows = [
         {"quantity": name, "value": entry["value"], "std": entry.get("std"), "unit": entry.get("unit", "")}
         for name, entry in record.items()
@@ -167,31 +193,35 @@ def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def _used_calibration(run: RunFolder) -> list[Part]:
-    """The calibration that the run was measured with, which travels in its provenance."""
+    """The calibration that the run was measured with, from its provenance."""
     used = run.provenance["configuration"].get("options", {}).get("calibration")
-    return [Part(f"used by this run: {used['file']}", [], _numbers(used["record"]))] if used else []
+    return (
+        [Part(f"used by this run: {used['file']}", [], in_display_units(_numbers(used["record"])))]
+        if used
+        else []
+    )
 
 
 def _pictures_of(folder: Path, frames: pd.Series) -> list[tuple[str, Path]]:
-    """Name of the frame and file of its picture, where there is one."""
+    """Names of the frames that have a picture, and its file."""
     pairs = [(str(frame), folder / picture_name(str(frame))) for frame in frames]
     return [(frame, path) for frame, path in pairs if path.is_file()]
 
 
-def _thinned(pairs: list[tuple[str, Path]], most: int) -> list[tuple[str, Path]]:
-    """At most so many, evenly chosen, the first and the last among them."""
+def _evenly_spaced(pairs: list[tuple[str, Path]], most: int) -> list[tuple[str, Path]]:
+    """At most ``most`` evenly spaced pairs, with the first and the last one."""
     if len(pairs) <= most:
         return pairs
     return [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, most).round().astype(int))]
 
 
 def _embedded(pairs: list[tuple[str, Path]]) -> list[Picture]:
-    """The pictures themselves."""
+    """Embed the pictures."""
     return [embed_picture(path, caption=frame) for frame, path in pairs]
 
 
 def _flag_counts(contacts: pd.DataFrame, frames: pd.Series) -> pd.DataFrame:
-    """How many contacts of each frame carry each flag."""
+    """Number of contacts of each frame that carry each flag."""
     values = contacts["flags"].to_numpy(np.int64)
     table = pd.DataFrame({str(flag.name): (values & int(flag)) > 0 for flag in Flag})
     counts = table.groupby(contacts["frame"].to_numpy()).sum().reindex(frames, fill_value=0)
@@ -199,14 +229,14 @@ def _flag_counts(contacts: pd.DataFrame, frames: pd.Series) -> pd.DataFrame:
 
 
 def _rejected(folder: Path) -> pd.DataFrame:
-    """How many candidates were rejected for each reason."""
+    """Number of candidates rejected for each reason."""
     path = folder / "rejected.csv"
     table = read_table(path, REJECTED) if path.is_file() else REJECTED.empty()
     return table.groupby("reason", as_index=False).size().rename(columns={"size": "count"})
 
 
 def _area_law(run: RunFolder) -> PowerLaw | None:
-    """The exponent of A(P), if the run has loads enough."""
+    """The power law of area against load, if the run has enough loads."""
     try:
         return fit_area_law(frame_areas(run.frames, run.contacts, place=str(run.folder)))
     except InputError:

@@ -1,4 +1,4 @@
-"""Images and figures as data inside the page, which then needs no other file."""
+"""Embed images and figures as data in the page, so that it needs no other file."""
 
 import base64
 import io
@@ -9,8 +9,11 @@ from PIL import Image
 
 from contactimg.errors import InputError
 
-QUALITY = 85
-"""Of the compressed pictures: outlines stay sharp, a frame of 2 megapixels takes about half a megabyte."""
+WEBP_QUALITY = 85
+"""Quality of the compressed pictures, 0 to 100.
+
+Chosen: outlines stay sharp, and a frame of 2 megapixels takes about half a megabyte.
+"""
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Picture:
 
 
 def embed_picture(path: Path, *, caption: str) -> Picture:
-    """A picture of a frame, compressed as WebP.
+    """Embed a picture of a frame, compressed as WebP.
 
     Raises
     ------
@@ -40,14 +43,14 @@ def embed_picture(path: Path, *, caption: str) -> Picture:
     buffer = io.BytesIO()
     try:
         with Image.open(path) as image:
-            image.convert("RGB").save(buffer, "WEBP", quality=QUALITY)
+            image.convert("RGB").save(buffer, "WEBP", quality=WEBP_QUALITY)
     except OSError as error:
         raise InputError(f"{path}: cannot be read as an image ({error})") from None
     return Picture(caption, data_uri("image/webp", buffer.getvalue()))
 
 
 def embed_figure(path: Path, *, caption: str) -> Picture:
-    """A figure as it is: PNG or SVG."""
+    """Embed a figure (PNG or SVG) unchanged."""
     kinds = {".png": "image/png", ".svg": "image/svg+xml"}
     try:
         return Picture(caption, data_uri(kinds[path.suffix], path.read_bytes()))

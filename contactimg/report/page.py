@@ -1,4 +1,4 @@
-"""The page: contents and template to HTML that needs no network and no other file."""
+"""Fill the template of the page; the HTML needs no network and no other file."""
 
 import io
 import json
@@ -18,26 +18,28 @@ from contactimg.tables import Flag
 
 
 def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_pictures: int = 40) -> str:
-    """One self-contained HTML page of a run.
+    """Write one self-contained HTML page about a run.
 
     Parameters
     ----------
     folder : str or Path
         Output of `process`.
     others : sequence of str or Path
-        Outputs of `overlay`, `analyse` and `calibrate` to show too; those inside the run's folder are found.
+        Outputs of `overlay`, `analyse` and `calibrate` to show as well; those inside the folder of the run
+        are included anyway.
     max_pictures : int
-        Most pictures of frames in each set.
+        Largest number of pictures of frames in each set.
 
     Returns
     -------
     str
-        HTML. Every text from the run is escaped; images are inside; the page forbids itself the network.
+        HTML with embedded images. Every text from the run is escaped; a content security policy blocks the
+        network.
 
     Raises
     ------
     InputError
-        If the folder holds no complete run, or another one no output of such a command.
+        If the folder holds no complete run, or one of the others no output of these commands.
     """
     contents = gather_contents(
         Path(folder), others=[Path(other) for other in others], max_pictures=max_pictures
@@ -58,28 +60,28 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         provenance=json.dumps(contents.run.provenance, indent=2),
         version=__version__,
     )
-    return html.encode("utf-8", "replace").decode("utf-8")  # names of files may hold bytes that are no text
+    return html.encode("utf-8", "replace").decode("utf-8")  # file names may hold bytes that are no valid text
 
 
 def _area_figure(contents: Contents) -> Picture | None:
-    """A(P), if a frame has load and area."""
+    """Area against load, if a frame has both."""
     frames = contents.run.frames
     if not ((frames["load_N"] > 0) & (frames["area_m2"] > 0)).any():
         return None
-    return Picture("real contact area against load", _as_svg(plot_area(frames)))
+    return Picture("Real contact area of each frame against load.", _as_svg(plot_area(frames)))
 
 
 def _as_svg(ax: Axes) -> str:
     """The figure of the axes as a data URI."""
     buffer, figure = io.BytesIO(), ax.get_figure(root=True)
     if figure is None:
-        raise InputError("these axes belong to no figure")
+        raise InputError("the axes belong to no figure; draw them on one")
     figure.savefig(buffer, format="svg")
     return data_uri("image/svg+xml", buffer.getvalue())
 
 
 def _number(value: float | None, factor: float = 1.0, form: str = "{:.4g}") -> str:
-    """A number in another unit; nothing where there is none."""
+    """A number times a factor; empty for NaN or None."""
     if value is None or isnan(value):
         return ""
     return form.format(value * factor) if isfinite(value) else str(value)

@@ -113,7 +113,7 @@ def test_parameters_of_zero_cannot_act():
     for effect in ("blur", "vignetting", "light_drift", "position_drift", "shot_noise", "read_noise", "dust"):
         assert found[effect].change == 0
         assert "is 0" in found[effect].reason
-    assert estimates_of(scene, CONTACTS.empty())["quantisation"].reason == "no contact stands in the frame"
+    assert estimates_of(scene, CONTACTS.empty())["quantisation"].reason == "no contact lies in the frame"
 
 
 def test_other_units_of_brightness_give_the_same_estimates(tried):
@@ -156,7 +156,7 @@ def test_the_film_makes_contrasts_within_a_factor_of_two(background, contrast, e
 def test_film_under_other_light_is_left_out_and_says_why(tried):
     _, estimates = tried("plain, counted")
     assert estimates["film"].change == 0
-    assert estimates["film"].reason.endswith("other light makes the contrast")
+    assert estimates["film"].reason.endswith("the contrast has another cause")
     _, estimates = tried("film, counted")
     # half height of contacts of some 25 um lies 0.8 um too far out: 3 % of the radius, less under the blur
     assert 0.015 < estimates["film"].change < 0.06

@@ -1,5 +1,8 @@
 """Plots: what is drawn, where, and with which labels."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -85,3 +88,8 @@ def test_area_has_units_and_leaves_out_frames_without_load():
     assert "mN" in ax.get_xlabel()
     assert "mm²" in ax.get_ylabel()
     assert ax.lines[0].get_xdata().tolist() == [100.0]
+
+
+def test_plots_is_reached_from_the_package():
+    code = "import contactimg; assert callable(contactimg.plots.plot_area); assert 'plots' in dir(contactimg)"
+    subprocess.run([sys.executable, "-c", code], check=True)  # noqa: S603 - fixed code

@@ -162,7 +162,8 @@ def test_a_calibration_is_shown(run, tmp_path):
     page = Page(build_report(run, others=[folder]))
     text = " ".join(page.text)
     assert "calibration" in page.sections
-    assert "3.01e+06 ± 2e+04" in text
+    assert "3.01 ± 0.02" in text
+    assert "MPa" in text
     assert "data:image/png;base64," in str([a.get("src") for a in page.all("img")])
 
 
