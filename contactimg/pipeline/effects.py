@@ -8,7 +8,7 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import InputError, finite_number
 from contactimg.forces import common_radius
 from contactimg.imaging.profile.film_rim import FilmRim
-from contactimg.optics.recipe import lamp
+from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.inputs import largest_load, need_asperities
 from contactimg.scene import Scene
 

@@ -12,7 +12,7 @@ from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
-from contactimg.optics.recipe import read_recipe
+from contactimg.optics.render_settings import read_render_settings
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import predict_contacts
 from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
@@ -60,7 +60,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
     simulate = scene.need("simulate", "simulating frames")
     scene.need("camera", "simulating frames")
     scene.check_effects()
-    read_recipe(scene)
+    read_render_settings(scene)
     if asperities is None or not simulate.loads:
         return SimulationPlan(explicit_switches(scene), ())
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
@@ -89,7 +89,7 @@ def explicit_switches(scene: Scene) -> Scene:
     >>> scene.effects.vignetting, scene.effects.dust, scene.effects.coupling, scene.effects.film
     ('on', 'off', 'on', 'off')
     """
-    shown = read_recipe(scene).effects | ({"coupling"} if scene.asperities is not None else set())
+    shown = read_render_settings(scene).effects | ({"coupling"} if scene.asperities is not None else set())
     stated = scene.effects.model_dump()
     switches = {name: "on" if name in shown else "off" for name in stated if stated[name] == "auto"}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})

@@ -14,7 +14,7 @@ from contactimg.pipeline.inputs import largest_load, scene_asperities
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF
-from contactimg.tradeoff.case import Case, Measured, Truth
+from contactimg.tradeoff.case import BoundarySolution, Case, OwnFrame
 from contactimg.tradeoff.knobs import Knob
 from contactimg.tradeoff.measure import Tradeoff, applicable_knobs, run_knobs
 
@@ -110,7 +110,7 @@ def pose_tradeoff(
     return applicable_knobs(case, knobs)
 
 
-def read_truth(load: float) -> Truth | None:
+def read_truth(load: float) -> BoundarySolution | None:
     """The stored boundary-element solution whose load is next to one (N), None for no load."""
     if not load > 0:
         return None
@@ -124,10 +124,12 @@ def read_truth(load: float) -> Truth | None:
     force, radius = np.zeros(len(asperities)), np.zeros(len(asperities))
     rows = part["asperity"].to_numpy(int)
     force[rows], radius[rows] = part["force_N"], part["radius_m"]
-    return Truth(scene_from_dict(BOUNDARY_SCENE), asperities, stored, force, radius, BOUNDARY_SECONDS[stored])
+    return BoundarySolution(
+        scene_from_dict(BOUNDARY_SCENE), asperities, stored, force, radius, BOUNDARY_SECONDS[stored]
+    )
 
 
-def _own_frame(scene: Scene, load: float) -> Measured | None:
+def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
     """A frame of the scene's own, where none can be rendered: of the load asked for, or the last."""
     renderable = scene.simulate is not None and scene.camera is not None and scene.elastic is not None
     if renderable and scene_asperities(scene) is not None:
@@ -140,7 +142,7 @@ def _own_frame(scene: Scene, load: float) -> Measured | None:
     known = np.isfinite(loads) & np.isfinite(load)
     row = int(np.argmin(np.where(known, np.abs(loads - load), inf))) if known.any() else len(loads) - 1
     reference = None if experiment.reference is None else experiment.reference.read()
-    return Measured(experiment.frames[row].read(), reference, float(loads[row]))
+    return OwnFrame(experiment.frames[row].read(), reference, float(loads[row]))
 
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:

@@ -6,8 +6,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.optics.film import excess_table
-from contactimg.optics.outlines import rough_outlines
-from contactimg.optics.recipe import Recipe, lamp
+from contactimg.optics.render_settings import RenderSettings, lamp
+from contactimg.optics.rough_edges import rough_outlines
 from contactimg.optics.spots import FilmSpots, Spots, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
@@ -65,10 +65,10 @@ def place_contacts(
     return table
 
 
-def dress_contacts(
+def contact_spots(
     truth: pd.DataFrame,
     scene: Scene,
-    recipe: Recipe,
+    settings: RenderSettings,
     *,
     sphere_radius: ArrayLike | None,
     rng: np.random.Generator,
@@ -81,7 +81,7 @@ def dress_contacts(
         With finite columns in px.
     scene : Scene
         Pixel size and radii of curvature, for the film.
-    recipe : Recipe
+    settings : RenderSettings
     sphere_radius : array_like, m, or None
         R of each contact, or one for all; None to take the scene's.
     rng : numpy.random.Generator
@@ -96,15 +96,15 @@ def dress_contacts(
     InputError
         If the film is asked for and the radii of curvature are not known, or not one a contact.
     """
-    simulate = recipe.simulate
+    simulate = settings.simulate
     seen = truth["radius_px"].to_numpy() > 0
     x_px, y_px, radius_px = (truth.loc[seen, name].to_numpy() for name in IN_PX)
     brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
     outline_px = np.zeros((radius_px.size, 1))
-    if "edge_roughness" in recipe.effects:
+    if "edge_roughness" in settings.effects:
         outline_px = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
     spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
-    if "film" not in recipe.effects:
+    if "film" not in settings.effects:
         return spots
     return surround_with_film(
         spots,

@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.frame import Frame
 from contactimg.optics.psf import Psf
-from contactimg.optics.recipe import Recipe, point_spread, read_recipe
+from contactimg.optics.render_settings import RenderSettings, point_spread, read_render_settings
 from contactimg.optics.sensor import add_read_noise, add_shot_noise, digitise
 from contactimg.optics.spots import Sampled, spots_image
-from contactimg.optics.static import dust_shadow, light_falloff, surface_texture
-from contactimg.render.contacts import dress_contacts, place_contacts
-from contactimg.render.smooth import dress_smooth_contact, smooth_contact
+from contactimg.optics.synthetic_background import dust_shadow, light_falloff, surface_texture
+from contactimg.render.contacts import contact_spots, place_contacts
+from contactimg.render.smooth import smooth_contact, smooth_contact_spot
 from contactimg.scene import Scene
 from contactimg.timings import stage
 
@@ -95,13 +95,13 @@ def render_contacts(
     >>> shot.frame.image.dtype, shot.frame.shape, float(shot.contacts["x_px"][0] - shot.shift_x_px)
     (dtype('uint8'), (60, 80), 30.0)
     """
-    recipe = read_recipe(scene)
-    simulate = recipe.simulate
+    settings = read_render_settings(scene)
+    simulate = settings.simulate
     streams = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
-    shift = _draw_shift(recipe, streams[0])
+    shift = _draw_shift(settings, streams[0])
     truth = place_contacts(contacts, scene, shape=simulate.shape, shift_px=shift)
-    spots = dress_contacts(truth, scene, recipe, sphere_radius=sphere_radius, rng=streams[1])
-    return Rendered(_photograph(spots, recipe, shift, streams[2:], name), truth, *shift)
+    spots = contact_spots(truth, scene, settings, sphere_radius=sphere_radius, rng=streams[1])
+    return Rendered(_render(spots, settings, shift, streams[2:], name), truth, *shift)
 
 
 def render_frame(
@@ -147,10 +147,10 @@ def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "ref
     >>> int(render_reference(scene, rng=np.random.default_rng(1)).image.max())
     80
     """
-    recipe = read_recipe(scene)
+    settings = read_render_settings(scene)
     shot, read = (np.random.default_rng(seed) for seed in rng.integers(2**63, size=2))
-    psf, _ = point_spread(recipe)
-    return _expose(_still_levels(recipe, psf, (0.0, 0.0)), recipe, shot, read, name)
+    psf, _ = point_spread(settings)
+    return _record(_background_levels(settings, psf, (0.0, 0.0)), settings, shot, read, name)
 
 
 def render_smooth_contact(
@@ -192,68 +192,68 @@ def render_smooth_contact(
     >>> int(shot.frame.image[90, 100]), float(shot.contacts["radius_m"][0]) * 1e3
     (180, 1.4312)
     """
-    recipe = read_recipe(scene)
+    settings = read_render_settings(scene)
     streams = [np.random.default_rng(seed) for seed in rng.integers(2**63, size=4)]
-    shift = _draw_shift(recipe, streams[0])
+    shift = _draw_shift(settings, streams[0])
     contact = smooth_contact(load, scene, name=name)
-    truth = place_contacts(contact, scene, shape=recipe.simulate.shape, shift_px=shift)
-    spots = dress_smooth_contact(truth, scene, recipe, rng=streams[1])
-    return Rendered(_photograph(spots, recipe, shift, streams[2:], name), truth, *shift)
+    truth = place_contacts(contact, scene, shape=settings.simulate.shape, shift_px=shift)
+    spots = smooth_contact_spot(truth, scene, settings, rng=streams[1])
+    return Rendered(_render(spots, settings, shift, streams[2:], name), truth, *shift)
 
 
 @stage("rendering")
-def _photograph(
+def _render(
     spots: Sampled,
-    recipe: Recipe,
+    settings: RenderSettings,
     shift: Shift,
     streams: list[np.random.Generator],
     name: str,
 ) -> Frame:
     """The frame that the camera takes of spots of light on the sample; streams of shot and of read noise."""
-    simulate = recipe.simulate
-    psf, halo = point_spread(recipe)
+    simulate = settings.simulate
+    psf, halo = point_spread(settings)
     light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
-    drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
-    levels = drift * _still_levels(recipe, psf, shift)
+    drift = 1 + simulate.light_drift if "light_drift" in settings.effects else 1.0
+    levels = drift * _background_levels(settings, psf, shift)
     levels *= 1 + simulate.contrast_levels / simulate.background_levels * light
-    return _expose(levels, recipe, streams[0], streams[1], name)
+    return _record(levels, settings, streams[0], streams[1], name)
 
 
-def _draw_shift(recipe: Recipe, rng: np.random.Generator) -> Shift:
+def _draw_shift(settings: RenderSettings, rng: np.random.Generator) -> Shift:
     """How far the sample has moved since the reference, (x, y) in px."""
-    if "position_drift" not in recipe.effects:
+    if "position_drift" not in settings.effects:
         return 0.0, 0.0
-    x, y = rng.normal(0.0, recipe.simulate.position_drift_px, 2)
+    x, y = rng.normal(0.0, settings.simulate.position_drift_px, 2)
     return float(x), float(y)
 
 
-def _still_levels(recipe: Recipe, psf: Psf, shift: Shift) -> Values:
+def _background_levels(settings: RenderSettings, psf: Psf, shift: Shift) -> Values:
     """Grey levels without contact and without noise."""
-    simulate = recipe.simulate
+    simulate = settings.simulate
     levels = np.full(simulate.shape, simulate.background_levels)
-    if "vignetting" in recipe.effects:
+    if "vignetting" in settings.effects:
         levels *= light_falloff(simulate.shape, fraction=simulate.vignetting)
     if simulate.texture:
-        blur_px = simulate.blur_px if "blur" in recipe.effects else 0.0
+        blur_px = simulate.blur_px if "blur" in settings.effects else 0.0
         levels *= 1 + surface_texture(
             simulate.shape, rms=simulate.texture, blur_px=blur_px, shift_px=shift, seed=simulate.seed
         )
-    if "dust" in recipe.effects:
+    if "dust" in settings.effects:
         levels *= 1 - dust_shadow(
             simulate.shape, count=simulate.dust_count, psf=psf, shift_px=shift, seed=simulate.seed
         )
     return levels
 
 
-def _expose(
-    levels: Values, recipe: Recipe, shot: np.random.Generator, read: np.random.Generator, name: str
+def _record(
+    levels: Values, settings: RenderSettings, shot: np.random.Generator, read: np.random.Generator, name: str
 ) -> Frame:
     """The sensor's answer to noise-free levels."""
-    simulate = recipe.simulate
+    simulate = settings.simulate
     levels = np.maximum(levels, 0.0)
-    if "shot_noise" in recipe.effects:
+    if "shot_noise" in settings.effects:
         levels = add_shot_noise(levels, electrons_per_level=simulate.electrons_per_level, rng=shot)
-    if "read_noise" in recipe.effects:
+    if "read_noise" in settings.effects:
         levels = add_read_noise(
             levels,
             electrons=simulate.read_noise_electrons,
@@ -263,7 +263,7 @@ def _expose(
     return digitise(
         levels,
         bit_depth=simulate.bit_depth,
-        saturate="saturation" in recipe.effects,
-        quantise="quantisation" in recipe.effects,
+        saturate="saturation" in settings.effects,
+        quantise="quantisation" in settings.effects,
         name=name,
     )

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from contactimg.mechanics import jkr
 from contactimg.optics.film import excess_table
-from contactimg.optics.recipe import Recipe, lamp
+from contactimg.optics.render_settings import RenderSettings, lamp
 from contactimg.optics.spots import FilmSpots, Spots
 from contactimg.optics.wide_edge import EdgeLight, edge_light, film_opening
-from contactimg.render.contacts import dress_contacts
+from contactimg.render.contacts import contact_spots
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -86,8 +86,8 @@ def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
     return CONTACTS.conform(pd.DataFrame([row | {"force_N": load}]))
 
 
-def dress_smooth_contact(
-    truth: pd.DataFrame, scene: Scene, recipe: Recipe, *, rng: np.random.Generator
+def smooth_contact_spot(
+    truth: pd.DataFrame, scene: Scene, settings: RenderSettings, *, rng: np.random.Generator
 ) -> Spots | FilmSpots | SmoothSpot:
     """The contact with its brightness and, if the film is on, the film of JKR's gap around it.
 
@@ -96,13 +96,13 @@ def dress_smooth_contact(
     truth : DataFrame, contacts schema
         One row with finite columns in px.
     scene : Scene
-    recipe : Recipe
+    settings : RenderSettings
     rng : numpy.random.Generator
     """
     indenter = scene.need("indenter", "a smooth contact")
     elastic = scene.need("elastic", "a smooth contact")
-    if "film" not in recipe.effects:
-        return dress_contacts(truth, scene, recipe, sphere_radius=indenter.radius, rng=rng)
+    if "film" not in settings.effects:
+        return contact_spots(truth, scene, settings, sphere_radius=indenter.radius, rng=rng)
     radius = float(truth["radius_m"].iloc[0])
     edge = edge_light(
         radius,
@@ -110,9 +110,9 @@ def dress_smooth_contact(
         opening=film_opening(
             contact_modulus=elastic.contact_modulus, work_of_adhesion=elastic.work_of_adhesion
         ),
-        excess=excess_table(lamp(recipe.simulate)),
+        excess=excess_table(lamp(settings.simulate)),
     )
     x_px, y_px, radius_px = (truth[column].to_numpy(float) for column in ("x_px", "y_px", "radius_px"))
     pixel_size = scene.need("camera", "rendering the air film").pixel_size
-    brightness = 1 + recipe.simulate.brightness_spread * rng.standard_normal(1)
+    brightness = 1 + settings.simulate.brightness_spread * rng.standard_normal(1)
     return SmoothSpot(x_px, y_px, radius_px, brightness, edge, pixel_size)

@@ -14,7 +14,7 @@ Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class BoundarySolution:
     """A boundary-element solution that is stored.
 
     Parameters
@@ -38,7 +38,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class OwnFrame:
     """A frame of the scene's own, without truth.
 
     Parameters
@@ -64,8 +64,8 @@ class Case:
     asperities : DataFrame or None
     load : float, N
         NaN if there is none.
-    truth : Truth or None
-    measured : Measured or None
+    truth : BoundarySolution or None
+    measured : OwnFrame or None
     fine : bool
         More settings, up to slow ones.
     """
@@ -73,8 +73,8 @@ class Case:
     scene: Scene
     asperities: pd.DataFrame | None = None
     load: float = math.nan
-    truth: Truth | None = None
-    measured: Measured | None = None
+    truth: BoundarySolution | None = None
+    measured: OwnFrame | None = None
     fine: bool = False
 
     @property

@@ -9,11 +9,11 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.tables import TRADEOFF
 from contactimg.tradeoff.case import Case
-from contactimg.tradeoff.images import image_knob, supersampling_knob
+from contactimg.tradeoff.image_knobs import image_knob, supersampling_knob
 from contactimg.tradeoff.knobs import Knob, measure_knob
-from contactimg.tradeoff.models import model_knob, pattern_knob, ring_knob, solver_knob
-from contactimg.tradeoff.sentences import knob_sentence
-from contactimg.tradeoff.sums import sum_knob
+from contactimg.tradeoff.model_knobs import model_knob, pattern_knob, ring_knob, solver_knob
+from contactimg.tradeoff.recommendations import knob_sentence
+from contactimg.tradeoff.sum_knob import sum_knob
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.tradeoff import pose_tradeoff, read_truth
 from contactimg.prediction import solve_scene
 from contactimg.tables import CONTACTS, TRADEOFF
-from contactimg.tradeoff.boundary import solve_boundary
+from contactimg.tradeoff.boundary_elements import solve_boundary
 from contactimg.tradeoff.case import Case
 from contactimg.tradeoff.choice import estimate_count_error
 from contactimg.tradeoff.measure import KNOBS, run_knobs

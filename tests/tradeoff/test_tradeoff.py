@@ -19,11 +19,11 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities
 from contactimg.tables import TRADEOFF
-from contactimg.tradeoff.averages import Average, average_change, average_contacts, average_rings
-from contactimg.tradeoff.boundary import _collect
+from contactimg.tradeoff.average_models import Average, average_change, average_contacts, average_rings
+from contactimg.tradeoff.boundary_elements import _collect
 from contactimg.tradeoff.knobs import Knob, Setting, mark_front, measure_knob
-from contactimg.tradeoff.sentences import error_text, knob_sentence, time_text
-from contactimg.tradeoff.sums import _direct_sum
+from contactimg.tradeoff.recommendations import error_text, knob_sentence, time_text
+from contactimg.tradeoff.sum_knob import _direct_sum
 
 positive = st.floats(1e-6, 1e3)
 

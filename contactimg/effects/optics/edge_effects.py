@@ -4,9 +4,9 @@ import numpy as np
 
 from contactimg.effects.optics.sample_comparison import SampleComparison
 from contactimg.optics.film import Light, thick_transmission, transmission
-from contactimg.optics.outlines import ROUGHEST
 from contactimg.optics.psf import FINEST
-from contactimg.optics.recipe import lamp
+from contactimg.optics.render_settings import lamp
+from contactimg.optics.rough_edges import MAX_ROUGHNESS_FRACTION
 from contactimg.scene import Simulate
 
 NEGLIGIBLE_FRACTION = 0.1
@@ -81,7 +81,7 @@ def film_change(comparison: SampleComparison) -> tuple[float, str]:
 def roughness_change(comparison: SampleComparison) -> tuple[float, str]:
     """A rough edge keeps the area but reduces the mean radius, which the fit of a disk measures."""
     radius, weight = comparison.sample.radius_px, comparison.sample.weight
-    relative = np.minimum(comparison.simulate.edge_roughness_px / radius, ROUGHEST)
+    relative = np.minimum(comparison.simulate.edge_roughness_px / radius, MAX_ROUGHNESS_FRACTION)
     # the area keeps sqrt(<r^2>), so <r> decreases by <(r - <r>)^2>/(2 r)
     most = comparison.power / 2 * float(np.average(relative**2, weights=weight * radius**comparison.power))
     reason = (

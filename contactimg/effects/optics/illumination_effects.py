@@ -10,7 +10,7 @@ from scipy import special
 from contactimg.effects.optics.sample_comparison import SampleComparison
 from contactimg.effects.optics.sensor_effects import noise_shares, reaches_full_scale
 from contactimg.effects.output_change import POWER
-from contactimg.optics.static import DUST_OPACITY, DUST_RADIUS_PX
+from contactimg.optics.synthetic_background import DUST_OPACITY, DUST_RADIUS_PX
 
 FAINT_LIGHT_FRACTION = (
     0.1  # of the central light; chosen: below it the division by the reference is incomplete

@@ -25,7 +25,7 @@ from contactimg.effects.optics.sample_image import arrange_sample
 from contactimg.effects.optics.sample_measurement import SampleMeasurer
 from contactimg.effects.optics.sensor_effects import noise_change, quantisation_change, saturation_change
 from contactimg.effects.output_change import POWER
-from contactimg.optics.recipe import PARAMETER, read_recipe
+from contactimg.optics.render_settings import PARAMETER, read_render_settings
 from contactimg.scene import Scene
 
 Change = Callable[[SampleComparison], tuple[float, str]]
@@ -88,7 +88,7 @@ def _compare(scene: Scene, contacts: pd.DataFrame) -> SampleComparison | None:
     sample = arrange_sample(scene, contacts, power=POWER[scene.tolerance.output])
     if sample is None:
         return None
-    base = read_recipe(scene).effects
+    base = read_render_settings(scene).effects
     comparison = SampleComparison(scene, contacts, SampleMeasurer(scene, sample), base)
     halo = scene.effects.film == "auto" and film_makes_the_contrast(comparison.simulate)
     return comparison.with_effect("film") if halo and film_change(comparison)[0] > 0 else comparison

@@ -10,7 +10,7 @@ import numpy as np
 
 from contactimg.effects.optics.sample_comparison import SampleComparison
 from contactimg.optics.film import excess_table
-from contactimg.optics.recipe import lamp
+from contactimg.optics.render_settings import lamp
 from contactimg.scene import Scene
 
 FRAME_PIXEL_NS, CONTACT_NS = 12.0, 1.5e5

@@ -13,11 +13,11 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.optics.film import excess_table
-from contactimg.optics.outlines import rough_outlines
-from contactimg.optics.recipe import Recipe, lamp, point_spread
+from contactimg.optics.render_settings import RenderSettings, lamp, point_spread
+from contactimg.optics.rough_edges import rough_outlines
 from contactimg.optics.sensor import digitise
 from contactimg.optics.spots import FilmSpots, Spots, spots_image, surround_with_film
-from contactimg.optics.static import surface_texture
+from contactimg.optics.synthetic_background import surface_texture
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -145,10 +145,10 @@ def _place_in_rows(sides: Values) -> tuple[Values, tuple[int, int]]:
     return places + jitter, (int(np.ceil(top + height)) + 1, int(np.ceil(width)) + 1)
 
 
-def sample_light(sample: SampleImage, recipe: Recipe) -> Values:
-    """Light of the contacts, 1 inside a wide one, with blur, film and rough edges as in the recipe."""
-    simulate = recipe.simulate
-    rough = "edge_roughness" in recipe.effects
+def sample_light(sample: SampleImage, settings: RenderSettings) -> Values:
+    """Light of the contacts, 1 inside a wide one, with blur, film and rough edges as in the settings."""
+    simulate = settings.simulate
+    rough = "edge_roughness" in settings.effects
     outlines = np.zeros((sample.radius_px.size, 1))
     if rough:
         rng = np.random.default_rng([SEED, 2])
@@ -156,53 +156,53 @@ def sample_light(sample: SampleImage, recipe: Recipe) -> Values:
     ones = np.ones(sample.radius_px.size)
     plain = Spots(sample.x_px, sample.y_px, sample.radius_px, ones, outlines, simulate.edge_softness_px)
     spots: Spots | FilmSpots = plain
-    if "film" in recipe.effects:
+    if "film" in settings.effects:
         spots = surround_with_film(
             plain,
             sphere_radius=sample.sphere_radius,
             pixel_size=sample.pixel_size,
             excess=excess_table(lamp(simulate)),
         )
-    psf, halo = point_spread(recipe)
+    psf, halo = point_spread(settings)
     return spots_image(spots, shape=sample.shape, psf=psf, halo=halo)
 
 
 def expose_sample(
-    sample: SampleImage, light: Values, recipe: Recipe, realisation: int
+    sample: SampleImage, light: Values, settings: RenderSettings, realisation: int
 ) -> tuple[NDArray, NDArray]:
     """Frame and reference as the sensor records them, with one realisation of the noise.
 
     Shot noise is normally distributed here (a good approximation above about ten electrons), so that the
     pattern of the noise does not depend on the light.
     """
-    simulate = recipe.simulate
+    simulate = settings.simulate
     levels = np.full(sample.shape, simulate.background_levels)
-    if "vignetting" in recipe.effects:
+    if "vignetting" in settings.effects:
         levels *= (1 - simulate.vignetting * sample.off_axis)[sample.nearest]
     if simulate.texture:
-        blur_px = simulate.blur_px if "blur" in recipe.effects else 0.0
+        blur_px = simulate.blur_px if "blur" in settings.effects else 0.0
         levels *= 1 + surface_texture(
             sample.shape, rms=simulate.texture, blur_px=blur_px, shift_px=(0.0, 0.0), seed=SEED
         )
-    drift = 1 + simulate.light_drift if "light_drift" in recipe.effects else 1.0
+    drift = 1 + simulate.light_drift if "light_drift" in settings.effects else 1.0
     frame = drift * levels * (1 + simulate.contrast_levels / simulate.background_levels * light)
     shots = sample.normal_numbers[realisation]
-    return _record(frame, recipe, shots[:2]), _record(levels, recipe, shots[2:])
+    return _record(frame, settings, shots[:2]), _record(levels, settings, shots[2:])
 
 
-def _record(levels: Values, recipe: Recipe, normal_numbers: Values) -> NDArray:
+def _record(levels: Values, settings: RenderSettings, normal_numbers: Values) -> NDArray:
     """Add the noise and convert to grey levels."""
-    simulate = recipe.simulate
+    simulate = settings.simulate
     levels = np.maximum(levels, 0.0)
     noisy = levels
-    if "shot_noise" in recipe.effects:
+    if "shot_noise" in settings.effects:
         noisy = noisy + np.sqrt(levels / simulate.electrons_per_level) * normal_numbers[0]
-    if "read_noise" in recipe.effects:
+    if "read_noise" in settings.effects:
         noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * normal_numbers[1]
     return digitise(
         noisy,
         bit_depth=simulate.bit_depth,
-        saturate="saturation" in recipe.effects,
-        quantise="quantisation" in recipe.effects,
+        saturate="saturation" in settings.effects,
+        quantise="quantisation" in settings.effects,
         name="sample",
     ).image

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from contactimg.effects.optics.sample_image import REALISATIONS, SampleImage, expose_sample, sample_light
 from contactimg.effects.output_change import POWER
 from contactimg.imaging.measure import measure_image
-from contactimg.optics.recipe import Recipe
+from contactimg.optics.render_settings import RenderSettings
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -113,15 +113,15 @@ class SampleMeasurer:
         """Measure the image with these effects, for each realisation of the noise."""
         if effects not in self._measurements:
             power = POWER[self.scene.tolerance.output]
-            recipe = Recipe(self.scene.need("simulate", "a sample image"), effects)
-            amounts = [self._amounts(recipe, k, power) for k in range(REALISATIONS)]
+            settings = RenderSettings(self.scene.need("simulate", "a sample image"), effects)
+            amounts = [self._amounts(settings, k, power) for k in range(REALISATIONS)]
             self._measurements[effects] = SampleMeasurement(self.sample, np.array(amounts), power)
         return self._measurements[effects]
 
-    def _amounts(self, recipe: Recipe, realisation: int, power: int) -> Values:
+    def _amounts(self, settings: RenderSettings, realisation: int, power: int) -> Values:
         """Measured ``a^power`` of each contact."""
-        frame, reference = expose_sample(self.sample, self._light(recipe), recipe, realisation)
-        full_scale = 2.0**recipe.simulate.bit_depth - 1 if "saturation" in recipe.effects else None
+        frame, reference = expose_sample(self.sample, self._light(settings), settings, realisation)
+        full_scale = 2.0**settings.simulate.bit_depth - 1 if "saturation" in settings.effects else None
         options = self.scene.measure
         disks = measure_image(
             frame,
@@ -136,9 +136,9 @@ class SampleMeasurer:
         radius = disks["radius_px"].to_numpy(float)
         return np.bincount(contact, radius**power, minlength=self.sample.weight.size).astype(float)
 
-    def _light(self, recipe: Recipe) -> Values:
+    def _light(self, settings: RenderSettings) -> Values:
         """The light of the image, computed once for each set of effects on it."""
-        key = recipe.effects & GEOMETRY
+        key = settings.effects & GEOMETRY
         if key not in self._lights:
-            self._lights[key] = sample_light(self.sample, recipe)
+            self._lights[key] = sample_light(self.sample, settings)
         return self._lights[key]

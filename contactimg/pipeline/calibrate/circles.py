@@ -15,7 +15,7 @@ from contactimg.imaging.measure import ImageMeasurement
 from contactimg.imaging.smooth.find_circle import Circle, EdgeSamples, find_circle, sample_edge
 from contactimg.imaging.smooth.fit_circle import EdgeModel, Opening, choose_opening, fit_circle
 from contactimg.optics.film import excess_table
-from contactimg.optics.recipe import lamp
+from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.scene import Scene

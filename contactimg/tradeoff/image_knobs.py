@@ -21,7 +21,7 @@ from contactimg.pose.pairs import pair_points
 from contactimg.prediction import solve_scene
 from contactimg.render import Rendered, render_contacts, render_reference
 from contactimg.scene import Scene
-from contactimg.tradeoff.case import Case, Measured
+from contactimg.tradeoff.case import Case, OwnFrame
 from contactimg.tradeoff.knobs import Knob, Setting
 
 Values = NDArray[np.float64]
@@ -67,7 +67,7 @@ def _rendered_knob(case: Case) -> Knob:
     return Knob("image", "measurement of a frame", case.output, case.load, tuple(settings))
 
 
-def _own_knob(case: Case, own: Measured) -> Knob:
+def _own_knob(case: Case, own: OwnFrame) -> Knob:
     """On a frame of the scene, with the fit of disks as the converged answer."""
     blank = None if own.reference is None else own.reference.image
     frames = (own.frame.image, blank, own.frame.full_scale)

@@ -25,8 +25,8 @@ PARAMETER = {
 
 
 @dataclass(frozen=True)
-class Recipe:
-    """How synthetic frames of a scene are made; see `read_recipe`.
+class RenderSettings:
+    """How synthetic frames of a scene are made; see `read_render_settings`.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Recipe:
     effects: frozenset[str]
 
 
-def read_recipe(scene: Scene) -> Recipe:
+def read_render_settings(scene: Scene) -> RenderSettings:
     """What a scene says about its synthetic frames, once it makes sense.
 
     Parameters
@@ -50,7 +50,7 @@ def read_recipe(scene: Scene) -> Recipe:
 
     Returns
     -------
-    Recipe
+    RenderSettings
         Under "auto" an effect is rendered when its parameter is not zero, and the film is not.
 
     Raises
@@ -63,7 +63,7 @@ def read_recipe(scene: Scene) -> Recipe:
     --------
     >>> from contactimg import scene_from_dict
     >>> scene = scene_from_dict({"simulate": {"vignetting": 0.2}, "effects": {"blur": "off"}})
-    >>> sorted(read_recipe(scene).effects)
+    >>> sorted(read_render_settings(scene).effects)
     ['quantisation', 'saturation', 'supersampling', 'vignetting']
     """
     simulate: Simulate = scene.need("simulate", "rendering frames")
@@ -75,10 +75,10 @@ def read_recipe(scene: Scene) -> Recipe:
     }
     if scene.effects.film == "on":
         asked.add("film")
-    recipe = Recipe(simulate, frozenset(asked))
-    _check_noise(recipe)
-    _check_light(recipe)
-    return recipe
+    settings = RenderSettings(simulate, frozenset(asked))
+    _check_noise(settings)
+    _check_light(settings)
+    return settings
 
 
 def lamp(keys: FilmLight | Simulate) -> Light:
@@ -92,17 +92,17 @@ def lamp(keys: FilmLight | Simulate) -> Light:
     )
 
 
-def point_spread(recipe: Recipe) -> tuple[Psf, Halo | None]:
-    """The point spread function of a recipe, sampled as it needs, and its wide part if it has one.
+def point_spread(settings: RenderSettings) -> tuple[Psf, Halo | None]:
+    """The point spread function of a settings, sampled as it needs, and its wide part if it has one.
 
     Raises
     ------
     InputError
         If the blur is finer than the finest grid.
     """
-    simulate = recipe.simulate
-    depth = simulate.supersampling if "supersampling" in recipe.effects else 1
-    if not ("blur" in recipe.effects and simulate.blur_px):
+    simulate = settings.simulate
+    depth = simulate.supersampling if "supersampling" in settings.effects else 1
+    if not ("blur" in settings.effects and simulate.blur_px):
         return no_blur(sampling=depth), None
     sigma = simulate.blur_px
     sampling = sampling_for(sigma, at_least=depth)
@@ -114,20 +114,20 @@ def point_spread(recipe: Recipe) -> tuple[Psf, Halo | None]:
     return core, Halo(simulate.halo_fraction, float(np.sqrt(simulate.halo_sigma_px**2 - sigma**2)))
 
 
-def _check_noise(recipe: Recipe) -> None:
+def _check_noise(settings: RenderSettings) -> None:
     """Noise is counted in electrons, so a grey level must be worth some."""
     for effect in ("shot_noise", "read_noise"):
-        if effect in recipe.effects and recipe.simulate.electrons_per_level == 0:
+        if effect in settings.effects and settings.simulate.electrons_per_level == 0:
             raise InputError(
                 f"[simulate] {effect} needs electrons_per_level above 0, got 0; give it or set "
                 f'[effects] {effect} = "off"'
             )
 
 
-def _check_light(recipe: Recipe) -> None:
+def _check_light(settings: RenderSettings) -> None:
     """Combinations of optical parameters that have no meaning."""
-    simulate = recipe.simulate
-    if "blur" in recipe.effects and simulate.psf == "halo" and simulate.halo_sigma_px <= simulate.blur_px:
+    simulate = settings.simulate
+    if "blur" in settings.effects and simulate.psf == "halo" and simulate.halo_sigma_px <= simulate.blur_px:
         raise InputError(
             f"[simulate] halo_sigma_px must exceed blur_px ({simulate.blur_px:g}), "
             f"got {simulate.halo_sigma_px:g}"
@@ -137,7 +137,7 @@ def _check_light(recipe: Recipe) -> None:
             f"[simulate] contrast_levels ({simulate.contrast_levels:g}) must not exceed the background "
             f"({simulate.background_levels:g}) downwards: a contact cannot be darker than black"
         )
-    if "film" in recipe.effects and simulate.edge_softness_px > 0:
+    if "film" in settings.effects and simulate.edge_softness_px > 0:
         raise InputError(
             "[simulate] edge_softness_px must be 0 with the film on, which has an edge of its own; "
             f"got {simulate.edge_softness_px:g}"

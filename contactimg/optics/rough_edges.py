@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Values = NDArray[np.float64]
 
-ROUGHEST = 1 / 6
+MAX_ROUGHNESS_FRACTION = 1 / 6
 """Of its radius: the roughest edge of a contact."""
 
 SECTORS = 256
@@ -38,7 +38,9 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
     angles = -np.pi + 2 * np.pi * (np.arange(SECTORS) + 0.5) / SECTORS
     waves = np.concatenate([np.cos(modes[:, None] * angles), np.sin(modes[:, None] * angles)])
     amplitudes = rng.standard_normal((radius.size, len(waves))) / np.sqrt(len(modes))
-    edges = radius[:, None] + np.minimum(rms_px, ROUGHEST * radius)[:, None] * (amplitudes @ waves)
+    edges = radius[:, None] + np.minimum(rms_px, MAX_ROUGHNESS_FRACTION * radius)[:, None] * (
+        amplitudes @ waves
+    )
     edges = np.maximum(edges, 0.0)
     equal_area = radius / np.sqrt(np.mean(edges**2, axis=1))
     return edges * equal_area[:, None] - radius[:, None]

@@ -14,9 +14,9 @@ from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
 from contactimg.prediction import pattern_sides, solve_average, solve_scene
 from contactimg.surfaces import generate_asperities
-from contactimg.tradeoff.averages import Average, average_change, average_contacts, average_rings
-from contactimg.tradeoff.boundary import GRIDS, RESOLUTION, solve_boundary
-from contactimg.tradeoff.case import Case, Truth
+from contactimg.tradeoff.average_models import Average, average_change, average_contacts, average_rings
+from contactimg.tradeoff.boundary_elements import GRIDS, RESOLUTION, solve_boundary
+from contactimg.tradeoff.case import BoundarySolution, Case
 from contactimg.tradeoff.knobs import Knob, Setting
 
 Values = NDArray[np.float64]
@@ -93,7 +93,7 @@ def _full_setting(case: Case) -> Setting:
     )
 
 
-def _stored_reference(truth: Truth | None) -> str:
+def _stored_reference(truth: BoundarySolution | None) -> str:
     """What the stored boundary-element solution is called."""
     if truth is None:
         return "boundary elements"
