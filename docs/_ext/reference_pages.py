@@ -199,7 +199,7 @@ def table_page():
     """Lines for every CSV table and its columns."""
     lines = []
     for schema in sorted(_members(tables.Schema), key=lambda schema: schema.name):
-        lines += [f"(table-{schema.name})=", f"## `{schema.name}.csv`", ""]
+        lines += [f"(table-{schema.name})=", f"## `{schema.name}.csv`", "", _plain(schema.description), ""]
         rows = [(f"`{name}`", dtype, _plain(meaning)) for name, (dtype, meaning) in schema.columns.items()]
         lines += markdown_table(["column", "type", "meaning"], rows)
     return lines
