@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -27,6 +26,8 @@ from contactimg.plots import (
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, Status
 from contactimg.timings import stage
+
+Values = NDArray[np.float64]
 
 
 def draw_overlays(
@@ -114,16 +115,18 @@ def draw_predicted(
     circles = []
     for model, color, width in (("uncoupled", UNCOUPLED, 1.2), ("coupled", COUPLED, 2.4)):
         if model in predicted:
-            style = {"color": color, "linewidth": width}
-            label = f"predicted, {model}"
-            circles.append(_in_pixels(predicted[model], pose, shift_px, ax=ax, label=label, **style))
+            x, y, radius = _in_pixels(predicted[model], pose, shift_px)
+            label = f"predicted, {model} ({len(x)})" if len(x) > 1 else f"predicted, {model}"
+            circles.append(plot_circles(x, y, radius, ax=ax, color=color, linewidth=width, label=label))
     circles.append(_measured(contacts, ax))
     if hertz_circle is not None:
         x, y, radius = (np.atleast_1d(value) for value in hertz_circle)
         circle = pd.DataFrame({"x_m": x, "y_m": y, "radius_m": radius})
-        style = {"color": HERTZ, "linewidth": 1.5, "linestyle": "--"}
+        x, y, radius = _in_pixels(circle, pose, shift_px)
         label = "Hertz, smooth sphere"
-        circles.append(_in_pixels(circle, pose, shift_px, ax=ax, label=label, **style))
+        circles.append(
+            plot_circles(x, y, radius, ax=ax, color=HERTZ, linewidth=1.5, linestyle="--", label=label)
+        )
     return _finish(ax, circles, pose, title)
 
 
@@ -150,14 +153,11 @@ def _measured(contacts: pd.DataFrame, ax: Axes) -> EllipseCollection:
 
 
 def _in_pixels(
-    contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float], *, ax: Axes, label: str, **style: Any
-) -> EllipseCollection:
-    """Outlines of contacts given in sample coordinates."""
+    contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float]
+) -> tuple[Values, Values, Values]:
+    """Column, row and radius (px) of contacts given in sample coordinates."""
     x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
-    if len(contacts) > 1:
-        label = f"{label} ({len(contacts)})"
-    return plot_circles(x + shift_px[0], y + shift_px[1], radius, ax=ax, label=label, **style)
+    return x + shift_px[0], y + shift_px[1], contacts["radius_m"].to_numpy(float) / pose.pixel_size
 
 
 def _finish(ax: Axes, circles: list[EllipseCollection], pose: Pose | None, title: str) -> Axes:

@@ -136,30 +136,35 @@ def analyse_places(
     if not groups:
         raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
     own = _run_model(places)
-    seen = {own: list(places)}
-    if options.models and not all(has_models(place) for place in places):
-        notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
-    elif options.models:
-        for model in MODEL_COUPLINGS:
-            seen[model], left_out = predict_places(places, model, workers=workers, advance=advance)
-            notes += left_out
+    places_of = {own: list(places)}
+    if options.models:
+        places_of |= _predicted_places(places, notes, workers=workers, advance=advance)
     surface = Surface.of(places[0])
-    limits = {"width": options.annulus, "min_radius_px": options.min_radius_px}
-    averages = [average_load(group, seen, surface, notes=notes, **limits) for group in groups]
+    averages = [
+        average_load(
+            group,
+            places_of,
+            surface,
+            width=options.annulus,
+            min_radius_px=options.min_radius_px,
+            notes=notes,
+        )
+        for group in groups
+    ]
     friction = _friction_table(places)
     stress = None if friction.empty else _tried(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:
         ratio = compare_stress(stress, options.smooth_stress)
     return Analysis(
-        area=_area_table(seen, averages, surface, options),
+        area=_area_table(places_of, averages, surface, options),
         profile=joined([average.profile for average in averages], PROFILE),
         normalised=joined([average.normalised for average in averages], NORMALISED),
         pressure_law=joined(
             [average.points(surface, min_contacts=options.min_contacts) for average in averages], PRESSURE_LAW
         ),
         friction=friction,
-        area_laws=_area_laws(seen, options, notes),
+        area_laws=_area_laws(places_of, options, notes),
         contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
         stress_ratio=ratio,
@@ -187,6 +192,24 @@ def _run_model(places: Sequence[Place]) -> str:
             "`predict` apart"
         )
     return "predicted" if predicted == {True} else "measured"
+
+
+def _predicted_places(
+    places: Sequence[Place],
+    notes: list[str],
+    *,
+    workers: int | None,
+    advance: Callable[[], None] | None,
+) -> dict[str, list[Place]]:
+    """Model -> the places with its contacts; nothing where the scene does not determine them."""
+    if not all(has_models(place) for place in places):
+        notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
+        return {}
+    places_of = {}
+    for model in MODEL_COUPLINGS:
+        places_of[model], left_out = predict_places(places, model, workers=workers, advance=advance)
+        notes += left_out
+    return places_of
 
 
 def _left_out(place: Place) -> list[str]:
@@ -218,7 +241,7 @@ def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
 
 
 def _area_table(
-    seen: dict[str, list[Place]], averages: list[LoadAverage], surface: Surface, options: AnalysisOptions
+    places_of: dict[str, list[Place]], averages: list[LoadAverage], surface: Surface, options: AnalysisOptions
 ) -> pd.DataFrame:
     """Areas of each load, measured and of every model."""
     number = {
@@ -228,7 +251,7 @@ def _area_table(
         for frame in frames
     }
     tables = []
-    for model, places in seen.items():
+    for model, places in places_of.items():
         areas = _area_frames(places)
         groups = np.array([number[key] for key in zip(areas["place"], areas["frame"], strict=True)], int)
         table = area_by_load(areas, groups, model=model, asperity_density=surface.density)
@@ -243,7 +266,7 @@ def _area_table(
 
 
 def _area_laws(
-    seen: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
+    places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
 ) -> dict[str, PowerLaw]:
     """Exponents of A(P), measured and of every model."""
 
@@ -256,8 +279,8 @@ def _area_laws(
             confidence=options.confidence,
         )
 
-    laws = {model: _tried(notes, f"A(P), {model}", law, places) for model, places in seen.items()}
-    return {model: found for model, found in laws.items() if found is not None}
+    laws = {model: _tried(notes, f"A(P), {model}", law, places) for model, places in places_of.items()}
+    return {model: law for model, law in laws.items() if law is not None}
 
 
 def _contact_laws(
@@ -277,7 +300,7 @@ def _contact_laws(
         return {}
     keys = [(quantity, model) for quantity in QUANTITIES for model in models]
     laws = {key: _tried(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
-    return {key: found for key, found in laws.items() if found is not None}
+    return {key: law for key, law in laws.items() if law is not None}
 
 
 def _friction_table(places: Sequence[Place]) -> pd.DataFrame:

@@ -21,9 +21,17 @@ from contactimg.prediction import Prediction, asperity_density, predict_average
 from contactimg.tables import NORMALISED, PRESSURE_LAW, PROFILE
 
 
+@dataclass(frozen=True)
+class SmoothContact:
+    """A smooth sphere on the elastic body: radius (m) and contact modulus (Pa), for Hertz's law."""
+
+    sphere_radius: float
+    contact_modulus: float
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """Lens, rubber and statistics of the asperities, which all places share.
+    """Lens, elastic body and density of the asperities, which all places share.
 
     Parameters
     ----------
@@ -47,12 +55,12 @@ class Surface:
         return cls(place, density)
 
     @property
-    def smooth(self) -> dict[str, float] | None:
-        """Radius of the lens and modulus, for Hertz's law; None if the scene does not say them."""
+    def smooth(self) -> "SmoothContact | None":
+        """The smooth contact under the same lens; None if the scene does not state lens and modulus."""
         scene = self.place.scene
         if scene.indenter is None or scene.elastic is None:
             return None
-        return {"sphere_radius": scene.indenter.radius, "contact_modulus": scene.elastic.contact_modulus}
+        return SmoothContact(scene.indenter.radius, scene.elastic.contact_modulus)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +103,17 @@ class LoadAverage:
                 "mean_radius_m": found["mean_radius"],
                 "mean_radius_std_m": found["mean_radius_std"],
             }
-            where = {"frame": self.group.name, "model": model, "load_N": self.group.load}
-            parts.append(PRESSURE_LAW.conform(pd.DataFrame(table).assign(**where)))
+            parts.append(
+                PRESSURE_LAW.conform(
+                    pd.DataFrame(table).assign(frame=self.group.name, model=model, load_N=self.group.load)
+                )
+            )
         return joined(parts, PRESSURE_LAW)
 
 
 def average_load(
     group: LoadGroup,
-    seen: Mapping[str, list[Place]],
+    places_of: Mapping[str, list[Place]],
     surface: Surface,
     *,
     width: float,
@@ -114,20 +125,21 @@ def average_load(
     Parameters
     ----------
     group : LoadGroup
-    seen : mapping
-        Model -> places with its contacts; one of `contactimg.tables.RUN_MODELS` is there. With more the
-        averages of Hertz and Greenwood-Tripp are added.
+    places_of : mapping
+        Model -> places with its contacts; one of `contactimg.tables.RUN_MODELS` is among them. With further
+        models the averages of Greenwood-Tripp are added.
     surface : Surface
     width : float, m
         Of an annulus.
     min_radius_px : float
         Smallest contact that counts.
     notes : list of str
-        Takes what could not be done, and why.
+        Receives what could not be computed, and why.
     """
-    edges = group.edges([place for places in seen.values() for place in places], width=width)
+    edges = group.edges([place for places in places_of.values() for place in places], width=width)
     moments = {
-        model: group.moments(places, edges, min_radius_px=min_radius_px) for model, places in seen.items()
+        model: group.moments(places, edges, min_radius_px=min_radius_px)
+        for model, places in places_of.items()
     }
     profiles = [
         average_profile(list(tables.values()), frame=group.name, model=model)
@@ -135,16 +147,29 @@ def average_load(
         if tables
     ]
     ring_area, normalised = np.nan, NORMALISED.empty()
-    if len(seen) > 1:
+    if len(places_of) > 1:
         rings = _rings(group, surface, notes)
         if rings is not None:
             ring_area = float(rings.frames["area_m2"].iloc[0])
             profiles.append(ring_profile(rings.profile, edges, frame=group.name))
-    if surface.smooth is not None:
-        profiles.append(hertz_profile(edges, load=group.load, frame=group.name, **surface.smooth))
+    smooth = surface.smooth
+    if smooth is not None:
+        hertz = hertz_profile(
+            edges,
+            load=group.load,
+            frame=group.name,
+            sphere_radius=smooth.sphere_radius,
+            contact_modulus=smooth.contact_modulus,
+        )
+        profiles.append(hertz)
     profile = joined(profiles, PROFILE)
-    if surface.smooth is not None:
-        normalised = normalise_profile(profile, load=group.load, **surface.smooth)
+    if smooth is not None:
+        normalised = normalise_profile(
+            profile,
+            load=group.load,
+            sphere_radius=smooth.sphere_radius,
+            contact_modulus=smooth.contact_modulus,
+        )
     return LoadAverage(group, moments, profile, normalised, ring_area)
 
 

@@ -126,7 +126,9 @@ def _visible(place: Place, frame: str, min_radius_px: float) -> pd.DataFrame:
 def _mean(tables: list[pd.DataFrame]) -> pd.DataFrame:
     """Mean of tables of moments over the same annuli."""
     columns = list(MOMENTS)
-    return tables[0].assign(**(sum(table[columns] for table in tables) / len(tables)))
+    mean = tables[0].copy()
+    mean[columns] = sum(table[columns] for table in tables) / len(tables)
+    return mean
 
 
 def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:

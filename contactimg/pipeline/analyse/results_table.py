@@ -1,6 +1,7 @@
 """Numbers of an analysis as rows: what, its value and interval, over which range, and how it is defined."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,74 +38,87 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 
-def _row(quantity: str, model: str, estimate: Estimate, unit: str, **more: Any) -> Row:
+@dataclass(frozen=True)
+class _Fit:
+    """Data behind a number: confidence level, points, places, and the fitted range of the abscissa."""
+
+    confidence: float
+    n_points: int
+    n_places: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+    unit: str | float = np.nan
+
+    @classmethod
+    def of_law(cls, law: PowerLaw | BrokenLaw, n_places: float, unit: str) -> "_Fit":
+        """Of a fitted law."""
+        return cls(law.confidence, law.n_points, n_places, law.low, law.high, unit)
+
+
+def _row(quantity: str, model: str, estimate: Estimate, unit: str, fit: _Fit, *, note: str = "") -> Row:
     """One number."""
-    numbers = {name: getattr(estimate, name) for name in ("value", "std", "low", "high")}
-    return {"quantity": quantity, "model": model, "unit": unit, "note": ""} | numbers | more
+    return {
+        "quantity": quantity,
+        "model": model,
+        "value": estimate.value,
+        "std": estimate.std,
+        "low": estimate.low,
+        "high": estimate.high,
+        "unit": unit,
+        "confidence": fit.confidence,
+        "range_low": fit.low,
+        "range_high": fit.high,
+        "range_unit": fit.unit,
+        "n_points": fit.n_points,
+        "n_places": fit.n_places,
+        "note": note,
+    }
 
 
-def _plain(value: float) -> Estimate:
+def _without_interval(value: float) -> Estimate:
     """A number that has no interval."""
     return Estimate(value, np.nan, np.nan, np.nan)
 
 
-def _range(law: PowerLaw | BrokenLaw, unit: str) -> Row:
-    """Range and number of points of a law."""
-    return {
-        "confidence": law.confidence,
-        "range_low": law.low,
-        "range_high": law.high,
-        "range_unit": unit,
-        "n_points": law.n_points,
-    }
-
-
 def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     """A(P)."""
-    fitted = _range(law, "N") | {"n_places": law.n_places}
+    fit = _Fit.of_law(law, law.n_places, "N")
     source = "scatter between places" if law.n_places > 1 else "stated errors and counting of contacts"
     note = f"A ~ P^m, errors in A and P; interval from {source}"
-    yield _row("area_exponent", model, law.exponent, "1", **fitted, note=note)
+    yield _row("area_exponent", model, law.exponent, "1", fit, note=note)
     note = f"A of that law at {law.reference!r} N, the geometric mean of the loads"
-    yield _row("area_at_mean_load", model, law.amplitude, "m2", **fitted, note=note)
+    yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
     note = "relative scatter of A about the law beyond the stated errors"
-    yield _row("area_excess_scatter", model, _plain(law.scatter), "1", **fitted, note=note)
+    yield _row("area_excess_scatter", model, _without_interval(law.scatter), "1", fit, note=note)
 
 
 def _contact_rows(quantity: str, model: str, law: BrokenLaw) -> Iterator[Row]:
     """Density or mean radius against the local pressure; two laws only where the points support a break."""
-    fitted = _range(law, "Pa") | {"n_places": law.single.n_places}
+    fit = _Fit.of_law(law, law.single.n_places, "Pa")
     name = f"{quantity}_exponent"
-    note = f"{quantity} ~ p^m, one law"
-    yield _row(name, model, law.single.exponent, "1", **fitted, note=note)
+    yield _row(name, model, law.single.exponent, "1", fit, note=f"{quantity} ~ p^m, one law")
     note = "probability of as much gain by a break that is not there (Davies)"
-    yield _row(f"{quantity}_break_p_value", model, _plain(law.p_value), "1", **fitted, note=note)
+    yield _row(f"{quantity}_break_p_value", model, _without_interval(law.p_value), "1", fit, note=note)
     if not law.supported:
         return
-    yield _row(f"{name}_above", model, law.high_exponent, "1", **fitted, note="above p*")
-    yield _row(f"{name}_below", model, law.low_exponent, "1", **fitted, note="below p*")
+    yield _row(f"{name}_above", model, law.high_exponent, "1", fit, note="above p*")
+    yield _row(f"{name}_below", model, law.low_exponent, "1", fit, note="below p*")
     note = "p*, where the two laws meet; interval from the profile of chi-square"
-    yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", **fitted, note=note)
+    yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", fit, note=note)
 
 
 def _friction_rows(analysis: Analysis) -> Iterator[Row]:
     """Shear stress, and its ratio to the smooth contact's."""
-    found = analysis.shear_stress
-    if found is None:
+    stress = analysis.shear_stress
+    if stress is None:
         return
-    fitted = {
-        "confidence": found.confidence,
-        "range_low": found.low,
-        "range_high": found.high,
-        "range_unit": "m2",
-        "n_points": found.n_points,
-        "n_places": analysis.friction["place"].nunique(),
-    }
+    n_places = analysis.friction["place"].nunique()
+    fit = _Fit(stress.confidence, stress.n_points, n_places, stress.low, stress.high, "m2")
     note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"
-    yield _row("shear_stress", "measured", found.stress, "Pa", **fitted, note=note)
+    yield _row("shear_stress", "measured", stress.stress, "Pa", fit, note=note)
     if analysis.stress_ratio is not None:
         note = "tau0 over that of the smooth contact"
-        yield _row("shear_stress_ratio", "measured", analysis.stress_ratio, "1", **fitted, note=note)
+        yield _row("shear_stress_ratio", "measured", analysis.stress_ratio, "1", fit, note=note)
 
 
 def topography_rows(topography: Topography) -> pd.DataFrame:
@@ -120,27 +134,23 @@ def topography_rows(topography: Topography) -> pd.DataFrame:
         Columns of `contactimg.tables.RESULTS`; the contact angle in degrees, and only if height grows with
         radius.
     """
-    found = {"confidence": topography.confidence, "n_points": topography.n_points}
+    fit = _Fit(topography.confidence, topography.n_points)
+    correlation = _without_interval(topography.correlation)
+    p_value = _without_interval(topography.p_value)
     rows = [
-        _row("height_over_radius", "measured", topography.slope, "1", **found, note="h/R through the origin"),
-        _row(
-            "rank_correlation",
-            "measured",
-            _plain(topography.correlation),
-            "1",
-            **found,
-            note="Spearman, h and R",
-        ),
-        _row("rank_correlation_p_value", "measured", _plain(topography.p_value), "1", **found),
+        _row("height_over_radius", "measured", topography.slope, "1", fit, note="h/R through the origin"),
+        _row("rank_correlation", "measured", correlation, "1", fit, note="Spearman, h and R"),
+        _row("rank_correlation_p_value", "measured", p_value, "1", fit),
     ]
     if topography.one_angle:
         angle = topography.contact_angle
         degrees = Estimate(*np.degrees([angle.value, angle.std, angle.low, angle.high]).tolist())
-        note = "theta of h = R (1 - cos theta)"
-        rows.append(_row("contact_angle", "measured", degrees, "deg", **found, note=note))
+        rows.append(
+            _row("contact_angle", "measured", degrees, "deg", fit, note="theta of h = R (1 - cos theta)")
+        )
     for name in ("height", "radius"):
         mean, std = (getattr(topography, f"{name}_{kind}") for kind in ("mean", "std"))
         error = Estimate(mean, std / np.sqrt(topography.n_points), np.nan, np.nan)
-        rows.append(_row(f"{name}_mean", "measured", error, "m", **found))
-        rows.append(_row(f"{name}_std", "measured", _plain(std), "m", **found))
+        rows.append(_row(f"{name}_mean", "measured", error, "m", fit))
+        rows.append(_row(f"{name}_std", "measured", _without_interval(std), "m", fit))
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))

@@ -15,7 +15,9 @@ from contactimg.optics.wide_edge import film_opening
 from contactimg.pipeline.calibrate.circles import CircleSeries, mean_centre, measure_circles
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
-from contactimg.tables import CIRCLES, FAILED
+from contactimg.tables import CIRCLES, Status
+
+CURVE_POINTS = 200  # of the fitted curve in the figure
 
 
 def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
@@ -55,90 +57,88 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
             poisson_ratio=poisson,
         )
 
-    found = calibrate(part)
+    calibration = calibrate(part)
     if series.rival is not None:
-        there = series.rival[chosen & np.isfinite(series.rival["radius_m"])]
-        found = _doubted(found, calibrate(there), series.doubt)
+        rival_part = series.rival[chosen & np.isfinite(series.rival["radius_m"])]
+        calibration = _widened(calibration, calibrate(rival_part), series.doubt)
     for column in ("branch", "fitted_N", "residual_N", "used"):
-        table.loc[chosen, column] = found.points[column].to_numpy()
+        table.loc[chosen, column] = calibration.points[column].to_numpy()
     notes = [str(text) for text in table["message"] if text]
     notes += [
         f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
-        for name in part["frame"][~found.points["used"].to_numpy()]
+        for name in part["frame"][~calibration.points["used"].to_numpy()]
     ]
-    modulus = found.young_modulus.value / (1 - poisson**2)
-    figures = _jkr_figures(found, sphere_radius, modulus)
-    record = _jkr_record(found, series, modulus) | {
+    modulus = calibration.young_modulus.value / (1 - poisson**2)
+    record = _jkr_record(calibration, series, modulus) | {
         "fixed": {"sphere_radius_m": sphere_radius, "poisson_ratio": poisson},
         "notes": notes,
     }
-    return Calibrated(
-        record,
-        {"circles.csv": (CIRCLES, table)},
-        figures,
-        notes,
-        failed=bool((table["status"] == FAILED).any()),
+    figures = _jkr_figures(calibration, sphere_radius, modulus)
+    failed = bool((table["status"] == Status.FAILED).any())
+    return Calibrated(record, {"circles.csv": (CIRCLES, table)}, figures, notes, failed=failed)
+
+
+def _widened(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
+    """The calibration with the uncertainty added by a rival opening of the film, of probability ``doubt``."""
+
+    def widened(estimate: CoverageEstimate, other: CoverageEstimate) -> CoverageEstimate:
+        return estimate.widened(np.sqrt(doubt) * abs(other.value - estimate.value))
+
+    return replace(
+        calibration,
+        young_modulus=widened(calibration.young_modulus, rival.young_modulus),
+        work_of_adhesion=widened(calibration.work_of_adhesion, rival.work_of_adhesion),
     )
 
 
-def _doubted(found: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
-    """The calibration with the uncertainty that another opening of the film, of that probability, adds."""
-    wider = {
-        name: getattr(found, name).widened(
-            np.sqrt(doubt) * abs(getattr(rival, name).value - getattr(found, name).value)
-        )
-        for name in ("young_modulus", "work_of_adhesion")
-    }
-    return replace(found, **wider)
-
-
-def _jkr_record(found: JkrCalibration, series: CircleSeries, contact_modulus: float) -> dict[str, Any]:
+def _jkr_record(calibration: JkrCalibration, series: CircleSeries, contact_modulus: float) -> dict[str, Any]:
     """What ``calibration.json`` says of a JKR fit."""
     centre = mean_centre(series.table)
     record: dict[str, Any] = {
         "kind": "jkr",
-        "young_modulus": found.young_modulus.record("Pa"),
-        "work_of_adhesion": found.work_of_adhesion.record("J/m^2"),
+        "young_modulus": calibration.young_modulus.record("Pa"),
+        "work_of_adhesion": calibration.work_of_adhesion.record("J/m^2"),
         "centre_x": CoverageEstimate.of_normal(centre.x_px, centre.std_px).record("px"),
         "centre_y": CoverageEstimate.of_normal(centre.y_px, centre.std_px).record("px"),
-        "correlation": {"young_modulus, work_of_adhesion": found.correlation},
+        "correlation": {"young_modulus, work_of_adhesion": calibration.correlation},
         "fitted": ["young_modulus", "work_of_adhesion", "centre_x", "centre_y"],
         "quality": {
-            "frames_used": int(found.points["used"].sum()),
+            "frames_used": int(calibration.points["used"].sum()),
             "frames": len(series.table),
-            "load_residual_rms_N": found.load_noise,
+            "load_residual_rms_N": calibration.load_noise,
             "radius_std_median_m": float(series.table["radius_std_m"].median()),
             "film_opening_images_sqrt_m": series.opening,
             "film_opening_doubt": series.doubt,
             "film_opening_fit_sqrt_m": film_opening(
-                contact_modulus=contact_modulus, work_of_adhesion=max(found.work_of_adhesion.value, 0.0)
+                contact_modulus=contact_modulus, work_of_adhesion=max(calibration.work_of_adhesion.value, 0.0)
             ),
             "contact_moves_with_sample": centre.moves_with_sample,
         },
     }
-    if found.work_of_adhesion_unloading is not None:
-        record["work_of_adhesion_unloading"] = found.work_of_adhesion_unloading.record("J/m^2")
+    if calibration.work_of_adhesion_unloading is not None:
+        record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
     return record
 
 
-def _jkr_figures(found: JkrCalibration, sphere_radius: float, contact_modulus: float) -> dict[str, Axes]:
+def _jkr_figures(
+    calibration: JkrCalibration, sphere_radius: float, contact_modulus: float
+) -> dict[str, Axes]:
     """The fit and its residuals."""
-    law = {
-        "sphere_radius": sphere_radius,
-        "contact_modulus": contact_modulus,
-        "work_of_adhesion": found.work_of_adhesion.value,
-    }
+    work = calibration.work_of_adhesion.value
     lowest = max(
-        float(found.points["load_N"].min()),
-        jkr.pull_off_load(sphere_radius=sphere_radius, work_of_adhesion=found.work_of_adhesion.value),
+        float(calibration.points["load_N"].min()),
+        jkr.pull_off_load(sphere_radius=sphere_radius, work_of_adhesion=work),
     )
-    loads = np.linspace(lowest, float(found.points["load_N"].max()), 200)
-    curve = pd.DataFrame({"load_N": loads, "radius_m": jkr.radius(loads, **law)})
+    loads = np.linspace(lowest, float(calibration.points["load_N"].max()), CURVE_POINTS)
+    radius = jkr.radius(
+        loads, sphere_radius=sphere_radius, contact_modulus=contact_modulus, work_of_adhesion=work
+    )
+    curve = pd.DataFrame({"load_N": loads, "radius_m": radius})
     return {
         f"{name}.{ending}": ax
         for name, ax in (
-            ("jkr", plot_jkr(found.points, curve)),
-            ("residuals", plot_jkr_residuals(found.points)),
+            ("jkr", plot_jkr(calibration.points, curve)),
+            ("residuals", plot_jkr_residuals(calibration.points)),
         )
         for ending in ("png", "svg")
     }

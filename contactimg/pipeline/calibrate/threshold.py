@@ -74,12 +74,8 @@ def run_threshold(
     record["fitted"] = ["threshold"] if found is not None else []
     record["quality"] = slope_quality(load, forces, record["slope"]["value"])
     record["notes"] = notes
-    curve = {
-        "threshold": series.thresholds,
-        "slope": values,
-        "slope_std": stds,
-        "area_m2": series.areas.sum(axis=1),
-    }
+    areas = series.areas.sum(axis=1)
+    curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
     figures = {
         "slope_threshold.png": plot_slopes(series.thresholds, values, stds, found=threshold),
         "forces.png": plot_forces(load, forces),
