@@ -128,14 +128,11 @@ def analyse_places(
         If a place is there twice, some places are measured and others predicted, or no place has a frame with
         a load above zero and an area.
     """
-    folders = {Path(place.name).resolve() for place in places}
-    if len(folders) < len(places):
-        raise InputError("a run is given more than once; its contacts would count as those of another place")
+    own = _run_model(places)
     notes = [note for place in places for note in _left_out(place)]
     groups = group_frames(places, tolerance=options.load_tolerance)
     if not groups:
         raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
-    own = _run_model(places)
     places_of = {own: list(places)}
     if options.models:
         places_of |= _predicted_places(places, notes, workers=workers, advance=advance)
@@ -184,7 +181,10 @@ def smooth_shear_stress(place: Place, options: AnalysisOptions) -> Estimate:
 
 
 def _run_model(places: Sequence[Place]) -> str:
-    """What the contacts of the runs are called in the tables."""
+    """What the tables call the contacts of the runs: "measured" or "predicted", if they go together."""
+    folders = {Path(place.name).resolve() for place in places}
+    if len(folders) < len(places):
+        raise InputError("a run is given more than once; its contacts would count as those of another place")
     predicted = {place.predicted for place in places}
     if len(predicted) > 1:
         raise InputError(
