@@ -19,7 +19,7 @@ from imaging_scores import markdown, put_table
 
 from contactimg import read_scene
 from contactimg.files import write_figure
-from contactimg.pipeline.tradeoff import SECONDS, pose_tradeoff
+from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.tradeoff.measure import run_knobs
 from contactimg.tradeoff.recommendations import error_text, time_text
@@ -32,9 +32,12 @@ HEADER = ("knob", "setting", "error of A", "time", "ratio", "against")
 def measure(name, *, fine):
     """All knobs of a sample scene, its figures and its table."""
     scene = read_scene(ROOT / "sample_data" / SCENES[name])
-    knobs, _ = pose_tradeoff(scene, fine=fine)
+    knobs, _ = prepare_tradeoff(scene, fine=fine)
     found = run_knobs(
-        knobs, relative=scene.tolerance.relative, seconds=2 * SECONDS[fine], clock=time.process_time
+        knobs,
+        relative=scene.tolerance.relative,
+        seconds=2 * REPETITION_SECONDS[fine],
+        clock=time.process_time,
     )
     figures = ROOT / "docs" / "figures"
     write_figure(plot_tradeoff(found.table, relative=found.relative), figures / f"tradeoff_{name}.png")

@@ -1,8 +1,9 @@
 """From contact radii to local forces, contact by contact, and the sums over a frame.
 
-Errors are of three kinds: those of each contact alone; those that all contacts of a frame share because they
-share contrast and blur (``contrast_shift_px`` and ``blur_shift_px`` say how each radius follows them), which
-add up linearly in a sum; and those of the modulus and of the length of a pixel, common to everything.
+The uncertainty of a sum has three parts: the independent uncertainties of the contacts, which add in
+quadrature; those of contrast and blur, which all contacts of a frame share (``contrast_shift_px`` and
+``blur_shift_px`` state how each radius changes with them) and which add linearly; and those of the modulus
+and of the pixel size, which are common to everything.
 """
 
 from dataclasses import dataclass
@@ -77,9 +78,9 @@ def assign_forces(
 
     Notes
     -----
-    Hertz holds while a/R <= 0.33, the sphere's law for linear elasticity at a/R < 1; a contact as wide as its
-    sphere has no force by it. The relative uncertainty is ``sqrt((n std(a)/a)^2 + (std(E)/E)^2)`` with the
-    exponent ``n = d ln p/d ln a`` of `force_exponents`; with adhesion the two parts of the force, of
+    Hertz holds while a/R <= 0.33, the sphere's law for linear elasticity at a/R < 1; it gives no force for a
+    contact as wide as its sphere. The relative uncertainty is ``sqrt((n std(a)/a)^2 + (std(E)/E)^2)`` with
+    the exponent ``n = d ln p/d ln a`` of `force_exponents`; with adhesion the two parts of the force, of
     exponents n and 3/2, are taken apart, and the modulus counts as for the first.
 
     References
@@ -118,7 +119,7 @@ def assign_forces(
 def adhesive_pull(
     radius: ArrayLike, *, contact_modulus: float, work_of_adhesion: float
 ) -> NDArray[np.float64]:
-    """What adhesion takes from the force of a contact of given radius (N): ``sqrt(8 pi w E* a^3)`` (JKR).
+    """Force (N) by which adhesion reduces the load on a contact: ``sqrt(8 pi w E* a^3)`` (JKR).
 
     Parameters
     ----------
@@ -184,7 +185,7 @@ def total_area(
     contacts : DataFrame
         Contacts table of one frame.
     unseen_radius : float, m
-        The uncertainty allows for one contact of this radius that was not seen.
+        The uncertainty allows for one undetected contact of this radius.
     length_relative_std : float
         Relative standard uncertainty of the length of a pixel.
 
@@ -216,8 +217,8 @@ def total_force(
     exponent : array_like, shape (n,) or scalar
         Of the force law, see `force_exponents`.
     unseen_radius : float, m
-        The uncertainty allows for one contact of this radius that was not seen, where another shows what
-        force that is.
+        The uncertainty allows for one undetected contact of this radius; its force follows from the other
+        contacts.
     modulus_relative_std : float
         Relative standard uncertainty of the modulus, common to all contacts.
     length_relative_std : float
@@ -226,7 +227,7 @@ def total_force(
     Returns
     -------
     Total
-        NaN if no contact has a force although there are contacts; zero if there is no contact.
+        NaN if there are contacts but none has a force; zero if there is no contact.
     """
     force = contacts["force_N"].to_numpy(float)
     known = np.isfinite(force)

@@ -1,4 +1,4 @@
-"""What the models predict for a scene: contacts, the frames row and the profile at each load."""
+"""Predictions of the models for a scene: contacts, row of the frames table and profile at each load."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -51,7 +51,7 @@ sensitivity not measured."""
 
 @dataclass(frozen=True)
 class Prediction:
-    """A model's answer at one load.
+    """The solution of a model at one load.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class Prediction:
 
     @classmethod
     def failed(cls, load: float, reason: str) -> "Prediction":
-        """No answer at a load (N): empty tables and a row that says why."""
+        """No solution at a load (N): empty tables and a row that says why."""
         row = pd.DataFrame(
             {"frame": [load_name(load)], "status": [Status.FAILED], "load_N": [load], "message": [reason]}
         )
@@ -192,7 +192,7 @@ def predict_average(
 
 
 def _scatter_remark(rings: RingSolution) -> str:
-    """What to say of averages that stand for a few contacts; empty for many."""
+    """Remark on averages that stand for a few contacts; empty for many."""
     count = float(ring_weights(rings.r) @ rings.density)
     if count >= FEW_CONTACTS:
         return ""
@@ -337,7 +337,7 @@ def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float,
     Raises
     ------
     InputError
-        If a table of a few asperities has to tell, or it spans something else than what is stated.
+        If the table has too few asperities to determine the sides, or its span contradicts ``side_m``.
     """
     base = base_radius(asperities["height_m"], asperities["radius_m"])
     spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]

@@ -1,8 +1,8 @@
-"""Where the time of a run goes: named stages that cost nothing unless somebody collects them.
+"""Computing time of a run by named stages; without a collector, a stage costs next to nothing.
 
-The clock always runs for one stage, the innermost that has been entered, so the stages and what lies between
-them add up to the time that has passed. Worker processes collect their own; the time spent waiting for them
-is divided among their stages.
+Time is charged to the innermost stage that has been entered, so that all stages and the time outside them add
+up to the elapsed time. Worker processes time their own stages; the time spent waiting for them is divided
+among these.
 """
 
 from collections import Counter, defaultdict
@@ -14,10 +14,10 @@ from time import perf_counter
 from typing import Any, Self, TypeVar
 
 OTHER = "other"
-"""What is spent outside of all stages."""
+"""Time outside of all stages."""
 
 WAITING = "starting and waiting for processes"
-"""What worker processes take beyond their stages."""
+"""Time that worker processes take beyond their stages."""
 
 Result = TypeVar("Result")
 
@@ -40,33 +40,33 @@ class Timings:
     _since: float = field(default_factory=perf_counter)
 
     def charge(self) -> None:
-        """Charge the time since the last change of stage to the stage that is running."""
+        """Charge the time since the last change of stage to the current stage."""
         now = perf_counter()
         self.seconds[self._entered[-1]] += now - self._since
         self._since = now
 
     def enter(self, name: str) -> None:
-        """Let the clock run for a stage."""
+        """Enter a stage: it becomes the current one."""
         self.charge()
         self._entered.append(name)
         self.calls[name] += 1
 
     def leave(self) -> None:
-        """Let the clock run for the stage around the innermost one again."""
+        """Leave the current stage: the one around it becomes the current one."""
         self.charge()
         self._entered.pop()
 
     def add(self, other: "Timings") -> None:
-        """Add the stages of others."""
+        """Add the times and calls of another collector."""
         for name, seconds in other.seconds.items():
             self.seconds[name] += seconds
         self.calls += other.calls
 
     def divide(self, name: str, parts: "Timings", processes: int) -> None:
-        """Divide a stage's time among the stages of processes that ran at the same time.
+        """Divide the time of a stage among the stages of processes that ran at the same time.
 
-        Each part counts with one over the number of processes; of a stage shorter than that, with what there
-        is.
+        A part counts with its time over the number of processes; all parts are scaled down together if they
+        exceed the time of the stage.
         """
         total = sum(parts.seconds.values())
         share = min(1 / processes, self.seconds[name] / total) if total > 0 else 0.0
@@ -140,14 +140,14 @@ def collect() -> Iterator[Timings]:
 
 
 def collect_call(function: Callable[..., Result], *arguments: Any) -> tuple[Result, Timings]:
-    """Call a function and time its stages: what a worker process sends back."""
+    """Call a function and time its stages, for a worker process that returns both."""
     with collect() as timings:
         result = function(*arguments)
     return result, timings
 
 
 def gather(results: Iterable[tuple[Result, Timings]], *, processes: int) -> Iterator[Result]:
-    """The results of `collect_call` in several processes, their stages entered in the timings here.
+    """The results of `collect_call` in several processes; their stages are added to the current timings.
 
     Parameters
     ----------

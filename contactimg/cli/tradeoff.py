@@ -57,11 +57,11 @@ def tradeoff(
     with stage("loading"):
         from contactimg.cli.scenes import model_inputs, with_tolerance
         from contactimg.files import OutputFolder, provenance, read_scene
-        from contactimg.pipeline.tradeoff import SECONDS, pose_tradeoff, write_tradeoff
+        from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
         from contactimg.tradeoff.measure import run_knobs
 
     description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
-    chosen, left_out = pose_tradeoff(description, load=load, knobs=knobs, fine=fine)
+    chosen, left_out = prepare_tradeoff(description, load=load, knobs=knobs, fine=fine)
     target = shared.output_path(output, description.folder)
     record = provenance(
         command=shared.command_line("tradeoff"),
@@ -75,7 +75,7 @@ def tradeoff(
             result = run_knobs(
                 chosen,
                 relative=description.tolerance.relative,
-                seconds=SECONDS[fine],
+                seconds=REPETITION_SECONDS[fine],
                 left_out=left_out,
                 advance=advance,
             )

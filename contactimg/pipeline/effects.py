@@ -23,8 +23,8 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     Parameters
     ----------
     scene : Scene
-        With asperities, sections ``[indenter]`` and ``[elastic]``; ``[tolerance]`` says what must be accurate
-        and how accurate, ``[effects]`` what is ordered.
+        With asperities and sections ``[indenter]`` and ``[elastic]``; ``[tolerance]`` states which output
+        must be accurate and how accurate, ``[effects]`` may switch effects on or off.
     load : float, optional, N
         By default the largest of the scene: of ``[simulate] loads_N``, else of its table of loads.
 
@@ -60,13 +60,13 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
 
 
 def resolve_measurement(scene: Scene, sites: pd.DataFrame | None) -> Scene:
-    """The scene as its frames are measured.
+    """The scene with the switches and the blur that its frames are measured with.
 
-    A correction under "auto" stays on: the frame itself shows how far it drifted, how noisy, dusty and
-    blurred it is. What is "off" is not looked for: drift of position, dust, saturated pixels, blur (the fit
-    takes a sharp edge). The film under "auto" is on where ``[simulate]`` states a contrast within a factor of
-    two of what its light gives an air film, and the radius of the asperities is known. Uneven light, drift of
-    light, noise, steps of the converter and rough edges are measured or divided out in any case.
+    Under "auto" a correction is on: shift, noise, dust and blur are measured on the frame itself. An effect
+    that is "off" is not corrected: shift, dust, saturated pixels, blur (the fit assumes a sharp edge). Under
+    "auto" the film is on if ``[simulate]`` states a contrast within a factor of two of that of an air film
+    and the radius of the asperities is known. Vignetting, light drift, noise, quantisation and rough edges
+    are always measured or divided out.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def resolve_measurement(scene: Scene, sites: pd.DataFrame | None) -> Scene:
 
 
 def _states_a_film(scene: Scene, sites: pd.DataFrame | None) -> bool:
-    """Whether the scene states a contrast that is the film's, and what its rim needs."""
+    """Whether the stated contrast is that of an air film, and the radius for its rim is known."""
     if scene.camera is None or scene.simulate is None or not film_makes_the_contrast(scene.simulate):
         return False
     stated = scene.asperities is not None and scene.asperities.radius is not None

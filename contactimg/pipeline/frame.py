@@ -48,8 +48,8 @@ def measure_frame(
     threshold : float or "auto", optional
         Fraction of the contact contrast; default 0.5.
     contrast : float, optional
-        Plateau of the contacts above the background, grey levels, where it is known (from frames with larger
-        contacts, say); default: estimated from the frame.
+        Plateau of the contacts minus background, grey levels, if known (from frames with larger contacts,
+        say); default: estimated from the frame.
     blur_px : float, optional
         Standard deviation of the optical blur; default: estimated from the frame.
 
@@ -60,9 +60,9 @@ def measure_frame(
 
     Notes
     -----
-    Contacts as small as the blur do not show how bright they are, and their radii lean on the contrast: where
-    no contact is larger and it is not given, uncertainties are wide and contacts flagged ``NO_PLATEAU``. A
-    series (`contactimg.measure_series`) takes it from its other frames.
+    A contact as small as the blur does not show its full brightness, so its radius depends on the contrast.
+    If no contact is larger and the contrast is not given, uncertainties are large and the contacts carry the
+    flag ``NO_PLATEAU``. A series (`contactimg.measure_series`) takes the contrast from its other frames.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def measure_frame(
 
 
 def _positive(name: str, value: object, hint: str) -> float:
-    """The value as a positive number, or one sentence on what it has to be."""
+    """The value as a positive number, or an `InputError` that says what to give."""
     number = isinstance(value, Real) and not isinstance(value, bool)
     if not number or not (np.isfinite(value) and value > 0):  # type: ignore[operator, call-overload]
         raise InputError(f"measure_frame: {name} must be a positive number, got {value!r}; give {hint}")

@@ -1,4 +1,4 @@
-"""Compare a run with what the models predict: pairs and scores, frame by frame."""
+"""Compare a run with the predictions of the models: pairs and scores, frame by frame."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,9 +32,9 @@ class Comparison:
     scores : DataFrame
         One row a frame and model.
     predicted : dict
-        Frame -> model -> contacts table, those that the camera sees.
+        Frame -> model -> contacts table, restricted to the field of view.
     left_out : dict
-        Frame -> which model has no answer for it, and why.
+        Frame -> which model has no solution for it, and why.
     """
 
     matches: pd.DataFrame
@@ -59,15 +59,15 @@ def compare_run(
     asperities : DataFrame
         Asperity table.
     min_radius_px : float
-        Predicted contacts below it are not expected to be seen: they and their partners do not count.
+        Smaller predicted contacts are not expected to be visible: they and their partners do not count.
     advance : callable, optional
         Called once a frame.
 
     Returns
     -------
     Comparison
-        Frames that could not be measured or have no load are passed over; where a model has no answer for a
-        frame it is left out, with the reason.
+        Frames without a measurement or a load are skipped; where a model has no solution for a frame, it is
+        left out and the reason is kept.
 
     Raises
     ------
@@ -89,9 +89,9 @@ def compare_run(
         )
         if reasons:
             left_out[frame] = "; ".join(f"{model}: {reason}" for model, reason in reasons.items())
-        for model, seen in predicted[frame].items():
+        for model, contacts in predicted[frame].items():
             pairs, score = compare_frame(
-                measured, seen, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
+                measured, contacts, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
             )
             scores.append({"frame": frame, "model": model, **score})
             if model == "coupled":
@@ -119,8 +119,8 @@ def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
 def _predicted(
     scene: Scene, asperities: pd.DataFrame, row: dict[str, Any], pose: Pose, shift_px: tuple[float, float]
 ) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
-    """The contacts each model predicts in the camera's view, and why a model has no answer."""
-    seen: dict[str, pd.DataFrame] = {}
+    """The contacts that each model predicts in the field of view, and why a model has no solution."""
+    predictions: dict[str, pd.DataFrame] = {}
     reasons: dict[str, str] = {}
     for model, coupling in MODEL_COUPLINGS.items():
         try:
@@ -130,8 +130,8 @@ def _predicted(
         except ContactimgError as error:
             reasons[model] = str(error)
             continue
-        seen[model] = _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
-    return seen, reasons
+        predictions[model] = _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
+    return predictions, reasons
 
 
 def compare_frame(

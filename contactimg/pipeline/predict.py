@@ -25,16 +25,18 @@ from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
 SOLVER_SHARE = 0.01
-"""Share of a tolerance that the solver's residual may take; the plan's effects have the rest."""
+"""Fraction of a tolerance that the residual of the solver may use up; the effects that are left out have the
+rest. Chosen by hand; sensitivity not measured."""
 
 MODEL_ERROR = 2.5e-4
-"""Relative difference of the area with full coupling from boundary elements (pattern SA+ at 0.5 N)."""
+"""Relative difference between the area with full coupling and that of boundary elements, measured on the
+pattern SA+ at 0.5 N."""
 
 BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
-"""Effects that the statistical models do not know."""
+"""Effects that the statistical models cannot represent."""
 
-ROUNDING = 1e-11
-"""Least residual asked for, that every solver reaches."""
+MIN_RESIDUAL = 1e-11
+"""Smallest residual that is requested. Chosen: every solver reaches it in double precision."""
 
 
 def predict_loads(
@@ -51,8 +53,8 @@ def predict_loads(
     Parameters
     ----------
     scene : Scene
-        With asperities. Which effects the interacting model computes is planned at each load
-        (`contactimg.effects.plan`); what ``[effects]`` orders is obeyed.
+        With asperities. The effects of the interacting model are planned at each load
+        (`contactimg.effects.plan`); a switch that ``[effects]`` sets is obeyed.
     loads : sequence of float
         N, each once.
     model : {"interacting", "gw", "gt"}
@@ -63,21 +65,21 @@ def predict_loads(
     annulus : float
         Width of the profile's annuli (interacting model), m.
     relative : float, optional
-        Tolerance of the output that the solver need not exceed by more than `SOLVER_SHARE`; default: it
-        solves to rounding.
+        Tolerance of the output; the solver stops at a residual of `SOLVER_SHARE` times it. Default: it solves
+        to rounding.
 
     Returns
     -------
     list of Prediction
-        One a load; where a load has no answer a failed one, with the reason.
+        One per load; a load without a solution gives a failed prediction with the reason.
 
     Raises
     ------
     InputError
         If a load is given twice, the scene lacks what the model needs, or a statistical model is given a
-        level of coupling or an effect that it does not know.
+        level of coupling or an effect that it cannot represent.
     ContactimgError
-        If no load has an answer: the reason of the first.
+        If no load has a solution: the reason of the first.
     """
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
@@ -95,14 +97,14 @@ def predict_loads(
             )
         if coupling != "auto":
             raise InputError(
-                f'model "{model}" knows no level of coupling, got coupling "{coupling}"; leave it out, or '
+                f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
                 'take the model "interacting"'
             )
         ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
         if ordered:
             raise InputError(
-                f'model "{model}" knows no {", ".join(ordered)}, which [effects] switches on; take the model '
-                '"interacting", or switch it off'
+                f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
+                'take the model "interacting", or switch it off'
             )
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     predictions, errors = [], []
@@ -118,12 +120,12 @@ def predict_loads(
 
 
 def solver_tolerance(relative: float) -> float:
-    """Residual of the solver that takes up a small share of a relative tolerance."""
-    return max(SOLVER_SHARE * relative, ROUNDING)
+    """Residual at which the solver stops for a relative tolerance of the output."""
+    return max(SOLVER_SHARE * relative, MIN_RESIDUAL)
 
 
 def choice_sentence(prediction: Prediction, *, relative: float) -> str:
-    """What a tolerance led to at a load: the level of coupling, what is left out and by how much it acts."""
+    """One sentence on a planned prediction: level of coupling, effects left out and their changes."""
     plan = prediction.plan
     if plan is None:
         return str(prediction.frames["message"].iloc[0])
@@ -145,7 +147,7 @@ def choice_sentence(prediction: Prediction, *, relative: float) -> str:
 
 
 def _listed(why: str, decisions: Iterable[Decision]) -> str:
-    """Effects with what they change; nothing of none."""
+    """Effects with the change each would make; empty without effects."""
     effects = ", ".join(f"{d.effect} ({100 * d.change:.2g} %)" for d in decisions)
     return f"; {why}: {effects}" if effects else ""
 
@@ -160,7 +162,7 @@ def _predict_planned(
     tolerance: float | None,
 ) -> Prediction:
     """Plan the effects at a load and predict the contacts with them."""
-    scene = _ordered(scene, coupling)
+    scene = _with_coupling(scene, coupling)
     mechanical = scene.model_copy(update={"simulate": None})  # no frames are rendered
     plan = make_plan(mechanical, asperities, load=load)
     level: Coupling = "hertz" if coupling == "hertz" else "auto"
@@ -171,8 +173,8 @@ def _predict_planned(
     return replace(prediction, frames=prediction.frames.assign(message="; ".join(notes)), plan=plan)
 
 
-def _ordered(scene: Scene, coupling: Coupling) -> Scene:
-    """The scene with the switches that a level of coupling given by option amounts to."""
+def _with_coupling(scene: Scene, coupling: Coupling) -> Scene:
+    """The scene with the switches that correspond to a level of coupling given as an option."""
     if coupling == "auto":
         return scene
     switches: dict[str, str] = {
@@ -186,7 +188,7 @@ def _ordered(scene: Scene, coupling: Coupling) -> Scene:
 
 
 def plan_records(predictions: Sequence[Prediction]) -> dict[str, list[dict[str, Any]]]:
-    """What the provenance keeps of the plans: name of the load -> effect, change, decision, reason."""
+    """The plans for the provenance: name of the load -> effect, change, decision, reason."""
     return {p.frames["frame"].iloc[0]: p.plan.record for p in predictions if p.plan is not None}
 
 

@@ -1,4 +1,4 @@
-"""Synthetic series: solve the scene at each load, photograph the contacts, keep the truth."""
+"""Synthetic series: solve the scene at each load, render the contacts, keep the true contacts."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
 @dataclass(frozen=True)
 class SimulationPlan:
-    """What a series shows.
+    """Which effects a synthetic series shows.
 
     Parameters
     ----------
     scene : Scene
         With every switch "on" or "off".
     plans : tuple of Plan
-        Of its smallest and its largest load; empty for a smooth contact, which shows all that the scene
-        states.
+        Of its smallest and its largest load; empty for a smooth contact, which shows every effect that the
+        scene states.
     """
 
     scene: Scene
@@ -40,8 +40,8 @@ class SimulationPlan:
 def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> SimulationPlan:
     """Decide which effects the frames of a series show.
 
-    An effect is shown when the plan of the smallest or of the largest load calls for it: small contacts are
-    lost in noise and blur, large ones reach full scale and each other.
+    An effect is shown if the plan of the smallest or of the largest load calls for it: small contacts are
+    lost in noise and blur, large ones saturate and touch each other.
 
     Parameters
     ----------
@@ -65,11 +65,11 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
         return SimulationPlan(explicit_switches(scene), ())
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
     plans = tuple(make_plan(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
-    return SimulationPlan(explicit_switches(_with_any(scene, plans)), plans)
+    return SimulationPlan(explicit_switches(_with_effects_of(scene, plans)), plans)
 
 
-def _with_any(scene: Scene, plans: Sequence[Plan]) -> Scene:
-    """The scene with what any of the plans has on."""
+def _with_effects_of(scene: Scene, plans: Sequence[Plan]) -> Scene:
+    """The scene with every effect on that is on in any of the plans."""
     on = {decision.effect for plan in plans for decision in plan.decisions if decision.on}
     known = {decision.effect for plan in plans for decision in plan.decisions}
     switches = {name: "on" if name in on else "off" for name in known}
@@ -77,10 +77,10 @@ def _with_any(scene: Scene, plans: Sequence[Plan]) -> Scene:
 
 
 def explicit_switches(scene: Scene) -> Scene:
-    """The scene with its "auto" switches as a single call of the solver and the renderer takes them.
+    """The scene with its "auto" switches replaced by what the solver and the renderer do under "auto".
 
-    Coupling is on where there are asperities, what refines it off; an effect of optics or sensor is on when
-    its parameter is not zero; the air film is off.
+    Coupling is on where there are asperities, its refinements are off; an effect of optics or sensor is on
+    when its parameter is not zero; the air film is off.
 
     Examples
     --------
@@ -132,30 +132,30 @@ def simulate_series(scene: Scene, asperities: pd.DataFrame | None) -> Iterator[S
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
     yield SimulatedFrame(np.nan, reference, None)
-    photograph = _smooth_shots(scene) if asperities is None else _rough_shots(scene, asperities)
+    render = _smooth_renderer(scene) if asperities is None else _rough_renderer(scene, asperities)
     for name, load, seed in zip(_frame_names(len(simulate.loads)), simulate.loads, seeds[1:], strict=True):
-        rendered = photograph(load, name, np.random.default_rng(seed))
+        rendered = render(load, name, np.random.default_rng(seed))
         yield SimulatedFrame(load, rendered.frame, rendered.contacts)
 
 
-Photograph = Callable[[float, str, np.random.Generator], Rendered]
+Renderer = Callable[[float, str, np.random.Generator], Rendered]
 
 
-def _smooth_shots(scene: Scene) -> Photograph:
-    """Frames of a smooth sphere on a smooth flat."""
+def _smooth_renderer(scene: Scene) -> Renderer:
+    """Renders a smooth sphere on a smooth flat."""
     return lambda load, name, rng: render_smooth_contact(load, scene, rng=rng, name=name)
 
 
-def _rough_shots(scene: Scene, asperities: pd.DataFrame) -> Photograph:
-    """Frames of asperities that interact."""
+def _rough_renderer(scene: Scene, asperities: pd.DataFrame) -> Renderer:
+    """Renders asperities that interact."""
     sphere_radius = contact_sites(asperities, scene)["radius_m"].to_numpy(float)
 
-    def photograph(load: float, name: str, rng: np.random.Generator) -> Rendered:
+    def render(load: float, name: str, rng: np.random.Generator) -> Rendered:
         contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
         radii = sphere_radius[contacts["asperity"].to_numpy(int)]
         return render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
 
-    return photograph
+    return render
 
 
 def write_simulation(
@@ -166,8 +166,8 @@ def write_simulation(
     Parameters
     ----------
     scene, asperities
-        As for `simulate_series`; switches at "auto" are taken as there, and written as what they were taken
-        for. `plan_simulation` sets them by what each effect changes.
+        As for `simulate_series`; switches at "auto" are resolved as there and written as resolved.
+        `plan_simulation` sets them by what each effect changes.
     folder : Path
         Exists.
     advance : callable, optional
@@ -175,11 +175,11 @@ def write_simulation(
     """
     scene = explicit_switches(scene)
     loads, truth = [], [CONTACTS.empty()]
-    for shot in simulate_series(scene, asperities):
-        write_frame(shot.frame, folder / shot.frame.name)
-        if shot.truth is not None:
-            loads.append({"frame": shot.frame.name, "load_N": shot.load})
-            truth.append(shot.truth)
+    for simulated in simulate_series(scene, asperities):
+        write_frame(simulated.frame, folder / simulated.frame.name)
+        if simulated.truth is not None:
+            loads.append({"frame": simulated.frame.name, "load_N": simulated.load})
+            truth.append(simulated.truth)
         if advance is not None:
             advance()
     write_table(pd.DataFrame(loads), LOADS, folder / "loads.csv")

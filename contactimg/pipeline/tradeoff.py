@@ -1,4 +1,4 @@
-"""The trade-off of a scene: its files read, its knobs measured, table and figures written."""
+"""Accuracy against computing time for a scene: read its files, measure its knobs, write table and figure."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -18,12 +18,12 @@ from contactimg.tradeoff.case import BoundarySolution, Case, OwnFrame
 from contactimg.tradeoff.knobs import Knob
 from contactimg.tradeoff.measure import Tradeoff, applicable_knobs, run_knobs
 
-SECONDS = {False: 15.0, True: 60.0}
-"""What repetitions may take, by default and with the slow settings."""
+REPETITION_SECONDS = {False: 15.0, True: 60.0}
+"""Time for repeated runs of a setting, s: without and with the slow settings. Chosen by hand."""
 
 BOUNDARY_SCENE = {"indenter": {"radius_m": 0.1288}, "elastic": {"young_modulus_Pa": 3e6}}
 BOUNDARY_SECONDS = {0.02: 30.0, 0.2: 158.0, 0.5: 460.0}
-"""Time of the stored solutions, on one core."""
+"""Load of each stored boundary-element solution, N -> its computing time on one core, s (measured)."""
 
 
 def measure_tradeoff(
@@ -34,7 +34,7 @@ def measure_tradeoff(
     fine: bool = False,
     advance: Callable[[], None] | None = None,
 ) -> Tradeoff:
-    """Measure what accuracy costs in time: the settings of each knob, side by side in one run.
+    """Measure computing time against accuracy: the settings of each knob, compared in one run.
 
     Parameters
     ----------
@@ -47,15 +47,15 @@ def measure_tradeoff(
         (accuracy of coupling sums over many contacts), ``rings`` (of Greenwood-Tripp), ``patterns`` (of an
         ensemble), ``supersampling`` (of rendered frames); all that apply if none is named.
     fine : bool
-        Slow settings too.
+        Whether slow settings are included.
     advance : callable, optional
         Called once a setting.
 
     Returns
     -------
     Tradeoff
-        Errors are against a converged answer, which each row names. A setting that fails is a row that says
-        why.
+        Errors are relative to a converged answer, which each row names. A setting that fails has a row that
+        says why.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def measure_tradeoff(
 
     Notes
     -----
-    Times are the best of up to seven runs taken by turns in this process; compare them with each other, not
+    Times are the best of up to seven runs taken in turn in this process; compare them with each other, not
     with those of another run.
 
     Examples
@@ -79,17 +79,17 @@ def measure_tradeoff(
     {'the same equations to a residual of 1e-13'}
     """
     names = [knobs] if isinstance(knobs, str) else knobs
-    chosen, left_out = pose_tradeoff(scene, load=load, knobs=names, fine=fine)
+    chosen, left_out = prepare_tradeoff(scene, load=load, knobs=names, fine=fine)
     return run_knobs(
         chosen,
         relative=scene.tolerance.relative,
-        seconds=SECONDS[fine],
+        seconds=REPETITION_SECONDS[fine],
         left_out=left_out,
         advance=advance,
     )
 
 
-def pose_tradeoff(
+def prepare_tradeoff(
     scene: Scene, *, load: float | None = None, knobs: Sequence[str] = (), fine: bool = False
 ) -> tuple[list[Knob], dict[str, str]]:
     """The knobs of a scene with their settings, not yet run, and why others do not apply.
@@ -111,7 +111,7 @@ def pose_tradeoff(
 
 
 def read_truth(load: float) -> BoundarySolution | None:
-    """The stored boundary-element solution whose load is next to one (N), None for no load."""
+    """The stored boundary-element solution at the load closest to a given one (N); None without a load."""
     if not load > 0:
         return None
     folder = files("contactimg.tradeoff")
@@ -130,7 +130,7 @@ def read_truth(load: float) -> BoundarySolution | None:
 
 
 def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
-    """A frame of the scene's own, where none can be rendered: of the load asked for, or the last."""
+    """A measured frame of the scene, if none can be rendered: at the given load, or the last one."""
     renderable = scene.simulate is not None and scene.camera is not None and scene.elastic is not None
     if renderable and scene_asperities(scene) is not None:
         return None

@@ -292,14 +292,14 @@ def test_an_impossible_load_does_not_lose_the_others(folder, capsys):
 def test_statistical_models_know_no_level_of_coupling(folder, capsys):
     arguments = ["predict", str(folder), "--load-N", "0.05", "--model", "gt", "-o", str(folder / "gt")]
     assert main([*arguments, "--coupling", "full"]) == 2
-    assert 'model "gt" knows no level of coupling' in capsys.readouterr().err
+    assert 'model "gt" has no levels of coupling' in capsys.readouterr().err
 
 
 def test_statistical_models_refuse_effects_that_they_do_not_know(folder, capsys):
     scene = (folder / "scene.toml").read_text()
     (folder / "scene.toml").write_text(scene + '\n[effects]\nsphere_profile = "on"\n')
     assert main(["predict", str(folder), "--load-N", "0.05", "--model", "gt", "-o", str(folder / "gt")]) == 2
-    assert 'model "gt" knows no sphere_profile' in capsys.readouterr().err
+    assert 'model "gt" cannot represent sphere_profile' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("load", ["1e-300", "1e-30"])

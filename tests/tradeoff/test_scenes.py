@@ -22,7 +22,7 @@ from contactimg.effects.output_change import relative_change
 from contactimg.errors import InputError
 from contactimg.files import read_table, write_scene
 from contactimg.pipeline.inputs import need_asperities
-from contactimg.pipeline.tradeoff import pose_tradeoff, read_truth
+from contactimg.pipeline.tradeoff import prepare_tradeoff, read_truth
 from contactimg.prediction import solve_scene
 from contactimg.tables import CONTACTS, TRADEOFF
 from contactimg.tradeoff.boundary_elements import solve_boundary
@@ -41,7 +41,7 @@ def scene():
 @pytest.fixture(scope="module")
 def found(scene):
     """Every knob, each setting run twice, as without ContactMechanics."""
-    knobs, left_out = pose_tradeoff(scene)
+    knobs, left_out = prepare_tradeoff(scene)
     assert not left_out
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(sys.modules, "ContactMechanics", None)
@@ -118,7 +118,7 @@ def test_sampling_converges(found):
 def test_the_output_can_be_forces_or_radii(scene):
     for output in ("force", "radius"):
         asked = scene.model_copy(update={"tolerance": scene.tolerance.model_copy(update={"output": output})})
-        knobs, _ = pose_tradeoff(asked, knobs=["model", "image"])
+        knobs, _ = prepare_tradeoff(asked, knobs=["model", "image"])
         result = run_knobs(knobs, relative=0.01, seconds=0.0)
         assert set(result.table["output"]) == {output}
         model = errors(result, "model")
@@ -137,7 +137,7 @@ def test_a_single_setting_that_fails_leaves_the_others(scene):
 
 
 def test_a_load_beyond_the_models_is_a_reason(scene):
-    knobs, _ = pose_tradeoff(scene, load=3.0, knobs=["solver", "rings"])
+    knobs, _ = prepare_tradeoff(scene, load=3.0, knobs=["solver", "rings"])
     table = run_knobs(knobs, relative=0.01, seconds=0.0).table.set_index("knob")
     assert table.loc["solver", "error"].isna().all()
     assert table.loc["solver", "message"].str.contains("lower the load").all()
@@ -158,17 +158,17 @@ def test_a_load_is_a_number(scene):
 
 def test_zero_load_is_a_sentence(scene):
     with pytest.raises(InputError, match="needs a load above 0"):
-        pose_tradeoff(scene, load=0.0)
+        prepare_tradeoff(scene, load=0.0)
 
 
 def test_a_load_must_be_finite(scene):
     with pytest.raises(InputError, match="load must be finite"):
-        pose_tradeoff(scene, load=float("nan"))
+        prepare_tradeoff(scene, load=float("nan"))
 
 
 def test_without_a_camera_the_models_remain():
     data = {name: part for name, part in SCENE.items() if name not in ("camera", "simulate")}
-    knobs, left_out = pose_tradeoff(scene_from_dict(data), load=0.05)
+    knobs, left_out = prepare_tradeoff(scene_from_dict(data), load=0.05)
     assert [knob.name for knob in knobs] == ["model", "solver", "sums", "rings", "patterns"]
     assert left_out["supersampling"] == "needs [camera] and [simulate]"
     assert left_out["image"] == "needs [camera] and [simulate] or frames of its own"
@@ -183,7 +183,7 @@ def test_parameters_of_a_height_law_serve_for_rings():
             "height_min_m": 3e-5, "height_max_m": 6e-5,
         },
     }  # fmt: skip
-    knobs, left_out = pose_tradeoff(scene_from_dict(data), load=0.1)
+    knobs, left_out = prepare_tradeoff(scene_from_dict(data), load=0.1)
     assert [knob.name for knob in knobs] == ["rings"]
     assert left_out["model"] == "needs [asperities] with a file or a generator"
     assert np.isfinite(knobs[0].settings[0].error(knobs[0].settings[0].run()))
@@ -196,7 +196,7 @@ def test_a_scene_without_anything_is_a_sentence():
 
 def test_an_unknown_knob_is_named(scene):
     with pytest.raises(InputError, match=r"knob must be one of 'image', .*, got 'colour'"):
-        pose_tradeoff(scene, knobs=["colour"])
+        prepare_tradeoff(scene, knobs=["colour"])
 
 
 def test_own_frames_take_the_fit_as_the_converged_answer(small_series, tmp_path):

@@ -38,14 +38,14 @@ class AnalysisOptions:
     load_range : (float, float), N
         Loads that enter the exponent of A(P).
     load_tolerance : float
-        Loads are averaged as one that differ by no more, relatively.
+        Largest relative difference of loads that are averaged as one.
     load_relative_std, load_std : float
-        Standard uncertainty of a load, relative and in N; the two add in squares.
+        Standard uncertainty of a load, relative and in N; the two add in quadrature.
     friction_std : float, N
         Standard uncertainty of a friction force.
     min_radius_px : float
-        Smallest contacts, measured or predicted, that count in annuli: what the camera does not show must not
-        count on one side only. Areas A(P) are those of all contacts.
+        Radius of the smallest contacts, measured or predicted, that count in annuli: contacts that the camera
+        cannot resolve must not count for the models only. Areas A(P) include all contacts.
     min_contacts : float
         Fewest contacts of an annulus that enters the laws against the local pressure.
     models : bool
@@ -69,7 +69,7 @@ class AnalysisOptions:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """What the contacts of all places say together.
+    """The result of an analysis of all places.
 
     Parameters
     ----------
@@ -125,8 +125,8 @@ def analyse_places(
     Raises
     ------
     InputError
-        If a place is there twice, some places are measured and others predicted, or no place has a frame with
-        a load above zero and an area.
+        If a place is given twice, if some places are measured and others predicted, or if no place has a
+        frame with a load above zero and an area.
     """
     own = _run_model(places)
     notes = [note for place in places for note in _left_out(place)]
@@ -149,7 +149,7 @@ def analyse_places(
         for group in groups
     ]
     friction = _friction_table(places)
-    stress = None if friction.empty else _tried(notes, "friction", _shear_stress, friction, options)
+    stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:
         ratio = compare_stress(stress, options.smooth_stress)
@@ -225,7 +225,7 @@ def _left_out(place: Place) -> list[str]:
     return notes
 
 
-def _tried(notes: list[str], what: str, fit: Callable[..., Fit], *data: object) -> Fit | None:
+def _fit_or_note(notes: list[str], what: str, fit: Callable[..., Fit], *data: object) -> Fit | None:
     """The fit, or None and a note where the data do not allow it."""
     try:
         return fit(*data)
@@ -279,7 +279,7 @@ def _area_laws(
             confidence=options.confidence,
         )
 
-    laws = {model: _tried(notes, f"A(P), {model}", law, places) for model, places in places_of.items()}
+    laws = {model: _fit_or_note(notes, f"A(P), {model}", law, places) for model, places in places_of.items()}
     return {model: law for model, law in laws.items() if law is not None}
 
 
@@ -299,7 +299,7 @@ def _contact_laws(
         notes.append("no profiles of pressure and no laws against it: no contact has a force")
         return {}
     keys = [(quantity, model) for quantity in QUANTITIES for model in models]
-    laws = {key: _tried(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
+    laws = {key: _fit_or_note(notes, f"{key[0]} against pressure, {key[1]}", law, *key) for key in keys}
     return {key: law for key, law in laws.items() if law is not None}
 
 

@@ -116,7 +116,7 @@ def _contacts(place: Place, frame: str) -> pd.DataFrame:
 
 
 def _visible(place: Place, frame: str, min_radius_px: float) -> pd.DataFrame:
-    """Contacts of one frame that a camera would see; without one, all."""
+    """Contacts of one frame that the camera would resolve; all of them without a camera."""
     contacts = _contacts(place, frame)
     if place.pose is None:
         return contacts
@@ -132,5 +132,5 @@ def _mean(tables: list[pd.DataFrame]) -> pd.DataFrame:
 
 
 def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
-    """Tables of one schema below each other; empty ones add nothing, not even their dtypes."""
+    """Tables of one schema concatenated; empty tables are left out, so that they do not change dtypes."""
     return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))

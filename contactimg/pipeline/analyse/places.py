@@ -37,14 +37,14 @@ class Place:
     scene : Scene
         With the indenter's apex at ``centre``.
     pose : Pose or None
-        Of the camera; None for a run of `predict`, which sees everything.
+        Of the camera; None for a run of `predict`, where everything is visible.
     centre : (float, float), m
         Of the apparent contact, sample coordinates.
     asperities : DataFrame or None
     loads : DataFrame
         Columns of `contactimg.tables.LOADS`, with the friction; empty if there are none.
     predicted : bool
-        Whether its contacts are those of `predict`.
+        Whether its contacts come from `predict`.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Place:
     predicted: bool = False
 
     def field(self, frame: str) -> FieldOfView | None:
-        """What the camera sees in a frame."""
+        """Field of view of the camera in a frame; None if everything is visible."""
         return None if self.pose is None else FieldOfView(self.pose, frame_shift(self.frames, frame))
 
 
@@ -96,7 +96,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         name=str(run.folder),
         contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
         frames=run.frames,
-        scene=_moved(scene, centre),
+        scene=_with_apex(scene, centre),
         pose=pose,
         centre=centre,
         asperities=asperities,
@@ -151,7 +151,7 @@ def _centre(run: RunFolder, pose: Pose | None, centre_px: Point | None) -> Point
     return pose.centre
 
 
-def _moved(scene: Scene, centre: Point) -> Scene:
+def _with_apex(scene: Scene, centre: Point) -> Scene:
     """The scene with the indenter's apex at the centre."""
     if scene.indenter is None:
         return scene
@@ -170,7 +170,7 @@ def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
 
 
 def _optional(read: Callable[[], Result], folder: Path, without: str) -> Result | None:
-    """What a file gives, or None and a warning if it is not there any more."""
+    """The content of a file, or None and a warning if the file no longer exists."""
     try:
         return read()
     except InputError as error:

@@ -1,4 +1,4 @@
-"""The places of an experiment as a model sees them: its contacts in the same fields of view."""
+"""The places of an experiment with the contacts that a model predicts in the same fields of view."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -33,7 +33,7 @@ def predict_places(
     workers: int | None = None,
     advance: Callable[[], None] | None = None,
 ) -> tuple[list[Place], list[str]]:
-    """Solve a model for every frame of places and keep what the camera would see.
+    """Solve a model for every frame of places and keep the contacts in the field of view.
 
     Parameters
     ----------

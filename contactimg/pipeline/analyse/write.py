@@ -1,4 +1,4 @@
-"""What `analyse` leaves behind: tables, and figures as PNG and SVG."""
+"""Write the results of `analyse`: tables, and figures as PNG and SVG."""
 
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def write_analysis(analysis: Analysis, folder: Path, *, smooth_stress: Estimate 
 
 
 def _draw(analysis: Analysis, folder: Path, smooth_stress: Estimate | None) -> None:
-    """Draw A(P), profiles, laws against the local pressure and friction, as far as they are there."""
+    """Draw A(P), profiles, laws against the local pressure and friction, as far as they exist."""
     _save(plot_areas(analysis.area, analysis.area_laws), folder, "area")
     seen = analysis.normalised[
         analysis.normalised["model"].isin(RUN_MODELS) & analysis.normalised["pressure_over_hertz"].notna()

@@ -47,11 +47,11 @@ class CircleSeries:
     table : DataFrame
         Columns of `CIRCLES`, one row a frame.
     opening : float, sqrt(m)
-        How fast the film opens; infinity where none is seen.
+        How fast the film opens with the distance from the edge; infinite where no film is visible.
     doubt : float
-        Probability that the film opens as in the rival.
+        Probability that the rival opening is the true one.
     rival : DataFrame or None
-        The circles with the next best opening; None where that is out of the question.
+        The circles with the next best opening; None if that is very unlikely.
     """
 
     table: pd.DataFrame
@@ -62,7 +62,10 @@ class CircleSeries:
 
 @dataclass(frozen=True)
 class Centre:
-    """Centre of the apparent contact and its standard uncertainty, px; and in whose pixels."""
+    """Centre of the apparent contact with its standard uncertainty, px.
+
+    In the pixels of the reference if the contact moves with the sample, else in those of the frames.
+    """
 
     x_px: float
     y_px: float
@@ -207,7 +210,8 @@ def mean_centre(table: pd.DataFrame) -> Centre:
 
     Notes
     -----
-    Weighted by the circles' own uncertainties, stray centres tamed; the uncertainty includes the scatter.
+    Weighted by the uncertainties of the circles; outlying centres have less weight. The uncertainty includes
+    the scatter of the centres.
     """
     good = table[np.isfinite(table["x_px"])]
     still = good[["x_px", "y_px"]].to_numpy(float)

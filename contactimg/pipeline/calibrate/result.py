@@ -1,4 +1,4 @@
-"""What a calibration leaves behind, and how it is written."""
+"""The result of a calibration, and how it is written."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ Advance = Callable[[], None] | None
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What a calibration leaves behind.
+    """The result of a calibration.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ def measure_thresholds(
     experiment : Experiment
         Of a scene with a camera; forces need the elastic body and the asperities' radii as well.
     thresholds : array_like, shape (m,)
-        Fractions of the contact contrast, above 0 and below 1.
+        Fractions of the contact contrast, between 0 and 1.
     workers : int, optional
         Processes that share the frames.
     advance : callable, optional
@@ -143,7 +143,7 @@ def _count_frame(
 def count_at(
     measurement: ImageMeasurement, threshold: float, *, holes: NDArray[np.bool_] | None = None
 ) -> pd.DataFrame:
-    """Contacts of a measured frame at another threshold, from its difference image without what is foreign.
+    """Contacts of a measured frame at another threshold, from its difference image without foreign objects.
 
     Parameters
     ----------
