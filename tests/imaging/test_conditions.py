@@ -6,7 +6,7 @@ import pytest
 from contact_frames import Optics, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.fit import residual_light as clearing
+from contactimg.imaging.fit import residual_light
 from contactimg.imaging.measure import measure_image
 from contactimg.pose.pairs import pair_points
 from contactimg.render import render_contacts, render_reference
@@ -117,7 +117,9 @@ def test_light_scattered_far_makes_no_contacts(rng):
 def test_disks_that_all_look_unneeded_beside_a_halo_are_kept(rng, monkeypatch):
     optics = Optics(shape=(300, 400), halo=0.2)
     frame, reference = render(scatter(20, optics, rng), optics, rng)
-    monkeypatch.setattr(clearing, "unneeded", lambda fit, *_, **__: np.ones(len(fit.disks), np.bool_))
+    monkeypatch.setattr(
+        residual_light, "find_insignificant", lambda fit, *_, **__: np.ones(len(fit.disks), np.bool_)
+    )
     found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
     assert len(found.disks) >= 20
     assert np.isfinite(found.disks["radius_px"]).all()

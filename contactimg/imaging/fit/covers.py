@@ -1,14 +1,14 @@
-"""Other ways to cover a group of disks that fits badly.
+"""Other ways to cover the pixels of a group of disks that fits badly.
 
-Inscribed disks and peaks of the residual find most contacts, but not the members of a group so compact that
-its widest place lies between them, nor two that pass for one. Where a fit is bad, other covers of the same
-pixels are tried: circles through the arcs of the outline, one more disk where light is left over, a disk cut
-in two or three. A cover is taken if it lowers the squares by more than the disks it adds, and if most of what
-was wrong is gone: pieces of a ragged contact describe its rim a little better than one disk does, contacts
-describe it well.
+Inscribed disks and residual peaks find most contacts. They miss members of a group so compact that its
+widest place lies between them, and they take two close contacts for one. Where a fit is bad, other covers of
+the same pixels are tried: circles along the arcs of the outline, one more disk where light is unexplained, a
+disk split in two or three. A cover is kept if it lowers chi-square by more than the price of the disks it
+adds and if it removes most of the excess chi-square. The second condition distinguishes contacts from a
+ragged rim, which several disks describe only a little better than one.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,109 +16,90 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from contactimg.imaging.contrast.noise import Noise
-from contactimg.imaging.fit.cover_patch import Patch, Surroundings
-from contactimg.imaging.fit.disks import RADIUS, DiskFit
+from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.group_window import GroupWindow
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
+from contactimg.imaging.fit.settings import (
+    ARC_GROWTH_BLUR_WIDTHS,
+    ARC_GROWTH_RATIO,
+    BAD_FIT_RATIO,
+    BAD_FIT_SIGMA,
+    CHI_SQUARE_SLACK_SIGMA,
+    COVER_ROUNDS,
+    DISK_PRICE,
+    EXCESS_LEFT_FRACTION,
+    GROUP_GAP_BLUR_WIDTHS,
+    LARGEST_GROUP,
+    LARGEST_USUAL_CHI_SQUARE,
+    MISSING_DISK_PEAK_FRACTION,
+    NECK_LEVEL_FRACTION,
+    NECK_SHRINKAGE_BLUR_WIDTHS,
+    SMALLEST_ARC_BLUR_WIDTHS,
+    UNSETTLED_CHI_SQUARE_RATIO,
+)
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.shapes.arcs import cover_outline
 from contactimg.imaging.shapes.overlap import hidden
 
-NEAR = 2.0  # blur widths between rims of one group
-LARGEST_GROUP = 20  # disks: what is more is no group but a crowd
-WORST, SURE = 1.3, 6.0  # times the usual chi-square, and standard deviations above it: a bad fit
-BELIEVED = 2.0  # chi-square that noise may have
-SLACK = 3.0  # standard deviations of the squares within which nothing is left to explain
-PRICE = 40.0  # of a disk in squares: six standard deviations, and four for its freedom
-LEFT = 0.35  # of what the squares exceeded their expectation by may be left over
-UNSETTLED = 1.5  # times the expectation: squares from which on it is not that disks had not settled
-ROUNDS = 5
-TALL = 0.3  # of the contrast: light left over that calls for one more disk in an outline
-GROWTH, TIGHT = 1.1, 0.3  # of the radius and in blur widths: what a disk that follows an arc may grow
-NARROW = 0.75  # level at which necks between contacts open ...
-SHRUNK = 0.67  # ... and by how many blur widths rims retreat there: Phi(0.67) = 0.75
-SMALLEST_ARC = 0.7  # blur widths: radius below which no arc shows
-
-Cover = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Disks, and how large each may grow."""
-Fitted = tuple[NDArray[np.float64], float]
-"""Disks, and the squares that they leave over."""
+Cover = tuple[NDArray[np.float64], float]
+"""Fitted disks, and their chi-square."""
 
 
 @dataclass(frozen=True, eq=False)
-class Regrouping:
+class Replacement:
     """Disks to take out of a fit and disks to put in their place.
 
     Parameters
     ----------
-    gone : ndarray of bool, shape (n,)
+    replaced : ndarray of bool, shape (n,)
     new : ndarray, shape (m, 4)
         x, y, radius (px), contrast.
     """
 
-    gone: NDArray[np.bool_]
+    replaced: NDArray[np.bool_]
     new: NDArray[np.float64]
 
 
-def regroup_disks(
-    image: NDArray[np.float32],
-    valid: Mask,
-    fit: DiskFit,
-    *,
-    plateau: float,
-    noise: Noise,
-    brightness: NDArray[np.float64],
-    keep: Callable[[DiskFit], NDArray[np.bool_]],
-    table: EdgeTable | None,
-) -> Regrouping:
+def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     """Better covers of the groups that fit badly.
 
     Parameters
     ----------
-    image, valid, noise, table
-        As for `contactimg.imaging.fit.disks.fit_disks`.
-    fit : DiskFit
-        With all its disks in the model.
-    plateau : float
-        Contrast, grey levels.
-    brightness : ndarray, shape (n,)
-        Relative illumination at each disk.
-    keep : callable
-        Which disks of a fit are needed.
+    problem : FitProblem
+        With a loose prior of the contrasts.
+    fit : FittedDisks
+        With all its disks in the model image.
 
     Returns
     -------
-    Regrouping
+    Replacement
     """
-    gone, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
+    replaced, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
-    usual = float(np.clip(median, 1.0, BELIEVED))
-    limit = np.maximum(WORST, 1.0 + SURE * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
-    frame = Surroundings(image, valid, fit.blur, plateau, noise, table, keep)
-    for members in _groups(fit.disks, fit.chi_square > limit * usual, NEAR * fit.blur):
-        # a single contact is looked at if it fits worse than most: in a frame of ragged ones all fit badly
-        one = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
-        if one or len(members) > LARGEST_GROUP:
+    usual = float(np.clip(median, 1.0, LARGEST_USUAL_CHI_SQUARE))
+    limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
+    bad = fit.chi_square > limit * usual
+    for members in _groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur):
+        # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
+        usual_single = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
+        if usual_single or len(members) > LARGEST_GROUP:
             continue
-        patch = Patch.about(
-            fit.disks[members], fit.model, frame, brightness=float(np.median(brightness[members]))
-        )
-        if patch is None:
+        window = GroupWindow.about(problem, fit, members)
+        if window is None:
             continue
-        disks = fit.disks[members] - patch.corner
-        better = _simplify(patch, _improve(patch, disks, usual), usual)
+        disks = fit.disks[members] - window.offset
+        better = _drop_rim_pieces(window, _find_cover(window, disks, usual), usual)
         if better is not disks:
-            gone[members] = True
-            new.append(better + patch.corner)
-    return Regrouping(gone, np.vstack(new))
+            replaced[members] = True
+            new.append(better + window.offset)
+    return Replacement(replaced, np.vstack(new))
 
 
-def _groups(disks: NDArray, bad: NDArray[np.bool_], space: float) -> Iterator[NDArray[np.int64]]:
-    """Disks whose rims come closer than ``space``, directly or through others, if one of them is bad."""
+def _groups_with(bad: NDArray[np.bool_], disks: NDArray, gap: float) -> Iterator[NDArray[np.int64]]:
+    """Groups of disks with gaps below ``gap``, directly or through others, that contain a bad one."""
     if not bad.any():
         return
-    pairs = find_pairs(disks, 0.5 * space)
+    pairs = find_pairs(disks, 0.5 * gap)
     n = len(disks)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     labels = connected_components(graph, directed=False)[1]
@@ -127,119 +108,118 @@ def _groups(disks: NDArray, bad: NDArray[np.bool_], space: float) -> Iterator[ND
         yield order[slice(*np.searchsorted(labels[order], [label, label + 1]))]
 
 
-def _improve(patch: Patch, disks: NDArray, usual: float) -> NDArray[np.float64]:
-    """A cover that is better than the present one, or that one."""
-    expected = usual * patch.image.size
-    slack = SLACK * usual * np.sqrt(2.0 * patch.image.size)
-    first = squares = patch.squares(disks)
+def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64]:
+    """A better cover than the present disks, or the same array if there is none."""
+    expected = usual * window.pixels
+    slack = CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * window.pixels)
+    first = chi_square = window.chi_square(disks)
     best = disks
-    for number in range(-1 if first < UNSETTLED * expected else 0, ROUNDS):
-        if squares < expected + slack:
+    unsettled = first < UNSETTLED_CHI_SQUARE_RATIO * expected
+    for number in range(-1 if unsettled else 0, COVER_ROUNDS):
+        if chi_square < expected + slack:
             break
-        tried = list(_other_covers(patch, best, number, expected + slack))
-        prices = [value + PRICE * (len(cover) - len(best)) for cover, value in tried]
-        if prices and min(prices) < squares:
-            best, squares = tried[int(np.argmin(prices))]
+        covers = list(_other_covers(window, best, number, expected + slack))
+        costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
+        if costs and min(costs) < chi_square:
+            best, chi_square = covers[int(np.argmin(costs))]
         elif number > 0:
             break
-    return disks if squares - expected > LEFT * (first - expected) + slack else best
+    return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
 
 
-def _simplify(patch: Patch, disks: NDArray, usual: float) -> NDArray[np.float64]:
-    """The disks without those that only mend the rim of a larger one; the same array if there are none.
+def _drop_rim_pieces(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64]:
+    """The disks without those that only describe the rim of a larger one; the same array if there are none.
 
-    Without a contact most of what its pixels show is left unexplained.
+    Without a contact, most of the excess chi-square of its pixels would remain.
     """
-    misfit = patch.misfit(disks)
+    misfit = window.misfit(disks)
     for disk in disks[np.argsort(disks[:, RADIUS])][:-1]:
-        window = patch.window(disk)
-        expected = usual * np.count_nonzero(window)
-        rest = float(misfit[window].sum()) - expected
-        if rest < SLACK * usual * np.sqrt(2.0 * expected):
+        pixels = window.pixels_of(disk)
+        expected = usual * np.count_nonzero(pixels)
+        excess = float(misfit[pixels].sum()) - expected
+        if excess < CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * expected):
             continue
         others = disks[(disks != disk).any(axis=1)]
-        fitted, _ = patch.fit(others, np.full(len(others), np.inf))
-        without = patch.misfit(fitted)
-        if rest > LEFT * (float(without[window].sum()) - expected):
-            disks, misfit = fitted, without
+        refitted, _ = window.fit(others, np.full(len(others), np.inf))
+        without = window.misfit(refitted)
+        if excess > EXCESS_LEFT_FRACTION * (float(without[pixels].sum()) - expected):
+            disks, misfit = refitted, without
     return disks
 
 
-def _other_covers(patch: Patch, disks: NDArray, number: int, enough: float) -> Iterator[Fitted]:
-    """What to try: the same disks, if they had not settled; those of the outline; then one more and more."""
+def _other_covers(window: GroupWindow, disks: NDArray, number: int, enough: float) -> Iterator[Cover]:
+    """What to try in a round: the same disks again, then the arcs of the outline, then more disks."""
     if number < 0:
-        yield patch.fit(disks, np.full(len(disks), np.inf))
+        yield window.fit(disks, np.full(len(disks), np.inf))
     else:
-        yield from _outlined(patch, enough) if number == 0 else _enlarged(patch, disks)
+        yield from _outline_covers(window, enough) if number == 0 else _larger_covers(window, disks)
 
 
-def _outlined(patch: Patch, enough: float) -> Iterator[Fitted]:
-    """Fits of disks that follow the outline of the group, until the squares are few enough."""
-    for level, shrunk in ((0.5, 0.0), (NARROW, SHRUNK)):
+def _outline_covers(window: GroupWindow, enough: float) -> Iterator[Cover]:
+    """Disks along the outline of the group, until chi-square is below ``enough``."""
+    problem, blur = window.problem, window.blur
+    for level, shrinkage in ((0.5, 0.0), (NECK_LEVEL_FRACTION, NECK_SHRINKAGE_BLUR_WIDTHS)):
         arcs = cover_outline(
-            patch.image, level * patch.frame.plateau, smallest=SMALLEST_ARC * patch.frame.blur
+            problem.image, level * problem.contrast, smallest=SMALLEST_ARC_BLUR_WIDTHS * blur
         )
         arcs = arcs[np.argsort(-arcs[:, 3], kind="stable")]
-        arcs[:, RADIUS] += shrunk * patch.frame.blur
-        arcs[:, 3] = patch.frame.plateau
+        arcs[:, RADIUS] += shrinkage * blur
+        arcs[:, CONTRAST] = problem.contrast
         if len(arcs):
-            cover = _completed(patch, arcs[~hidden(arcs)])
+            cover = _completed(window, arcs[~hidden(arcs)])
             yield cover
             if cover[1] < enough:
                 break
 
 
-def _completed(patch: Patch, disks: NDArray) -> Fitted:
-    """A fit of some disks, and of others where they leave light over, one after the other.
+def _completed(window: GroupWindow, disks: NDArray) -> Cover:
+    """Some disks fitted, and one more at each high residual peak in turn.
 
-    As long as some are missing, the others would grow into their place.
+    While a disk is missing, the others would grow into its place: their radii are bounded.
     """
-    tight = TIGHT * patch.frame.blur
-    fitted, squares = patch.fit(disks, disks[:, RADIUS] + tight)
+    margin = ARC_GROWTH_BLUR_WIDTHS * window.blur
+    fitted, chi_square = window.fit(disks, disks[:, RADIUS] + margin)
     for _ in range(LARGEST_GROUP):
-        top = patch.peak(fitted)
-        if top is None or top[2] < TALL * patch.frame.plateau:
+        peak = window.highest_residual(fitted)
+        if peak is None or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast:
             break
-        more = np.vstack([fitted, _small_disk(patch, top)])
-        tried, value = patch.fit(more, np.append(fitted[:, RADIUS] + tight, np.inf))
-        if len(tried) <= len(fitted) or value > squares - PRICE:
+        more = np.vstack([fitted, window.small_disk(peak[0], peak[1])])
+        candidate, value = window.fit(more, np.append(fitted[:, RADIUS] + margin, np.inf))
+        if len(candidate) <= len(fitted) or value > chi_square - DISK_PRICE:
             break
-        fitted, squares = tried, value
-    return patch.fit(fitted, _bounds(patch, fitted))
+        fitted, chi_square = candidate, value
+    return window.fit(fitted, _bounds(window, fitted))
 
 
-def _enlarged(patch: Patch, disks: NDArray) -> Iterator[Fitted]:
-    """Fits of one disk or two more than before."""
-    top = patch.peak(disks)
-    if top is not None:
-        more = np.vstack([disks, _small_disk(patch, top)])
-        yield patch.fit(more, np.full(len(more), np.inf))
-    residual = patch.image - patch.model(disks)
-    windows = [patch.window(disk) for disk in disks]
-    worst = int(np.argmax([np.sum(residual[w] ** 2) / max(np.count_nonzero(w), 1) for w in windows]))
-    rest = np.delete(disks, worst, axis=0)
+def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
+    """Covers with one disk or two more than before."""
+    peak = window.highest_residual(disks)
+    if peak is not None:
+        more = np.vstack([disks, window.small_disk(peak[0], peak[1])])
+        yield window.fit(more, np.full(len(more), np.inf))
+    residual = window.problem.image - window.model(disks)
+    parts = [window.pixels_of(disk) for disk in disks]
+    mean_squares = [np.sum(residual[part] ** 2) / max(np.count_nonzero(part), 1) for part in parts]
+    worst = int(np.argmax(mean_squares))
+    others = np.delete(disks, worst, axis=0)
     for count in (2, 3):
-        pieces, largest = _pieces(patch, residual, disks[worst], count)
-        yield patch.fit(np.vstack([rest, pieces]), np.concatenate([_bounds(patch, rest), largest]))
+        pieces = _split(window, residual, disks[worst], count)
+        largest = np.append(_bounds(window, others), np.full(count, disks[worst, RADIUS]))
+        yield window.fit(np.vstack([others, pieces]), largest)
 
 
-def _bounds(patch: Patch, disks: NDArray) -> NDArray[np.float64]:
-    """How large disks may grow that are about right."""
-    return np.asarray(GROWTH * disks[:, RADIUS] + TIGHT * patch.frame.blur)
+def _bounds(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
+    """Upper bounds of the radii of disks that are about right."""
+    return np.asarray(ARC_GROWTH_RATIO * disks[:, RADIUS] + ARC_GROWTH_BLUR_WIDTHS * window.blur)
 
 
-def _small_disk(patch: Patch, peak: NDArray) -> NDArray[np.float64]:
-    """A disk as small as the blur at a peak."""
-    return np.array([peak[0], peak[1], patch.frame.blur, patch.frame.plateau])
-
-
-def _pieces(patch: Patch, residual: NDArray, disk: NDArray, count: int) -> Cover:
-    """Two or three touching disks that share the light of one, turned to where light is left over."""
-    x, y = patch.from_centre(disk)
-    light = np.where(patch.window(disk), residual, 0.0)
+def _split(window: GroupWindow, residual: NDArray, disk: NDArray, count: int) -> NDArray[np.float64]:
+    """Two or three touching disks with the area of one, turned to where light is unexplained."""
+    x, y = window.from_centre(disk)
+    light = np.where(window.pixels_of(disk), residual, 0.0)
     angle = np.angle(np.sum(light * (x + 1j * y) ** count)) / count
     a = disk[RADIUS] / np.sqrt(count)
     angles = angle + 2.0 * np.pi * np.arange(count) / count
     pieces = np.tile(np.array([disk[0], disk[1], a, disk[3]]), (count, 1))
     pieces[:, :2] += a / np.sin(np.pi / count) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return pieces, np.full(count, disk[RADIUS])
+    return pieces

@@ -1,9 +1,8 @@
-"""Light that the optics scatter far: a second, wide part of the point spread function, from the frame.
+"""Halo: a second, wide part of the point spread function, estimated from the frame.
 
-A frame seen through ``(1-f) core + f halo`` is ``D = (1-f) M + f G*M`` with M the frame through the core
-alone and G the halo's Gaussian. Beyond the reach of the core only the halo is left, and there f and its width
-follow from least squares; then M follows from D by taking the halo of the present M away, in turn with the
-fit that gives M.
+With the frame M seen through the core alone and the halo's Gaussian G, the frame is ``D = (1-f) M + f G*M``.
+Beyond the reach of the core only the halo is left: there f and its width follow from least squares. M then
+follows from D minus the halo of the present M, in turn with the fit that gives M.
 """
 
 import cv2
@@ -12,16 +11,18 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
+from contactimg.imaging.fit.settings import (
+    CORE_END_FRACTION,
+    FEWEST_HALO_PARTS,
+    HALO_BLOCK_PX,
+    HALO_FALSE_ALARM,
+    HALO_PARTS,
+    HALO_WIDTHS_PX,
+    LARGEST_HALO_FRACTION,
+    LEAST_HALO_FRACTION,
+)
 from contactimg.imaging.pixels.blocks import BlockMeans, block_means
 from contactimg.imaging.profile.optics import Halo
-
-WIDTHS = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)  # px
-COARSE = 2  # px: halos are smooth, so they are computed on means of this many pixels each way (a power of 2)
-DARK = 5e-4  # of the contrast: the core has ended where it is below
-CHANCE = 3e-6  # probability of a halo that is none: 8 standard deviations of 12 parts
-LARGEST = 0.6  # of the light: more would be no halo but the point spread function
-LEAST = 0.01  # of the light: a smaller halo changes no radius by more than its error
-PARTS, FEWEST = 12, 3  # parts of the image, one contact each at least, whose scatter gives the uncertainty
 
 
 def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:
@@ -30,19 +31,22 @@ def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo 
     Parameters
     ----------
     means : BlockMeans
-        Of the difference image and of the disks fitted through the core of the point spread function.
+        Of the difference image, and of the disks fitted with the core of the point spread function.
     contrast : float
-        Of the contacts.
+        Of the contacts, grey levels.
     contacts : int
-        How many there are: fewer than three say nothing.
+        Number of contacts; fewer than three determine no halo.
     """
-    parts = min(contacts, PARTS)
-    if parts < FEWEST or _best(means, contrast, 2 * COARSE, WIDTHS[::3], parts=parts) is None:
+    parts = min(contacts, HALO_PARTS)
+    if parts < FEWEST_HALO_PARTS:
         return None
-    return _best(means, contrast, COARSE, WIDTHS, parts=parts)
+    # a quick look at larger blocks suffices for most frames
+    if _best_halo(means, contrast, 2 * HALO_BLOCK_PX, HALO_WIDTHS_PX[::3], parts=parts) is None:
+        return None
+    return _best_halo(means, contrast, HALO_BLOCK_PX, HALO_WIDTHS_PX, parts=parts)
 
 
-def _best(
+def _best_halo(
     means: BlockMeans,
     contrast: float,
     side: int,
@@ -50,38 +54,39 @@ def _best(
     *,
     parts: int,
 ) -> Halo | None:
-    """The halo of one of some widths that explains most, on means over squares of a side."""
+    """The halo, of those of some widths, that explains most of the block means of a side."""
     image, core = means(side)
-    dark = np.abs(core) < DARK * contrast
-    if np.count_nonzero(dark) < 20 * PARTS:
+    dark = np.abs(core) < CORE_END_FRACTION * contrast
+    if np.count_nonzero(dark) < 20 * HALO_PARTS:
         return None
-    halos = [_spread(core, width / side) for width in widths]
-    fits = [_line(image, halo, dark) for halo in halos]
-    best = int(np.argmin([squares for _, squares in fits]))
+    halos = [_blurred(core, width / side) for width in widths]
+    fits = [_fit_slope(image, halo, dark) for halo in halos]
+    best = int(np.argmin([residual for _, residual in fits]))
     fraction = fits[best][0]
-    if fraction < LEAST:
+    if fraction < LEAST_HALO_FRACTION:
         return None
     scatter = _slope_std(image[dark], halos[best][dark], fraction, parts)
-    if fraction < -special.stdtrit(parts - 1, CHANCE) * scatter:
+    if fraction < -special.stdtrit(parts - 1, HALO_FALSE_ALARM) * scatter:
         return None
-    return Halo(min(fraction, LARGEST), widths[best])
+    return Halo(min(fraction, LARGEST_HALO_FRACTION), widths[best])
 
 
-def remove_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
+def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
     """The image as the core of the point spread function alone would show it."""
-    wide = _spread(block_means(model, side=COARSE), halo.sigma_px / COARSE)
-    wide = cv2.resize(wide, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_CUBIC)
+    wide = _blurred(block_means(model, side=HALO_BLOCK_PX), halo.sigma_px / HALO_BLOCK_PX)
+    wide = cv2.resize(wide, None, fx=HALO_BLOCK_PX, fy=HALO_BLOCK_PX, interpolation=cv2.INTER_CUBIC)
     wide = wide[: image.shape[0], : image.shape[1]]
     return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
 
 
-def _spread(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+def _blurred(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
+    """Through a Gaussian of a width in pixels; the border repeats."""
     return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
 
 
 @njit(cache=True)
-def _line(data, wide, used):
-    """Slope of the data on the halo over the pixels that are used, and the squares that are left."""
+def _fit_slope(data, wide, used):
+    """Slope of the data against the halo over the pixels used, and the residual sum of squares."""
     power, common, squares = _moments(data.ravel(), wide.ravel(), used.ravel())
     if power <= 1e-9 * data.size:
         return 0.0, squares
@@ -106,10 +111,10 @@ def _moments(data, wide, used):
 
 @njit(cache=True)
 def _slope_std(data, wide, slope, parts):
-    """Uncertainty of the slope.
+    """Standard uncertainty of the slope.
 
-    Pixels share noise, so it comes from the scatter between parts of the image that tell as much as each
-    other.
+    Neighbouring pixels share noise, so it comes from the scatter between parts of the image, each with the
+    same share of the information on the slope.
     """
     n, level, middle = len(data), data.mean(), wide.mean()
     power = 0.0
@@ -117,13 +122,13 @@ def _slope_std(data, wide, slope, parts):
         power += (wide[i] - middle) ** 2
     if not power > 0.0:
         return np.inf
-    told, part, variance, share = 0.0, 0.0, 0.0, power / parts
+    information, part, variance, share = 0.0, 0.0, 0.0, power / parts
     full = share
     for i in range(n):
         x = wide[i] - middle
-        told += x * x
+        information += x * x
         part += x * (data[i] - level - slope * x)
-        if told >= full or i == n - 1:
+        if information >= full or i == n - 1:
             variance += part * part
             part, full = 0.0, full + share
     return np.sqrt(variance) / power

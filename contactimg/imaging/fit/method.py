@@ -1,53 +1,51 @@
-"""The `disk` method: fit of blurred disks, with the frame's own noise, blur and contrast, and its quality."""
+"""The method "disk": a blurred disk for each contact; noise, halo, contrast and blur from the frame itself.
+
+The order of the steps is that of `_attempt`. Disks are detected at an assumed contrast; if the fit then finds
+another one, they are detected anew.
+"""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation, measure_slope
-from contactimg.imaging.contrast.plateau import Contrast
-from contactimg.imaging.fit.assemble import Assembly, assemble_disks
+from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.disks import (
-    ENOUGH,
-    RADIUS,
-    DiskFit,
-    Drawing,
-    Prior,
-    X,
-    Y,
+    FitControl,
+    FittedDisks,
+    ModelImage,
     contrast_prior,
     fit_disks,
     wide_disks,
 )
-from contactimg.imaging.fit.problem import Field
-from contactimg.imaging.fit.residual_light import level_out, without_halo
-from contactimg.imaging.fit.shared_optics import Known, Settled, settle_optics
+from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.quality import FrameFit, report_contacts
+from contactimg.imaging.fit.residual_light import remove_halo, remove_illumination
+from contactimg.imaging.fit.settings import (
+    BINNED_BLUR_PX,
+    CONTRAST_CHANGE_LOG,
+    FEWEST_COMMON_CHI_SQUARE,
+    FEWEST_WIDE_DISKS,
+    FILM_BLUR_RATIO,
+    FILM_BLUR_STEPS,
+    LEAST_LEVEL_FRACTION,
+    LEAST_NOISE_FRACTION,
+    LEAST_NOISE_LEVELS,
+    LEAST_SPREAD_FRACTION,
+    LOST_DISKS_RATIO,
+    MOST_ATTEMPTS,
+    WIDEST_UNBINNED_BLUR_PX,
+)
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, settle_optics
 from contactimg.imaging.pixels.blocks import BlockMeans
-from contactimg.imaging.pixels.frame_pair import FramePair
-from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim, rim_table
-from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.detections import Detections
 from contactimg.imaging.reject.foreground import Foreground
-from contactimg.imaging.reject.implausible_disks import reject_disks
-from contactimg.imaging.shapes.overlap import count_touching
 from contactimg.imaging.shapes.rim_blur import estimate_blur
-from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
-
-WIDEST_BLUR = 3.2  # px: wider blurs are measured on binned pixels ...
-BINNED_BLUR = 1.6  # ... such that they are about this wide
-QUANTISATION = 1e-3  # levels: the least noise that is believed ...
-LEAST_NOISE = 5e-3  # ... and of the contrast: no edge is so round that residuals below that mean anything
-BLUR_STEP, BLURS_BELOW, BLURS_ABOVE = 1.1, 5, 5  # blurs tried about the guess when there is a rim
-ATTEMPTS = 3
-LEAST_SPREAD = 1e-4  # of the contrast
-SAME_CONTRAST = 0.1  # change of ln contrast from which on disks are told apart again
-POOR_CHI_SQUARE = 1.5
-FAINT = 10.0  # standard deviations of the light of a contact
-CUT = 2.0  # blur widths: a rim closer to the border is cut
 
 
 @stage("quality")
@@ -66,229 +64,170 @@ def measure_by_fit(foreground: Foreground, difference: DifferenceImage, *, film:
     -------
     Detections
     """
-    image, frame_pair, contrast = foreground.image, foreground.frame_pair, foreground.contrast
-    noise, known = foreground.noise, foreground.prior_optics
-    guess = known.blur_px if np.isfinite(known.blur_px) else None
-    blur = float(
-        estimate_blur(image, contrast.plateau) if guess is None else np.hypot(guess, PIXEL_VARIANCE**0.5)
+    start = _first_start(foreground, difference)
+    prior = foreground.prior_optics
+    given = _Given(
+        prior,
+        OpticsPrior.of(prior, contrast=start.contrast, blur=start.blur, binning=start.problem.binning),
+        max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
+        film,
     )
-    field = Field.of(image, frame_pair, difference, int(blur / BINNED_BLUR) if blur > WIDEST_BLUR else 1)
-    noise = noise if field.bin == 1 else estimate_noise(field.image, field.blocks)
-    noise = max(noise, QUANTISATION, LEAST_NOISE * contrast.plateau)
-    blur = blur / field.bin if guess is None else float(np.hypot(guess / field.bin, PIXEL_VARIANCE**0.5))
-    free_blur = guess is None
-    level = max(difference.level, 0.1 * contrast.plateau)
-    before = Known.of(known, contrast=contrast.plateau, blur=blur, binning=field.bin)
-    best: _Trial | None = None
-    anchor = float("nan")
-    for _ in range(ATTEMPTS):
-        trial = _attempt(
-            field, contrast=contrast, noise=noise, level=level, blur=blur, before=before,
-            known=known, film=film, free_blur=free_blur, anchor=anchor,
-        )  # fmt: skip
-        if best is not None and 2 * len(trial.fit.disks) < len(best.fit.disks):
-            break  # at a contrast at which most contacts vanish, the contacts are not disks
-        best, found = trial, trial.settled
-        if found is None or abs(np.log(found.contrast / contrast.plateau)) < SAME_CONTRAST:
+    best: FrameFit | None = None
+    for _ in range(MOST_ATTEMPTS):
+        attempt = _attempt(start, given)
+        if best is not None and LOST_DISKS_RATIO * len(attempt.fit.disks) < len(best.fit.disks):
+            break  # a contrast at which most contacts vanish is wrong
+        best, joint = attempt, attempt.joint
+        if joint is None or abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG:
             break
-        # disks were told apart at another contrast: look again
-        moved = abs(trial.field.light[0, 0]) > SAME_CONTRAST * contrast.plateau
-        contrast, blur = replace(contrast, plateau=found.contrast), found.fit.blur
-        anchor = found.shown
-        free_blur = free_blur and (film is not None or moved)
-        field = field.without_light(trial.field.light)
-    return _report(best or trial, frame_pair, image, difference, contrast)
+        start = _next_start(start, best, joint, film)
+    return report_contacts(best or attempt, foreground, difference, contrast=start.contrast)
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
-    """Disks fitted from one guess of the contrast; nothing is settled where there is no disk."""
+class _Given:
+    """What is given for all attempts.
 
-    assembly: Assembly
-    field: Field
-    fit: DiskFit
-    halo: Halo | None
-    settled: Settled | None
-
-
-def _attempt(
-    field: Field,
-    *,
-    contrast: Contrast,
-    noise: float,
-    level: float,
-    blur: float,
-    before: Known,
-    known: SharedOptics,
-    film: Rim | None,
-    free_blur: bool,
-    anchor: float,
-) -> _Trial:
-    """Tell the disks apart and fit them, with the frame's own noise, halo, contrast and blur."""
-    gain = 1.0 + contrast.plateau / level
-    first = Noise(noise**2, gain - 1.0)
-    table = None
-    if film is not None:
-        blur = _blur_behind(film, field, contrast, first, blur) if free_blur else blur
-        table, free_blur = rim_table(film, blur), False
-    assembly = assemble_disks(
-        field.image, field.valid, field.blocks, plateau=contrast.plateau, noise=first,
-        brightness=field.brightness, blur=blur, free_blur=free_blur, table=table,
-    )  # fmt: skip
-    start, halo = assembly.fit, None
-    if not len(start.disks):
-        return _Trial(assembly, field, start, halo, None)
-    means = BlockMeans(field.image, start.model)
-    if film is None:
-        field, start, halo, dropped = without_halo(
-            field, start, means, contrast, first, known=known, free_blur=free_blur
-        )
-        assembly = replace(assembly, dropped=np.vstack([assembly.dropped, dropped]))
-        means = means if halo is None else BlockMeans(field.image, start.model)
-    else:
-        before = before.with_blur(start.blur)  # a rim has lengths of its own: its table holds for one blur
-    field, start, contrast = level_out(field, start, means, contrast, first, free_blur=free_blur, table=table)
-    settled = _refine(
-        field, start, contrast=contrast, noise=noise, gain=gain, before=before, spread=known.spread,
-        free_blur=free_blur, table=table, anchor=anchor,
-    )  # fmt: skip
-    return _Trial(assembly, field, settled.fit, halo, settled)
-
-
-def _report(
-    trial: _Trial,
-    frame_pair: FramePair,
-    image: NDArray[np.float32],
-    difference: DifferenceImage,
-    contrast: Contrast,
-) -> Detections:
-    """The tables of a trial, dirt sorted out."""
-    field, contacts = trial.field, _tabulate(trial)
-    disks = np.column_stack([contacts["x_px"], contacts["y_px"], contacts["radius_px"]])
-    reasons = reject_disks(
-        frame_pair, image, difference, disks, blur=trial.fit.blur * field.bin, contrast=contrast.plateau
-    )
-    bad = reasons != ""
-    dropped = trial.assembly.dropped
-    tried = np.column_stack([field.unbin(dropped[:, [X, Y]]), dropped[:, RADIUS] * field.bin])
-    unneeded = np.full(len(tried), Reason.UNNECESSARY)
-    rejected = dict(zip(("x_px", "y_px", "radius_px"), np.vstack([tried, disks[bad]]).T, strict=True))
-    rejected["reason"] = np.append(unneeded, reasons[bad])
-    if trial.settled is None:
-        optics = own = SharedOptics(contrast.plateau, np.nan, np.nan, trial.fit.blur * field.bin, np.nan)
-    else:
-        optics, own = (
-            replace(trial.settled.optics(covariance, binning=field.bin), halo=trial.halo)
-            for covariance in (trial.settled.covariance, trial.settled.own)
-        )
-    asserted = {name: values[~bad] for name, values in contacts.items()}
-    return Detections(asserted, rejected, optics, own, trial.assembly.smallest * field.bin)
-
-
-def _blur_behind(rim: Rim, field: Field, contrast: Contrast, noise: Noise, guess: float) -> float:
-    """Blur for which contacts with a rim fit best.
-
-    A rim has lengths of its own, so its table holds for one blur; and too sharp an edge can pass for a
-    sharper blur, so the whole range is looked at, then a parabola laid through the best three.
+    Parameters
+    ----------
+    prior_optics : SharedOptics
+    optics_prior : OpticsPrior
+        The same as the normal prior of the fit.
+    level : float
+        Background level, grey levels.
+    film : Rim or None
     """
-    middle = round(float(np.log(guess) / np.log(BLUR_STEP)))
-    blurs = BLUR_STEP ** np.arange(middle - BLURS_BELOW, middle + BLURS_ABOVE + 1.0)
-    misfit = np.array([_misfit(rim, field, contrast, noise, float(blur)) for blur in blurs])
+
+    prior_optics: SharedOptics
+    optics_prior: OpticsPrior
+    level: float
+    film: Rim | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """Where an attempt starts.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    blur : float, px
+        Standard deviation, pixel included.
+    free_blur : bool
+    wide_contrast : float
+        Contrast of the wide contacts in the attempt before; NaN if there are none.
+    """
+
+    problem: FitProblem
+    blur: float
+    free_blur: bool
+    wide_contrast: float = float("nan")
+
+    @property
+    def contrast(self) -> float:
+        """At which disks are detected."""
+        return self.problem.contrast
+
+
+def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
+    """The problem, binned where the blur is wide, and a first guess of the blur."""
+    image, contrast = foreground.image, foreground.contrast.plateau
+    given_blur = foreground.prior_optics.blur_px
+    free_blur = not np.isfinite(given_blur)
+    blur = estimate_blur(image, contrast) if free_blur else float(np.hypot(given_blur, PIXEL_VARIANCE**0.5))
+    binning = int(blur / BINNED_BLUR_PX) if blur > WIDEST_UNBINNED_BLUR_PX else 1
+    problem = FitProblem.of(foreground, difference, binning=binning)
+    noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
+    noise = max(noise, LEAST_NOISE_LEVELS, LEAST_NOISE_FRACTION * contrast)
+    blur = blur / binning if free_blur else np.hypot(given_blur / binning, PIXEL_VARIANCE**0.5)
+    return _Start(replace(problem, noise=Noise(noise**2)), float(blur), free_blur)
+
+
+def _next_start(start: _Start, result: FrameFit, joint: JointFit, film: Rim | None) -> _Start:
+    """At the contrast and blur found, without the illumination found."""
+    removed = result.problem.removed_background
+    moved = abs(removed[0, 0]) > CONTRAST_CHANGE_LOG * start.contrast
+    return _Start(
+        start.problem.without_background(removed).with_contrast(joint.contrast),
+        joint.fit.blur,
+        start.free_blur and (film is not None or bool(moved)),
+        joint.wide_contrast,
+    )
+
+
+def _attempt(start: _Start, given: _Given) -> FrameFit:
+    """Detect the disks at one contrast and fit them, with noise, halo, illumination, contrast and blur."""
+    film, blur, free_blur, prior = given.film, start.blur, start.free_blur, given.optics_prior
+    gain = 1.0 + start.contrast / given.level
+    problem = replace(start.problem, noise=Noise(start.problem.noise.variance, gain - 1.0))
+    if film is not None:
+        blur = _find_film_blur(film, problem, blur) if free_blur else blur
+        problem, free_blur = replace(problem, profile=rim_table(film, blur)), False
+    detected = assemble_disks(problem, blur=blur, free_blur=free_blur)
+    fit, halo, dropped = detected.fit, None, detected.dropped
+    if not len(fit.disks):
+        return FrameFit(problem, fit, dropped, detected.smallest, None, None)
+    means = BlockMeans(problem.image, fit.model)
+    if film is None:
+        problem, fit, halo, vanished = remove_halo(
+            problem, fit, means, prior_optics=given.prior_optics, free_blur=free_blur
+        )
+        dropped = np.vstack([dropped, vanished])
+        means = means if halo is None else BlockMeans(problem.image, fit.model)
+    else:
+        prior = prior.with_exact_blur(fit.blur)  # the table of a film holds for one blur
+    problem, fit = remove_illumination(problem, fit, means, free_blur=free_blur)
+    start = replace(start, problem=problem, free_blur=free_blur)
+    joint = _refine(start, fit, prior, given.prior_optics.spread)
+    return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint)
+
+
+def _find_film_blur(film: Rim, problem: FitProblem, guess: float) -> float:
+    """Blur at which contacts with a film fit best.
+
+    A film has lengths of its own, so its table holds for one blur. The misfit may have several minima: the
+    whole range is searched, then a parabola laid through the best three.
+    """
+    middle = round(float(np.log(guess) / np.log(FILM_BLUR_RATIO)))
+    blurs = FILM_BLUR_RATIO ** np.arange(middle - FILM_BLUR_STEPS, middle + FILM_BLUR_STEPS + 1.0)
+    misfit = np.array([_film_misfit(film, problem, float(blur)) for blur in blurs])
     best = int(np.clip(np.argmin(misfit), 1, len(blurs) - 2))
     left, centre, right = misfit[best - 1 : best + 2]
     bend = left - 2.0 * centre + right
     shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0)) if bend > 0 else 0.0
-    return float(blurs[best] * BLUR_STEP**shift)
+    return float(blurs[best] * FILM_BLUR_RATIO**shift)
 
 
-def _misfit(rim: Rim, field: Field, contrast: Contrast, noise: Noise, blur: float) -> float:
-    """Median chi-square of the contacts for one blur."""
-    table = rim_table(rim, blur)
-    assembly = assemble_disks(
-        field.image, field.valid, field.blocks, plateau=contrast.plateau, noise=noise,
-        brightness=field.brightness, blur=blur, free_blur=False, table=table, thorough=False,
-    )  # fmt: skip
-    return float(np.median(assembly.fit.chi_square)) if len(assembly.fit.disks) else 0.0
+def _film_misfit(film: Rim, problem: FitProblem, blur: float) -> float:
+    """Median chi-square of the contacts at one blur."""
+    problem = replace(problem, profile=rim_table(film, blur))
+    fit = assemble_disks(problem, blur=blur, free_blur=False, try_covers=False).fit
+    return float(np.median(fit.chi_square)) if len(fit.disks) else 0.0
 
 
-def _refine(
-    field: Field,
-    start: DiskFit,
-    *,
-    contrast: Contrast,
-    noise: float,
-    gain: float,
-    before: Known,
-    spread: float,
-    free_blur: bool,
-    table: EdgeTable | None,
-    anchor: float,
-) -> Settled:
-    """Last fit, with noise, background, contrast and spread of contrasts as the first one shows them."""
-    image = field.image
+def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: float) -> JointFit:
+    """Last fit: noise, contrast and spread of the contrasts are measured with the fit before."""
+    problem, radius = start.problem, fit.disks[:, RADIUS]
+    image, noise, gain = problem.image, problem.noise, 1.0 + problem.noise.slope
     slope = measure_slope(
-        image, start.model, contrast=contrast.plateau, variance=noise**2, default=gain - 1.0
+        image, fit.model, contrast=problem.contrast, variance=noise.variance, default=noise.slope
     )
-    model = Noise(noise**2, slope)
-    correlation = measure_correlation(image, start.model, field.blocks, noise=noise)
-    radius = start.disks[:, RADIUS]
-    shared = correlation.plateau_inflation(radius, start.blur, noise=model, gain=gain)
-    prior = contrast_prior(start, plateau=contrast.plateau, inflation=shared)
-    shown = float(prior.mean[0]) if np.count_nonzero(wide_disks(start)) >= ENOUGH else anchor
+    measured = Noise(noise.variance, slope)
+    correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)
+    shared = correlation.plateau_inflation(radius, fit.blur, noise=measured, gain=gain)
+    prior = contrast_prior(fit, default=problem.contrast, inflation=shared)
+    wide = prior.mean if np.count_nonzero(wide_disks(fit)) >= FEWEST_WIDE_DISKS else start.wide_contrast
     if np.isfinite(spread):
-        prior = Prior(prior.mean, np.maximum(spread, LEAST_SPREAD * prior.mean))
-    brightness = field.brightness(start.disks)
+        prior = ContrastPrior(prior.mean, max(spread, LEAST_SPREAD_FRACTION * prior.mean))
+    problem = replace(problem, noise=measured, prior=prior)
     fit = fit_disks(
-        image, field.valid, start.disks, blur=start.blur, noise=model, prior=prior,
-        brightness=brightness, free_blur=free_blur, iterations=5, table=table,
-        drawing=Drawing.partly(image.shape, len(radius)),
+        problem, fit.disks, blur=fit.blur, control=FitControl(start.free_blur, iterations=5),
+        start=ModelImage.blank(image.shape, len(radius), complete=False),
     )  # fmt: skip
-    inflation = correlation.rim_inflation(radius, fit.blur, noise=model, gain=gain)
-    settled = settle_optics(
-        image, field.valid, fit, noise=model, prior=prior, brightness=brightness, known=before,
-        inflation=inflation, shown=shown, table=table,
-    )  # fmt: skip
-    fit = settled.fit
-    # what the linear noise model gets wrong at the rim shows in all fits; what a single fit gets wrong, in
-    # that one
-    common = min(float(np.median(fit.chi_square)), 1.0) if len(radius) >= 10 else 1.0
-    inflated = fit.std * np.sqrt(inflation * np.maximum(fit.chi_square, common))[:, None]
-    return replace(settled, fit=fit.replace(std=inflated))
-
-
-def _tabulate(trial: _Trial) -> dict[str, NDArray]:
-    """Columns of a table of the disks in pixels of the frame, with flags; from top to bottom."""
-    field, fit, settled = trial.field, trial.fit, trial.settled
-    disks, std = fit.disks, fit.std[:, RADIUS]
-    modes = np.zeros((0, 2)) if settled is None else settled.modes
-    rows, columns = field.image.shape
-    reach = disks[:, RADIUS] + CUT * fit.blur
-    gap = np.minimum.reduce(
-        [disks[:, X] + 0.5, columns - 0.5 - disks[:, X], disks[:, Y] + 0.5, rows - 0.5 - disks[:, Y]]
-    )
-    light = disks[:, RADIUS] / (2 * std)
-    holes = field.valid if field.valid is None or field.saturated is None else field.valid | field.saturated
-    conditions = {
-        Flag.EDGE: (gap < reach) | field.touches(holes, 0, disks, reach),
-        Flag.MERGED: count_touching(disks, fit.blur) > 0,
-        Flag.SATURATED: field.touches(field.saturated, 1, disks, disks[:, RADIUS]),
-        Flag.TOO_SMALL: disks[:, RADIUS] - combine_errors(std, modes) < fit.blur,
-        Flag.POOR_FIT: fit.chi_square > POOR_CHI_SQUARE,
-        Flag.LOW_SIGNAL: light < FAINT,
-    }
-    flags = np.zeros(len(disks), np.int64)
-    for flag, holds in conditions.items():
-        flags |= np.where(holds, int(flag), 0)
-    contacts = {
-        "x_px": field.unbin(disks[:, X]),
-        "y_px": field.unbin(disks[:, Y]),
-        "radius_px": disks[:, RADIUS] * field.bin,
-        "radius_std_px": combine_errors(std, modes) * field.bin,
-        "contrast_shift_px": modes[:, 0] * field.bin,
-        "blur_shift_px": modes[:, 1] * field.bin,
-        "flags": flags,
-    }
-    finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
-    seen = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > 2.0))
-    order = seen[np.lexsort([contacts["x_px"][seen], contacts["y_px"][seen]])]
-    return {name: values[order] for name, values in contacts.items()}
+    inflation = correlation.rim_inflation(radius, fit.blur, noise=measured, gain=gain)
+    joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
+    # a misfit common to all disks is due to the noise model; that of a single disk is its own
+    chi_square, many = joint.fit.chi_square, len(radius) >= FEWEST_COMMON_CHI_SQUARE
+    common = min(float(np.median(chi_square)), 1.0) if many else 1.0
+    std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
+    return replace(joint, fit=replace(joint.fit, std=std))

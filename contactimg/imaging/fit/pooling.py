@@ -1,8 +1,8 @@
-"""Contrast and blur of a series: what the frames that show them say together, and which frames need it.
+"""Contrast and blur of a series of frames, and how much each frame gains from them.
 
-Contacts transmit a fraction of the light, so their contrast over the background's level is the same in every
-frame, as is the blur, up to slow changes. Frames are weighted by their own uncertainties and by how much more
-they scatter than these explain.
+Contacts transmit a fraction of the light, so the ratio of their contrast to the background level is the same
+in every frame, as is the blur, up to slow changes. Frames are weighted by their own variances plus the
+variance between frames.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from contactimg.imaging.fit.settings import POOLING_OUTLIER_SIGMA, RESOLVED_CONTRAST_FRACTION
 from contactimg.imaging.profile.optics import SharedOptics
-
-LINEAR = 0.1  # relative uncertainty of a contrast up to which its distribution is about normal
-OUTLIER = 5.0  # standard deviations from which on a frame does not count
 
 
 def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
@@ -24,12 +22,12 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
     Parameters
     ----------
     frames : sequence of SharedOptics
-        What each frame alone shows, contrasts relative to the level of the background.
+        From each frame alone, contrasts relative to the background level.
 
     Returns
     -------
     SharedOptics or None
-        Its uncertainties hold for one more frame: they include how much frames differ. None if no frame knows
+        For one more frame: the uncertainties include the scatter between frames. None if no frame determines
         its contrast to a tenth.
 
     Examples
@@ -39,17 +37,17 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
     >>> round(pooled.contrast, 3), round(pooled.blur_px, 3)
     (1.254, 1.404)
     """
-    known = [frame for frame in frames if frame.contrast_relative_std < LINEAR]
-    if not known:
+    resolved = [frame for frame in frames if frame.contrast_relative_std < RESOLVED_CONTRAST_FRACTION]
+    if not resolved:
         return None
     contrast = _mean(
-        np.log([frame.contrast for frame in known]),
-        np.array([frame.contrast_relative_std for frame in known]),
+        np.log([frame.contrast for frame in resolved]),
+        np.array([frame.contrast_relative_std for frame in resolved]),
     )
     blur = _mean(
-        np.array([frame.blur_px for frame in known]), np.array([frame.blur_std_px for frame in known])
+        np.array([frame.blur_px for frame in resolved]), np.array([frame.blur_std_px for frame in resolved])
     )
-    best = min(known, key=lambda frame: frame.contrast_relative_std)
+    best = min(resolved, key=lambda frame: frame.contrast_relative_std)
     level = float(np.exp(contrast.value))
     return SharedOptics(
         contrast=level,
@@ -65,17 +63,17 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
 def gain_of_pooling(
     sums: NDArray[np.float64], own_part: float, own: SharedOptics, pooled: SharedOptics
 ) -> float:
-    """How many times smaller the uncertainty of a sum over contacts gets with the pooled contrast and blur.
+    """Factor by which pooled contrast and blur reduce the uncertainty of a sum over contacts.
 
     Parameters
     ----------
     sums : ndarray, shape (2,)
-        Change of the sum by one standard uncertainty of the contrast (the blur following), and by one of the
-        rest of the blur, as the frame alone knows them.
+        Change of the sum by one standard uncertainty of the contrast, with the correlated change of the
+        blur, and by one of the remaining uncertainty of the blur; both from the frame alone.
     own_part : float
-        Standard uncertainty of the sum from errors of its own of each contact.
+        Standard uncertainty of the sum from the independent errors of the contacts.
     own, pooled : SharedOptics
-        What the frame knows alone (a contrast relative to the background), and what all frames know.
+        From the frame alone (a contrast relative to the background), and from all frames.
 
     Returns
     -------
@@ -97,7 +95,7 @@ def _covariance(optics: SharedOptics) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class _Mean:
-    """Weighted mean, what one more value would scatter about it, and the part of that which is the mean's."""
+    """Weighted mean, standard deviation of one more value about it, and the part of that due to the mean."""
 
     value: float
     std: float
@@ -105,20 +103,25 @@ class _Mean:
 
 
 def _mean(values: NDArray[np.float64], stds: NDArray[np.float64]) -> _Mean:
-    """Mean of the usual values, which scatter by more than their uncertainties say (Paule and Mandel)."""
-    kept = _usual(values, stds)
+    """Weighted mean of the values without outliers, with a variance between frames (Paule and Mandel).
+
+    The variance between frames is such that the weighted sum of squares equals its expectation
+    (doi:10.6028/jres.087.022).
+    """
+    kept = _inliers(values, stds)
     values, stds = values[kept], stds[kept]
 
-    def surplus(excess: float) -> float:
-        variance = stds**2 + excess
+    def excess_chi_square(variance_between: float) -> float:
+        variance = stds**2 + variance_between
         centre = np.average(values, weights=1 / variance)
         return float(np.sum((values - centre) ** 2 / variance)) - (len(values) - 1)
 
     largest = float(np.ptp(values)) ** 2
-    excess = brentq(surplus, 0.0, largest) if largest > 0 and surplus(0.0) > 0 > surplus(largest) else 0.0
-    weights = 1.0 / (stds**2 + excess)
+    bracketed = largest > 0 and excess_chi_square(0.0) > 0 > excess_chi_square(largest)
+    between = brentq(excess_chi_square, 0.0, largest) if bracketed else 0.0
+    weights = 1.0 / (stds**2 + between)
     statistical = 1.0 / float(weights.sum())
-    total = statistical + excess
+    total = statistical + between
     return _Mean(
         float(np.average(values, weights=weights)),
         float(np.sqrt(total)),
@@ -126,9 +129,9 @@ def _mean(values: NDArray[np.float64], stds: NDArray[np.float64]) -> _Mean:
     )
 
 
-def _usual(values: NDArray[np.float64], stds: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _inliers(values: NDArray[np.float64], stds: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Values within a few standard deviations, their own and those of the scatter, of the weighted median."""
     order = np.argsort(values)
     weight = np.cumsum(1.0 / stds[order] ** 2)
     away = np.abs(values - values[order][np.searchsorted(weight, 0.5 * weight[-1])])
-    return np.asarray(away <= OUTLIER * np.hypot(stds, 1.4826 * np.median(away)))
+    return np.asarray(away <= POOLING_OUTLIER_SIGMA * np.hypot(stds, 1.4826 * np.median(away)))

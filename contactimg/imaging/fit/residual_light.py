@@ -1,7 +1,7 @@
-"""What is taken out of a field in turn with the fit: scattered light, and the slow rest of the background.
+"""Removes halo and remaining illumination from the image, each in turn with the fit.
 
-Both were unknown when the light was fitted: the fit tells where contacts end, and only beyond can either be
-seen; and with either in the image, the fit takes a part of it for edge, contrast or blur.
+Both can be measured only away from contacts, and only the fit shows where contacts end. As long as either is
+in the image, the fit takes part of it for edge, contrast or blur; hence the turns.
 """
 
 from dataclasses import replace
@@ -10,174 +10,148 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import Illumination, fit_illumination
-from contactimg.imaging.contrast.noise import Noise
-from contactimg.imaging.contrast.plateau import Contrast
-from contactimg.imaging.fit.assemble import LOOSE, unneeded
-from contactimg.imaging.fit.disks import CONTRAST, DiskFit, Prior, fit_disks
-from contactimg.imaging.fit.halo import estimate_halo, remove_halo
-from contactimg.imaging.fit.problem import Field
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks
+from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
+from contactimg.imaging.fit.problem import CONTRAST, FitProblem
+from contactimg.imaging.fit.settings import (
+    FLAT_FRACTION,
+    GAP_BLOCK_PX,
+    GAP_SHARE,
+    GIVEN_HALO_ROUNDS,
+    HALO_ROUNDS,
+    HALO_SETTLED_FRACTION,
+    ILLUMINATION_ROUNDS,
+    LARGEST_BACKGROUND_FRACTION,
+    LARGEST_GAP_FRACTION,
+    LEAST_SCATTER_LEVELS,
+    LEAST_UNTOUCHED_SHARE,
+    LONGEST_SECANT_RATIO,
+    UNTOUCHED_FRACTION,
+)
+from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import median
-from contactimg.imaging.profile.blurred_disk import EdgeTable
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
-UNTOUCHED = 1e-4  # of the contrast: blocks that contacts brighten by less are background ...
-ENOUGH = 0.05  # ... if they are so many of all
-GAP = 2  # px: side of squares that are looked at where there are no such blocks ...
-GAPS, SHADED = 0.05, 0.2  # ... those least brightened, as long as it is by less than that of the contrast
-LEVELLED, LEVEL_ROUNDS = 3e-3, 8  # of the contrast: rest of the light that no fit feels
-LONGEST, MOST_RISEN = 4.0, 0.5  # times the rest, and of the contrast: what is taken out at most
-LEAST_SPREAD = 1e-3  # levels
-HALO_SETTLED = 2e-3  # of the light
-KNOWN_ROUNDS = 3  # of a halo that is known: each leaves a fifth of what the fit takes for edge
-HALO_ROUNDS = 5  # the fit takes halo for edge at first; each round leaves a fifth of that
 
+def remove_halo(
+    problem: FitProblem, fit: FittedDisks, means: BlockMeans, *, prior_optics: SharedOptics, free_blur: bool
+) -> tuple[FitProblem, FittedDisks, Halo | None, NDArray[np.float64]]:
+    """Remove the wide part of the point spread function from the image, in turn with the fit.
 
-def without_halo(
-    field: Field,
-    fit: DiskFit,
-    means: BlockMeans,
-    contrast: Contrast,
-    noise: Noise,
-    *,
-    known: SharedOptics,
-    free_blur: bool,
-) -> tuple[Field, DiskFit, Halo | None, NDArray[np.float64]]:
-    """Take the wide part of the point spread function out of the image, in turn with the fit.
-
-    Disks that stood for some of its light are dropped. Where contrast and blur are known, so is the halo:
-    there is the one that is known, or none.
+    Disks that only described light of the halo are dropped. Where prior contrast and blur are given, the halo
+    is that of the prior, or there is none.
 
     Parameters
     ----------
-    field, fit
-        The image, and the disks fitted to it.
+    problem : FitProblem
+    fit : FittedDisks
+        Of this problem.
     means : BlockMeans
-        Of both.
-    contrast, noise
-        To fit with.
-    known : SharedOptics
-        What was known before.
+        Of its image and of the model image.
+    prior_optics : SharedOptics
     free_blur : bool
 
     Returns
     -------
-    field : Field
-    fit : DiskFit
-        To the image without halo.
+    problem : FitProblem
+        Without the halo.
+    fit : FittedDisks
+        Of that problem.
     halo : Halo or None
     dropped : ndarray, shape (m, 3)
-        Disks that are no longer needed.
+        x, y, radius of the disks that were dropped.
     """
-    image, before, found = field.image, 0.0, None
+    image, fraction, removed = problem.image, 0.0, None
     dropped = [np.empty((0, 3))]
-    told = np.isfinite([known.contrast, known.blur_px]).all()
+    given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
     for turn in range(HALO_ROUNDS):
-        halo = (
-            known.halo if told else estimate_halo(means, contrast=contrast.plateau, contacts=len(fit.disks))
-        )
-        if halo is None or (abs(halo.fraction - before) < HALO_SETTLED and turn >= told * KNOWN_ROUNDS):
+        halo = prior_optics.halo
+        if not given:
+            halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
+        if halo is None or (
+            abs(halo.fraction - fraction) < HALO_SETTLED_FRACTION and turn >= given * GIVEN_HALO_ROUNDS
+        ):
             break
-        before, found = halo.fraction, halo
-        image = remove_halo(field.image, fit.model, halo)
-        gone = unneeded(fit, contrast.plateau, last=True)
-        gone &= not gone.all()
-        dropped.append(fit.disks[gone, :3])
-        fit = _fit_again(
-            replace(field, image=image), fit, fit.disks[~gone], contrast, noise, free_blur=free_blur
-        )
-        means = BlockMeans(field.image, fit.model)
-    return replace(field, image=image), fit, found, np.vstack(dropped)
+        fraction, removed = halo.fraction, halo
+        image = subtract_halo(problem.image, fit.model, halo)
+        insignificant = find_insignificant(fit, problem.contrast, final=True)
+        insignificant &= not insignificant.all()
+        dropped.append(fit.disks[insignificant, :3])
+        fit = _refit(replace(problem, image=image), fit, ~insignificant, free_blur=free_blur)
+        means = BlockMeans(problem.image, fit.model)
+    return replace(problem, image=image), fit, removed, np.vstack(dropped)
 
 
-def _fit_again(
-    field: Field,
-    fit: DiskFit,
-    disks: NDArray[np.float64],
-    contrast: Contrast,
-    noise: Noise,
-    *,
-    free_blur: bool,
-    table: EdgeTable | None = None,
-) -> DiskFit:
-    """Fit disks from where they are, with loosely bound contrasts."""
-    n = len(disks)
-    prior = Prior(np.full(n, contrast.plateau), np.full(n, LOOSE * contrast.plateau))
-    return fit_disks(
-        field.image, field.valid, disks, blur=fit.blur, noise=noise, prior=prior,
-        brightness=field.brightness(disks), free_blur=free_blur, robust=False, table=table, iterations=4,
-    )  # fmt: skip
+def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, free_blur: bool) -> FittedDisks:
+    """Fit some of the disks of a fit again."""
+    control = FitControl(free_blur, robust=False, iterations=4)
+    return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control)
 
 
-def level_out(
-    field: Field,
-    fit: DiskFit,
-    means: BlockMeans,
-    contrast: Contrast,
-    noise: Noise,
-    *,
-    free_blur: bool,
-    table: EdgeTable | None,
-) -> tuple[Field, DiskFit, Contrast]:
-    """Take the slow rest of the background out of the image; of a crowd, in turn with the fit.
+def remove_illumination(
+    problem: FitProblem, fit: FittedDisks, means: BlockMeans, *, free_blur: bool
+) -> tuple[FitProblem, FittedDisks]:
+    """Remove what is left of the illumination from the image; in a crowd, in turn with the fit.
 
-    The light was fitted when the faint surroundings of contacts still counted as background; now they are
-    known.
+    When the illumination was estimated, the faint surroundings of contacts still counted as background.
 
     Parameters
     ----------
-    field, fit
-        The image, and the disks fitted to it.
+    problem : FitProblem
+    fit : FittedDisks
+        Of this problem.
     means : BlockMeans
-        Of both.
-    contrast, noise, table
-        To fit with.
+        Of its image and of the model image.
     free_blur : bool
 
     Returns
     -------
-    field : Field
-    fit : DiskFit
-    contrast : Contrast
-        Above the new background.
+    problem : FitProblem
+        Without it, with the contrast above the new background.
+    fit : FittedDisks
+        Of that problem.
     """
-    taken, before = 0.0, np.inf
-    crowded = side_of(field.blocks.shape, field.image.shape) < BLOCK  # else it is little, and once is enough
-    for _ in range(LEVEL_ROUNDS):
-        slow = _rest_of_light(means, fit, field)
-        if slow is None:
+    removed, last = 0.0, np.inf
+    # small background blocks are the sign of a crowd; elsewhere the remainder is small and one turn suffices
+    crowded = side_of(problem.background.shape, problem.image.shape) < BLOCK
+    for _ in range(ILLUMINATION_ROUNDS):
+        illumination = _remaining_illumination(problem, fit, means)
+        if illumination is None:
             break
-        rest = float(slow.coefficients[0, 0])
-        # the fit takes a part of the rest for contrast and blur: a secant tells which
-        factor = float(np.clip(taken / (before - rest), 1.0, LONGEST)) if taken and before != rest else 1.0
-        taken, before = factor * rest, rest
-        if taken > MOST_RISEN * contrast.plateau:
-            break  # what the contacts would leave standing is no contact
-        field = field.without_light(factor * slow.coefficients)
-        if not crowded or abs(taken) < LEVELLED * contrast.plateau:
+        rest = float(illumination.coefficients[0, 0])
+        # the fit takes part of the remainder for contrast and blur: a secant step accounts for that
+        factor = 1.0
+        if removed and last != rest:
+            factor = float(np.clip(removed / (last - rest), 1.0, LONGEST_SECANT_RATIO))
+        removed, last = factor * rest, rest
+        if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
             break
-        contrast = replace(contrast, plateau=contrast.plateau - taken)
-        fit = _fit_again(field, fit, fit.disks, contrast, noise, free_blur=free_blur, table=table)
-        means = BlockMeans(field.image, fit.model)
-    return field, fit, contrast
+        problem = problem.without_background(factor * illumination.coefficients)
+        if not crowded or abs(removed) < FLAT_FRACTION * problem.contrast:
+            break
+        problem = problem.with_contrast(problem.contrast - removed)
+        fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)
+        means = BlockMeans(problem.image, fit.model)
+    return problem, fit
 
 
-def _rest_of_light(means: BlockMeans, fit: DiskFit, field: Field) -> Illumination | None:
-    """Slow field of what a fit leaves over where there is next to no contact; None if that is nowhere."""
+def _remaining_illumination(problem: FitProblem, fit: FittedDisks, means: BlockMeans) -> Illumination | None:
+    """Slow field of the residual where there is next to no contact; None if that is nowhere."""
     highest = float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
-    side, limit = BLOCK, UNTOUCHED * highest
+    side, limit = BLOCK, UNTOUCHED_FRACTION * highest
     image, model = means(side)
-    if np.mean(np.abs(model) < limit) < ENOUGH:
-        side = GAP
+    if np.mean(np.abs(model) < limit) < LEAST_UNTOUCHED_SHARE:
+        side = GAP_BLOCK_PX
         image, model = means(side)
-        limit = max(limit, 1.01 * float(np.quantile(np.abs(model), GAPS)))
-        if limit > SHADED * highest:
+        limit = max(limit, 1.01 * float(np.quantile(np.abs(model), GAP_SHARE)))
+        if limit > LARGEST_GAP_FRACTION * highest:
             return None
     dark = np.abs(model) < limit
-    if field.valid is not None:
-        dark &= block_means(field.valid, side=side) == 1.0
+    if problem.valid is not None:
+        dark &= block_means(problem.valid, side=side) == 1.0
     if not dark.any():
         return None
     blocks = np.where(dark, image - model, np.float32(np.nan))
     spread = 1.4826 * median(np.abs(blocks[dark]))
-    return fit_illumination(blocks, field.image.shape, level=0.0, scatter=max(spread, LEAST_SPREAD))
+    return fit_illumination(blocks, problem.image.shape, level=0.0, scatter=max(spread, LEAST_SCATTER_LEVELS))

@@ -1,69 +1,76 @@
-"""Brightness and blur, which all contacts of a frame share: what a frame tells about them, and their errors.
+"""Contrast and blur common to all contacts of a frame: their most probable values, and their uncertainties.
 
-A disk has a centre, a radius and a contrast of its own, p; contrasts scatter about a common value C with a
+A disk has a centre, a radius and a contrast of its own, p. Contrasts scatter about a common value C with a
 known spread, and the blur s is common. With N the normal matrix of p (its prior included) and B its cross
-terms with q = (ln C, s), the frame's information about q and the response of each disk to q are
+terms with q = (ln C, s), the Fisher information of the frame on q and the response of each disk to q are
 
     J = sum (K - B' N^-1 B),        dp/dq = -N^-1 B,
 
-K being the terms of q alone. A wide contact shows its contrast, which sharpens J; a small one, of which only
-the light is seen, has a radius that goes as C^(-1/2) and says little about C. Several small ones together
-still may: the maximum of the likelihood over q is found by Newton's steps with J, the disks fitted in
-between, and what is known of q beforehand enters as a normal prior.
+K being the terms of q alone. A wide contact shows its contrast, which increases J. A small contact shows
+only its total light: its radius goes as C^(-1/2), and it says little about C. Many small ones together still
+may. The maximum of the likelihood over q is found by Newton steps with J, with a fit of the disks in
+between. Prior knowledge of q enters as a normal prior.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import Noise
-from contactimg.imaging.fit.disks import CONTRAST, RADIUS, DiskFit, Drawing, Prior, fit_disks
-from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE, EdgeTable
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.settings import (
+    BLUR_GUESS_FRACTION,
+    DISAGREEMENT_RATIO,
+    EXACT_FRACTION,
+    FEWEST_SCORES,
+    FINE_TOLERANCE_SIGMA,
+    LARGEST_CONTRAST_RATIO,
+    LINEAR_STEP,
+    LONGEST_BLUR_STEP,
+    LONGEST_CONTRAST_STEP,
+    OPTICS_STEPS,
+    PLATEAU_STD_FRACTION,
+    STEP_WORTH_SIGMA,
+)
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
-EXACT = 1e-4  # relative width of a prior that is said to be exact
-STEPS = 20
-LONGEST = 0.4, 0.25  # step of ln C, and of the blur relative to it
-LINEAR = 0.003  # relative step up to which disks follow in proportion: what that leaves is its square
-FINE = 0.003  # of its standard deviation: error of a radius at which a fit tells how the optics should change
-SIGNIFICANT = 0.2  # of the uncertainty of the sum of a^3: a smaller step is not worth another fit
-PLATEAU = 0.02  # relative: error of the contrast that wide contacts show where edges are not those assumed
-DISAGREE = 2.0  # factor of the variance of the votes from which on edges are not those assumed
-VOTES = 10  # contacts whose scatter tells how much too small the errors from noise alone are
+CONTROL = FitControl(free_blur=False, iterations=6, tolerance=FINE_TOLERANCE_SIGMA)
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class JointFit:
     """Disks at the most probable common contrast and blur.
 
     Parameters
     ----------
-    fit : DiskFit
+    fit : FittedDisks
     contrast, spread : float
-        Grey levels.
-    shown : float
-        Contrast that wide contacts show; NaN if there are none.
+        Common contrast, and spread of the contrasts about it, grey levels.
+    wide_contrast : float
+        Contrast that the wide contacts show; NaN if there are none.
     covariance : ndarray, shape (2, 2)
-        Of (ln contrast, blur in px of the fit, pixel included), what was known before included.
-    own : ndarray, shape (2, 2)
-        The same from this frame alone, as far as it tells anything.
-    modes : ndarray, shape (n, 2)
-        Change of each radius (px) by one standard uncertainty of the contrast, the blur following as the fit
-        would have it, and of the rest of the blur: two independent errors common to all disks.
+        Of (ln contrast, blur in px of the fit, pixel included), prior knowledge included.
+    own_covariance : ndarray, shape (2, 2)
+        The same from this frame alone, as far as it determines anything.
+    radius_shifts : ndarray, shape (n, 2)
+        Change of each radius (px) by one standard uncertainty of the contrast, with the correlated change of
+        the blur, and by one of the remaining uncertainty of the blur: two independent errors common to all
+        disks.
     """
 
-    fit: DiskFit
+    fit: FittedDisks
     contrast: float
     spread: float
-    shown: float
+    wide_contrast: float
     covariance: NDArray[np.float64]
-    own: NDArray[np.float64]
-    modes: NDArray[np.float64]
+    own_covariance: NDArray[np.float64]
+    radius_shifts: NDArray[np.float64]
 
     def optics(self, covariance: NDArray[np.float64], *, binning: int) -> SharedOptics:
-        """Contrast and blur with errors of a given covariance, in pixels of the frame."""
+        """Contrast and blur with a given covariance, in pixels of the frame."""
         sigma = np.sqrt(max(self.fit.blur**2 - PIXEL_VARIANCE, 0.0))
         std = np.sqrt(np.diag(covariance))
         return SharedOptics(
@@ -77,169 +84,191 @@ class Settled:
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
-    """Normal prior of (ln contrast, blur in px of the fit) in the form of its information.
+class OpticsPrior:
+    """Normal prior of (ln contrast, blur in px of the fit, pixel included).
 
     Parameters
     ----------
     mean : ndarray, shape (2,)
     information : ndarray, shape (2, 2)
-        Zero where nothing is known.
+        Inverse of the covariance.
     """
 
     mean: NDArray[np.float64]
     information: NDArray[np.float64]
 
     @classmethod
-    def of(cls, optics: SharedOptics, *, contrast: float, blur: float, binning: int) -> "Known":
-        """What is known beforehand, in the lengths of a fit to pixels binned ``binning`` by ``binning``.
+    def of(cls, optics: SharedOptics, *, contrast: float, blur: float, binning: int) -> "OpticsPrior":
+        """From prior optics, for a fit to pixels binned ``binning`` by ``binning``.
 
-        Where nothing is known, ``contrast`` and ``blur`` are the brightest light seen and a guess: contacts
-        are up to ten times as bright as what the blur leaves of them, and the guess is good to a factor 2.
+        Where the optics are not known, ``contrast`` is the brightest light in the image, which blur may have
+        reduced by up to `LARGEST_CONTRAST_RATIO` (uniform in the logarithm), and ``blur`` a guess.
         """
-        known = np.isfinite([optics.contrast, optics.blur_px])
-        mean = np.array([np.log(contrast) + 0.5 * np.log(10.0), blur])
-        std = np.array([np.log(10.0) / np.sqrt(12.0), 0.5 * blur])
-        if known[0]:
+        given = np.isfinite([optics.contrast, optics.blur_px])
+        mean = np.array([np.log(contrast) + 0.5 * np.log(LARGEST_CONTRAST_RATIO), blur])
+        std = np.array([np.log(LARGEST_CONTRAST_RATIO) / np.sqrt(12.0), BLUR_GUESS_FRACTION * blur])
+        if given[0]:
             mean[0] = np.log(optics.contrast)
-            std[0] = max(optics.contrast_relative_std, EXACT)
-        if known[1]:
+            std[0] = max(optics.contrast_relative_std, EXACT_FRACTION)
+        if given[1]:
             mean[1] = np.hypot(optics.blur_px / binning, np.sqrt(PIXEL_VARIANCE))
             slope = optics.blur_px / binning**2 / mean[1]
-            std[1] = max(optics.blur_std_px * slope, EXACT * mean[1])
+            std[1] = max(optics.blur_std_px * slope, EXACT_FRACTION * mean[1])
         correlation = np.eye(2)
-        if known.all():
+        if given.all():
             correlation[0, 1] = correlation[1, 0] = optics.correlation
         return cls(mean, np.asarray(np.linalg.inv(correlation * np.outer(std, std)), float))
 
-    def with_blur(self, blur: float) -> "Known":
-        """The same with a blur that is not in question."""
-        information = np.diag([self.information[0, 0], 1.0 / (EXACT * blur) ** 2])
-        return Known(np.array([self.mean[0], blur]), information)
+    def with_exact_blur(self, blur: float) -> "OpticsPrior":
+        """The same with a blur that is held fixed."""
+        information = np.diag([self.information[0, 0], 1.0 / (EXACT_FRACTION * blur) ** 2])
+        return OpticsPrior(np.array([self.mean[0], blur]), information)
 
 
 def settle_optics(
-    image: NDArray[np.float32],
-    valid: Mask,
-    fit: DiskFit,
+    problem: FitProblem,
+    fit: FittedDisks,
+    optics_prior: OpticsPrior,
     *,
-    noise: Noise,
-    prior: Prior,
-    brightness: NDArray[np.float64],
-    known: Known,
     inflation: NDArray[np.float64],
-    shown: float,
-    table: EdgeTable | None = None,
-) -> Settled:
-    """Find the common contrast and blur that explain an image best, and the disks with them.
+    wide_contrast: float,
+) -> JointFit:
+    """Find the most probable common contrast and blur of an image, and the disks with them.
 
     Parameters
     ----------
-    image, valid, noise, brightness, table
-        As for `contactimg.imaging.fit.disks.fit_disks`.
-    fit : DiskFit
-        With the prior; at least one disk.
-    prior : Prior
-        Its mean is where contrasts start, its width their spread.
-    known : Known
+    problem : FitProblem
+        The mean of its prior is the contrast to start from, the width its spread.
+    fit : FittedDisks
+        Of this problem; at least one disk.
+    optics_prior : OpticsPrior
     inflation : ndarray, shape (n,)
         Factor of the variances for what the noise model leaves out.
-    shown : float
-        Contrast that wide contacts show; NaN if there are none.
+    wide_contrast : float
+        Contrast that the wide contacts show; NaN if there are none.
 
     Returns
     -------
-    Settled
-        A frame whose contrast and blur are right to a fraction of the errors keeps its fit as it is.
+    JointFit
+        A fit with contrast and blur right to a fraction of their uncertainties stays as it is.
     """
-    contrast, relative = float(prior.mean[0]), float(prior.std[0] / prior.mean[0])
-    per_level, least = noise.slope / contrast, float(np.median(inflation))
-    blur, before = fit.blur, np.zeros(2)
-    for remaining in reversed(range(STEPS)):
-        terms = _Terms.of(fit, contrast=contrast, relative=relative)
-        scatter = terms.scatter(least)
-        # where contacts disagree, edges are not those assumed; the plateau of wide contacts does not care
-        plateau = np.isfinite(shown) * max(1.0 - DISAGREE / scatter, 0.0) / PLATEAU**2
-        own = terms.information.sum(axis=0) / scatter + np.diag([plateau, 0.0])
-        gradient = terms.gradient.sum(axis=0) / scatter
-        gradient[0] += plateau * np.log(shown / contrast) if plateau else 0.0
-        gradient += known.information @ (known.mean - np.array([np.log(contrast), blur]))
-        covariance = np.linalg.inv(own + known.information)
+    contrast, spread = problem.prior.mean, problem.prior.std / problem.prior.mean
+    noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
+    last_step = np.zeros(2)
+    for remaining in reversed(range(OPTICS_STEPS)):
+        scores = _DiskScores.of(fit, contrast=contrast, spread=spread)
+        gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
+        gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
+        covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
-        if not remaining or not _matters(step, fit, terms, covariance):
+        if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
-        step *= 0.5 if step @ before < 0 else 1.0
-        before = step = np.clip(step, [-LONGEST[0], -LONGEST[1] * blur], [LONGEST[0], LONGEST[1] * blur])
-        contrast, blur = contrast * float(np.exp(step[0])), blur + float(step[1])
-        if abs(step[0]) < LINEAR and abs(step[1]) < LINEAR * blur:
-            fit = fit.replace(disks=fit.disks + terms.follow @ step, blur=blur)
+        step *= 0.5 if step @ last_step < 0 else 1.0
+        longest = np.array([LONGEST_CONTRAST_STEP, LONGEST_BLUR_STEP * fit.blur])
+        last_step = step = np.clip(step, -longest, longest)
+        contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
+        if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
+            fit = replace(fit, disks=fit.disks + scores.response @ step, blur=blur)
             break
-        disks = fit.disks.copy()
-        disks[:, RADIUS] = np.maximum(disks[:, RADIUS] + terms.response @ step, 0.3 * disks[:, RADIUS])
-        disks[:, CONTRAST] *= np.exp(step[0])
-        n = len(disks)
+        stepped = replace(
+            problem,
+            noise=Noise(problem.noise.variance, noise_slope * contrast),
+            prior=ContrastPrior(contrast, spread * contrast),
+        )
         fit = fit_disks(
-            image, valid, disks, blur=blur, noise=Noise(noise.variance, per_level * contrast),
-            prior=Prior(np.full(n, contrast), np.full(n, relative * contrast)), brightness=brightness,
-            free_blur=False, iterations=6, tolerance=FINE, table=table,
-            drawing=Drawing.partly(image.shape, n),
+            stepped, _follow(fit.disks, scores, step), blur=blur, control=CONTROL, brightness=fit.brightness,
+            start=ModelImage.blank(problem.image.shape, len(fit.disks), complete=False),
         )  # fmt: skip
-    least_information = np.diag(1e-6 / np.array([1.0, blur]) ** 2)
-    modes = terms.response @ np.linalg.cholesky(covariance)
-    return Settled(
-        fit, contrast, relative * contrast, shown, covariance, np.linalg.inv(own + least_information), modes
-    )
+    # where the frame determines nothing, its own covariance stays finite
+    least_information = np.diag(1e-6 / np.array([1.0, fit.blur]) ** 2)
+    own_covariance = np.asarray(np.linalg.inv(own + least_information), float)
+    return JointFit(
+        fit, contrast, spread * contrast, wide_contrast, covariance, own_covariance,
+        radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance),
+    )  # fmt: skip
 
 
-def _matters(step: NDArray, fit: DiskFit, terms: "_Terms", covariance: NDArray) -> bool:
+def _follow(disks: NDArray, scores: "_DiskScores", step: NDArray) -> NDArray[np.float64]:
+    """Disks to start from after a step of contrast and blur."""
+    disks = disks.copy()
+    radius = disks[:, RADIUS]
+    disks[:, RADIUS] = np.maximum(radius + scores.radius_response @ step, 0.3 * radius)
+    disks[:, CONTRAST] *= np.exp(step[0])
+    return disks
+
+
+def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "_DiskScores", covariance: NDArray) -> bool:
     """Whether a step changes the sum of a^3 by more than a fraction of its uncertainty."""
     weights = 3.0 * fit.disks[:, RADIUS] ** 2
-    slope = weights @ terms.response
-    common = slope @ covariance @ slope
-    return bool((slope @ step) ** 2 > SIGNIFICANT**2 * (common + np.sum((weights * fit.std[:, RADIUS]) ** 2)))
+    slope = weights @ scores.radius_response
+    variance = slope @ covariance @ slope + np.sum((weights * fit.std[:, RADIUS]) ** 2)
+    return bool((slope @ step) ** 2 > STEP_WORTH_SIGMA**2 * variance)
 
 
 @dataclass(frozen=True, eq=False)
-class _Terms:
-    """What each disk tells about (ln contrast, blur), and how its parameters follow them."""
+class _DiskScores:
+    """Score and information of each disk on (ln contrast, blur), and the response of its parameters.
 
-    information: NDArray[np.float64]  # (n, 2, 2)
-    gradient: NDArray[np.float64]  # (n, 2)
-    follow: NDArray[np.float64]  # (n, 4, 2)
+    Parameters
+    ----------
+    score : ndarray, shape (n, 2)
+        Derivative of the log-likelihood.
+    information : ndarray, shape (n, 2, 2)
+    response : ndarray, shape (n, 4, 2)
+        Derivative of x, y, radius, contrast.
+    """
+
+    score: NDArray[np.float64]
+    information: NDArray[np.float64]
+    response: NDArray[np.float64]
 
     @property
-    def response(self) -> NDArray[np.float64]:
-        """How the radius follows, shape (n, 2)."""
-        return self.follow[:, RADIUS]
+    def radius_response(self) -> NDArray[np.float64]:
+        """Derivative of the radius, shape (n, 2)."""
+        return self.response[:, RADIUS]
 
     @classmethod
-    def of(cls, fit: DiskFit, *, contrast: float, relative: float) -> "_Terms":
+    def of(cls, fit: FittedDisks, *, contrast: float, spread: float) -> "_DiskScores":
         """From the last normal equations of a fit with this contrast and relative spread as its prior."""
-        tight = 1.0 / (relative * contrast) ** 2
+        tight = 1.0 / (spread * contrast) ** 2
         excess = fit.disks[:, CONTRAST] - contrast
-        own = fit.information[:, :4, :4].copy()
-        cross = np.zeros((len(own), 4, 2))
+        normal = fit.information[:, :4, :4].copy()
+        cross = np.zeros((len(normal), 4, 2))
         cross[:, 3, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
-        # a disk outside the image or under a mask tells nothing: keep its matrix regular
-        own += 1e-9 * np.trace(own, axis1=1, axis2=2)[:, None, None] * np.eye(4)
-        follow = -np.asarray(np.linalg.solve(own, cross), float)
-        information = np.swapaxes(cross, 1, 2) @ follow
+        # a disk outside the image or under a mask has no information: keep its matrix regular
+        normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
+        response = -np.asarray(np.linalg.solve(normal, cross), float)
+        information = np.swapaxes(cross, 1, 2) @ response
         information[:, 0, 0] += tight * contrast**2
         information[:, 1, 1] += fit.information[:, 4, 4]
-        gradient = np.stack([tight * contrast * excess, fit.pull], axis=-1)
-        return cls(_without_negative(information), gradient, follow)
+        score = np.stack([tight * contrast * excess, fit.blur_score], axis=-1)
+        return cls(score, _nearest_semidefinite(information), response)
 
-    def scatter(self, least: float) -> float:
-        """Factor of the variances: how much more the disks disagree than their noise explains."""
-        if len(self.gradient) < VOTES:
+    def total(self, least_factor: float, plateau_offset: float) -> tuple[NDArray, NDArray]:
+        """Score and information of all disks, with variances as large as the disks disagree.
+
+        Where they disagree, edges are not those assumed. The plateau of wide contacts does not depend on the
+        edges: it then enters as a datum, ``plateau_offset`` being the logarithm of its ratio to the contrast.
+        """
+        factor = self._variance_factor(least_factor)
+        weight = max(1.0 - DISAGREEMENT_RATIO / factor, 0.0) / PLATEAU_STD_FRACTION**2
+        weight = weight if np.isfinite(plateau_offset) else 0.0
+        information = self.information.sum(axis=0) / factor + np.diag([weight, 0.0])
+        score = self.score.sum(axis=0) / factor
+        score[0] += weight * plateau_offset if weight else 0.0
+        return score, information
+
+    def _variance_factor(self, least: float) -> float:
+        """Mean squared disagreement of the disks over its expectation, at least ``least`` and 1."""
+        if len(self.score) < FEWEST_SCORES:
             return max(least, 1.0)
         total = np.linalg.inv(self.information.sum(axis=0))
-        # what each would still change after the step that suits them all
-        rest = self.gradient - self.information @ (total @ self.gradient.sum(axis=0))
+        # what each would still change after the step that suits all best
+        rest = self.score - self.information @ (total @ self.score.sum(axis=0))
         return max(least, 0.5 * float(np.einsum("ni,ij,nj->", rest, total, rest)), 1.0)
 
 
-def _without_negative(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Symmetric matrices with the negative eigenvalues, which rounding leaves, set to zero."""
+def _nearest_semidefinite(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Symmetric matrices with the negative eigenvalues that rounding leaves set to zero."""
     values, vectors = np.linalg.eigh(matrices)
     return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))

@@ -32,7 +32,7 @@ BLUR_NEAR = 1e-2  # ... and after which a start is close enough
 FAINTEST, BRIGHTEST = 0.05, 5.0  # of the expected contrast: bounds of the iteration
 SWEEPS = 40  # of the block relaxation, which stops at 1e-4 px
 SMALLEST = 0.1  # blur widths: radius at which the iteration is stopped from collapsing
-WELL_FITTED = 3.0  # chi-square of disks that may tell about the blur
+WELL_FITTED_CHI_SQUARE = 3.0  # chi-square of disks that may tell about the blur
 
 
 @njit(cache=True)
@@ -60,7 +60,7 @@ def iterate(
         if s > 1.1 * known_blur or _strayed(disks, known) > ALLOWED:
             near, known, known_blur = find_pairs(disks, far * s + ALLOWED), disks.copy(), s
         alone = _stand_alone(n, closer(near, disks, 0.5 * _separate(table) * s))
-        redraw(model, disks, s, drawn, ~(alone & moving), near, table)
+        draw_disks(model, disks, s, drawn, ~(alone & moving), near, table)
         pairs = closer(near, disks, (COUPLED if table.outer <= INNER else table.outer) * s)
         blocks = np.zeros((len(pairs), 4, 4))
         every = 1 if robust else (4 if iteration == 0 else 2)
@@ -76,7 +76,7 @@ def iterate(
         if free_blur:
             change = _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration)
         _solve(inverse, right, cross, change, moving, pairs, blocks, steps)
-        redraw(model, disks, s, drawn, ~moving & (change == 0.0), near, table)
+        draw_disks(model, disks, s, drawn, ~moving & (change == 0.0), near, table)
         s += change
         steady = abs(change) < (BLUR_SETTLED if robust else BLUR_NEAR) * s and (robust or iteration >= 1)
         free_blur = free_blur and not steady
@@ -86,7 +86,7 @@ def iterate(
         if not moving.any():
             break
     if draw:
-        redraw(model, disks, s, drawn, np.ones(n, np.bool_), find_pairs(disks, 0.0), table)
+        draw_disks(model, disks, s, drawn, np.ones(n, np.bool_), find_pairs(disks, 0.0), table)
     return (
         disks,
         np.sqrt(variances(normals, inverse, pairs, blocks, started)),
@@ -121,7 +121,7 @@ def _strayed(disks, known):
 
 
 @njit(cache=True)
-def redraw(model, disks, s, drawn, wanted, near, table):
+def draw_disks(model, disks, s, drawn, wanted, near, table):
     """Add disks to the model image, or take them out, until those wanted are in it, each with its lenses.
 
     Disks that overlap are among the pairs ``near``.
@@ -209,7 +209,9 @@ def _blur_step(disks, s, moving, inverse, cross, right, blurs, chi, iteration):
     """Gauss-Newton step of the common blur, the parameters of each disk eliminated."""
     top, bottom = 0.0, 0.0
     # disks that fit worse than most (two taken for one, say) would widen the blur
-    worst = max(WELL_FITTED, 2.0 * np.median(chi[moving])) if moving.any() else WELL_FITTED
+    worst = (
+        max(WELL_FITTED_CHI_SQUARE, 2.0 * np.median(chi[moving])) if moving.any() else WELL_FITTED_CHI_SQUARE
+    )
     for i in range(len(disks)):
         if moving[i] and disks[i, 2] > s and (chi[i] < worst or iteration == 0):
             t = inverse[i] @ cross[i]

@@ -7,8 +7,9 @@ import pytest
 from contact_frames import Optics, match, render
 
 from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
-from contactimg.imaging.fit.disks import Prior, contrast_prior, fit_disks, render_disks
-from contactimg.imaging.fit.halo import estimate_halo, remove_halo
+from contactimg.imaging.fit.disks import FitControl, contrast_prior, fit_disks, render_disks
+from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
+from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.solve import invert
 from contactimg.imaging.measure import measure_image
@@ -17,12 +18,9 @@ from contactimg.imaging.shapes.overlap import overlapping
 from contactimg.tables import Flag
 
 
-def fit(image, start, *, blur, noise=1.0, contrast=100.0, width=10.0, **options):
-    n = len(start)
-    prior = Prior(np.full(n, contrast), np.full(n, width))
-    return fit_disks(
-        image, None, start, blur=blur, noise=Noise(noise**2), prior=prior, brightness=np.ones(n), **options
-    )
+def fit(image, start, *, blur, noise=1.0, contrast=100.0, width=10.0, active=None, **options):
+    problem = FitProblem(image, Noise(noise**2), ContrastPrior(contrast, width))
+    return fit_disks(problem, start, blur=blur, control=FitControl(**options), active=active)
 
 
 def grid(rng, *, n=6, space=44, radii=(1.5, 12)):
@@ -106,10 +104,10 @@ def test_contrast_prior_measures_the_spread_of_contrasts(rng):
     truth[:, 3] *= 1 + 0.05 * rng.standard_normal(len(truth))
     image = render_disks(truth, 1.5, (264, 264)) + rng.normal(0, 2.0, (264, 264)).astype(np.float32)
     found = fit(image, truth.copy(), blur=1.5, noise=2.0, width=30.0)
-    prior = contrast_prior(found, plateau=100.0, inflation=np.ones(len(truth)))
+    prior = contrast_prior(found, default=100.0, inflation=np.ones(len(truth)))
     # 36 contrasts give their spread to 1/sqrt(72) = 12 %, three times that
-    assert prior.std[0] == pytest.approx(np.std(truth[:, 3]), rel=0.36)
-    assert prior.mean[0] == pytest.approx(truth[:, 3].mean(), abs=3 * prior.std[0] / 6)
+    assert prior.std == pytest.approx(np.std(truth[:, 3]), rel=0.36)
+    assert prior.mean == pytest.approx(truth[:, 3].mean(), abs=3 * prior.std / 6)
 
 
 def test_inverse_of_a_small_matrix(rng):
@@ -157,7 +155,7 @@ def test_halo_is_found_and_taken_out():
     assert estimate_halo(BlockMeans(model, model), contrast=100.0, contacts=12) is None
     # the scatter of two contacts says nothing about that of more
     assert estimate_halo(BlockMeans(hazy - 80.0, model), contrast=100.0, contacts=2) is None
-    left = remove_halo(hazy - 80.0, model, halo) - model
+    left = subtract_halo(hazy - 80.0, model, halo) - model
     # 5 % for the fraction, and half a step, 10 %, for the width
     assert np.sqrt(np.mean(left**2)) < 0.15 * np.sqrt(np.mean((hazy - clean) ** 2))
 

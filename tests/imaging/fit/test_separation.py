@@ -8,7 +8,8 @@ from contact_frames import Optics, expose, match, render
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.count.split_touching import split_components
-from contactimg.imaging.fit.disks import Prior, fit_disks, render_disks
+from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
+from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.kernels.disk_union import add_lens
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.shapes.arcs import cover_outline
@@ -80,10 +81,10 @@ def test_overlapping_disks_are_fitted_without_bias():
     truth = np.array([[30.0, 30.0, 9.0, 100.0], [44.5, 31.0, 7.0, 100.0]])
     image = render_disks(truth, 1.5, (62, 74))
     start = truth + np.array([[0.4, -0.3, -0.5, 0], [0.3, 0.4, 0.4, 0]])
+    problem = FitProblem(image, Noise(0.01), ContrastPrior(100.0, 1e-3))
     found = fit_disks(
-        image, None, start, blur=1.5, noise=Noise(0.01), prior=Prior(np.full(2, 100.0), np.full(2, 1e-3)),
-        brightness=np.ones(2), free_blur=False, robust=False, iterations=30,
-    )  # fmt: skip
+        problem, start, blur=1.5, control=FitControl(free_blur=False, robust=False, iterations=30)
+    )
     # the same lens is in the image and in the model; taken as a sum, it would shift the radii by 0.2 px
     assert np.abs(found.disks - truth)[:, :3].max() < 5e-3
 

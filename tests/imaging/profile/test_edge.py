@@ -88,7 +88,7 @@ def test_table_derivatives_are_those_of_the_profile():
 def test_a_rim_adds_its_light():
     # linear rim of width w: excess volume 2 pi int_0^w (1 - x/w)(a + x) dx = 2 pi (a w/2 + w^2/6)
     a, w, s = 6.0, 3.0, 1.4
-    image = render_disks(np.array([[30.2, 29.7, a, 1.0]]), s, (61, 61), table=rim_table(PlainRim(w), s))
+    image = render_disks(np.array([[30.2, 29.7, a, 1.0]]), s, (61, 61), profile=rim_table(PlainRim(w), s))
     expected = np.pi * a**2 + 2 * np.pi * (a * w / 2 + w**2 / 6)
     # rows of the table are interpolated linearly in a: 1e-3 of the profile over the rim's area
     assert image.sum() == pytest.approx(expected, rel=3e-3)

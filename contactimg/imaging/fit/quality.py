@@ -1,0 +1,129 @@
+"""From fitted disks to the table of contacts: rejections, flags, uncertainties in pixels of the frame."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y, touches
+from contactimg.imaging.fit.settings import (
+    EDGE_GAP_BLUR_WIDTHS,
+    LEAST_LIGHT_SIGMA,
+    LOW_SIGNAL_SIGMA,
+    POOR_CHI_SQUARE,
+)
+from contactimg.imaging.fit.shared_optics import JointFit
+from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
+from contactimg.imaging.reject.detections import PLACE, Columns, Detections
+from contactimg.imaging.reject.foreground import Foreground
+from contactimg.imaging.reject.implausible_disks import reject_disks
+from contactimg.imaging.shapes.overlap import count_touching
+from contactimg.tables import Flag, Reason
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFit:
+    """The disks of a frame, detected at one contrast and fitted.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        As fitted in the end, without halo and remaining illumination.
+    fit : FittedDisks
+    dropped : ndarray, shape (m, 3)
+        x, y, radius (px) of disks that were tried and are not needed.
+    smallest : float, px
+        Radius of the smallest isolated disk that stands out of the noise.
+    halo : Halo or None
+    joint : JointFit or None
+        Of contrast and blur; None if there is no disk.
+    """
+
+    problem: FitProblem
+    fit: FittedDisks
+    dropped: NDArray[np.float64]
+    smallest: float
+    halo: Halo | None
+    joint: JointFit | None
+
+    @property
+    def radius_shifts(self) -> NDArray[np.float64]:
+        """See `JointFit`."""
+        return np.zeros((0, 2)) if self.joint is None else self.joint.radius_shifts
+
+
+def report_contacts(
+    result: FrameFit, foreground: Foreground, difference: DifferenceImage, *, contrast: float
+) -> Detections:
+    """Tables of the contacts and of the rejected disks; ``contrast`` is the one to reject at."""
+    problem, binning = result.problem, result.problem.binning
+    contacts = _tabulate(result)
+    disks = np.column_stack([contacts[name] for name in PLACE])
+    blur = result.fit.blur * binning
+    reasons = reject_disks(
+        foreground.frame_pair, foreground.image, difference, disks, blur=blur, contrast=contrast
+    )
+    bad = reasons != ""
+    unnecessary = result.dropped
+    places = np.column_stack([problem.in_frame(unnecessary[:, [X, Y]]), unnecessary[:, RADIUS] * binning])
+    rejected: Columns = dict(zip(PLACE, np.vstack([places, disks[bad]]).T, strict=True))
+    rejected["reason"] = np.append(np.full(len(places), Reason.UNNECESSARY), reasons[bad])
+    if result.joint is None:
+        optics = own = SharedOptics(contrast, np.nan, np.nan, blur, np.nan)
+    else:
+        optics, own = (
+            replace(result.joint.optics(covariance, binning=binning), halo=result.halo)
+            for covariance in (result.joint.covariance, result.joint.own_covariance)
+        )
+    accepted = {name: values[~bad] for name, values in contacts.items()}
+    return Detections(accepted, rejected, optics, own, result.smallest * binning)
+
+
+def _tabulate(result: FrameFit) -> Columns:
+    """Columns of all disks in pixels of the frame, with flags, from top to bottom."""
+    problem, disks = result.problem, result.fit.disks
+    std, shifts, binning = result.fit.std[:, RADIUS], result.radius_shifts, problem.binning
+    gap, light = _gap_to_border(disks, problem.image.shape), disks[:, RADIUS] / (2 * std)
+    contacts = {
+        "x_px": problem.in_frame(disks[:, X]),
+        "y_px": problem.in_frame(disks[:, Y]),
+        "radius_px": disks[:, RADIUS] * binning,
+        "radius_std_px": combine_errors(std, shifts) * binning,
+        "contrast_shift_px": shifts[:, 0] * binning,
+        "blur_shift_px": shifts[:, 1] * binning,
+        "flags": _flags(result, gap, light),
+    }
+    finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
+    kept = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > LEAST_LIGHT_SIGMA))
+    order = kept[np.lexsort([contacts["x_px"][kept], contacts["y_px"][kept]])]
+    return {name: values[order] for name, values in contacts.items()}
+
+
+def _flags(result: FrameFit, gap: NDArray, light: NDArray) -> NDArray[np.int64]:
+    """Flags of all disks, from their distance to the border and their light over its uncertainty."""
+    problem, fit, disks = result.problem, result.fit, result.fit.disks
+    radius, reach = disks[:, RADIUS], disks[:, RADIUS] + EDGE_GAP_BLUR_WIDTHS * fit.blur
+    # saturated pixels are not valid, but do not cut a contact
+    holes = problem.valid
+    if holes is not None and problem.saturated is not None:
+        holes = holes | problem.saturated
+    conditions = {
+        Flag.EDGE: (gap < reach) | touches(holes, 0, disks, reach),
+        Flag.MERGED: count_touching(disks, fit.blur) > 0,
+        Flag.SATURATED: touches(problem.saturated, 1, disks, radius),
+        Flag.TOO_SMALL: radius - combine_errors(fit.std[:, RADIUS], result.radius_shifts) < fit.blur,
+        Flag.POOR_FIT: fit.chi_square > POOR_CHI_SQUARE,
+        Flag.LOW_SIGNAL: light < LOW_SIGNAL_SIGMA,
+    }
+    flags = np.zeros(len(disks), np.int64)
+    for flag, holds in conditions.items():
+        flags |= np.where(holds, int(flag), 0)
+    return flags
+
+
+def _gap_to_border(disks: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Distance of the centres to the border of the image, negative outside."""
+    x, y, (rows, columns) = disks[:, X], disks[:, Y], shape
+    return np.asarray(np.minimum.reduce([x + 0.5, columns - 0.5 - x, y + 0.5, rows - 0.5 - y]))
