@@ -1,13 +1,14 @@
-"""What two overlapping disks have in common, blurred (compiled).
+"""The blurred overlap of two disks (compiled).
 
-Light passes a contact once: where two disks overlap, a pixel is as bright as in one of them. The image of
-their union is the sum of the two minus that of the lens they share,
+Where two disks overlap, a pixel is as bright as in one of them. The image of their union is the sum of the
+two minus the image of the lens that they share,
 
     L(p, q) = int dt g(q - t) [Phi((hi(t) - p)/s) - Phi((lo(t) - p)/s)]
 
 with p along the line of centres, q across, ``lo`` and ``hi`` the ends of the lens at height t, g and Phi the
 Gaussian of width s and its integral. Sampled every 0.8 s the integral over t is exact to 1e-8 but for the
-ends of the lens. What three disks have in common counts twice; contacts leave room for little of it.
+ends of the lens. The common part of three disks is subtracted once too often; contacts overlap too little for
+that to matter.
 """
 
 import math
@@ -16,21 +17,20 @@ import numpy as np
 from numba import njit
 from scipy import special
 
-EDGE_REACH = 5.0  # blur widths beyond which an edge is 0 or 1 to 3e-7
-EDGE_STEPS = 64  # linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6
-EDGE = special.ndtr(
-    np.arange(-EDGE_REACH * EDGE_STEPS, EDGE_REACH * EDGE_STEPS + 2) / EDGE_STEPS
-)  # straight edge
-SPACING = 0.8  # blur widths between nodes
-LEAST_NODES = 8  # midpoint rule on the parabola of a thin lens: area right to 1/(2 x 8^2) = 0.8 %
-THINNEST = 0.02  # px: depth of overlaps whose light, 4/3 sqrt(a) THINNEST^1.5 of a pixel's, cannot be seen
+EDGE_REACH_BLUR_WIDTHS = 5.0  # theory: beyond, an edge is 0 or 1 to 3e-7
+EDGE_STEPS_PER_BLUR_WIDTH = 64  # theory: linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6
+EDGE_HALF = EDGE_REACH_BLUR_WIDTHS * EDGE_STEPS_PER_BLUR_WIDTH
+EDGE = special.ndtr(np.arange(-EDGE_HALF, EDGE_HALF + 2) / EDGE_STEPS_PER_BLUR_WIDTH)  # a straight edge
+NODE_SPACING_BLUR_WIDTHS = 0.8  # of the integral; theory: exact to 1e-8, see above
+LEAST_NODES = 8  # theory: midpoint rule on the parabola of a thin lens, area right to 1/(2 x 8^2) = 0.8 %
+THINNEST_OVERLAP_PX = 0.02  # depth of overlaps that are ignored; theory: area 4/3 sqrt(a) 0.02^1.5
 
 
 @njit(cache=True)
 def overlaps(one, two):
     """Whether two disks overlap visibly."""
     dx, dy = two[0] - one[0], two[1] - one[1]
-    limit = one[2] + two[2] - THINNEST
+    limit = one[2] + two[2] - THINNEST_OVERLAP_PX
     return limit > 0.0 and dx * dx + dy * dy < limit * limit
 
 
@@ -43,7 +43,7 @@ def add_lens(model, one, two, s, sign):
     a, b = one[2], two[2]
     foot = 0.5 * (d + (a * a - b * b) / d) if d > 0.0 else -1.0
     tall = math.sqrt(max(a * a - foot * foot, 0.0)) if 0.0 <= foot <= d else min(a, b)
-    count = max(math.ceil(2.0 * tall / (SPACING * s)), LEAST_NODES)
+    count = max(math.ceil(2.0 * tall / (NODE_SPACING_BLUR_WIDTHS * s)), LEAST_NODES)
     step = 2.0 * tall / count
     low, high = np.empty(count), np.empty(count)
     for k in range(count):
@@ -51,14 +51,14 @@ def add_lens(model, one, two, s, sign):
         u, v = math.sqrt(max(a * a - t * t, 0.0)), math.sqrt(max(b * b - t * t, 0.0))
         low[k], high[k] = max(-u, d - v), max(min(u, d + v), -u, d - v)
     height = sign * 0.5 * (one[3] + two[3]) * step / (s * math.sqrt(2.0 * math.pi))
-    _draw(model, (one[0], one[1], ex, ey), low, high, tall, s, height)
+    _draw_lens(model, (one[0], one[1], ex, ey), low, high, tall, s, height)
 
 
 @njit(cache=True)
-def _draw(model, frame, low, high, tall, s, height):
-    """The lens in the coordinates of its pair (origin and axis in ``frame``), over the pixels about it."""
+def _draw_lens(model, frame, low, high, tall, s, height):
+    """Add the lens, given in the coordinates of its pair (origin and axis in ``frame``), to the image."""
     x, y, ex, ey = frame
-    reach = EDGE_REACH * s
+    reach = EDGE_REACH_BLUR_WIDTHS * s
     p0, p1, q1 = low.min() - reach, high.max() + reach, tall + reach
     half_x, half_y = 0.5 * (p1 - p0) * abs(ex) + q1 * abs(ey), 0.5 * (p1 - p0) * abs(ey) + q1 * abs(ex)
     cx, cy = x + 0.5 * (p0 + p1) * ex, y + 0.5 * (p0 + p1) * ey
@@ -80,6 +80,6 @@ def _draw(model, frame, low, high, tall, s, height):
 @njit(cache=True)
 def _edge(z):
     """Integral of the normal distribution."""
-    t = min(max((z + EDGE_REACH) * EDGE_STEPS, 0.0), 2.0 * EDGE_REACH * EDGE_STEPS)
+    t = min(max((z + EDGE_REACH_BLUR_WIDTHS) * EDGE_STEPS_PER_BLUR_WIDTH, 0.0), 2.0 * EDGE_HALF)
     k = int(t)
     return EDGE[k] + (t - k) * (EDGE[k + 1] - EDGE[k])

@@ -34,8 +34,8 @@ def find_pairs(disks, space):
 
 
 @njit(cache=True)
-def closer(pairs, disks, space):
-    """Those of some pairs whose rims come closer than ``2 space``."""
+def select_close(pairs, disks, space):
+    """The pairs whose rims come closer than ``2 space``."""
     near = np.zeros(len(pairs), np.bool_)
     for p in range(len(pairs)):
         one, two = disks[pairs[p, 0]], disks[pairs[p, 1]]
@@ -45,8 +45,8 @@ def closer(pairs, disks, space):
 
 
 @njit(cache=True)
-def links(n, pairs):
-    """For each disk the pairs it belongs to: start of its list, and (pair, side in it, the other disk)."""
+def list_neighbours(n, pairs):
+    """Neighbours of each disk: start of its list, and rows of (pair, side in the pair, the other disk)."""
     start = np.zeros(n + 1, np.int64)
     for p in range(len(pairs)):
         start[pairs[p, 0] + 1] += 1

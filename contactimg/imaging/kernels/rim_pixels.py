@@ -1,30 +1,35 @@
-"""The pixels about the rim of a disk, block by block, and what a blurred disk shows there (compiled).
+"""The pixels about the rim of a disk, block by block, and profile and derivatives there (compiled).
 
-Blocks of pixels are gathered into the rows of one small array, on which everything is then computed pixel
-after pixel without a branch: profile and derivatives are polynomials (or, with a bright rim, looked up). A
-block is its first row, the number of its rows, the step between them, its first column and the number of its
-columns.
+Blocks of pixels are gathered in one small array, on which everything is computed in vector instructions:
+profile and derivatives are polynomials (with a film, table entries). A block is a tuple of its first row, its
+number of rows, the step between them, its first column and its number of columns.
 """
 
 import numpy as np
 from numba import njit
 
-from contactimg.imaging.profile.blurred_disk import DEGREE, ENDS, INNER, SLOPE_DEGREE, STEPS_PER_WIDTH
+from contactimg.imaging.profile.blurred_disk import (
+    END_BLUR_WIDTHS,
+    INNER_BLUR_WIDTHS,
+    PROFILE_DEGREE,
+    SLOPE_DEGREE,
+    STEPS_PER_BLUR_WIDTH,
+)
 
 FIELDS = 8
-"""Rows of the array: the distance from the centre gives way to the derivatives with respect to x and y."""
+"""Rows of the array. The first two hold the distance from the centre, then the derivatives by x and y."""
 BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE = range(FIELDS)
 
-FAST = {"contract", "reassoc", "nsz", "arcp"}  # everything but assumptions on NaN and infinity
-GATHERED = 512  # pixels at a time: they stay in the fastest cache
-STRIP = 8  # rows of a block at most
-SKIPPED = 12  # px: a narrower inside is not worth a second block
-LANES = 32  # pixels that vector instructions take at once: what is left over would be taken one by one
+FAST = {"contract", "reassoc", "nsz", "arcp"}  # all optimisations except assumptions on NaN and infinity
+CHUNK_PIXELS = 512  # pixels at a time, which fit into the fastest cache; speed only
+BLOCK_ROWS = 8  # rows of a block at most; speed only; speed only
+LEAST_INSIDE_PX = 12  # columns inside the rim for which a row is split in two blocks; speed only
+VECTOR_PIXELS = 32  # pixels in one pass of vector instructions; a remainder would be slow; speed only
 
 
 @njit(cache=True, error_model="numpy")
-def edge_row(table, a, s):
-    """Polynomials of the profile and its derivatives for one radius, or their values where there are none."""
+def interpolate_row(table, a, s):
+    """Coefficients of the profile and its derivatives for one radius; with a film, table entries."""
     rows = table.powers if len(table.powers) else table.values
     position = s / (s + a) * (rows.shape[0] - 1)
     k = min(int(position), rows.shape[0] - 2)
@@ -37,8 +42,8 @@ def edge_row(table, a, s):
 
 
 @njit(cache=True)
-def _chord(radius, dy, centre, columns):
-    """First column of the pixels of a row inside a circle, and the one after the last."""
+def _chord_columns(radius, dy, centre, columns):
+    """Columns of a row inside a circle: the first, and the one after the last."""
     square = radius * radius - dy * dy
     if radius <= 0.0 or square < 0.0:
         return 0, 0
@@ -48,35 +53,36 @@ def _chord(radius, dy, centre, columns):
 
 
 @njit(cache=True)
-def space(half):
-    """Room for some blocks of a window, one at least."""
+def allocate_pixels(half):
+    """An array for at least one block of a window."""
     width = 2 * int(half) + 3
-    return np.empty((FIELDS, -(-max(GATHERED, STRIP * width) // LANES) * LANES), np.float32)
+    passes = -(-max(CHUNK_PIXELS, BLOCK_ROWS * width) // VECTOR_PIXELS)
+    return np.empty((FIELDS, passes * VECTOR_PIXELS), np.float32)
 
 
 @njit(cache=True)
-def strip(j, bottom, step, half, inner, x, y, columns):
-    """Blocks of the next rows of a window, left and right of its inside; the right one may be empty."""
-    rows = min(STRIP, (bottom - j) // step + 1)
+def next_blocks(j, bottom, step, half, inner, x, y, columns):
+    """The next rows of a window as blocks left and right of the disk's inside; the right one may be empty."""
+    rows = min(BLOCK_ROWS, (bottom - j) // step + 1)
     last = j + (rows - 1) * step
     nearest = 0.0 if j <= y <= last else min(abs(j - y), abs(last - y))
-    first, end = _chord(half, nearest, x, columns)
-    left, right = _chord(inner, max(abs(j - y), abs(last - y)), x, columns)
-    if right - left < SKIPPED:
+    first, end = _chord_columns(half, nearest, x, columns)
+    left, right = _chord_columns(inner, max(abs(j - y), abs(last - y)), x, columns)
+    if right - left < LEAST_INSIDE_PX:
         left = right = end
     return (j, rows, step, first, left - first), (j, rows, step, right, end - right)
 
 
 @njit(cache=True)
-def between(left, right):
+def block_between(left, right):
     """The block between two others."""
     start = left[3] + left[4]
     return left[0], left[1], left[2], start, right[3] - start
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def locate(pixels, n, block, x, y):
-    """Add the pixels of a block by their distances from a centre; the number there are now."""
+def add_block(pixels, n, block, x, y):
+    """Append the pixels of a block by their distances from a centre; the number of pixels then."""
     top, rows, step, first, width = block
     along, across = np.float32(first - x), np.float32(top - y)
     size, down = np.float32(width), np.float32(step)
@@ -92,49 +98,49 @@ def locate(pixels, n, block, x, y):
 
 
 @njit(cache=True)
-def row_of(block, k, image, levels, n):
-    """Row ``k`` of a block in an image, and its place in levels that start at ``n``."""
+def row_of_block(block, k, image, levels, n):
+    """Row ``k`` of a block in an image, and its part of an array in which the block starts at ``n``."""
     top, _, step, first, width = block
     start = n + k * width
     return image[top + k * step, first : first + width], levels[start : start + width]
 
 
 @njit(cache=True)
-def take(pixels, n, block, image):
-    """The levels of a block of pixels that is about to be added."""
+def copy_levels(pixels, n, block, image):
+    """Copy the levels of a block of pixels."""
     for k in range(block[1]):
-        source, levels = row_of(block, k, image, pixels[DATA], n)
+        source, levels = row_of_block(block, k, image, pixels[DATA], n)
         for i in range(len(source)):
             levels[i] = source[i]
 
 
 @njit(cache=True)
-def pad(pixels, n):
-    """Add pixels of no weight until vector instructions can take all of them; the number there are now."""
-    end = -(-n // LANES) * LANES
+def pad_pixels(pixels, n):
+    """Append pixels without weight up to a whole number of vector passes; the number of pixels then."""
+    end = -(-n // VECTOR_PIXELS) * VECTOR_PIXELS
     for i in range(n, end):
         pixels[BY_X, i] = pixels[BY_Y, i] = pixels[DATA, i] = pixels[WEIGHT, i] = 0.0
     return end
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def profile(pixels, n, a, s, row):
-    """The profile at the first ``n`` pixels, into the row of the derivative with respect to the contrast."""
-    if len(row) > DEGREE + 1:
-        _look_up(pixels, n, a, s, row)
+def evaluate_profile(pixels, n, a, s, row):
+    """The profile at the first ``n`` pixels, which is the derivative with respect to the contrast."""
+    if len(row) > PROFILE_DEGREE + 1:
+        _evaluate_table(pixels, n, a, s, row)
         return
     u = pixels[PLACE, :n]
-    _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _polynomial(u, row, 0, DEGREE, 1.0, pixels[BY_C, :n])
+    _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
+    _evaluate_polynomial(u, row, 0, PROFILE_DEGREE, 1.0, pixels[BY_C, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def derivatives(pixels, n, a, c, s, row):
+def evaluate_derivatives(pixels, n, a, c, s, row):
     """Derivatives of the model at the first ``n`` pixels with respect to x, y, a, c and s."""
-    if len(row) > DEGREE + 1:
-        _look_up(pixels, n, a, s, row)
+    if len(row) > PROFILE_DEGREE + 1:
+        _evaluate_table(pixels, n, a, s, row)
     else:
-        _polynomials(pixels, n, a, s, row)
+        _evaluate_polynomials(pixels, n, a, s, row)
     along, across, by_a, by_s = pixels[BY_X, :n], pixels[BY_Y, :n], pixels[BY_A, :n], pixels[BY_S, :n]
     g, per_width, least = np.float32(c / s), np.float32(1.0 / s), np.float32(1e-9)
     radius = np.float32(a)
@@ -149,42 +155,43 @@ def derivatives(pixels, n, a, c, s, row):
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _polynomials(pixels, n, a, s, row):
-    """Profile and derivatives by their polynomials."""
+def _evaluate_polynomials(pixels, n, a, s, row):
+    """Profile and derivatives from their polynomials."""
     u = pixels[PLACE, :n]
-    _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
-    _polynomial(u, row, 0, DEGREE, 1.0, pixels[BY_C, :n])
-    _polynomial(u, row, 1, SLOPE_DEGREE, 0.0, pixels[BY_A, :n])
-    _polynomial(u, row, 2, SLOPE_DEGREE, 0.0, pixels[BY_S, :n])
+    _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, u)
+    _evaluate_polynomial(u, row, 0, PROFILE_DEGREE, 1.0, pixels[BY_C, :n])
+    _evaluate_polynomial(u, row, 1, SLOPE_DEGREE, 0.0, pixels[BY_A, :n])
+    _evaluate_polynomial(u, row, 2, SLOPE_DEGREE, 0.0, pixels[BY_S, :n])
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _from_rim(along, across, a, s, u):
-    """Distance from the rim in units of ``ENDS`` blur widths."""
-    scale, start = np.float32(1.0 / (ENDS * s)), np.float32(a / (ENDS * s))
+def _distance_from_rim(along, across, a, s, u):
+    """Distance from the rim in units of ``END_BLUR_WIDTHS`` blur widths."""
+    scale, start = np.float32(1.0 / (END_BLUR_WIDTHS * s)), np.float32(a / (END_BLUR_WIDTHS * s))
     for i in range(len(u)):
         u[i] = np.sqrt(along[i] * along[i] + across[i] * across[i]) * scale - start
 
 
 @njit(cache=True, fastmath=FAST, forceinline=True)
-def _polynomial(u, powers, column, degree, inside, out):
-    """One of the polynomials of a row at each place ``u``; farther in its limit ``inside``, farther out 0."""
+def _evaluate_polynomial(u, powers, column, degree, inside, out):
+    """One polynomial at each distance ``u``; its limit ``inside`` further inwards, 0 further outwards."""
     one, within, beyond = np.float32(1.0), np.float32(inside), np.float32(0.0)
     for i in range(len(u)):
         place = u[i]
-        value = powers[DEGREE - degree, column]
-        for k in range(DEGREE - degree + 1, DEGREE + 1):
+        value = powers[PROFILE_DEGREE - degree, column]
+        for k in range(PROFILE_DEGREE - degree + 1, PROFILE_DEGREE + 1):
             value = value * place + powers[k, column]
         limit = within if place < -one else beyond
         out[i] = value if abs(place) <= one else limit
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _look_up(pixels, n, a, s, row):
-    """Profile and derivatives by linear interpolation between their values."""
-    scale = np.float32(STEPS_PER_WIDTH / s)
-    offset, last = np.float32((INNER - a / s) * STEPS_PER_WIDTH), np.float32(len(row) - 1.001)
-    _from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, pixels[PLACE, :n])
+def _evaluate_table(pixels, n, a, s, row):
+    """Profile and derivatives by linear interpolation in the table."""
+    scale = np.float32(STEPS_PER_BLUR_WIDTH / s)
+    offset = np.float32((INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH)
+    last = np.float32(len(row) - 1.001)
+    _distance_from_rim(pixels[BY_X, :n], pixels[BY_Y, :n], a, s, pixels[PLACE, :n])
     for i in range(n):
         r = np.sqrt(pixels[BY_X, i] ** 2 + pixels[BY_Y, i] ** 2)
         t = min(max(r * scale + offset, np.float32(0.0)), last)

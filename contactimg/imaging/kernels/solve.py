@@ -1,18 +1,16 @@
-"""Disks that share pixels: which pairs they form, and their coupled normal equations (compiled)."""
+"""The coupled normal equations of disks that share pixels (compiled)."""
 
 import numpy as np
 from numba import njit
 
-from contactimg.imaging.kernels.pairs import links
+from contactimg.imaging.kernels.pairs import list_neighbours
 
-INFLATION = (
-    25.0  # largest factor that neighbours put on a variance; more means the separation is not determined
-)
-DIVERGED = 100.0  # times the first change of a sweep
+LARGEST_INFLATION = 25.0  # of a variance by free neighbours; by hand: beyond, the two are not resolved
+DIVERGENCE_RATIO = 100.0  # change over that of the first sweep at which the sweeps diverge; by hand
 
 
 @njit(cache=True)
-def invert(matrix, out):
+def invert_4x4(matrix, out):
     """Inverse of a symmetric positive definite 4 x 4 matrix (a general library takes ten times as long)."""
     low = np.zeros((4, 4))
     for u in range(4):
@@ -38,35 +36,35 @@ def invert(matrix, out):
 
 
 @njit(cache=True)
-def relax(inverse, right, moving, pairs, blocks, steps, sweeps):
+def solve_coupled(inverse, gradient, moving, pairs, blocks, steps, sweeps):
     """Solve the coupled normal equations by block Gauss-Seidel; ``steps`` starts at the uncoupled solution.
 
-    The matrix is symmetric positive definite, so every sweep comes closer; where many disks describe what is
-    none it may not be, and if the sweeps run away the uncoupled solution stays.
+    The sweeps converge for a positive definite matrix. It may not be positive definite where many disks
+    describe something that is not a disk; if the sweeps diverge, the uncoupled solution is kept.
     """
-    start, link = links(len(right), pairs)
+    start, link = list_neighbours(len(gradient), pairs)
     limit = np.inf
     for sweep in range(sweeps):
         largest = 0.0
-        for i in range(len(right)):
+        for i in range(len(gradient)):
             if moving[i] and start[i] < start[i + 1]:
-                change = _relax_one(i, inverse, right, link[start[i] : start[i + 1]], blocks, steps)
+                change = _solve_one(i, inverse, gradient, link[start[i] : start[i + 1]], blocks, steps)
                 largest = max(largest, change)
         if sweep == 0:
-            limit = DIVERGED * largest
+            limit = DIVERGENCE_RATIO * largest
         if not largest <= limit:
-            for i in range(len(right)):
+            for i in range(len(gradient)):
                 if moving[i]:
-                    steps[i] = inverse[i] @ right[i]
+                    steps[i] = inverse[i] @ gradient[i]
             break
         if largest < 1e-4:
             break
 
 
 @njit(cache=True)
-def _relax_one(i, inverse, right, linked, blocks, steps):
-    """Step of one disk given those of its neighbours; the largest change of a length."""
-    rest = right[i].copy()
+def _solve_one(i, inverse, gradient, linked, blocks, steps):
+    """Solve for the step of one disk, given those of its neighbours; the largest change of a length."""
+    rest = gradient[i].copy()
     for q in range(len(linked)):
         p, side, other = linked[q]
         for u in range(4):
@@ -85,11 +83,10 @@ def _relax_one(i, inverse, right, linked, blocks, steps):
 
 
 @njit(cache=True)
-def variances(normals, inverse, pairs, blocks, moved):
-    """Variances of each disk's parameters with its direct neighbours free as well.
+def marginal_variances(normals, inverse, pairs, blocks, moved):
+    """Variances of each disk's parameters, marginalised over its direct neighbours.
 
-    Neighbours held fixed stay fixed. The Schur complement over the neighbours, each taken as independent of
-    the others.
+    From the Schur complement over the neighbours that moved, each taken as independent of the others.
     """
     n = len(normals)
     out = np.empty((n, 4))
@@ -107,12 +104,14 @@ def variances(normals, inverse, pairs, blocks, moved):
             out[i, u] = inverse[i, u, u]
         if not coupled[i]:
             continue
-        for u in range(4):  # where no pixel tells, nothing but the damping of the inverse holds the matrix
+        for u in range(
+            4
+        ):  # without information from pixels, only the damping of the inverse keeps the matrix regular
             reduced[i, u, u] += 1e-9 / inverse[i, u, u]
         full = np.linalg.inv(reduced[i])
         for u in range(4):
             if full[u, u] <= 0:
-                out[i, u] *= INFLATION
+                out[i, u] *= LARGEST_INFLATION
             else:
-                out[i, u] = min(max(full[u, u], out[i, u]), INFLATION * out[i, u])
+                out[i, u] = min(max(full[u, u], out[i, u]), LARGEST_INFLATION * out[i, u])
     return out

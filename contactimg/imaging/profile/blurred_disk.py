@@ -21,15 +21,15 @@ from scipy import special
 PIXEL_VARIANCE = 1.0 / 12.0
 """Variance of the position inside a square pixel, px^2."""
 
-INNER = 6.0  # columns start this many blur widths inside the rim, where the profile has reached 1 to 1e-9
-STEPS_PER_WIDTH = 32  # linear interpolation errs by less than (1/32)^2/8 * max|P''| = 3e-5
-ROWS = 128
-ENDS = 3.7
-"""Blur widths from the rim at which the profile of a plain disk has reached 1 and 0 (to 1e-4)."""
-DEGREE = 15
-"""Of its polynomial, which errs by 3e-5 between -ENDS and ENDS."""
+INNER_BLUR_WIDTHS = 6.0  # first column, inside the rim; theory: the profile is 1 to 1e-9 there
+STEPS_PER_BLUR_WIDTH = 32  # columns; theory: linear interpolation errs by (1/32)^2/8 * max|P''| = 3e-5
+TABLE_ROWS = 128  # radii; accuracy
+END_BLUR_WIDTHS = 3.7
+"""Distance from the rim at which the profile of a uniform disk is 1 or 0 to 1e-4 (theory)."""
+PROFILE_DEGREE = 15
+"""Of the polynomial for the profile up to there, which errs by 3e-5."""
 SLOPE_DEGREE = 13
-"""Of those of its derivatives, which err by 7e-4: they say where to go, not where the best disk is."""
+"""Of the polynomials for its derivatives, which err by 7e-4; they set the steps of a fit, not its result."""
 
 
 class EdgeTable(NamedTuple):
@@ -41,19 +41,19 @@ class EdgeTable(NamedTuple):
     Parameters
     ----------
     values : ndarray, shape (rows, columns, 3), float32
-        ``P``, ``s dP/da``, ``s dP/dr`` at the distance ``u = (r - a)/s = -INNER + j/steps`` in column ``j``,
-        for linear interpolation.
+        ``P``, ``s dP/da``, ``s dP/dr`` for linear interpolation; column ``j`` is at the distance from the rim
+        ``u = (r - a)/s = -6 + j/32``.
     outer : float
         Distance from the rim, in units of s, at which the profile ends.
-    powers : ndarray, shape (rows, DEGREE + 1, 3), float32
-        Of a plain disk: coefficients of polynomials in ``u/ENDS`` for the same, highest power first, which a
-        compiled loop computes faster than it looks anything up; otherwise empty. Those of the derivatives
-        start with zeros: their degree is lower.
+    powers : ndarray, shape (rows, PROFILE_DEGREE + 1, 3), float32
+        Of the uniform disk: coefficients of polynomials in ``u/END_BLUR_WIDTHS`` for the same, highest power
+        first, which are faster than the table; otherwise empty. Those of the derivatives, whose degree is
+        lower, start with zeros.
     """
 
     values: NDArray[np.float32]
     outer: float
-    powers: NDArray[np.float32] = np.zeros((0, DEGREE + 1, 3), np.float32)
+    powers: NDArray[np.float32] = np.zeros((0, PROFILE_DEGREE + 1, 3), np.float32)
 
 
 def blurred_disk(r: ArrayLike, a: ArrayLike, s: float) -> NDArray[np.float64]:
@@ -83,8 +83,8 @@ def blurred_disk(r: ArrayLike, a: ArrayLike, s: float) -> NDArray[np.float64]:
     """
     r, a = np.broadcast_arrays(np.abs(np.asarray(r, float)) / s, np.asarray(a, float) / s)
     # the series of the distribution loses digits far inside the rim, where the profile is 1 anyway
-    inside = r < a - INNER - 2
-    outside = r > a + INNER + 2
+    inside = r < a - INNER_BLUR_WIDTHS - 2
+    outside = r > a + INNER_BLUR_WIDTHS + 2
     profile = special.chndtr(
         np.where(inside | outside, 1.0, a) ** 2, 2, np.where(inside | outside, 1.0, r) ** 2
     )
@@ -94,13 +94,13 @@ def blurred_disk(r: ArrayLike, a: ArrayLike, s: float) -> NDArray[np.float64]:
 @lru_cache(maxsize=1)
 def disk_table() -> EdgeTable:
     """Table of the blurred uniform disk; the same for every blur."""
-    outer = INNER
-    u = np.arange(-INNER, outer + 0.5 / STEPS_PER_WIDTH, 1.0 / STEPS_PER_WIDTH)
-    values = np.empty((ROWS, len(u), 3), np.float32)
+    outer = INNER_BLUR_WIDTHS
+    u = np.arange(-INNER_BLUR_WIDTHS, outer + 0.5 / STEPS_PER_BLUR_WIDTH, 1.0 / STEPS_PER_BLUR_WIDTH)
+    values = np.empty((TABLE_ROWS, len(u), 3), np.float32)
     gauss = np.exp(-(u**2) / 2)
     values[0] = np.stack([special.ndtr(-u), gauss / np.sqrt(2 * np.pi), -gauss / np.sqrt(2 * np.pi)], axis=-1)
-    for k in range(1, ROWS):
-        q = k / (ROWS - 1)
+    for k in range(1, TABLE_ROWS):
+        q = k / (TABLE_ROWS - 1)
         a = (1 - q) / q
         r = a + u  # even continuation below r = 0, so that interpolation is smooth there
         gauss = np.exp(-((np.abs(r) - a) ** 2) / 2)
@@ -111,15 +111,15 @@ def disk_table() -> EdgeTable:
 
 
 def _powers(u: NDArray[np.float64], values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Polynomials that follow the rows of a table between ``-ENDS`` and ``ENDS``."""
-    near = np.abs(u) <= ENDS
+    """Polynomials fitted to the rows of a table between ``-END_BLUR_WIDTHS`` and ``END_BLUR_WIDTHS``."""
+    near = np.abs(u) <= END_BLUR_WIDTHS
     rows, _, columns = values.shape
     wanted = np.swapaxes(values[:, near].astype(float), 0, 1).reshape(np.count_nonzero(near), -1)
-    powers = np.zeros((DEGREE + 1, rows * columns))
-    for column, degree in enumerate((DEGREE, SLOPE_DEGREE, SLOPE_DEGREE)):
-        series = chebyshev.chebfit(u[near] / ENDS, wanted[:, column::columns], degree)
+    powers = np.zeros((PROFILE_DEGREE + 1, rows * columns))
+    for column, degree in enumerate((PROFILE_DEGREE, SLOPE_DEGREE, SLOPE_DEGREE)):
+        series = chebyshev.chebfit(u[near] / END_BLUR_WIDTHS, wanted[:, column::columns], degree)
         for k, part in enumerate(series):
             row = chebyshev.cheb2poly(np.eye(degree + 1)[k])
-            powers[DEGREE - np.arange(len(row)), column::columns] += np.outer(row, part)
-    powers = powers.reshape(DEGREE + 1, rows, columns)
+            powers[PROFILE_DEGREE - np.arange(len(row)), column::columns] += np.outer(row, part)
+    powers = powers.reshape(PROFILE_DEGREE + 1, rows, columns)
     return np.ascontiguousarray(np.swapaxes(powers, 0, 1), np.float32)

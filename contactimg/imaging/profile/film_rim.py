@@ -1,12 +1,12 @@
-"""The bright rim that a thin air film draws around a contact, in the edge model.
+"""Profile of a contact with the bright rim of a thin air film.
 
-Outside the contact the excess brightness falls from 1 with the gap; blurred by the optics like the contact
-itself it adds to the profile of the uniform disk::
+Outside the contact the excess brightness e falls from 1 as the gap opens. Blurred like the contact itself, it
+adds to the profile of the uniform disk::
 
     P(r; a, s) + int_a^inf e(t; a) (t/s^2) exp(-(r-t)^2/(2 s^2)) I0e(r t/s^2) dt
 
-For a Hertz contact e follows from a, the sphere's radius and the light, without a free parameter; for others
-a rim of given width.
+For a Hertz contact e follows from a, the radius of the sphere and the light, without a free parameter; for
+others the width of the rim is given.
 """
 
 from collections.abc import Hashable
@@ -17,17 +17,23 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
+from scipy.interpolate import CubicSpline
 
 from contactimg.errors import InputError
-from contactimg.imaging.profile.blurred_disk import INNER, STEPS_PER_WIDTH, EdgeTable, disk_table
+from contactimg.imaging.profile.blurred_disk import (
+    INNER_BLUR_WIDTHS,
+    STEPS_PER_BLUR_WIDTH,
+    EdgeTable,
+    disk_table,
+)
 from contactimg.optics.film import Light, excess_table
 
-ROWS = 80
-FEWEST_STEPS = 24  # nodes of the integral over the rim in a blur width
-NEGLIGIBLE = (
-    0.01  # excess at which a rim has ended: fringes beyond are smaller than the noise and average out
-)
-WIDEST = 14.0  # blur widths that are followed at most
+RADII = 80  # rows of the table; accuracy, see the note of `rim_table`
+COARSE_NODES, FINE_NODES = 64, 320  # Gauss-Legendre nodes over the rim ...
+FEWEST_NODES_PER_BLUR_WIDTH = 24  # ... the coarse ones if they are as dense as this; accuracy
+SPLINE_NODES = 220  # distances at which the integral is computed, a cubic spline between; accuracy
+NEGLIGIBLE_EXCESS = 0.01  # a rim has ended below; by hand: later fringes are below the noise and average out
+WIDEST_RIM_BLUR_WIDTHS = 14.0  # a wider rim is cut off; by hand
 
 
 class Rim(Hashable, Protocol):
@@ -80,11 +86,11 @@ class FilmRim:
 
     def extent_px(self, radius_px: float) -> float:
         """Distance beyond the edge at which fringes have faded."""
-        fades = excess_table(self.light).fades_at(NEGLIGIBLE)
+        fades = excess_table(self.light).fades_at(NEGLIGIBLE_EXCESS)
         a = radius_px * self.pixel_size
         far = np.sqrt(2 * self.sphere_radius * fades + 2 * a**2)
         distance = np.linspace(0.0, (far - a) / self.pixel_size, 400)
-        above = np.flatnonzero(np.abs(self.excess(distance, radius_px)) > NEGLIGIBLE)
+        above = np.flatnonzero(np.abs(self.excess(distance, radius_px)) > NEGLIGIBLE_EXCESS)
         return float(distance[above[-1]]) if above.size else 0.0
 
 
@@ -144,13 +150,13 @@ def rim_table(rim: Rim, blur: float) -> EdgeTable:
 def _build(rim: Rim, blur: float) -> EdgeTable:
     """Rows of the table; the derivatives are differences between its nodes."""
     extents = [rim.extent_px(blur * x) / blur for x in (0.5, 1.0, 2.0, 5.0, 20.0)]
-    outer = float(np.ceil(min(max(extents), WIDEST) + INNER))
-    u = np.arange(-INNER, outer + 0.5 / STEPS_PER_WIDTH, 1.0 / STEPS_PER_WIDTH)
-    values = np.zeros((ROWS, len(u), 3), np.float32)
-    q = np.arange(1, ROWS) / (ROWS - 1)
+    outer = float(np.ceil(min(max(extents), WIDEST_RIM_BLUR_WIDTHS) + INNER_BLUR_WIDTHS))
+    u = np.arange(-INNER_BLUR_WIDTHS, outer + 0.5 / STEPS_PER_BLUR_WIDTH, 1.0 / STEPS_PER_BLUR_WIDTH)
+    values = np.zeros((RADII, len(u), 3), np.float32)
+    q = np.arange(1, RADII) / (RADII - 1)
     radius = np.maximum(blur * (1 - q) / q, 1e-2 * blur)
     profiles = np.stack([_profile(rim, np.abs(a + u * blur), a, blur) for a in radius])
-    along = np.gradient(profiles, 1.0 / STEPS_PER_WIDTH, axis=1)
+    along = np.gradient(profiles, 1.0 / STEPS_PER_BLUR_WIDTH, axis=1)
     # at equal distance from the rim, not from the centre, profiles hardly change with the radius
     across = np.gradient(profiles, q, axis=0) / (np.gradient(radius, q) / blur)[:, None]
     values[1:, :, 0], values[1:, :, 1], values[1:, :, 2] = profiles, across - along, along
@@ -159,29 +165,29 @@ def _build(rim: Rim, blur: float) -> EdgeTable:
 
 
 def _profile(rim: Rim, r: NDArray, a: float, blur: float) -> NDArray[np.float64]:
-    """Blurred disk with its rim at distances r; coarse nodes in r, interpolated."""
-    extent = min(rim.extent_px(a), WIDEST * blur)
+    """Blurred disk with its rim at distances r."""
+    extent = min(rim.extent_px(a), WIDEST_RIM_BLUR_WIDTHS * blur)
     if extent <= 0:
-        return _plain(r, a, blur)
-    # the excess starts with infinite curvature at the edge: nodes that lie closer there, x = extent z^2
-    z, weight = _gauss_nodes(64 if FEWEST_STEPS * extent < 64 * blur else 320)
+        return _uniform_disk(r, a, blur)
+    # the excess has infinite curvature at the edge: nodes x = extent z^2 are denser there
+    dense = FEWEST_NODES_PER_BLUR_WIDTH * extent < COARSE_NODES * blur
+    z, weight = _gauss_nodes(COARSE_NODES if dense else FINE_NODES)
     distance, weight = extent * z**2, 2 * extent * z * weight
     t = a + distance
-    light = rim.excess(distance, a) * t * weight / blur**2
-    coarse = np.linspace(float(r.min()), float(r.max()), 220)
-    kernel = np.exp(-((coarse[:, None] - t) ** 2) / (2 * blur**2)) * special.i0e(
-        np.outer(coarse, t) / blur**2
-    )
-    return _plain(r, a, blur) + _smooth_interpolation(r, coarse, kernel @ light)
+    excess = rim.excess(distance, a) * t * weight / blur**2
+    nodes = np.linspace(float(r.min()), float(r.max()), SPLINE_NODES)
+    gauss = np.exp(-((nodes[:, None] - t) ** 2) / (2 * blur**2))
+    kernel = gauss * special.i0e(np.outer(nodes, t) / blur**2)
+    return _uniform_disk(r, a, blur) + CubicSpline(nodes, kernel @ excess)(r)
 
 
-def _plain(r: NDArray, a: float, blur: float) -> NDArray[np.float64]:
+def _uniform_disk(r: NDArray, a: float, blur: float) -> NDArray[np.float64]:
     """The disk without its rim, from its table: to 3e-5, and a hundred times faster than the series."""
     table = disk_table().values
     place = blur / (blur + a) * (len(table) - 1)
     k = min(int(place), len(table) - 2)
     row = table[k, :, 0] + (place - k) * (table[k + 1, :, 0] - table[k, :, 0])
-    nodes = np.arange(table.shape[1]) / STEPS_PER_WIDTH - INNER
+    nodes = np.arange(table.shape[1]) / STEPS_PER_BLUR_WIDTH - INNER_BLUR_WIDTHS
     return np.interp((r - a) / blur, nodes, row, left=1.0, right=0.0)
 
 
@@ -190,18 +196,3 @@ def _gauss_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gauss-Legendre nodes and weights on (0, 1)."""
     z, weight = np.polynomial.legendre.leggauss(count)
     return (z + 1) / 2, weight / 2
-
-
-def _smooth_interpolation(r: NDArray, nodes: NDArray, values: NDArray) -> NDArray[np.float64]:
-    """Cubic interpolation on equidistant nodes (Catmull-Rom)."""
-    step = nodes[1] - nodes[0]
-    place = np.clip((r - nodes[0]) / step, 0, len(nodes) - 1 - 1e-9)
-    k = place.astype(int)
-    f = place - k
-    around = [values[np.clip(k + j, 0, len(nodes) - 1)] for j in (-1, 0, 1, 2)]
-    return np.asarray(
-        around[1]
-        + 0.5 * f * (around[2] - around[0])
-        + f**2 * (around[0] - 2.5 * around[1] + 2 * around[2] - 0.5 * around[3])
-        + 0.5 * f**3 * (3 * (around[1] - around[2]) + around[3] - around[0])
-    )

@@ -1,4 +1,4 @@
-"""Contrast, blur and halo, which all contacts of a frame share, with their uncertainties."""
+"""Contrast, blur and halo common to all contacts of a frame, with their uncertainties."""
 
 from dataclasses import dataclass, replace
 
@@ -58,7 +58,7 @@ class SharedOptics:
     halo: Halo | None = None
 
     def scaled(self, factor: float) -> "SharedOptics":
-        """The same in grey levels ``factor`` times as fine."""
+        """With contrasts multiplied by ``factor``."""
         return replace(
             self,
             contrast=self.contrast * factor,
@@ -73,5 +73,5 @@ class SharedOptics:
 
 
 def combine_errors(std: NDArray[np.float64], modes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Standard uncertainty of each radius from its own part and the parts common to all."""
+    """Standard uncertainty of each radius from its independent part and the parts common to all."""
     return np.sqrt(std**2 + np.sum(modes**2, axis=1))

@@ -1,9 +1,9 @@
-"""What a threshold makes of a blurred disk, and back.
+"""Radius at which a blurred disk crosses a threshold, and the disk radius from it.
 
 A disk of radius ``a`` blurred by a Gaussian of standard deviation ``s`` crosses a fraction ``f`` of its
 contrast at the radius ``r`` with ``P(r; a, s) = f`` (`contactimg.imaging.profile.blurred_disk`). At half
-height ``r`` is smaller than ``a``, by ``s^2/(2 a)`` for wide disks, and a disk with ``a < 1.18 s`` is not
-there at all.
+height ``r`` is smaller than ``a``, by ``s^2/(2 a)`` for wide disks, and a disk with ``a < 1.18 s`` does
+not reach it.
 """
 
 from functools import lru_cache
@@ -17,11 +17,11 @@ from contactimg.imaging.profile.blurred_disk import blurred_disk
 
 Values = NDArray[np.float64]
 
-WIDEST = 60.0
-"""Radii, in blur widths, above which a straight edge and its first correction serve."""
+WIDEST_BLUR_WIDTHS = 60.0
+"""Largest radius of the table; above, a straight edge with its first correction is used (accuracy)."""
 
-NODES = 800
-HALVINGS = 50
+NODES = 800  # radii in the table; accuracy
+HALVINGS = 50  # of the bisection; accuracy
 
 
 def threshold_radius(radius_px: ArrayLike, *, blur_px: float, fraction: float = 0.5) -> Values:
@@ -92,14 +92,14 @@ def _table(fraction: float) -> tuple[Values, Values]:
     """Crossings and radii in blur widths, from the smallest disk that reaches the threshold."""
     smallest = np.sqrt(-2 * np.log1p(-fraction))
     # the crossing rises as the square root from there
-    radii = smallest + (WIDEST - smallest) * np.linspace(0.0, 1.0, NODES) ** 3
+    radii = smallest + (WIDEST_BLUR_WIDTHS - smallest) * np.linspace(0.0, 1.0, NODES) ** 3
     crossed = threshold_radius(radii, blur_px=1.0, fraction=fraction)
     crossed[0] = 0.0
     return crossed, radii
 
 
 def _check(blur_px: float, fraction: float) -> None:
-    """Refuse what has no meaning."""
+    """Refuse a blur or a fraction without meaning."""
     if not (np.isfinite(blur_px) and blur_px > 0):
         raise InputError(f"blur_px must be positive, got {blur_px!r}")
     if not 0 < fraction < 1:

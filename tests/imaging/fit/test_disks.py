@@ -11,7 +11,7 @@ from contactimg.imaging.fit.disks import FitControl, contrast_prior, fit_disks, 
 from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.kernels.solve import invert
+from contactimg.imaging.kernels.solve import invert_4x4
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.shapes.overlap import overlapping
@@ -115,7 +115,7 @@ def test_inverse_of_a_small_matrix(rng):
         root = rng.standard_normal((4, 6))
         matrix = root @ root.T
         out = np.empty((4, 4))
-        invert(matrix, out)
+        invert_4x4(matrix, out)
         assert np.allclose(out @ matrix, np.eye(4), atol=1e-9 * np.linalg.cond(matrix))
 
 

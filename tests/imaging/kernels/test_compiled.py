@@ -9,7 +9,7 @@ from numba.core.registry import CPUDispatcher
 import contactimg.imaging
 
 ROOM = contactimg.imaging
-MODULES = [f"{ROOM.__name__}.{module.name}" for module in pkgutil.iter_modules(ROOM.__path__)]
+MODULES = [module.name for module in pkgutil.walk_packages(ROOM.__path__, f"{ROOM.__name__}.")]
 
 
 @pytest.mark.parametrize("name", MODULES)

@@ -5,17 +5,17 @@ import pytest
 from scipy import special
 
 from contactimg.imaging.kernels.normal_equations import (
-    CHI,
-    COUNT,
+    CHI_SQUARE,
     CROSS,
-    LARGEST_Z2,
-    REACH,
-    RIGHT,
+    GRADIENT,
+    LARGEST_TERM,
+    PIXEL_COUNT,
+    REACH_BLUR_WIDTHS,
     SUMS,
     add_disk,
-    disk_sums,
-    pair_sums,
-    unpack,
+    sum_disk,
+    sum_pair,
+    unpack_sums,
 )
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import blurred_disk, disk_table
@@ -48,26 +48,26 @@ def derivatives(disk):
 def written_out(image, disk, weight):
     """Normal matrix with the blur as fifth parameter, right side, chi-square and count."""
     slopes, r = derivatives(disk)
-    usable = (r <= disk[2] + REACH * S) & (weight > 0)
+    usable = (r <= disk[2] + REACH_BLUR_WIDTHS * S) & (weight > 0)
     w = usable / (VARIANCE * (1 + SLOPE * disk[3] * slopes[3]))
     residual = np.where(usable, image, 0.0)
     information = np.einsum("uij,ij,vij->uv", slopes, w, slopes)
-    rim = usable & (r >= disk[2] - REACH * S)
-    chi = np.minimum(residual**2 * w, LARGEST_Z2)[rim].sum()
+    rim = usable & (r >= disk[2] - REACH_BLUR_WIDTHS * S)
+    chi = np.minimum(residual**2 * w, LARGEST_TERM)[rim].sum()
     return information, np.einsum("uij,ij->u", slopes, w * residual), chi, np.count_nonzero(rim)
 
 
-def summed(image, model, disk, weight, *, alone, every=1):
+def summed(image, model, disk, weight, *, isolated, every=1):
     out = np.zeros(SUMS)
-    disk_sums(
-        image, model, weight, np.array(disk), S, VARIANCE, SLOPE, alone, False, every, disk_table(), out
+    sum_disk(
+        image, model, weight, np.array(disk), S, VARIANCE, SLOPE, isolated, False, every, disk_table(), out
     )
     normal, right = np.zeros((4, 4)), np.zeros(4)
-    unpack(out, normal, right)
+    unpack_sums(out, normal, right)
     full = np.zeros((5, 5))
     full[:4, :4], full[4] = normal, out[CROSS : CROSS + 5]
     full[:4, 4] = full[4, :4]
-    return full, np.append(right, out[RIGHT + 4]), out[CHI], out[COUNT]
+    return full, np.append(right, out[GRADIENT + 4]), out[CHI_SQUARE], out[PIXEL_COUNT]
 
 
 @pytest.fixture
@@ -86,8 +86,8 @@ def test_sums_of_a_disk(name, masked, residual, rng):
     information, right, chi, count = written_out(residual, disk, weight)
     size = np.sqrt(np.diag(information)) + 1e-9  # what noise does to the right side
     sizes = np.outer(size, size)
-    for alone in (False, True):
-        found = summed(holes, model, disk, weight if masked else for_kernel(None), alone=alone)
+    for isolated in (False, True):
+        found = summed(holes, model, disk, weight if masked else for_kernel(None), isolated=isolated)
         # tables are interpolated between radii: 1 % of what a disk of half the blur says about the blur
         np.testing.assert_allclose(found[0] / sizes, information / sizes, atol=0.01)
         np.testing.assert_allclose(found[1] / size, right / size, atol=0.03)
@@ -104,17 +104,17 @@ def test_a_disk_far_wider_than_its_rim_stays_finite(masked, residual):
     weight = np.ones(SHAPE, np.uint8)
     weight[0, 0] = not masked
     out = np.zeros(SUMS)
-    disk_sums(residual + model, model, weight, disk, s, VARIANCE, 0.0, False, False, 1, disk_table(), out)
+    sum_disk(residual + model, model, weight, disk, s, VARIANCE, 0.0, False, False, 1, disk_table(), out)
     assert np.all(np.isfinite(out))
     assert out[9] == pytest.approx(np.count_nonzero(weight) / VARIANCE, rel=1e-5)
-    assert out[RIGHT + 3] == pytest.approx(residual[weight > 0].sum() / VARIANCE, rel=1e-4)
-    assert out[COUNT] == 0
+    assert out[GRADIENT + 3] == pytest.approx(residual[weight > 0].sum() / VARIANCE, rel=1e-4)
+    assert out[PIXEL_COUNT] == 0
 
 
 def test_one_row_in_two_stands_for_both(residual):
     disk, model = DISKS["wide"], np.zeros(SHAPE, np.float32)
-    whole = summed(residual, model, disk, for_kernel(None), alone=False)
-    half = summed(residual, model, disk, for_kernel(None), alone=False, every=2)
+    whole = summed(residual, model, disk, for_kernel(None), isolated=False)
+    half = summed(residual, model, disk, for_kernel(None), isolated=False, every=2)
     assert half[3] == pytest.approx(0.5 * whole[3], rel=0.02)
     np.testing.assert_allclose(np.diag(half[0]), np.diag(whole[0]), rtol=0.02)
 
@@ -127,10 +127,10 @@ def test_sums_of_a_pair(one, two, rng):
     weight = (rng.random(SHAPE) > 0.02).astype(np.uint8)
     model = np.zeros(SHAPE, np.float32)
     (first, r1), (second, r2) = derivatives(one), derivatives(two)
-    both = (r1 <= one[2] + REACH * S) & (r2 <= two[2] + REACH * S) & (weight > 0)
+    both = (r1 <= one[2] + REACH_BLUR_WIDTHS * S) & (r2 <= two[2] + REACH_BLUR_WIDTHS * S) & (weight > 0)
     expected = np.einsum("uij,ij,vij->uv", first[:4], both / VARIANCE, second[:4])
     block = np.full((4, 4), np.nan)
-    pair_sums(model, weight, np.array(one), np.array(two), S, VARIANCE, SLOPE, disk_table(), block)
+    sum_pair(model, weight, np.array(one), np.array(two), S, VARIANCE, SLOPE, disk_table(), block)
     sizes = [np.sqrt(np.diag(written_out(model, disk, weight)[0]))[:4] for disk in (one, two)]
     np.testing.assert_allclose(block / np.outer(*sizes), expected / np.outer(*sizes), atol=3e-3)
 

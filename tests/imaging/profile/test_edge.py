@@ -6,9 +6,9 @@ from scipy import special
 
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.profile.blurred_disk import (
-    INNER,
+    INNER_BLUR_WIDTHS,
     PIXEL_VARIANCE,
-    STEPS_PER_WIDTH,
+    STEPS_PER_BLUR_WIDTH,
     blurred_disk,
     disk_table,
 )
@@ -75,7 +75,7 @@ def test_table_derivatives_are_those_of_the_profile():
     for k in (20, 64, 100):
         q = k / (rows - 1)
         a = (1 - q) / q
-        u = np.arange(columns) / STEPS_PER_WIDTH - INNER
+        u = np.arange(columns) / STEPS_PER_BLUR_WIDTH - INNER_BLUR_WIDTHS
         inside = a + u > 0.05
         r = (a + u)[inside]
         by_a = (blurred_disk(r, a + h, 1.0) - blurred_disk(r, a - h, 1.0)) / (2 * h)
