@@ -1,10 +1,10 @@
 """Constants that shape the result of the method "disk", with quantity, unit and origin.
 
-A name ends in its unit: ``_PX``, ``_BLUR_WIDTHS`` (standard deviations of the blurred edge), ``_SIGMA``
-(standard uncertainties), ``_FRACTION`` (of the contrast, unless said otherwise), ``_RATIO``. Origins:
+A name ends in its unit: ``_PX``; ``_BLUR_WIDTHS``, standard deviations of the blurred edge; ``_SIGMA``,
+standard uncertainties; ``_FRACTION``, of the contrast unless said otherwise; ``_RATIO``. Origins:
 
-- *theory*: follows from a formula, which is given.
-- *false-alarm rate*: chosen for a probability, which is given.
+- *theory*: follows from the formula given.
+- *false-alarm rate*: chosen for the probability given.
 - *accuracy*: a numerical tolerance or bound, meant to be far below the uncertainty; sensitivity not measured.
 - *by hand*: chosen by hand on rendered frames; sensitivity not measured.
 
@@ -13,184 +13,192 @@ The compiled iteration has numerical constants of its own (`contactimg.imaging.k
 
 # Image and noise (`method`, `problem`)
 WIDEST_UNBINNED_BLUR_PX = 3.2
-"""Frames with a wider blur are binned; accuracy: the blur spans 2 pixels anyway."""
+"""Frames with a wider blur are binned. Accuracy."""
 BINNED_BLUR_PX = 1.6
-"""Blur aimed at in binned pixels; accuracy: a Gaussian sampled at 0.6 standard deviations."""
+"""Blur aimed at in binned pixels. Accuracy: that of the profile table."""
 LEAST_NOISE_LEVELS = 1e-3
-"""Smallest noise assumed, grey levels; accuracy: keeps weights finite without noise."""
+"""Smallest noise assumed, grey levels. Accuracy: keeps weights finite in a noise-free image."""
 LEAST_NOISE_FRACTION = 5e-3
-"""Smallest noise assumed; by hand: smaller residuals are not credible."""
+"""Smallest noise assumed. By hand: no contact is a perfect disk."""
 LEAST_LEVEL_FRACTION = 0.1
-"""Smallest background level assumed for the contacts' gain; by hand."""
+"""Smallest background level assumed when a contact's gain is computed. By hand."""
 
 # One fit of all disks (`disks`)
 RADIUS_TOLERANCE_SIGMA = 0.1
-"""Remaining error of a radius at which it is left alone; accuracy."""
+"""Error of a radius at which a disk has settled. Accuracy."""
 LOOSE_CONTRAST_FRACTION = 0.1
-"""Width of the contrast prior until the frame shows its own spread; by hand."""
+"""Width of the contrast prior before the spread of the contrasts is measured. By hand."""
 WIDE_RADIUS_BLUR_WIDTHS = 2.5
-"""Contacts this wide show their contrast; theory: 1 - exp(-2.5^2/2) = 96 % of it."""
+"""Wider contacts show their contrast. Theory: 1 - exp(-2.5^2/2) = 96 % of it at the centre."""
 FEWEST_WIDE_DISKS = 3
-"""Contacts that together determine the contrast; by hand."""
+"""Wide contacts needed to measure contrast and spread. By hand."""
 ASSUMED_SPREAD_FRACTION = 0.03
-"""Spread of the contrasts if too few contacts are wide; by hand."""
+"""Spread of the contrasts if fewer contacts are wide. By hand."""
 LEAST_SPREAD_FRACTION = 1e-4
-"""Smallest spread of the contrasts; accuracy: keeps the prior finite."""
+"""Smallest spread of the contrasts. Accuracy: keeps the prior finite."""
 CONTRAST_OUTLIER_SIGMA = 5.0
-"""Robust deviations beyond which a contrast is left out; by hand."""
+"""Robust standard deviations beyond which a contrast is an outlier. By hand."""
 
 # Number of disks (`assemble`, `significance`)
 SIGNIFICANT_LIGHT_SIGMA = 5.0
-"""Light a contact must have; false-alarm rate 3e-7 of a normal deviate."""
+"""Light below which a disk is dropped. False-alarm rate: 3e-7 for a normal deviate."""
 FAINTEST_CONTRAST_FRACTION = 0.4
-"""A fainter disk is no contact; by hand."""
+"""Contrast below which a disk is dropped. By hand."""
 SUSPICIOUS_CHI_SQUARE = 1.3
-"""Of a disk beside which another is looked for again; by hand."""
+"""Mean chi-square of a disk above which another is searched beside it. By hand."""
 SPECK_RADIUS_PX = 0.5
-"""A disk smaller than a pixel that touches a contact describes its rim; by hand."""
+"""Radius below which a disk that touches another is dropped as part of its rim. By hand."""
 LEAST_PEAK_FRACTION = 0.12
-"""Residual peaks near a rim must be this high; by hand: imperfect rims stay below."""
+"""Height of a residual peak near a rim that becomes a disk. By hand: for imperfect rims."""
 RIM_REACH_BLUR_WIDTHS = 5.0
-"""What is near a rim; by hand."""
+"""Distance that counts as near a rim. By hand."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
-"""Below, noise makes holes at half height: the image is smoothed; by hand."""
+"""Below, the image is smoothed before disks are inscribed. By hand: noise makes holes."""
 INSCRIBED_GROWTH_RATIO = 1.3
-"""An inscribed disk that grows more takes in its neighbours; by hand."""
+"""Largest fitted over inscribed radius, besides one blur width. By hand."""
 REPLACED_GROWTH_RATIO = 1.1
-"""The same of a disk of a better cover, which was fitted before; by hand."""
+"""Largest fitted radius over that in a better cover. By hand."""
 NEIGHBOUR_GAP_BLUR_WIDTHS = 3.0
-"""Gap between rims within which a new disk changes its neighbour; by hand."""
+"""Gap within which an added or dropped disk changes its neighbours. By hand."""
 PEAK_ROUNDS = 4
-"""Rounds of adding disks at most; by hand."""
+"""Rounds of adding disks at most. By hand."""
 
 # Covers of badly fitted groups (`covers`, `group_window`)
 GROUP_GAP_BLUR_WIDTHS = 2.0
-"""Gap between rims within one group; by hand."""
+"""Gap between rims within one group. By hand."""
 LARGEST_GROUP = 20
-"""Disks; a larger group is left as it is, for time; by hand."""
+"""Disks of the largest group for which covers are tried. By hand, for time."""
 BAD_FIT_RATIO = 1.3
-"""Chi-square over the usual one that calls for another cover; by hand."""
+"""Chi-square over its usual value above which a fit is bad, ... By hand."""
 BAD_FIT_SIGMA = 6.0
-"""Its significance; false-alarm rate 1e-9 of a normal deviate."""
+"""... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
 LARGEST_USUAL_CHI_SQUARE = 2.0
-"""Mean chi-square that the noise model may be wrong by; by hand."""
+"""Largest mean chi-square ascribed to the noise model. By hand."""
 CHI_SQUARE_SLACK_SIGMA = 3.0
-"""Excess chi-square within its scatter is explained; false-alarm rate 1e-3."""
+"""Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
 DISK_PRICE = 40.0
-"""Decrease of chi-square one more disk must bring; theory: 6^2 for 6 sigma, 4 for its parameters."""
+"""Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
 EXCESS_LEFT_FRACTION = 0.35
-"""Of the excess chi-square that a new cover may leave; by hand."""
+"""Fraction of the excess chi-square that a new cover may leave. By hand."""
 UNSETTLED_CHI_SQUARE_RATIO = 1.5
-"""Up to it the same disks are first fitted again; by hand."""
+"""Chi-square over its expectation below which the same disks are refitted first. By hand."""
 COVER_ROUNDS = 5
-"""Rounds of trying covers at most; by hand."""
+"""Rounds of trying covers at most. By hand."""
 MISSING_DISK_PEAK_FRACTION = 0.3
-"""Residual peak that calls for one more disk along an outline; by hand."""
-ARC_GROWTH_RATIO, ARC_GROWTH_BLUR_WIDTHS = 1.1, 0.3
-"""What a disk that follows an arc may grow; by hand."""
+"""Height of a residual peak at which a disk is added to those of an outline. By hand."""
+ARC_GROWTH_RATIO = 1.1
+"""Largest fitted radius of a disk over that of its arc, ... By hand."""
+ARC_GROWTH_BLUR_WIDTHS = 0.3
+"""... and an additional margin. By hand."""
 NECK_LEVEL_FRACTION = 0.75
-"""Level at which necks between touching contacts open; by hand."""
+"""Level of a second outline, at which necks between touching contacts open. By hand."""
 NECK_SHRINKAGE_BLUR_WIDTHS = 0.67
-"""By which rims retreat there; theory: Phi(0.67) = 0.75."""
+"""Distance of that outline from the rim. Theory: Phi(0.67) = 0.75."""
 SMALLEST_ARC_BLUR_WIDTHS = 0.7
-"""Radius below which no arc shows; by hand."""
+"""Smallest radius of an arc. By hand."""
 GROUP_REACH_BLUR_WIDTHS = 4.0
-"""Margin of a group's window; theory: a blurred edge has ended at 4 (3e-5)."""
+"""Margin of the window about a group. Theory: a blurred edge is 3e-5 there."""
 DISK_REACH_BLUR_WIDTHS = 2.0
-"""Pixels about a disk that count as its own; by hand."""
+"""Margin about a disk within which pixels count as its own. By hand."""
 GROUP_ITERATIONS = 15
-"""Gauss-Newton steps at most; accuracy."""
+"""Gauss-Newton steps at most. Accuracy."""
 
-# Common contrast and blur (`shared_optics`)
+# Common contrast and blur (`shared_optics`, `method`)
 EXACT_FRACTION = 1e-4
-"""Relative standard deviation of a prior that is said to be exact; accuracy."""
+"""Relative standard deviation of contrast or blur given as exact. Accuracy."""
 OPTICS_STEPS = 20
-"""Newton steps at most; accuracy."""
-LONGEST_CONTRAST_STEP, LONGEST_BLUR_STEP = 0.4, 0.25
-"""Of ln contrast, and relative; by hand: steps stay safe."""
+"""Newton steps at most. Accuracy."""
+LONGEST_CONTRAST_STEP = 0.4
+"""Longest step of ln contrast. By hand."""
+LONGEST_BLUR_STEP = 0.25
+"""Longest step of the blur, relative to it. By hand."""
 LINEAR_STEP = 0.003
-"""Relative step up to which disks follow in proportion; accuracy: the error is its square."""
+"""Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
 FINE_TOLERANCE_SIGMA = 0.003
-"""As RADIUS_TOLERANCE_SIGMA, of fits that say how the optics change; accuracy."""
+"""`RADIUS_TOLERANCE_SIGMA` of the fits between the steps. Accuracy."""
 STEP_WORTH_SIGMA = 0.2
-"""Of the sum of a^3: a smaller step is not worth another fit; accuracy."""
+"""Change of the sum of a^3 below which no further fit is made. Accuracy."""
 PLATEAU_STD_FRACTION = 0.02
-"""Uncertainty of the plateau of wide contacts with other edges than assumed; by hand."""
+"""Uncertainty of the plateau of wide contacts if edges are not those assumed. By hand."""
 DISAGREEMENT_RATIO = 2.0
-"""Scatter over expected variance from which edges are not those assumed; by hand."""
+"""Variance over its expectation above which edges are not those assumed. By hand."""
 FEWEST_SCORES = 10
-"""Contacts whose scatter is believed; by hand: its variance is then known to a third."""
+"""Contacts needed to measure that variance. Theory: 20 deviates give it to a third, sqrt(2/20)."""
 LARGEST_CONTRAST_RATIO = 10.0
-"""Contrast over brightest light without prior; by hand: smaller disks vanish."""
+"""Largest contrast over brightest light, without prior knowledge. By hand."""
 BLUR_GUESS_FRACTION = 0.5
-"""Relative standard deviation of a guessed blur; by hand: right to a factor 2."""
+"""Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
 MOST_ATTEMPTS = 3
-"""Times that disks are detected anew at another contrast; by hand."""
+"""Contrasts at which disks are detected, at most. By hand."""
 CONTRAST_CHANGE_LOG = 0.1
-"""Change of ln contrast that calls for it; by hand."""
+"""Change of ln contrast after which disks are detected anew. By hand."""
 LOST_DISKS_RATIO = 2
-"""An attempt with fewer than 1/2 of the disks is refused; by hand."""
-FILM_BLUR_RATIO, FILM_BLUR_STEPS = (
-    1.1,
-    5,
-)  # blurs tried about the guess with a film; by hand: covers 0.6 to 1.6
+"""Factor by which the number of disks may shrink in that. By hand."""
+FILM_BLUR_RATIO = 1.1
+"""Ratio of successive blurs tried with a film. By hand."""
+FILM_BLUR_STEPS = 5
+"""Blurs tried on each side of the guess. By hand: 0.6 to 1.6 times the guess."""
 
-# Quality (`method`)
+# Flags and rejections (`quality`)
 POOR_CHI_SQUARE = 1.5
-"""Flag POOR_FIT above; by hand."""
+"""Mean chi-square above which a contact has the flag POOR_FIT. By hand."""
 LOW_SIGNAL_SIGMA = 10.0
-"""Light, flag LOW_SIGNAL below; by hand: twice SIGNIFICANT_LIGHT_SIGMA."""
+"""Light below which a contact has the flag LOW_SIGNAL. By hand: twice the detection limit."""
 LEAST_LIGHT_SIGMA = 2.0
-"""Light below which a disk is dropped in the end; by hand."""
+"""Light below which a disk is left out of the result. By hand."""
 EDGE_GAP_BLUR_WIDTHS = 2.0
-"""Rims this close to the border are cut, flag EDGE; theory: 2 sigma of the edge."""
+"""Rims closer to the border have the flag EDGE. Theory: 98 % of the edge's light lies within."""
 FEWEST_COMMON_CHI_SQUARE = 10
-"""Contacts whose median chi-square is a property of the frame; by hand."""
+"""Contacts needed to ascribe their median chi-square to the noise model. By hand."""
 
 # Halo (`halo`, `residual_light`)
 HALO_WIDTHS_PX = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
-"""Standard deviations tried; by hand."""
+"""Standard deviations tried. By hand."""
 HALO_BLOCK_PX = 2
-"""Side of the block means on which halos are computed; accuracy: halos are smooth."""
+"""Side of the block means on which halos are computed, a power of 2. Accuracy."""
 CORE_END_FRACTION = 5e-4
-"""The core of the point spread function has ended below; accuracy."""
+"""Level below which only the halo is left. Accuracy."""
 HALO_FALSE_ALARM = 3e-6
-"""Probability of finding a halo where there is none; false-alarm rate."""
+"""Probability of a halo in a frame without. False-alarm rate."""
 LARGEST_HALO_FRACTION = 0.6
-"""Of the light; by hand: more is not a halo but the point spread function itself."""
+"""Largest halo, of the light. By hand: more would be the point spread function itself."""
 LEAST_HALO_FRACTION = 0.01
-"""Of the light; accuracy: changes no radius by more than its error."""
-HALO_PARTS, FEWEST_HALO_PARTS = 12, 3
-"""Parts of the image whose scatter gives the uncertainty; by hand."""
+"""Halo below which none is assumed, of the light. Accuracy."""
+HALO_PARTS = 12
+"""Parts of the image whose scatter gives the uncertainty, ... By hand."""
+FEWEST_HALO_PARTS = 3
+"""... at least, with one contact each. By hand."""
 HALO_SETTLED_FRACTION = 2e-3
-"""Of the light: change that ends the iteration; accuracy."""
+"""Change of the halo that ends the iteration, of the light. Accuracy."""
 HALO_ROUNDS = 5
-"""Rounds of halo and fit; theory: a round leaves a fifth of the error."""
+"""Rounds of halo and fit at most. By hand: each leaves about a fifth of the error."""
 GIVEN_HALO_ROUNDS = 3
-"""The same of a halo that is given; by hand."""
+"""Rounds for a halo that is given. By hand."""
 
 # Remaining illumination (`residual_light`)
 UNTOUCHED_FRACTION = 1e-4
-"""Blocks that contacts brighten by less are background; accuracy."""
+"""Light of contacts below which a block is background. Accuracy."""
 LEAST_UNTOUCHED_SHARE = 0.05
-"""Of all blocks that must be background; by hand."""
+"""Share of such blocks below which gaps between contacts are used instead. By hand."""
 GAP_BLOCK_PX = 2
-"""Side of the blocks looked at where they are fewer; by hand: gaps of a crowd."""
-GAP_SHARE, LARGEST_GAP_FRACTION = 0.05, 0.2
-"""Then the least brightened 5 %, if by less than this; by hand."""
+"""Side of the blocks then. By hand."""
+GAP_SHARE = 0.05
+"""Share of the blocks used then, those with the least light of contacts. By hand."""
+LARGEST_GAP_FRACTION = 0.2
+"""Light of contacts above which no block is used. By hand."""
 FLAT_FRACTION = 3e-3
-"""Remaining illumination that no fit responds to; accuracy."""
+"""Remaining illumination that ends the iteration. Accuracy."""
 ILLUMINATION_ROUNDS = 8
-"""Rounds of illumination and fit; accuracy."""
+"""Rounds of illumination and fit at most. Accuracy."""
 LONGEST_SECANT_RATIO = 4.0
-"""Secant step over the remainder; by hand: steps stay safe."""
+"""Longest secant step over the remaining illumination. By hand."""
 LARGEST_BACKGROUND_FRACTION = 0.5
-"""A background that rises by more would swallow the contacts; by hand."""
+"""Largest remaining illumination that is removed. By hand: more would remove contacts."""
 LEAST_SCATTER_LEVELS = 1e-3
-"""Smallest scatter of the blocks, grey levels; accuracy: keeps the fit finite."""
+"""Smallest scatter of the blocks, grey levels. Accuracy: keeps the fit finite."""
 
 # Frames of a series (`pooling`)
 RESOLVED_CONTRAST_FRACTION = 0.1
-"""Relative uncertainty of a contrast that may be pooled; by hand: about normal."""
+"""Relative uncertainty up to which a frame's contrast is pooled. By hand: about normal."""
 POOLING_OUTLIER_SIGMA = 5.0
-"""A frame further off does not count; by hand."""
+"""Standard deviations beyond which a frame is an outlier. By hand."""

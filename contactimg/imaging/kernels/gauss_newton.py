@@ -48,11 +48,7 @@ def iterate(
     # longer than 40 lines: its parts would need nearly all of these arrays
     n = len(disks)
     coupling = COUPLING_REACH_BLUR_WIDTHS if table.outer <= INNER_BLUR_WIDTHS else table.outer
-    far = (
-        1.1 * max(0.5 * ISOLATION_GAP_BLUR_WIDTHS, coupling)
-        if table.outer <= INNER_BLUR_WIDTHS
-        else 1.1 * coupling
-    )
+    far = 1.1 * max(0.5 * ISOLATION_GAP_BLUR_WIDTHS, coupling)
     normals, inverse = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
     gradient, cross, steps = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
     blurs = np.zeros((n, 2))
