@@ -1,9 +1,9 @@
-"""Circles through the arcs of an outline: how a group of disks shows in its rim.
+"""Find the circles of a group of disks from its outline, by voting.
 
-Each disk of a group leaves an arc of its own in the group's outline. Two points of the rim of one circle, p
-and q with inward normals m and n, have ``p + r m = q + r n``; every pair of points proposes the circle that
-solves this best, the points that lie on it vote, and the circle with most votes takes its points away before
-the next one is sought.
+Each disk of a group leaves an arc in the outline of the group. Two points p and q of one circle, with inward
+normals m and n, obey ``p + r m = q + r n``. Each pair of points proposes the circle that solves this in least
+squares, and the points that lie on it vote. The circle with most votes is kept, its points are removed, and
+the search is repeated.
 """
 
 import math
@@ -15,21 +15,32 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.kernels.rim_pixels import FAST
 
-SMOOTHING = 0.8  # px: takes noise off the normals; rounds no arc that can be told from another
-PAIRS = 3000  # proposals: with five disks one in five pairs lies on one circle
-ALIKE = 0.15  # |m - n|^2 of normals too parallel to tell a radius: 22 degrees
-OFF = 0.5  # px: distance from a circle at which a point still lies on it
-FACING = 0.9  # cosine between a point's normal and the direction of the centre
-LEAST = 5  # points that make an arc ...
-SHARE = 0.2  # ... and of the circumference
-PER_LENGTH = 4.0 / math.pi  # crossings of a grid of pixels by a curve, per px of its length
-INSIDE = 0.9  # of a circle that must be bright
+SMOOTHING_PX = 0.8
+"""Gaussian filter against noise in the normals; narrow against any arc that can be recognised. By hand."""
+MOST_PAIRS = 3000
+"""Pairs of points that propose a circle. In a group of five equal disks one pair in five lies on one
+circle."""
+LEAST_NORMAL_DIFFERENCE2 = 0.15
+"""Least ``|m - n|^2`` of two normals that determine a radius: 22 degrees apart. Chosen by hand."""
+TOLERANCE_PX = 0.5
+"""Distance from a circle up to which a point lies on it. Chosen by hand."""
+LEAST_COSINE = 0.9
+"""Least cosine between the normal of a point and the direction of the centre. Chosen by hand."""
+LEAST_POINTS, LEAST_ARC_FRACTION = 5, 0.2
+"""Least number of points of an arc, and least fraction of the circumference. Chosen by hand."""
+CROSSINGS_PER_PX = 4.0 / math.pi
+"""Crossings of the rows and columns of pixels by a curve per px of its length. Theory: mean of |cos| +
+|sin|."""
+LEAST_BRIGHT_FRACTION = 0.9
+"""Of the points inside a circle that must be above the level. Chosen by hand."""
 SPOKES = 16
-MOST = 12  # circles
+"""Directions in which these points lie."""
+MOST_CIRCLES = 12
+"""Circles looked for in a group."""
 
 
 def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) -> NDArray[np.float64]:
-    """Circles that follow the outline of what lies above a level, those with most of it first.
+    """Circles that follow the outline of the regions above a level, those with most points first.
 
     Parameters
     ----------
@@ -42,7 +53,7 @@ def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) 
     Returns
     -------
     ndarray, shape (n, 4)
-        x, y, radius (px), and the share of its circumference that each follows.
+        x, y, radius (px), and the fraction of the circumference that follows the outline.
 
     Examples
     --------
@@ -52,16 +63,17 @@ def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) 
     >>> np.abs(circles[circles[:, 0].argsort(), :3] - [[20, 20, 9], [36, 20, 8]]).max() < 0.5
     np.True_
     """
-    smooth = cv2.GaussianBlur(image, (0, 0), SMOOTHING, borderType=cv2.BORDER_REPLICATE)
+    smooth = cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
     points = _crossings(smooth, level)
-    found: list[NDArray] = []
-    while len(found) < MOST and points.shape[1] >= LEAST:
+    circles: list[NDArray] = []
+    while len(circles) < MOST_CIRCLES and points.shape[1] >= LEAST_POINTS:
         circle, on = _best_circle(points, smooth, np.float32(level), smallest)
         if not on.any():
             break
-        found.append(np.append(circle, np.count_nonzero(on) / (PER_LENGTH * 2.0 * np.pi * circle[2])))
+        length = 2.0 * np.pi * circle[2] * CROSSINGS_PER_PX
+        circles.append(np.append(circle, np.count_nonzero(on) / length))
         points = np.ascontiguousarray(points[:, ~on])
-    return np.array(found).reshape(-1, 4)
+    return np.array(circles).reshape(-1, 4)
 
 
 def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
@@ -86,7 +98,7 @@ def _crossings(image: NDArray[np.float32], level: float) -> NDArray[np.float32]:
 def _best_circle(points, image, level, smallest):
     """The circle with most points, and which of them lie on it."""
     n = points.shape[1]
-    every = max(n * (n - 1) // 2 // PAIRS, 1)
+    every = max(n * (n - 1) // 2 // MOST_PAIRS, 1)
     most, best, number = 0.0, (0.0, 0.0, 0.0), 0
     votes = np.zeros(n, np.float32)
     for i in range(n):
@@ -111,7 +123,7 @@ def _through(p, q):
     """Circle (x, y, r) of two points with normals, in least squares."""
     mx, my = q[2] - p[2], q[3] - p[3]
     square = mx * mx + my * my
-    if square < ALIKE:
+    if square < LEAST_NORMAL_DIFFERENCE2:
         return 0.0, 0.0, -1.0
     r = ((p[0] - q[0]) * mx + (p[1] - q[1]) * my) / square
     return 0.5 * (p[0] + q[0] + r * (p[2] + q[2])), 0.5 * (p[1] + q[1] + r * (p[3] + q[3])), r
@@ -122,7 +134,8 @@ def _vote(points, circle, votes):
     """1 for the points that lie on a circle and face its centre, else 0; and how many these are."""
     x, y, along, across = points[0], points[1], points[2], points[3]
     middle_x, middle_y, r = np.float32(circle[0]), np.float32(circle[1]), np.float32(circle[2])
-    off, facing, one, none = np.float32(OFF), np.float32(FACING), np.float32(1.0), np.float32(0.0)
+    off, facing = np.float32(TOLERANCE_PX), np.float32(LEAST_COSINE)
+    one, none = np.float32(1.0), np.float32(0.0)
     low, high = max(r - off, none) ** 2, (r + off) ** 2
     count = none
     for k in range(len(votes)):
@@ -137,12 +150,12 @@ def _vote(points, circle, votes):
 @njit(cache=True)
 def _is_arc(count, r):
     """Whether so many points are enough of a circle."""
-    return count >= max(LEAST, SHARE * PER_LENGTH * 2.0 * math.pi * r)
+    return count >= max(LEAST_POINTS, LEAST_ARC_FRACTION * CROSSINGS_PER_PX * 2.0 * math.pi * r)
 
 
 @njit(cache=True)
 def _bright(image, level, circle):
-    """Whether a circle is bright inside (what lies outside the image is not looked at)."""
+    """Whether a circle is bright inside, as far as it lies in the image."""
     inside = total = 0
     for share in (0.0, 0.5, 0.8):
         for k in range(SPOKES if share else 1):
@@ -152,4 +165,4 @@ def _bright(image, level, circle):
             if 0 <= i < image.shape[1] and 0 <= j < image.shape[0]:
                 total += 1
                 inside += image[j, i] > level
-    return inside >= INSIDE * total > 0
+    return inside >= LEAST_BRIGHT_FRACTION * total > 0

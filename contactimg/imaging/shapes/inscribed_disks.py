@@ -1,8 +1,8 @@
-"""Where contacts may be: disks inscribed in what lies above half height, and peaks of a matched filter.
+"""Candidates for contacts: disks inscribed in the regions above half height.
 
-The first finds every contact that reaches half height, and both of two that touch; the second, applied to
-what a fit of the first has left over, finds small contacts (a disk with a < 1.18 blur widths never reaches
-half height) down to the noise.
+They include every contact that reaches half height, and both of two that touch. A disk with a radius below
+1.18 blur widths does not reach it; such contacts are found as peaks of the residuals
+(`contactimg.imaging.shapes.peaks`).
 """
 
 import cv2
@@ -13,12 +13,21 @@ from numpy.typing import NDArray
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.shapes.components import label_components
 
-SMALLEST_INSCRIBED = 2.0  # px: below, pixel noise at the rim looks the same
-SMALLEST_ROUND = 1.6  # px: the same of what is round by itself
-ROUND = 0.01  # by which the second moment of a region may exceed that of a disk, besides 1/area ...
-WIDER = 1.7  # ... and px by which its sides may exceed the diameter
-LEAST_SEEN = 0.2  # of a disk's area: what lies in a hole to a larger part is not known to be one
-PENETRATION = 0.7  # of its radius: a disk deeper than this inside a larger one is part of its rim
+SMALLEST_INSCRIBED = 2.0
+"""Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
+SMALLEST_ROUND = 1.6
+"""Least radius of a region that is round by itself, px. Chosen by hand."""
+ROUND_MOMENT_EXCESS = 0.01
+"""A region is round if its second moment exceeds that of a disk by less than this plus ``1/area`` (the part
+of the pixels themselves), ..."""
+ROUND_WIDTH_EXCESS_PX = 1.7
+"""... and its sides exceed the diameter by less than this. Both chosen by hand; sensitivity not measured."""
+LEAST_VISIBLE_FRACTION = 0.2
+"""Of the area of a disk outside holes, below which it is no candidate. Chosen by hand."""
+PENETRATION = 0.7
+"""Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
+CELL_PX = 32.0
+"""Side of the cells in which neighbours are looked up; it affects the time alone."""
 
 
 def find_inscribed(
@@ -31,27 +40,27 @@ def find_inscribed(
     image : ndarray, shape (rows, columns)
     level : float
     smoothing : float, px
-        Standard deviation of a Gaussian that keeps noise from making holes; about the blur, or 0.
+        Standard deviation of a Gaussian filter against holes due to noise: about the blur, or 0.
     valid : Mask
-        0 for pixels without a value, which cut no contact.
+        0 for pixels without a value; they do not bound a disk.
 
     Returns
     -------
     ndarray, shape (n, 3)
-        x, y, radius (px); overlaps only as touching contacts overlap.
+        x, y, radius (px); they overlap no more than touching contacts do.
     """
     smooth = image
     if smoothing > 0:
         smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
     if valid is None:
         return _inscribed_by_region(smooth, level)
-    # a hole cuts no contact, but a hole alone is none
+    # holes count as inside, but a hole alone is no contact
     disks = _inscribed(((smooth > level) | (valid == 0)).astype(np.uint8), (True, True, True, True))
-    return disks[visible_fraction(disks, image.shape, valid) > LEAST_SEEN]
+    return disks[visible_fraction(disks, image.shape, valid) > LEAST_VISIBLE_FRACTION]
 
 
 def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
-    """Disks for the regions above ``level``: one for a round region, those inscribed in the others."""
+    """One disk for each round region above ``level``, and the disks inscribed in the others."""
     regions = label_components(image, level)
     radius = np.sqrt(regions["area"] / np.pi)
     longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
@@ -59,12 +68,16 @@ def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np
         (regions["left"] == 0) | (regions["right"] == image.shape[1] - 1)
         | (regions["top"] == 0) | (regions["bottom"] == image.shape[0] - 1)
     )  # fmt: skip
-    # of all regions of an area a disk has the least second moment, area^2/(2 pi)
+    # a disk has the least second moment of all regions of its area: area^2/(2 pi)
     excess = 2.0 * np.pi * regions["moment"] / regions["area"] ** 2.0 - 1.0
-    round_ = ~cut & (excess < ROUND + 1.0 / regions["area"]) & (longest < 2.0 * radius + WIDER)
+    round_ = (
+        ~cut
+        & (excess < ROUND_MOMENT_EXCESS + 1.0 / regions["area"])
+        & (longest < 2.0 * radius + ROUND_WIDTH_EXCESS_PX)
+    )
     disks = np.column_stack([regions["x"], regions["y"], radius])[round_ & (radius > SMALLEST_ROUND)]
-    found = [_inscribed_in(region, image, level) for region in regions[~round_ & (radius > SMALLEST_ROUND)]]
-    disks = np.vstack([disks, *found])
+    others = [_inscribed_in(region, image, level) for region in regions[~round_ & (radius > SMALLEST_ROUND)]]
+    disks = np.vstack([disks, *others])
     return disks[np.argsort(-disks[:, 2], kind="stable")]
 
 
@@ -79,8 +92,8 @@ def _inscribed_in(region: np.void, image: NDArray[np.float32], level: float) -> 
 
 
 def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
-    """Disks inscribed in a mask, largest first; the mask goes on beyond its sides ``cut``, top to right."""
-    # a contact cut by the border goes on beyond it: repeat the border instead of closing it
+    """Disks inscribed in a mask, largest first; ``cut`` marks the sides beyond which the mask continues."""
+    # a contact cut by the border continues: repeat the border instead of closing it
     closed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
     for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
         if side:
@@ -105,7 +118,7 @@ def select_inscribed(distance):
 
 @njit(cache=True)
 def _summits(distance, smallest):
-    """Local maxima of the distance transform."""
+    """Local maxima (x, y, value) of the distance transform."""
     rows, columns = distance.shape
     out = np.empty((1024, 3))
     count = 0
@@ -136,14 +149,13 @@ def _summits(distance, smallest):
 
 @njit(cache=True)
 def _select(summits):
-    """Greedy choice, largest first, of disks that do not lie inside one another; a grid keeps it linear."""
+    """Choose disks that do not lie inside one another, largest first, in linear time by a grid of cells."""
     n = len(summits)
     kept = np.empty((n, 3))
     if n == 0:
         return kept
-    size = 32.0
-    wide = int(summits[:, 0].max() // size) + 1
-    high = int(summits[:, 1].max() // size) + 1
+    wide = int(summits[:, 0].max() // CELL_PX) + 1
+    high = int(summits[:, 1].max() // CELL_PX) + 1
     head = np.full((high, wide), -1, np.int64)
     capacity = 4 * n + 64
     follow, owner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
@@ -151,7 +163,7 @@ def _select(summits):
     for k in range(n):
         x, y, r = summits[k]
         free = True
-        q = head[int(y // size), int(x // size)]
+        q = head[int(y // CELL_PX), int(x // CELL_PX)]
         while q >= 0:
             other = kept[owner[q]]
             dx, dy = x - other[0], y - other[1]
@@ -165,8 +177,8 @@ def _select(summits):
         kept[count] = summits[k]
         # later disks are no larger, so this one matters to centres within its radius plus a part of it
         reach = (2.0 - PENETRATION) * r
-        for j in range(max(int((y - reach) // size), 0), min(int((y + reach) // size) + 1, high)):
-            for i in range(max(int((x - reach) // size), 0), min(int((x + reach) // size) + 1, wide)):
+        for j in range(max(int((y - reach) // CELL_PX), 0), min(int((y + reach) // CELL_PX) + 1, high)):
+            for i in range(max(int((x - reach) // CELL_PX), 0), min(int((x + reach) // CELL_PX) + 1, wide)):
                 if links == capacity:
                     follow = np.append(follow, np.empty(capacity, np.int64))
                     owner = np.append(owner, np.empty(capacity, np.int64))

@@ -1,4 +1,4 @@
-"""Which disks touch, which lie in one another, and how much of a rim shows."""
+"""Which disks touch, which lie inside one another, and how much of each rim is visible."""
 
 import numpy as np
 from numba import njit
@@ -6,9 +6,10 @@ from numba import njit
 from contactimg.imaging.kernels.pairs import find_pairs
 
 DEEPEST = 0.35
-"""Of the smaller one's diameter: contacts that overlap more are one contact."""
+"""Overlap over the diameter of the smaller disk above which two disks are one contact. Chosen by hand."""
 
-LEAST_SHOWN = 0.2  # of a rim: what shows less is judged as if it showed this
+LEAST_VISIBLE_RIM = 0.2
+"""Visible fraction of a rim below which a disk is treated as if it showed this much. Chosen by hand."""
 
 
 @njit(cache=True)
@@ -32,7 +33,7 @@ def overlapping(disks, deepest):
 
 @njit(cache=True)
 def hidden(disks):
-    """Whether each disk overlaps one before it, itself not hidden, by more than `DEEPEST`."""
+    """Whether each disk overlaps an earlier one, itself not hidden, by more than `DEEPEST`."""
     out = np.zeros(len(disks), np.bool_)
     for i in range(len(disks)):
         for j in range(i):
@@ -56,7 +57,7 @@ def count_touching(disks, space):
 
 @njit(cache=True)
 def visible_share(disks):
-    """Share of each disk's rim that lies in no other disk.
+    """Fraction of each disk's rim that lies in no other disk.
 
     A disk of radius b at distance d hides the arc of half angle ``acos((d^2 + a^2 - b^2)/(2 d a))`` of one of
     radius a.
@@ -70,4 +71,4 @@ def visible_share(disks):
             d = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
             cosine = (d * d + a * a - b * b) / max(2.0 * d * a, 1e-12)
             share[i] -= np.arccos(min(max(cosine, -1.0), 1.0)) / np.pi
-    return np.maximum(share, LEAST_SHOWN)
+    return np.maximum(share, LEAST_VISIBLE_RIM)

@@ -1,4 +1,4 @@
-"""Peaks of what a model leaves over, after a matched filter."""
+"""Candidates for small contacts: peaks of the residuals after a matched filter."""
 
 import cv2
 import numpy as np
@@ -21,16 +21,16 @@ def find_peaks(
     height: float,
     background: NDArray[np.bool_],
 ) -> tuple[NDArray[np.float64], float]:
-    """Peaks of what the model leaves over, after a matched filter.
+    """Find the peaks of the residuals after a matched filter.
 
     Parameters
     ----------
     image, model : ndarray, shape (rows, columns)
-        Difference image and the model found so far.
+        Difference image, and the disks fitted so far.
     width : float, px
         Standard deviation of the Gaussian filter: that of the blur.
     height : float
-        Smallest peak, grey levels, however quiet the background.
+        Least height of a peak, grey levels, in however quiet a background.
     background : ndarray of bool
         Background blocks, see `contactimg.imaging.pixels.blocks`, where the noise of the filtered image is
         measured.
@@ -40,7 +40,7 @@ def find_peaks(
     peaks : ndarray, shape (n, 3)
         x, y, height of the filtered peak (grey levels); largest first.
     lowest : float
-        Height that counted as a peak.
+        Least height of a peak that was used, grey levels.
     """
     smooth = _smooth(image, model, width)
     sample = sample_background(smooth, background, (7, 11))
@@ -53,7 +53,7 @@ def find_peaks(
 def find_peaks_near(
     image: NDArray[np.float32], model: NDArray[np.float32], disks: NDArray, *, width: float, lowest: float
 ) -> NDArray[np.float64]:
-    """Peaks of what the model leaves over in the windows of some disks; as `find_peaks`."""
+    """Find the peaks of the residuals in windows around some disks, see `find_peaks`."""
     found = [np.empty((0, 3))]
     for x, y, a in disks[:, :3]:
         reach = int(np.ceil(a + 6.0 * width))
@@ -68,7 +68,7 @@ def find_peaks_near(
 
 
 def _smooth(image: NDArray[np.float32], model: NDArray[np.float32], width: float) -> NDArray[np.float32]:
-    """What the model leaves over, blurred."""
+    """Residuals after a Gaussian filter."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
     residual = image - model
     return cv2.GaussianBlur(residual, (taps, taps), width, dst=residual, borderType=cv2.BORDER_REPLICATE)
