@@ -1,4 +1,4 @@
-"""Means of an image over blocks of pixels, and which pixels lie in blocks of background."""
+"""Means of an image over blocks of pixels, and which pixels lie in background blocks."""
 
 import cv2
 import numpy as np
@@ -10,7 +10,7 @@ from contactimg.imaging.pixels.masks import Mask
 BLOCK = 8
 """Side of the blocks, px; a power of 2."""
 
-DIRECT = 4  # px: block means up to that side are taken of the pixels, larger ones of smaller blocks
+LARGEST_DIRECT_PX = 4  # side up to which block means are computed from pixels, beyond it from smaller blocks
 
 
 def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDArray[np.float32]:
@@ -33,7 +33,7 @@ def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDA
 
 
 class BlockMeans:
-    """Block means of some images for a side in px (a power of 2), each computed once.
+    """Block means of some images for any side in px (a power of 2), each computed once.
 
     Examples
     --------
@@ -44,21 +44,21 @@ class BlockMeans:
 
     def __init__(self, *images: NDArray):
         self._images = images
-        self._known: dict[int, list[NDArray[np.float32]]] = {}
+        self._means: dict[int, list[NDArray[np.float32]]] = {}
 
     def __call__(self, side: int) -> list[NDArray[np.float32]]:
-        """Means over squares of that side, one array for each image."""
-        if side not in self._known:
-            direct = side <= DIRECT
+        """Means over squares of that side: one array for each image."""
+        if side not in self._means:
+            direct = side <= LARGEST_DIRECT_PX
             images, part = (self._images, side) if direct else (self(side // 2), 2)
-            self._known[side] = [block_means(image, side=part) for image in images]
-        return self._known[side]
+            self._means[side] = [block_means(image, side=part) for image in images]
+        return self._means[side]
 
 
 def sample_background(
     image: NDArray[np.float32], background: NDArray[np.bool_], every: tuple[int, int]
 ) -> NDArray[np.float32]:
-    """Pixels of the background blocks, one in so many rows and columns."""
+    """Pixels of the background blocks, sampled every so many rows and columns."""
     rows, columns = (np.arange(0, size, step) for size, step in zip(image.shape, every, strict=True))
     return image[:: every[0], :: every[1]][is_background(background, rows, columns, image.shape)]
 
@@ -66,13 +66,13 @@ def sample_background(
 def is_background(
     background: NDArray[np.bool_], rows: NDArray[np.int64], columns: NDArray[np.int64], shape: tuple[int, ...]
 ) -> NDArray[np.bool_]:
-    """Whether the pixels where some rows and columns of an image of ``shape`` cross are background."""
+    """Whether the pixels at the given rows and columns of an image of ``shape`` are background."""
     side = side_of(background.shape, shape)
     return background[rows // side][:, columns // side]
 
 
 def side_of(blocks: tuple[int, ...], shape: tuple[int, ...]) -> int:
-    """Side (px) of so many rows and columns of blocks that cover an image of ``shape``.
+    """Side (px) of the blocks, given how many rows and columns of them cover an image of ``shape``.
 
     Examples
     --------

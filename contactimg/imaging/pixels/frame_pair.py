@@ -1,4 +1,4 @@
-"""A frame and its reference as the measurement takes them: levels of order 100, no holes, defects named."""
+"""A frame and its reference, prepared for the measurement: scaled, holes filled, defects named."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,8 @@ from contactimg.imaging.pixels.robust import median, quantile
 
 Levels = NDArray[np.float32] | NDArray[np.uint8]
 """Grey levels of an image."""
-SPAN = 200.0  # internal levels between the darkest and the brightest pixels of an image of any unit
+SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
+SAMPLED_ROWS = 200  # rows that the range is measured on
 MESSAGES = {
     "black": "the frame is black: no light reached the sensor",
     "white": "the frame is white: every pixel is at full scale",
@@ -22,6 +23,7 @@ MESSAGES = {
     "reference without light": "the reference is black or white throughout: the background was estimated "
     "from the frame",
 }
+"""What is said of a frame with a defect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +33,16 @@ class FramePair:
     Parameters
     ----------
     frame, reference : ndarray of float32 or uint8, shape (rows, columns)
-        In units of ``unit`` grey levels, holes filled; 8 bits as they are. The reference is None if there is
-        none or it is useless.
+        In units of ``unit`` grey levels, holes filled; 8-bit images unchanged. The reference is None if there
+        is none or it shows no light.
     valid : Mask
         0 where either has a hole.
     saturated : Mask
         1 where the frame is at full scale.
     unit : float
-        Grey levels.
+        Grey levels of the input for one internal level.
     defect : str
-        What is wrong with the frame, empty if nothing; see ``MESSAGES``.
+        What is wrong with the frame, a key of ``MESSAGES``; empty if nothing is.
     """
 
     frame: Levels
@@ -61,7 +63,7 @@ class FramePair:
         return MESSAGES.get(self.defect, "")
 
     def within(self, valid: Mask) -> "FramePair":
-        """With other holes: those where a background has no value as well."""
+        """With other holes: also those of the registered reference."""
         return replace(self, valid=valid)
 
     def without(self, mask: Mask) -> "FramePair":
@@ -69,7 +71,7 @@ class FramePair:
         return replace(self, valid=exclude(self.valid, mask))
 
     def near_hole(self, x: NDArray, y: NDArray, reach: NDArray) -> NDArray[np.bool_]:
-        """Whether a hole lies within ``reach`` (px) of places in the image."""
+        """Whether a hole lies within ``reach`` (px) of each position."""
         if self.valid is None or self.valid.all():
             return np.zeros(len(x), np.bool_)
         distance = cv2.distanceTransform(self.valid, cv2.DIST_L2, cv2.DIST_MASK_5)
@@ -81,14 +83,16 @@ class FramePair:
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "FramePair":
         """From arrays of uint8, uint16 or float with non-finite holes; see `contactimg.imaging.measure`."""
         scale = _full_scale(image, full_scale)
-        valid = _valid([image] if reference is None else [image, reference])
-        frame = _filled(image, valid)
-        other = None if reference is None else _filled(reference, valid)
-        useless = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
-        if useless:
+        valid = _finite([image] if reference is None else [image, reference])
+        frame = _fill_holes(image, valid)
+        other = None if reference is None else _fill_holes(reference, valid)
+        unlit = other is not None and _constant(other) and float(other[0, 0]) in (0.0, scale)
+        if unlit:
             other = None
-        saturated = (frame >= np.float32(scale)).view(np.uint8) if _reaches(image, frame, scale) else None
-        defect = _defect(frame, other, valid, scale) or ("reference without light" if useless else "")
+        saturated = (
+            (frame >= np.float32(scale)).view(np.uint8) if _is_saturated(image, frame, scale) else None
+        )
+        defect = _defect(frame, other, valid, scale) or ("reference without light" if unlit else "")
         unit = _unit(image, frame, other)
         if unit != 1.0:
             frame = np.divide(frame, np.float32(unit), out=frame)
@@ -96,7 +100,7 @@ class FramePair:
         return cls(frame, other, valid, saturated, unit, defect)
 
 
-def _reaches(image: NDArray, frame: NDArray, scale: float) -> bool:
+def _is_saturated(image: NDArray, frame: NDArray, scale: float) -> bool:
     """Whether any pixel is at full scale."""
     return np.isfinite(scale) and float((image if image.dtype.kind == "u" else frame).max()) >= scale
 
@@ -108,7 +112,7 @@ def _full_scale(image: NDArray, full_scale: float | None) -> float:
     return float(np.iinfo(image.dtype).max) if image.dtype.kind == "u" else float("inf")
 
 
-def _valid(arrays: list[NDArray]) -> Mask:
+def _finite(arrays: list[NDArray]) -> Mask:
     """1 where all arrays are finite; None if they are everywhere."""
     if all(array.dtype.kind != "f" for array in arrays):
         return None
@@ -117,13 +121,13 @@ def _valid(arrays: list[NDArray]) -> Mask:
 
 
 def _constant(image: NDArray) -> bool:
-    """Whether all pixels have the same value; a few tell it for most images."""
+    """Whether all pixels have the same value; a coarse sample rules it out for most images."""
     some = image[::16, ::16]
     return bool(some.min() == some.max() == image.min() == image.max())
 
 
-def _filled(array: NDArray, valid: Mask) -> Levels:
-    """As float32 or 8 bits, holes filled with the median of the rest."""
+def _fill_holes(array: NDArray, valid: Mask) -> Levels:
+    """As float32 or 8 bits, holes filled with the median of the other pixels."""
     if valid is None:
         return array if array.dtype == np.uint8 else array.astype(np.float32)
     good = valid > 0
@@ -132,15 +136,15 @@ def _filled(array: NDArray, valid: Mask) -> Levels:
 
 
 def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
-    """Grey levels in one internal level: 1 for 8 bit, else such that the frame spans about `SPAN`."""
+    """Grey levels for one internal level: 1 for 8 bits, else for a range of about `SPAN_LEVELS`."""
     if image.dtype == np.uint8:
         return 1.0
-    rows = slice(None, None, max(frame.shape[0] // 200, 1))
+    rows = slice(None, None, max(frame.shape[0] // SAMPLED_ROWS, 1))
     levels = [quantile(frame[rows], 0.001), quantile(frame[rows], 0.999)]
     if reference is not None:
         levels.append(median(reference[rows]))
     span = max(levels) - min(levels)
-    return span / SPAN if span > 0 else max(float(np.abs(frame).max()), 1.0) / SPAN
+    return span / SPAN_LEVELS if span > 0 else max(float(np.abs(frame).max()), 1.0) / SPAN_LEVELS
 
 
 def _defect(frame: NDArray, reference: NDArray | None, valid: Mask, scale: float) -> str:

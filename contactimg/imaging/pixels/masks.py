@@ -1,4 +1,4 @@
-"""Masks: which pixels of an image count, and how much of a disk they leave."""
+"""Masks: which pixels of an image are used, and which fraction of a disk they leave visible."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,10 +6,10 @@ from numpy.typing import NDArray
 Mask = NDArray[np.uint8] | None
 """One value for each pixel, 0 or 1; None where no pixel is masked."""
 
-COUNT = 64
-GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
-POINTS = np.sqrt((np.arange(COUNT) + 0.5) / COUNT) * np.exp(1j * GOLDEN * np.arange(COUNT))
-"""Places that fill the unit disk evenly (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
+POINTS = 64  # in a disk: a visible fraction is known to about 1/64; chosen by hand
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+UNIT_DISK = np.sqrt((np.arange(POINTS) + 0.5) / POINTS) * np.exp(1j * GOLDEN_ANGLE * np.arange(POINTS))
+"""Points that fill the unit disk evenly, x + iy (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
 
 
 def for_kernel(mask: Mask) -> NDArray[np.uint8]:
@@ -59,8 +59,8 @@ def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDA
 
 def _fraction_of_points(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
     """`visible_fraction` from points all over each disk."""
-    x = np.rint(disks[:, :1] + disks[:, 2:3] * POINTS.real)
-    y = np.rint(disks[:, 1:2] + disks[:, 2:3] * POINTS.imag)
+    x = np.rint(disks[:, :1] + disks[:, 2:3] * UNIT_DISK.real)
+    y = np.rint(disks[:, 1:2] + disks[:, 2:3] * UNIT_DISK.imag)
     visible = (x >= 0) & (x < shape[1]) & (y >= 0) & (y < shape[0])
     if valid is not None:
         rows, columns = (np.where(visible, place, 0).astype(int) for place in (y, x))
