@@ -1,4 +1,4 @@
-"""How much of a pixel a contact covers: exact areas of disks on a grid of square cells."""
+"""Exact areas of disks on the square cells of a grid: the fraction of each pixel that a contact covers."""
 
 import math
 
@@ -68,12 +68,12 @@ def _cell_fraction(x, y, radius, cell):  # type: ignore[no-untyped-def]
     if distance + cell * math.sqrt(0.5) <= radius:
         return 1.0
     area = disk_rectangle_area(x - half, x + half, y - half, y + half, radius)
-    return max(area, 0.0) / (cell * cell)  # rounding may leave an empty cell below 0
+    return max(area, 0.0) / (cell * cell)  # rounding can make an empty cell negative
 
 
 @njit(cache=True, error_model="numpy")
 def sector_of(x, y, count):  # type: ignore[no-untyped-def]
-    """Which of ``count`` equal sectors, from -pi on, the direction (x, y) lies in."""
+    """Index of the sector, of ``count`` equal ones from -pi on, that contains the direction (x, y)."""
     if count == 1:
         return 0
     return min(int((math.atan2(y, x) / (2 * math.pi) + 0.5) * count), count - 1)
@@ -90,7 +90,7 @@ def cover_cells(shape, disks, outline, rim, rim_weight, origin, cell):  # type: 
     disks : ndarray, shape (n, 4 or more)
         x, y, radius (px) and brightness of each disk.
     outline : ndarray, shape (n, sectors), px
-        What the radius gains in each sector of the azimuth, from -pi on; one sector of zeros for true disks.
+        Deviation of the radius in each sector of the azimuth, from -pi on; one sector of zeros for disks.
     rim, rim_weight : ndarray, shape (m,), px and fractions
         A disk is the sum of ``m`` concentric ones whose radii exceed its own by ``rim``; ``[0]`` and ``[1]``
         for a sharp edge. The weights add up to 1.

@@ -1,15 +1,15 @@
-"""The air film around a contact: how much light a thin gap lets through, averaged over the lamp's spectrum.
+"""Transmission of the air film around a contact, averaged over the spectrum of the lamp.
 
 At normal incidence on ``n1 | air | n3`` the film of thickness ``g`` reflects, at one wavelength,
 
     Rf = (r12^2 + r23^2 + 2 r12 r23 c) / (1 + r12^2 r23^2 + 2 r12 r23 c),    c = cos(4 pi g / lambda),
 
-with ``r12 = (n1 - 1)/(n1 + 1)`` and ``r23 = (1 - n3)/(1 + n3)``. Without dispersion its average over the
-phase, which a thick film shows, does not depend on the spectrum. A picture shows the excess over that film,
+with ``r12 = (n1 - 1)/(n1 + 1)`` and ``r23 = (1 - n3)/(1 + n3)``. A thick film shows the average over the
+phase, which without dispersion does not depend on the spectrum. The image shows the excess over a thick film,
 
     e(g) = (T(g) - T(inf)) / (T(0) - T(inf)),    T = <1 - Rf>,
 
-1 in contact and 0 far away; around a Hertz contact the gap, hence the halo, follows from ``a`` and ``R``.
+1 in contact and 0 far away. Around a Hertz contact the gap, and so the excess, follows from ``a`` and ``R``.
 """
 
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from contactimg.mechanics import hertz
 
 Values = NDArray[np.float64]
 
-LONGEST_GAP = 512  # wavelengths; a lamp still coherent there is a laser, and its fringes fill the image
+MAX_GAP_WAVELENGTHS = 512  # chosen: light that is still coherent there is a laser, with fringes everywhere
 
 
 @dataclass(frozen=True)
 class Light:
-    """The lamp's spectrum, ``exp(-((lambda - wavelength)/bandwidth)^2)`` inside a band, and the two media.
+    """Spectrum of the lamp, ``exp(-((lambda - wavelength)/bandwidth)^2)``, in a band, and the two bodies.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Light:
 
     @property
     def reflections(self) -> tuple[float, float]:
-        """Amplitudes ``r12`` and ``r23`` reflected where the light enters and leaves the film."""
+        """Amplitude reflection coefficients ``r12`` and ``r23`` at the two surfaces of the film."""
         return (
             (self.index_indenter - 1) / (self.index_indenter + 1),
             (1 - self.index_elastic) / (1 + self.index_elastic),
@@ -73,7 +73,7 @@ class Light:
 
 
 def transmission(gap: ArrayLike, *, light: Light) -> Values:
-    """Part of the incident light that an air film lets through, averaged over the spectrum.
+    """Transmittance of an air film, averaged over the spectrum.
 
     Parameters
     ----------
@@ -93,8 +93,9 @@ def transmission(gap: ArrayLike, *, light: Light) -> Values:
 
     Notes
     -----
-    Gauss-Legendre in the wavelength, with enough nodes for the fastest phase, ``4 pi g (1/lambda_min -
-    1/lambda_max)``. Normal incidence: the cone of light of a microscope objective shortens the fringes.
+    Gauss-Legendre quadrature over the wavelength, with enough nodes for the fastest phase, ``4 pi g
+    (1/lambda_min - 1/lambda_max)``. Valid for normal incidence; the cone of light of a microscope objective
+    shortens the fringes.
 
     References
     ----------
@@ -123,7 +124,7 @@ def transmission(gap: ArrayLike, *, light: Light) -> Values:
 
 
 def thick_transmission(light: Light) -> float:
-    """Part of the light that a thick film lets through, ``T(inf) = (1-r12^2)(1-r23^2)/(1-r12^2 r23^2)``.
+    """Transmittance of a thick film, ``T(inf) = (1-r12^2)(1-r23^2)/(1-r12^2 r23^2)``.
 
     Examples
     --------
@@ -156,11 +157,11 @@ class ExcessTable:
 
     @property
     def longest_gap(self) -> float:
-        """Gap from which on the excess counts as 0, m."""
+        """Gap (m) beyond which the excess counts as 0."""
         return self.step * (len(self.values) - 1)
 
     def fades_at(self, level: float) -> float:
-        """Gap (m) from which on the excess stays below ``level``."""
+        """Gap (m) beyond which the excess stays below ``level``."""
         above = np.flatnonzero(np.abs(self.values) > level)
         return self.step * (int(above[-1]) + 1 if above.size else 0)
 
@@ -174,16 +175,16 @@ class ExcessTable:
         return self(hertz_gap(r, radius=radius, sphere_radius=sphere_radius))
 
     def reach(self, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
-        """Distance from the centre (m) beyond which the halo of a contact has ended.
+        """Distance from the centre (m) beyond which the film around a contact has no excess.
 
-        From ``g >= (r^2 - 2 a^2)/(2 R)``: the surface outside a contact lies below its undeformed level.
+        From ``g >= (r^2 - 2 a^2)/(2 R)``, as the surface outside a contact lies below its undeformed level.
         """
         return np.sqrt(2 * np.asarray(sphere_radius, float) * self.longest_gap + 2 * np.square(radius))
 
 
 @lru_cache(maxsize=8)
 def excess_table(light: Light, *, tolerance: float = 5e-3, accuracy: float = 1e-4) -> ExcessTable:
-    """Tabulate the excess of a light, once.
+    """Tabulate the excess of a lamp; tables are kept.
 
     Parameters
     ----------
@@ -204,7 +205,8 @@ def excess_table(light: Light, *, tolerance: float = 5e-3, accuracy: float = 1e-
 
     Examples
     --------
-    The edge of a contact of 10 um under a cap of R = 100 um looks 1.12 um too far out at half its contrast:
+    The half-contrast contour of a contact of radius 10 um under a cap of R = 100 um lies 1.12 um outside its
+    edge:
 
     >>> led = Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9))
     >>> table = excess_table(led)
@@ -215,7 +217,7 @@ def excess_table(light: Light, *, tolerance: float = 5e-3, accuracy: float = 1e-
     step = light.band[0] / (4 * np.pi) * np.sqrt(8 * accuracy)
     contact, thick = float(transmission(0.0, light=light)), thick_transmission(light)
     length = 8 * light.wavelength
-    while length <= LONGEST_GAP * light.wavelength:
+    while length <= MAX_GAP_WAVELENGTHS * light.wavelength:
         excess = (transmission(np.arange(0, length, step), light=light) - thick) / (contact - thick)
         last = int(np.flatnonzero(np.abs(excess) > tolerance)[-1])
         if last < len(excess) // 2:
@@ -224,13 +226,13 @@ def excess_table(light: Light, *, tolerance: float = 5e-3, accuracy: float = 1e-
             return ExcessTable(light=light, step=step, values=values)
         length *= 2
     raise InputError(
-        f"the light is too coherent: fringes of a film of {LONGEST_GAP} wavelengths still exceed "
+        f"the light is too coherent: fringes of a film of {MAX_GAP_WAVELENGTHS} wavelengths still exceed "
         f"{tolerance:g} of the contrast; widen the bandwidth, got {light.bandwidth!r} m"
     )
 
 
 def hertz_gap(r: ArrayLike, *, radius: ArrayLike, sphere_radius: ArrayLike) -> Values:
-    """Gap around Hertz contacts of any radii, from the one profile that all of them share.
+    """Gap around Hertz contacts, from the profile at unit radii.
 
     ``g(r; a, R) = (a^2/R) G(r/a)`` with ``G`` the gap at unit radii (`hertz.gap`).
 

@@ -10,7 +10,7 @@ from contactimg.optics.coverage import sector_of
 
 @njit(cache=True, error_model="numpy")
 def _interpolate(place, values):  # type: ignore[no-untyped-def]
-    """Linear interpolation at a place counted in entries; the first entry before the table."""
+    """Linear interpolation at a fractional index; the first value below index 0."""
     if place <= 0.0:
         return values[0]
     k = min(int(place), values.size - 2)
@@ -37,7 +37,7 @@ def _film_light(px, py, disks, outline, gaps, excess, excess_step):  # type: ign
 
 @njit(cache=True, error_model="numpy")
 def _is_dark(px, py, cell, disks, reach):  # type: ignore[no-untyped-def]
-    """Whether the cell centred at a point lies beyond the halo of every contact."""
+    """Whether the cell centred at a point lies beyond the film of every contact."""
     corner = cell * math.sqrt(0.5)
     for k in range(disks.shape[0]):
         if math.hypot(px - disks[k, 0], py - disks[k, 1]) - corner < reach[k]:
@@ -56,7 +56,7 @@ def film_cells(shape, disks, outline, gaps, excess, excess_step, origin, cell, p
     disks : ndarray, shape (n, 5)
         x, y, radius (px), brightness, and the spacing (px) of the distances at which ``gaps`` are given.
     outline : ndarray, shape (n, sectors), px
-        What the radius gains in each sector of the azimuth; the gap moves out with the edge.
+        Deviation of the radius in each sector of the azimuth; the gap moves with the edge.
     gaps : ndarray, shape (n, k), m
         Gap at ``k`` equally spaced distances from the edge of each contact; 0 at the edge.
     excess : ndarray
@@ -66,13 +66,13 @@ def film_cells(shape, disks, outline, gaps, excess, excess_step, origin, cell, p
         (x, y) of the centre of the first cell.
     cell : float, px
     points : int
-        Points a cell and axis over which the light is averaged. It joins the contact smoothly (``1 - e``
-        grows as the cube of the distance from the edge), so midpoints suffice if they resolve the fringes.
+        Points per cell and axis over which the light is averaged. The excess is smooth at the edge (``1 - e``
+        grows as the cube of the distance), so midpoints suffice if they resolve the fringes.
 
     Returns
     -------
     ndarray, shape ``shape``
-        Where halos meet, the thinnest film counts.
+        Where the films of several contacts meet, the thinnest one counts.
     """
     out = np.zeros(shape)
     reach = np.array([disks[k, 2] + outline[k].max() for k in range(disks.shape[0])])

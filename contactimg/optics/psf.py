@@ -1,8 +1,8 @@
 """The point spread function on a grid finer than the pixels, as a short sum of separable kernels.
 
-A kernel written as ``K[i, j] = sum_k u_k[i] v_k[j]`` blurs a patch and bins it to pixels in one pair of
-matrix products a term, without ever forming the blurred fine image. A Gaussian has one term, an Airy pattern
-nine. A wide halo varies so slowly that it is added on the grid of the pixels.
+A kernel ``K[i, j] = sum_k u_k[i] v_k[j]`` blurs a patch and averages it over pixels with two matrix products
+per term; the blurred fine image is never formed. A Gaussian has one term, an Airy pattern nine. A wide halo
+varies slowly and is added on the grid of the pixels.
 """
 
 import math
@@ -17,15 +17,15 @@ from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
-FINEST = 16  # samples a pixel, at most
-ENOUGH = 8  # samples in the sigma of a blur, beyond which more only cost time
-GAUSSIAN_REACH = 5.0  # standard deviations; leaves out 6e-7 of one axis
-AIRY_REACH = 16.4706 / math.sqrt(2)  # the fifth dark ring, where J1 vanishes, in units of sigma
-AIRY_ACCURACY = 1e-4  # of the largest eigenvalue: nine terms, and an error of 2e-5 of the peak
+MAX_SAMPLES_PER_PIXEL = 16  # along one axis; chosen to bound the time
+MAX_SAMPLES_PER_SIGMA = 8  # chosen: more only costs time
+GAUSSIAN_REACH_SIGMA = 5.0  # theory: 6e-7 of a normal distribution lies beyond
+AIRY_REACH_SIGMA = 16.4706 / math.sqrt(2)  # theory: the fifth dark ring, a zero of J1
+AIRY_EIGENVALUE_FRACTION = 1e-4  # of the largest one; keeps nine terms with an error of 2e-5 of the peak
 
 
 def sampling_for(sigma_px: float, *, at_least: int) -> int:
-    """Samples a pixel on which a blur can be represented: its sigma spans one sample or more.
+    """Number of samples per pixel and axis that represents a blur: sigma spans one sample or more.
 
     The spectrum of a Gaussian has then fallen to ``exp(-pi^2/2) = 7e-3`` at half a cycle a sample and to
     ``exp(-2 pi^2) = 3e-9`` at one; that of an Airy pattern of the same peak ends at ``sqrt(2)/(pi sigma) =
@@ -36,7 +36,7 @@ def sampling_for(sigma_px: float, *, at_least: int) -> int:
     sigma_px : float, px
         0 for no blur.
     at_least : int
-        Obeyed as far as it puts no more than eight samples into sigma.
+        Used unless it puts more than eight samples into sigma.
 
     Returns
     -------
@@ -45,7 +45,7 @@ def sampling_for(sigma_px: float, *, at_least: int) -> int:
     Raises
     ------
     InputError
-        If more than 16 samples a pixel were needed.
+        If more than 16 samples per pixel are needed.
 
     Examples
     --------
@@ -54,12 +54,12 @@ def sampling_for(sigma_px: float, *, at_least: int) -> int:
     """
     if sigma_px == 0:
         return at_least
-    if sigma_px * FINEST < 1:
+    if sigma_px * MAX_SAMPLES_PER_PIXEL < 1:
         raise InputError(
             f"a blur of {sigma_px:g} px is finer than the finest grid; blur_px must be 0 or at least "
-            f"{1 / FINEST:g}"
+            f"{1 / MAX_SAMPLES_PER_PIXEL:g}"
         )
-    return max(min(at_least, math.ceil(ENOUGH / sigma_px)), math.ceil(1 / sigma_px))
+    return max(min(at_least, math.ceil(MAX_SAMPLES_PER_SIGMA / sigma_px)), math.ceil(1 / sigma_px))
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class Psf:
     rows, columns : ndarray, shape (terms, 2 half + 1)
         Factors ``u_k`` and ``v_k`` of the kernel ``sum_k u_k[i] v_k[j]``.
     sampling : int
-        Samples a pixel.
+        Samples per pixel and axis.
     """
 
     rows: Values
@@ -85,7 +85,7 @@ class Psf:
 
     @property
     def margin_px(self) -> int:
-        """Pixels by which a patch must surround the pixels wanted."""
+        """Width in pixels of the margin that a patch needs around the pixels to compute."""
         return -(-(self.rows.shape[1] // 2) // self.sampling)
 
     def bin_blurred(self, patch: Values) -> Values:
@@ -114,7 +114,7 @@ class Psf:
         )
 
     def _matrix(self, kernel: Values, pixels: int) -> Values:
-        """Banded matrix that blurs a fine line and averages it over ``pixels`` pixels."""
+        """Banded matrix that blurs a finely sampled line and averages it over ``pixels`` pixels."""
         s, m = self.sampling, self.margin_px
         band = np.convolve(kernel, np.full(s, 1 / s))
         line = np.zeros((2 * m + 1) * s)
@@ -127,18 +127,18 @@ class Psf:
 
 
 def no_blur(*, sampling: int) -> Psf:
-    """The point spread function of a perfect lens: pixels are the plain means of their samples."""
+    """A point spread function without blur: each pixel is the mean of its samples."""
     return Psf(np.ones((1, 1)), np.ones((1, 1)), sampling)
 
 
 def gaussian_psf(sigma_px: float, *, sampling: int) -> Psf:
-    """Gaussian of standard deviation ``sigma_px``, cut at 5 sigma.
+    """Gaussian of standard deviation ``sigma_px``, truncated at 5 sigma.
 
     Parameters
     ----------
     sigma_px : float, px
     sampling : int
-        Samples a pixel; see `sampling_for`.
+        Samples per pixel and axis; see `sampling_for`.
 
     Returns
     -------
@@ -149,17 +149,17 @@ def gaussian_psf(sigma_px: float, *, sampling: int) -> Psf:
     >>> float(gaussian_psf(1.4, sampling=4).kernel.sum())
     1.0
     """
-    half = math.ceil(GAUSSIAN_REACH * sigma_px * sampling)
+    half = math.ceil(GAUSSIAN_REACH_SIGMA * sigma_px * sampling)
     line = np.exp(-0.5 * (np.arange(-half, half + 1) / (sigma_px * sampling)) ** 2)
     line = (line / line.sum())[None]
     return Psf(line, line, sampling)
 
 
 def airy_psf(sigma_px: float, *, sampling: int) -> Psf:
-    """Airy pattern ``[2 J1(x)/x]^2`` with ``x = sqrt(2) r / sigma``, cut at its fifth dark ring.
+    """Airy pattern ``[2 J1(x)/x]^2`` with ``x = sqrt(2) r / sigma``, truncated at its fifth dark ring.
 
-    It has the peak, ``1/(2 pi sigma^2)``, and the curvature there of the Gaussian of the same sigma, and
-    differs from it in its rings: the first dark one at ``r = 2.71 sigma``, and light that falls as ``1/r^3``.
+    Peak value, ``1/(2 pi sigma^2)``, and curvature at the peak are those of a Gaussian of the same sigma. The
+    first dark ring lies at ``r = 2.71 sigma``; the mean intensity falls as ``1/r^3``.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def airy_psf(sigma_px: float, *, sampling: int) -> Psf:
 
     Notes
     -----
-    The 4 % of the light outside the fifth dark ring are given back to the rest.
+    The 4 % of the light outside the fifth dark ring are redistributed: the kernel has unit sum.
 
     References
     ----------
@@ -184,13 +184,13 @@ def airy_psf(sigma_px: float, *, sampling: int) -> Psf:
     >>> float(airy_psf(1.4, sampling=4).kernel.sum())
     1.0
     """
-    half = math.ceil(AIRY_REACH * sigma_px * sampling)
+    half = math.ceil(AIRY_REACH_SIGMA * sigma_px * sampling)
     axis = np.arange(-half, half + 1) / (sigma_px * sampling)
     r = np.hypot(axis[:, None], axis)
     x = np.sqrt(2) * np.where(r > 0, r, 1.0)
-    kernel = np.where(r > 0, 2 * special.j1(x) / x, 1.0) ** 2 * (r <= AIRY_REACH)
+    kernel = np.where(r > 0, 2 * special.j1(x) / x, 1.0) ** 2 * (r <= AIRY_REACH_SIGMA)
     values, vectors = np.linalg.eigh(kernel)
-    kept = np.abs(values) > AIRY_ACCURACY * np.abs(values).max()
+    kept = np.abs(values) > AIRY_EIGENVALUE_FRACTION * np.abs(values).max()
     rows = (vectors[:, kept] * values[kept]).T
     columns = vectors[:, kept].T
     return Psf(rows / (rows.sum(1) @ columns.sum(1)), columns, sampling)
@@ -198,15 +198,15 @@ def airy_psf(sigma_px: float, *, sampling: int) -> Psf:
 
 @dataclass(frozen=True)
 class Halo:
-    """A part of the light that the optics spreads widely, as a second Gaussian.
+    """A fraction of the light that is spread widely, as a second Gaussian.
 
     Parameters
     ----------
     fraction : float
-        Part of the light that goes into the halo.
+        Fraction of the light in the halo.
     sigma_px : float, px
-        What the halo is wider than the core, in quadrature: a halo of total width ``w`` around a core of
-        width ``s`` has ``sqrt(w^2 - s^2)``.
+        Additional width of the halo, in quadrature: ``sqrt(w^2 - s^2)`` for a halo of total width ``w``
+        around a core of width ``s``.
     """
 
     fraction: float
@@ -214,16 +214,16 @@ class Halo:
 
     @property
     def margin_px(self) -> int:
-        """Pixels around an image from which light comes in."""
-        return math.ceil(GAUSSIAN_REACH * self.sigma_px)
+        """Width in pixels of the margin from which light enters an image."""
+        return math.ceil(GAUSSIAN_REACH_SIGMA * self.sigma_px)
 
     def spread(self, image: Values) -> Values:
-        """The image with that part of its light spread; what crosses the border is lost.
+        """Spread the fraction of the light of an image; light that crosses the border is lost.
 
         Parameters
         ----------
         image : ndarray, shape (rows, columns)
-            Already blurred by the core and binned to pixels.
+            Blurred by the core and averaged over pixels.
 
         Returns
         -------

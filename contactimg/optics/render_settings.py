@@ -1,4 +1,4 @@
-"""Which effects a synthetic frame is to show, what goes together, and the optics that follow."""
+"""The settings for rendering a scene: which effects a synthetic frame shows, and the optics."""
 
 from dataclasses import dataclass
 
@@ -22,18 +22,19 @@ PARAMETER = {
     "edge_roughness": "edge_roughness_px",
     "supersampling": "supersampling",
 }
+"""Effect -> key of the section [simulate] that sets its strength; 0 switches it off."""
 
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How synthetic frames of a scene are made; see `read_render_settings`.
+    """Settings for rendering a scene; made by `read_render_settings`.
 
     Parameters
     ----------
     simulate : Simulate
         Optics and sensor.
     effects : frozenset of str
-        Names of the optical and sensor effects that are rendered.
+        Names of the effects of optics and sensor that are rendered.
     """
 
     simulate: Simulate
@@ -41,7 +42,7 @@ class RenderSettings:
 
 
 def read_render_settings(scene: Scene) -> RenderSettings:
-    """What a scene says about its synthetic frames, once it makes sense.
+    """Read and check the settings for the synthetic frames of a scene.
 
     Parameters
     ----------
@@ -51,13 +52,13 @@ def read_render_settings(scene: Scene) -> RenderSettings:
     Returns
     -------
     RenderSettings
-        Under "auto" an effect is rendered when its parameter is not zero, and the film is not.
+        An effect that is "auto" is rendered if its parameter is not zero; the film is not.
 
     Raises
     ------
     InputError
-        If the section is missing, if noise is asked for without a number of electrons a level, a halo is not
-        wider than the blur, a contact is darker than black, or a soft edge is asked for with the film on.
+        If the section is missing, noise is switched on without a number of electrons per level, a halo is not
+        wider than the blur, a contact is darker than black, or the film and a soft edge are both switched on.
 
     Examples
     --------
@@ -68,14 +69,14 @@ def read_render_settings(scene: Scene) -> RenderSettings:
     """
     simulate: Simulate = scene.need("simulate", "rendering frames")
     switches = {effect: getattr(scene.effects, effect) for effect in PARAMETER}
-    asked = {
+    effects = {
         effect
         for effect, parameter in PARAMETER.items()
         if switches[effect] == "on" or (switches[effect] == "auto" and getattr(simulate, parameter) != 0)
     }
     if scene.effects.film == "on":
-        asked.add("film")
-    settings = RenderSettings(simulate, frozenset(asked))
+        effects.add("film")
+    settings = RenderSettings(simulate, frozenset(effects))
     _check_noise(settings)
     _check_light(settings)
     return settings
@@ -93,7 +94,7 @@ def lamp(keys: FilmLight | Simulate) -> Light:
 
 
 def point_spread(settings: RenderSettings) -> tuple[Psf, Halo | None]:
-    """The point spread function of a settings, sampled as it needs, and its wide part if it has one.
+    """The point spread function, sampled finely enough, and its halo if it has one.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def point_spread(settings: RenderSettings) -> tuple[Psf, Halo | None]:
 
 
 def _check_noise(settings: RenderSettings) -> None:
-    """Noise is counted in electrons, so a grey level must be worth some."""
+    """Raise if noise is switched on without a number of electrons per level."""
     for effect in ("shot_noise", "read_noise"):
         if effect in settings.effects and settings.simulate.electrons_per_level == 0:
             raise InputError(
@@ -125,7 +126,7 @@ def _check_noise(settings: RenderSettings) -> None:
 
 
 def _check_light(settings: RenderSettings) -> None:
-    """Combinations of optical parameters that have no meaning."""
+    """Raise for combinations of optical parameters that have no meaning."""
     simulate = settings.simulate
     if "blur" in settings.effects and simulate.psf == "halo" and simulate.halo_sigma_px <= simulate.blur_px:
         raise InputError(

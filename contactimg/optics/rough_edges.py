@@ -1,4 +1,4 @@
-"""Rough edges: the outlines of contacts milled by a tool, as waves around a disk of the same area."""
+"""Rough edges of contacts: waves around a disk of the same area."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -6,21 +6,21 @@ from numpy.typing import ArrayLike, NDArray
 Values = NDArray[np.float64]
 
 MAX_ROUGHNESS_FRACTION = 1 / 6
-"""Of its radius: the roughest edge of a contact."""
+"""Largest rms roughness of an edge as a fraction of the radius. Chosen by hand: edges stay positive."""
 
-SECTORS = 256
-LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the place
+SECTORS = 256  # of the azimuth; chosen to resolve the highest mode
+LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the position
 
 
 def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Generator) -> Values:
-    """What the radius gains in each sector of the azimuth, from -pi on.
+    """Deviations of the radius in each sector of the azimuth, from -pi on.
 
     Parameters
     ----------
     radius_px : array_like, shape (n,), px
-        Of the disks whose area each outline keeps.
+        Radii of disks of the same areas.
     rms_px : float, px
-        By how much the edge wanders, at most a sixth of the radius.
+        Rms roughness of the edge; limited to a sixth of the radius.
     rng : numpy.random.Generator
 
     Returns

@@ -1,4 +1,4 @@
-"""The camera: from light to grey levels, through electrons, noise, the end of the scale and whole numbers."""
+"""The sensor: shot noise, read noise, saturation and quantisation of grey levels."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ Values = NDArray[np.float64]
 
 
 def add_shot_noise(levels: Values, *, electrons_per_level: float, rng: np.random.Generator) -> Values:
-    """Grey levels as counts of electrons: a level L has the variance ``L / electrons_per_level``.
+    """Add shot noise: a grey level L gets the variance ``L / electrons_per_level``.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def add_shot_noise(levels: Values, *, electrons_per_level: float, rng: np.random
 def add_read_noise(
     levels: Values, *, electrons: float, electrons_per_level: float, rng: np.random.Generator
 ) -> Values:
-    """Grey levels with the noise of the read-out, of standard deviation ``electrons / electrons_per_level``.
+    """Add read noise of standard deviation ``electrons / electrons_per_level`` grey levels.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def add_read_noise(
 
 
 def digitise(levels: Values, *, bit_depth: int, saturate: bool, quantise: bool, name: str) -> Frame:
-    """What the converter makes of grey levels.
+    """Convert grey levels to the pixels of a frame.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def digitise(levels: Values, *, bit_depth: int, saturate: bool, quantise: bool, 
     Returns
     -------
     Frame
-        uint8 or uint16 if the levels are whole and limited, otherwise float32 (which holds whole levels).
+        uint8 or uint16 if the levels are both rounded and limited, else float32.
 
     Examples
     --------

@@ -1,6 +1,6 @@
-"""The light of contacts on the pixels: only their neighbourhoods are sampled finely, block by block.
+"""Compute the light of contacts on the pixels; only their neighbourhoods are sampled finely, block by block.
 
-Blurring and binning are linear, so contacts that share no fine cell are rendered apart and added up.
+Blurring and averaging are linear, so contacts that share no fine cell are rendered separately and added.
 """
 
 import math
@@ -22,15 +22,17 @@ from contactimg.optics.psf import Halo, Psf
 Values = NDArray[np.float64]
 Box = tuple[int, int, int, int]
 
-BLOCK_PX = 64  # largest side of a finely sampled block, margins apart, unless these are wider
-GAP_POINTS = 1025  # linear interpolation errs by 5e-11 m, 1e-4 of the contrast, at 45 um under R = 100 um
-FADED = 0.05  # of the contrast: fringes weaker than this need not be resolved by the points in a cell
-POINTS_PER_FRINGE = 3
+BLOCK_PX = 64  # largest side of a finely sampled block without margins; chosen for speed
+GAP_POINTS = 1025  # error of linear interpolation: 5e-11 m, 1e-4 of the contrast, at a = 45 um and R = 100 um
+FRINGE_CONTRAST_FRACTION = (
+    0.05  # weaker fringes need not be resolved; chosen by hand, sensitivity not measured
+)
+POINTS_PER_FRINGE = 3  # chosen by hand; sensitivity not measured
 
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """Bright spots on the image: disks with a sharp or a soft edge.
+    """Spots of light on the image: disks with a sharp or a soft edge.
 
     Parameters
     ----------
@@ -38,7 +40,7 @@ class Spots:
         Radii above 0.
     brightness : ndarray, shape (n,)
     outline_px : ndarray, shape (n, sectors)
-        What the radius gains in each sector of the azimuth, from -pi on; one sector of zeros for true disks.
+        Deviation of the radius in each sector of the azimuth, from -pi on; one sector of zeros for disks.
     rim_px : float
         Width over which the brightness falls linearly to 0 outside the edge.
     """
@@ -57,7 +59,7 @@ class Spots:
 
     @property
     def extent_px(self) -> Values:
-        """Distance from its centre beyond which each spot is dark."""
+        """Distance from the centre beyond which each spot is dark."""
         return self.radius_px + self.outline_px.max(axis=1, initial=0.0) + self.rim_px
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
@@ -154,13 +156,13 @@ def surround_with_film(
     r = radius[:, None] + spacing[:, None] * np.arange(GAP_POINTS)
     gaps = hertz_gap(r, radius=radius[:, None], sphere_radius=sphere[:, None])
     slopes = np.diff(gaps, axis=1) / spacing[:, None]
-    steepest = float(slopes.max(where=gaps[:, 1:] <= excess.fades_at(FADED), initial=0.0))
+    steepest = float(slopes.max(where=gaps[:, 1:] <= excess.fades_at(FRINGE_CONTRAST_FRACTION), initial=0.0))
     fringe = excess.light.wavelength / 2 / steepest if steepest else np.inf
     return FilmSpots(spots, gaps, spacing / pixel_size, excess, fringe / pixel_size)
 
 
 class Sampled(Protocol):
-    """Spots that know where they are, how far their light reaches, and the light on a grid of fine cells."""
+    """Interface of spots: centres, extents, and the light on a grid of fine cells."""
 
     @property
     def x_px(self) -> Values:
@@ -174,7 +176,7 @@ class Sampled(Protocol):
 
     @property
     def extent_px(self) -> Values:
-        """Distance from its centre beyond which each spot is dark."""
+        """Distance from the centre beyond which each spot is dark."""
         ...
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
@@ -183,17 +185,17 @@ class Sampled(Protocol):
 
 
 def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo | None = None) -> Values:
-    """Light of spots on the pixels, blurred by the optics and averaged over each pixel.
+    """Compute the light of spots on the pixels, blurred and averaged over each pixel.
 
     Parameters
     ----------
-    spots : Spots, FilmSpots or alike
+    spots : Spots, FilmSpots or another `Sampled`
     shape : (int, int)
         Rows and columns of the image.
     psf : Psf
-        Its sampling is that of the fine cells.
+        Its sampling sets the size of the fine cells.
     halo : Halo, optional
-        A part of the light that is spread widely.
+        A fraction of the light that is spread widely.
 
     Returns
     -------
@@ -201,7 +203,7 @@ def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo 
 
     Notes
     -----
-    Without a blur the image of one disk of brightness 1 adds up to its area inside the frame.
+    Without blur the sum over the image of a disk of brightness 1 is its area inside the frame.
 
     Examples
     --------
@@ -217,7 +219,7 @@ def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo 
     x, y, extent = spots.x_px + margin, spots.y_px + margin, spots.extent_px
     cell = 1 / psf.sampling
     wide = 2 * psf.margin_px > BLOCK_PX
-    for members in [np.arange(x.size)] if wide else _apart(x, y, extent + cell):
+    for members in [np.arange(x.size)] if wide else _separate_groups(x, y, extent + cell):
         around = (x[members], y[members], extent[members] + psf.margin_px + 1)
         for box, near in _blocks(*around, shape=canvas.shape, side=max(BLOCK_PX, 2 * psf.margin_px)):
             top, bottom, left, right = box
@@ -230,14 +232,15 @@ def spots_image(spots: Sampled, *, shape: tuple[int, int], psf: Psf, halo: Halo 
     return halo.spread(canvas)[margin : margin + shape[0], margin : margin + shape[1]]
 
 
-def _apart(x: Values, y: Values, extent: Values) -> Iterator[NDArray[np.intp]]:
-    """Groups of spots such that spots of different groups are farther apart than their extents."""
+def _separate_groups(x: Values, y: Values, extent: Values) -> Iterator[NDArray[np.intp]]:
+    """Groups of spots whose extents do not touch those of other groups."""
     if x.size == 0:
         return
     places = np.column_stack([x, y])
-    found = cKDTree(places).query_ball_point(places, 2 * extent)  # each pair is found by its larger member
-    first = np.repeat(np.arange(x.size), [len(near) for near in found])
-    second = np.concatenate([np.asarray(near, dtype=np.intp) for near in found])
+    # the larger spot of each pair finds the other one
+    neighbours = cKDTree(places).query_ball_point(places, 2 * extent)
+    first = np.repeat(np.arange(x.size), [len(near) for near in neighbours])
+    second = np.concatenate([np.asarray(near, dtype=np.intp) for near in neighbours])
     touching = np.hypot(x[first] - x[second], y[first] - y[second]) <= extent[first] + extent[second]
     links = coo_array((touching, (first, second)), shape=(x.size, x.size))
     _, group = connected_components(links, directed=False)
@@ -248,7 +251,7 @@ def _apart(x: Values, y: Values, extent: Values) -> Iterator[NDArray[np.intp]]:
 def _blocks(
     x: Values, y: Values, reach: Values, *, shape: tuple[int, ...], side: int
 ) -> Iterator[tuple[Box, NDArray[np.bool_]]]:
-    """Boxes of pixels (top, bottom, left, right) that spots light up, and which spots reach each."""
+    """Boxes of pixels (top, bottom, left, right) that receive light, and the spots that reach each."""
     top, bottom = _span(y, reach, shape[0])
     left, right = _span(x, reach, shape[1])
     for row in range(top, bottom, side):
@@ -262,6 +265,6 @@ def _blocks(
 
 
 def _span(centre: Values, reach: Values, length: int) -> tuple[int, int]:
-    """First pixel lit and the one after the last, on an axis of ``length`` pixels."""
+    """First pixel with light and the one after the last, on an axis of ``length`` pixels."""
     first, last = np.clip([(centre - reach).min(), (centre + reach).max()], -1, length)
     return max(math.floor(first), 0), min(math.ceil(last) + 1, length)

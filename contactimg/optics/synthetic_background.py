@@ -1,7 +1,7 @@
-"""What every frame of a scene shares: the texture of the surface, dust on it, and uneven light.
+"""The background that all frames of a scene share: texture of the surface, dust, and vignetting.
 
-Texture and dust sit on the sample and move with it; the unevenness of the light does not. Both are drawn from
-the scene's own seed, each from its own stream, so that they are the same in the reference and in every frame.
+Texture and dust move with the sample, vignetting does not. Texture and dust are drawn from the seed of the
+scene, each from its own stream, so that they are the same in the reference and in every frame.
 """
 
 import numpy as np
@@ -14,14 +14,14 @@ from contactimg.optics.spots import Spots, spots_image
 Values = NDArray[np.float64]
 
 TEXTURE_STREAM, DUST_STREAM = 1, 2
-DUST_RADIUS_PX = (0.5, 3.0)  # log-uniform
-DUST_OPACITY = (0.2, 0.8)  # uniform
+DUST_RADIUS_PX = (0.5, 3.0)  # log-uniform; chosen by hand
+DUST_OPACITY = (0.2, 0.8)  # uniform; chosen by hand
 
 
 def surface_texture(
     shape: tuple[int, int], *, rms: float, blur_px: float, shift_px: tuple[float, float], seed: int
 ) -> Values:
-    """Relative brightness of a finely textured surface, as the optics leave it.
+    """Relative brightness of a finely textured surface, blurred by the optics.
 
     Parameters
     ----------
@@ -29,15 +29,15 @@ def surface_texture(
     rms : float
         Standard deviation.
     blur_px : float, px
-        Standard deviation of the Gaussian that white noise is seen through; 0 leaves the pixels independent.
+        Standard deviation of the Gaussian that blurs white noise; 0 leaves the pixels independent.
     shift_px : (float, float), px
-        (x, y) by which the surface has moved, any fraction of a pixel: it is moved in its spectrum.
+        (x, y) by which the surface has moved, in any fraction of a pixel (by a phase in the spectrum).
     seed : int
 
     Returns
     -------
     ndarray, shape ``shape``
-        Mean 0. What moves out on one side of the (slightly enlarged) field comes in on the other.
+        Mean 0. The (slightly enlarged) field is periodic.
 
     Examples
     --------
@@ -62,13 +62,13 @@ def surface_texture(
 def dust_shadow(
     shape: tuple[int, int], *, count: int, psf: Psf, shift_px: tuple[float, float], seed: int
 ) -> Values:
-    """Part of the light that grains of dust take away.
+    """Fraction of the light that grains of dust absorb.
 
     Parameters
     ----------
     shape : (int, int)
     count : int
-        Grains in the field.
+        Number of grains in the field.
     psf : Psf
     shift_px : (float, float), px
         (x, y) by which the surface has moved.
@@ -91,7 +91,7 @@ def dust_shadow(
 
 
 def light_falloff(shape: tuple[int, int], *, fraction: float) -> Values:
-    """Relative light, 1 at the image centre and ``1 - fraction`` in the corners, quadratic in between.
+    """Vignetting: relative light, 1 at the image centre, ``1 - fraction`` in the corners, quadratic between.
 
     Examples
     --------

@@ -1,11 +1,12 @@
-"""The edge of a wide contact in the light: what the air film adds outside it, from nanometres to millimetres.
+"""The light across the edge of a wide contact with the air film around it.
 
 Outside the edge of a contact of radius ``a`` under a sphere of radius ``R`` the gap opens as
 
     g = g_Hertz(r; a, R) + (2/pi) q sqrt(a) acos(a/r),    q = sqrt(8 pi w/(3 K)),
 
 with ``w = 0`` Hertz's contact (`contactimg.mechanics.jkr.gap`). The ``opening`` q, in sqrt(m), is all that
-the picture knows of adhesion and stiffness: 0 is Hertz's wide soft edge, infinity a sharp one without film.
+the image depends on of adhesion and stiffness: 0 gives the wide soft edge of a Hertz contact, infinity a
+sharp edge without film.
 """
 
 from dataclasses import dataclass
@@ -20,13 +21,15 @@ from contactimg.optics.film import ExcessTable, hertz_gap
 
 Values = NDArray[np.float64]
 
-NODES = 300
-"""Points across the film. In the square root of the distance the gap is smooth at the edge, with adhesion or
-without; at the far end they resolve its last fringe, ``lambda/(2 g')``, some ten times."""
+FILM_NODES = 300
+"""Points across the film, uniform in the square root of the distance, in which the gap is smooth at the edge.
+
+Chosen: about ten points resolve the last fringe, ``lambda/(2 g')``.
+"""
 
 
 def film_opening(*, contact_modulus: float, work_of_adhesion: float) -> float:
-    """How fast adhesion makes the gap open: ``q = sqrt(8 pi w/(3 K))`` with ``K = 4 E*/3``.
+    """Opening of the gap at the edge by adhesion: ``q = sqrt(8 pi w/(3 K))`` with ``K = 4 E*/3``.
 
     Parameters
     ----------
@@ -124,11 +127,11 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
 
     Notes
     -----
-    A line across the edge: for contacts many times wider than the blur.
+    The edge is treated as straight: valid for contacts many times wider than the blur.
 
     Examples
     --------
-    Without adhesion the film stays bright for tens of micrometres, with it for a fraction of one:
+    The film stays bright for tens of micrometres without adhesion, for a fraction of a micrometre with it:
 
     >>> from contactimg.optics.film import Light, excess_table
     >>> table = excess_table(Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9)))
@@ -147,7 +150,7 @@ def edge_light(radius: float, *, sphere_radius: float, opening: float, excess: E
     reach = _reach(radius, sphere_radius, opening, excess)
     if reach < 1e-6 * radius:  # below any pixel
         return EdgeLight(np.zeros(1), np.zeros(0))
-    u = np.linspace(0, 1, NODES + 1)
+    u = np.linspace(0, 1, FILM_NODES + 1)
     middle = (u[1:] + u[:-1]) / 2
     return EdgeLight(reach * u**2, excess(_gap(reach * middle**2, radius, sphere_radius, opening)))
 
@@ -162,8 +165,8 @@ def _gap(distance: Values, radius: float, sphere_radius: float, opening: float) 
 
 
 def _reach(radius: float, sphere_radius: float, opening: float, excess: ExcessTable) -> float:
-    """Distance outside the edge beyond which the film is thicker than the excess lasts."""
+    """Distance outside the edge beyond which the film has no excess."""
     reach = float(excess.reach(radius=radius, sphere_radius=sphere_radius)) - radius
-    pulled = opening * radius**0.5
-    angle = np.pi / 2 * excess.longest_gap / pulled if pulled > 0 else np.inf
+    adhesive_opening = opening * radius**0.5
+    angle = np.pi / 2 * excess.longest_gap / adhesive_opening if adhesive_opening > 0 else np.inf
     return min(reach, radius * (1 / np.cos(angle) - 1)) if angle < np.pi / 2 else reach

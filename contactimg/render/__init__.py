@@ -1,4 +1,8 @@
-"""From contacts to camera frames, with the truth beside them."""
+"""Render contacts as camera frames, together with the true contacts.
+
+In: contacts and a scene with the section ``[simulate]``. Out: a `Rendered` frame with its truth. Read in this
+order: `frames` (the functions to call), `contacts` (textured surfaces), `smooth` (one wide contact).
+"""
 
 from contactimg.render.frames import (
     Rendered,

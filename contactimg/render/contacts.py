@@ -1,4 +1,4 @@
-"""Where contacts stand in a frame, and how their edges and their brightness look there."""
+"""Place contacts in a frame and give them brightness, edges and the air film."""
 
 import numpy as np
 import pandas as pd
@@ -14,21 +14,21 @@ from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
 
-IN_PX = ["x_px", "y_px", "radius_px"]
+PIXEL_COLUMNS = ["x_px", "y_px", "radius_px"]
 
 
 def place_contacts(
     contacts: pd.DataFrame, scene: Scene, *, shape: tuple[int, int], shift_px: tuple[float, float]
 ) -> pd.DataFrame:
-    """The contacts where they stand in a frame.
+    """Compute the positions and radii of contacts in the pixels of a frame.
 
     Parameters
     ----------
     contacts : DataFrame, contacts schema
-        Rows with finite ``x_px, y_px, radius_px`` stand there without shift; the others at ``x_m, y_m,
+        Rows with finite ``x_px, y_px, radius_px`` lie there before the shift; the others at ``x_m, y_m,
         radius_m``.
     scene : Scene
-        Its pose turns metres into pixels.
+        Its camera relates metres to pixels.
     shape : (int, int)
         Rows and columns of the frame.
     shift_px : (float, float), px
@@ -37,28 +37,28 @@ def place_contacts(
     Returns
     -------
     DataFrame, contacts schema
-        With all columns in px.
+        With finite columns in pixels.
 
     Raises
     ------
     InputError
-        If a row has no finite place, or a negative radius.
+        If a row has no finite position, or a negative radius.
     """
     table = CONTACTS.conform(contacts)
-    by_metres = ~np.isfinite(table[IN_PX].to_numpy()).all(axis=1)
+    by_metres = ~np.isfinite(table[PIXEL_COLUMNS].to_numpy()).all(axis=1)
     if by_metres.any():
         pose = scene.pose(shape)
         rows = table.loc[by_metres]
         x_px, y_px = pose.to_pixels(rows["x_m"].to_numpy(), rows["y_m"].to_numpy())
         radius_px = rows["radius_m"].to_numpy() / pose.pixel_size
-        table.loc[by_metres, IN_PX] = np.column_stack([x_px, y_px, radius_px])
-    values = table[IN_PX].to_numpy()
+        table.loc[by_metres, PIXEL_COLUMNS] = np.column_stack([x_px, y_px, radius_px])
+    values = table[PIXEL_COLUMNS].to_numpy()
     wrong = ~np.isfinite(values).all(axis=1) | (values[:, 2] < 0)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InputError(
             f"contacts: row {row} needs a finite centre and a radius that is not negative, in px or in m; "
-            f"got {', '.join(f'{n} = {v:g}' for n, v in zip(IN_PX, values[row], strict=True))}"
+            f"got {', '.join(f'{n} = {v:g}' for n, v in zip(PIXEL_COLUMNS, values[row], strict=True))}"
         )
     table["x_px"] += shift_px[0]
     table["y_px"] += shift_px[1]
@@ -73,7 +73,7 @@ def contact_spots(
     sphere_radius: ArrayLike | None,
     rng: np.random.Generator,
 ) -> Spots | FilmSpots:
-    """The contacts with the brightness, the edge and the film that a frame gives them.
+    """Contacts as spots of light, with their brightness, edges and air film.
 
     Parameters
     ----------
@@ -83,22 +83,22 @@ def contact_spots(
         Pixel size and radii of curvature, for the film.
     settings : RenderSettings
     sphere_radius : array_like, m, or None
-        R of each contact, or one for all; None to take the scene's.
+        Radius of curvature of each contact, or one for all; None for that of the scene.
     rng : numpy.random.Generator
 
     Returns
     -------
     Spots or FilmSpots
-        Of the contacts whose radius is not 0.
+        One per contact whose radius is not 0.
 
     Raises
     ------
     InputError
-        If the film is asked for and the radii of curvature are not known, or not one a contact.
+        If the film is switched on and the radii of curvature are not known, or their number is wrong.
     """
     simulate = settings.simulate
-    seen = truth["radius_px"].to_numpy() > 0
-    x_px, y_px, radius_px = (truth.loc[seen, name].to_numpy() for name in IN_PX)
+    visible = truth["radius_px"].to_numpy() > 0
+    x_px, y_px, radius_px = (truth.loc[visible, name].to_numpy() for name in PIXEL_COLUMNS)
     brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
     outline_px = np.zeros((radius_px.size, 1))
     if "edge_roughness" in settings.effects:
@@ -108,14 +108,14 @@ def contact_spots(
         return spots
     return surround_with_film(
         spots,
-        sphere_radius=_sphere_radii(sphere_radius, scene, len(truth))[seen],
+        sphere_radius=_sphere_radii(sphere_radius, scene, len(truth))[visible],
         pixel_size=scene.need("camera", "rendering the air film").pixel_size,
         excess=excess_table(lamp(simulate)),
     )
 
 
 def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:
-    """R of each contact, from what was handed in or from the scene."""
+    """Radius of curvature of each contact, as given or from the scene."""
     if sphere_radius is None:
         asperities, indenter = scene.asperities, scene.indenter
         if asperities is None or asperities.radius is None:

@@ -1,8 +1,8 @@
-"""Synthetic frames: contacts under a scene's light, seen by its camera.
+"""Render synthetic frames of contacts.
 
     levels = background V (1 + T) (1 - D) (1 + drift) (1 + (contrast/background) C)
 
-with V the falloff of the light, T the surface texture, D dust, and C the light of the contacts in the image.
+with the vignetting V, the surface texture T, the dust D, and the light C of the contacts.
 """
 
 from dataclasses import dataclass
@@ -28,13 +28,13 @@ Shift = tuple[float, float]
 
 @dataclass(frozen=True, eq=False)
 class Rendered:
-    """A synthetic frame and the truth about it.
+    """A synthetic frame and its true contacts.
 
     Parameters
     ----------
     frame : Frame
     contacts : DataFrame, contacts schema
-        As handed in, with the columns in px where the contacts stand in this frame.
+        The rendered contacts, with their positions in this frame in the columns in pixels.
     shift_x_px, shift_y_px : float
         Position in the frame minus position in the reference.
     """
@@ -53,21 +53,21 @@ def render_contacts(
     sphere_radius: ArrayLike | None = None,
     name: str = "frame",
 ) -> Rendered:
-    """Photograph contacts as the scene's camera would, and keep the truth.
+    """Render contacts as the camera of the scene records them, with the truth.
 
     Parameters
     ----------
     contacts : DataFrame, contacts schema
-        Rows with finite ``x_px, y_px, radius_px`` stand there in the reference's pixels; the others at
-        ``x_m, y_m, radius_m``, seen through the scene's camera. A radius of 0 is dark.
+        Rows with finite ``x_px, y_px, radius_px`` lie there in the pixels of the reference; the others at
+        ``x_m, y_m, radius_m``, converted by the camera of the scene. A radius of 0 is dark.
     scene : Scene
-        With a section ``[simulate]``; ``[camera]`` where metres or the film need it.
+        With a section ``[simulate]``, and ``[camera]`` for contacts in metres and for the film.
     rng : numpy.random.Generator
-        Noise, drift of position, brightness and roughness of the contacts, in streams of their own: switching
-        the noise or the drift off leaves the rest as it is. Texture and dust come from the scene's seed.
+        For noise, position drift, brightness and roughness of the contacts, each with its own stream: without
+        noise or drift the rest stays the same. Texture and dust are drawn from the seed of the scene.
     sphere_radius : array_like, m, optional
-        Radius of curvature R in Hertz's law of each contact, or one for all, for the film; without it that of
-        the scene's asperities under its indenter, ``R Rl/(R + Rl)``.
+        Composite radius of curvature of each contact, or one for all, for the film; by default that of the
+        asperities and the indenter of the scene, ``R Rl/(R + Rl)``.
     name : str
         Name of the frame.
 
@@ -78,13 +78,13 @@ def render_contacts(
     Raises
     ------
     InputError
-        If a row has no place or a negative radius, or the scene's parameters do not go together.
+        If a row has no position or a negative radius, or the settings of the scene contradict each other.
 
     Notes
     -----
     ``light_drift`` is the relative change of the light from the reference to a frame, ``position_drift_px``
-    the standard deviation of each component of the shift. The film is drawn around contacts only: a cap that
-    comes close without touching stays dark.
+    the standard deviation of each component of the shift. The film is rendered around contacts only; a cap
+    that comes close without touching is not.
 
     Examples
     --------
@@ -112,7 +112,7 @@ def render_frame(
     sphere_radius: ArrayLike | None = None,
     name: str = "frame",
 ) -> Frame:
-    """The frame alone of `render_contacts`, which see.
+    """Render contacts like `render_contacts`, and return only the frame.
 
     Examples
     --------
@@ -127,7 +127,7 @@ def render_frame(
 
 @stage("rendering")
 def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "reference") -> Frame:
-    """The frame without contact: the scene's light, texture and dust where they stand, with fresh noise.
+    """Render the frame without contact: light, texture and dust of the scene, with new noise.
 
     Parameters
     ----------
@@ -156,15 +156,15 @@ def render_reference(scene: Scene, *, rng: np.random.Generator, name: str = "ref
 def render_smooth_contact(
     load: float, scene: Scene, *, rng: np.random.Generator, name: str = "frame"
 ) -> Rendered:
-    """Photograph the one contact of a smooth sphere on a smooth flat, with adhesion (JKR).
+    """Render the contact of a smooth sphere on a smooth flat, with adhesion (JKR).
 
     Parameters
     ----------
     load : float, N
-        Down to the pull-off load; negative is a pull.
+        Not below the (negative) pull-off load.
     scene : Scene
-        Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]``; the film around the contact
-        is drawn if the effect is on, its gap that of JKR.
+        With the sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]``; if the film is on,
+        its gap is that of the JKR contact.
     rng : numpy.random.Generator
         As for `render_contacts`.
     name : str
@@ -173,7 +173,7 @@ def render_smooth_contact(
     Returns
     -------
     Rendered
-        With one row, at the indenter's apex.
+        With one contact, at the apex of the indenter.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def _render(
     streams: list[np.random.Generator],
     name: str,
 ) -> Frame:
-    """The frame that the camera takes of spots of light on the sample; streams of shot and of read noise."""
+    """The frame of spots of light; ``streams`` for shot noise and read noise."""
     simulate = settings.simulate
     psf, halo = point_spread(settings)
     light = spots_image(spots, shape=simulate.shape, psf=psf, halo=halo)
@@ -220,7 +220,7 @@ def _render(
 
 
 def _draw_shift(settings: RenderSettings, rng: np.random.Generator) -> Shift:
-    """How far the sample has moved since the reference, (x, y) in px."""
+    """Draw the shift (x, y) of the sample since the reference, in pixels."""
     if "position_drift" not in settings.effects:
         return 0.0, 0.0
     x, y = rng.normal(0.0, settings.simulate.position_drift_px, 2)
@@ -228,7 +228,7 @@ def _draw_shift(settings: RenderSettings, rng: np.random.Generator) -> Shift:
 
 
 def _background_levels(settings: RenderSettings, psf: Psf, shift: Shift) -> Values:
-    """Grey levels without contact and without noise."""
+    """Grey levels of the background without contacts and noise."""
     simulate = settings.simulate
     levels = np.full(simulate.shape, simulate.background_levels)
     if "vignetting" in settings.effects:
@@ -248,7 +248,7 @@ def _background_levels(settings: RenderSettings, psf: Psf, shift: Shift) -> Valu
 def _record(
     levels: Values, settings: RenderSettings, shot: np.random.Generator, read: np.random.Generator, name: str
 ) -> Frame:
-    """The sensor's answer to noise-free levels."""
+    """Add the noise and convert to a frame."""
     simulate = settings.simulate
     levels = np.maximum(levels, 0.0)
     if "shot_noise" in settings.effects:

@@ -1,4 +1,4 @@
-"""The one wide contact of a smooth sphere on a smooth flat, with the film around it."""
+"""The wide contact of a smooth sphere on a smooth flat, with the air film around it."""
 
 from dataclasses import dataclass
 
@@ -17,12 +17,12 @@ from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
 
-NARROWEST = 1e-3  # cells: an edge along the grid is averaged over this much across it
+MIN_WIDTH_CELLS = 1e-3  # width of the average across an edge parallel to the grid; chosen to avoid 0/0
 
 
 @dataclass(frozen=True, eq=False)
 class SmoothSpot:
-    """A wide disk of light with a film around it.
+    """A wide disk of light with an air film around it.
 
     Parameters
     ----------
@@ -41,11 +41,11 @@ class SmoothSpot:
 
     @property
     def extent_px(self) -> Values:
-        """Distance from its centre beyond which the film has faded."""
+        """Distance from the centre beyond which the film has no excess."""
         return self.radius_px + self.edge.reach / self.pixel_size
 
     def sample(self, chosen: NDArray[np.intp], shape: tuple[int, int], origin: Values, cell: float) -> Values:
-        """Mean light in each cell; the edge counts as straight across a cell."""
+        """Mean light in each cell; within a cell the edge is treated as straight."""
         x = origin[0] + cell * np.arange(shape[1]) - self.x_px[chosen[0]]
         y = (origin[1] + cell * np.arange(shape[0]) - self.y_px[chosen[0]])[:, None]
         r = np.hypot(x, y)
@@ -53,9 +53,9 @@ class SmoothSpot:
         if outside.max() < -cell:
             return np.full(shape, self.brightness[0])
         away = np.maximum(r, cell)
-        # seen along the edge a square cell is a trapezoid: the difference of differences of a double integral
+        # projected across the edge a square cell is a trapezoid: second differences of a double integral
         wide, narrow = np.abs(x) / away, np.abs(y) / away
-        wide, narrow = np.maximum(wide, narrow), np.maximum(np.minimum(wide, narrow), NARROWEST)
+        wide, narrow = np.maximum(wide, narrow), np.maximum(np.minimum(wide, narrow), MIN_WIDTH_CELLS)
         ends = [outside + cell * half * (wide + side * narrow) for half in (0.5, -0.5) for side in (1, -1)]
         total = self._twice(ends[0]) - self._twice(ends[1]) + self._twice(ends[2]) - self._twice(ends[3])
         return self.brightness[0] * total / (cell * cell * wide * narrow)
@@ -72,7 +72,7 @@ class SmoothSpot:
 
 
 def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
-    """The contact of the scene's sphere under a load, as a contacts table of one row, by JKR."""
+    """The JKR contact of the sphere under a load, as a table of contacts with one row."""
     indenter = scene.need("indenter", "a smooth contact")
     elastic = scene.need("elastic", "a smooth contact")
     radius = jkr.radius(
@@ -89,12 +89,12 @@ def smooth_contact(load: float, scene: Scene, *, name: str) -> pd.DataFrame:
 def smooth_contact_spot(
     truth: pd.DataFrame, scene: Scene, settings: RenderSettings, *, rng: np.random.Generator
 ) -> Spots | FilmSpots | SmoothSpot:
-    """The contact with its brightness and, if the film is on, the film of JKR's gap around it.
+    """The contact as a spot of light, with the JKR gap in the air film if the film is on.
 
     Parameters
     ----------
     truth : DataFrame, contacts schema
-        One row with finite columns in px.
+        One row with finite columns in pixels.
     scene : Scene
     settings : RenderSettings
     rng : numpy.random.Generator

@@ -4,7 +4,7 @@ import numpy as np
 
 from contactimg.effects.optics.sample_comparison import SampleComparison
 from contactimg.optics.film import Light, thick_transmission, transmission
-from contactimg.optics.psf import FINEST
+from contactimg.optics.psf import MAX_SAMPLES_PER_PIXEL
 from contactimg.optics.render_settings import lamp
 from contactimg.optics.rough_edges import MAX_ROUGHNESS_FRACTION
 from contactimg.scene import Simulate
@@ -103,7 +103,7 @@ def supersampling_change(comparison: SampleComparison) -> tuple[float, str]:
     simulate = comparison.simulate
     if "blur" not in comparison.base:
         return 0.0, "without blur the coverage of each pixel is exact"
-    depth = min(max(1.0, np.ceil(1 / simulate.blur_px)), FINEST)
+    depth = min(max(1.0, np.ceil(1 / simulate.blur_px)), MAX_SAMPLES_PER_PIXEL)
     a = comparison.sample.radius_px
     step = 1 / (np.pi**3 * depth**2 * np.sqrt(depth * a) * 2 * a)
     change = comparison.scattered(step / a)
