@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 Values = NDArray[np.float64]
 
 MAX_ROUGHNESS_FRACTION = 1 / 6
-"""Largest rms roughness of an edge as a fraction of the radius. Chosen by hand: edges stay positive."""
+"""Largest rms roughness of an edge as a fraction of the radius. Chosen by hand; sensitivity not measured."""
 
 SECTORS = 256  # of the azimuth; chosen to resolve the highest mode
 LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the position

@@ -24,9 +24,7 @@ Box = tuple[int, int, int, int]
 
 BLOCK_PX = 64  # largest side of a finely sampled block without margins; chosen for speed
 GAP_POINTS = 1025  # error of linear interpolation: 5e-11 m, 1e-4 of the contrast, at a = 45 um and R = 100 um
-FRINGE_CONTRAST_FRACTION = (
-    0.05  # weaker fringes need not be resolved; chosen by hand, sensitivity not measured
-)
+FRINGE_CONTRAST_FRACTION = 0.05  # weaker fringes need not be resolved; sensitivity not measured
 POINTS_PER_FRINGE = 3  # chosen by hand; sensitivity not measured
 
 

@@ -19,8 +19,8 @@ TITLES = {
     "model": "contact model",
     "solver": "tolerance of the solver",
     "sums": "coupling sums over many contacts",
-    "rings": "rings of the Greenwood-Tripp model",
-    "patterns": "number of patterns averaged",
+    "rings": "rings of Greenwood-Tripp",
+    "patterns": "patterns of an ensemble",
     "supersampling": "sampling of rendered frames",
 }
 

@@ -1,4 +1,4 @@
-"""Averages that models of rings and models of contacts both know, and how far two of them are apart."""
+"""Averages by which statistical models and models of single contacts are compared."""
 
 from dataclasses import dataclass
 
@@ -11,21 +11,21 @@ from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]
 
-NODES = 4001
-"""Points of the integrals over rings."""
+RADIAL_NODES = 4001
+"""Points of the trapezoidal rule over rings. Chosen: far more than any number of rings."""
 
 
 @dataclass(frozen=True, eq=False)
 class Average:
-    """What a model of averages and one of single contacts both know.
+    """Averages over all contacts.
 
     Parameters
     ----------
     area : float, m^2
     loads : ndarray, shape (k,), N
-        Carried by annuli about the apex.
+        Loads on rings around the apex.
     mean_radius : float, m
-        Of the contacts.
+        Mean contact radius.
     """
 
     area: float
@@ -34,16 +34,16 @@ class Average:
 
 
 def average_change(output: str, *, answer: Average, reference: Average) -> float:
-    """Relative error of an average.
+    """Relative error of averages.
 
-    ``area``: of the real contact area. ``force``: sum of ``|dP_k|`` over the annuli, over the load.
-    ``radius``: of the mean contact radius.
+    ``area``: error of the real contact area. ``force``: sum of ``|dP_k|`` over the rings divided by the load.
+    ``radius``: error of the mean contact radius.
 
     Parameters
     ----------
     output : {"area", "force", "radius"}
     answer, reference : Average
-        Over the same annuli.
+        With the same rings.
     """
     if output == "force":
         return float(np.abs(answer.loads - reference.loads).sum() / reference.loads.sum())
@@ -52,18 +52,18 @@ def average_change(output: str, *, answer: Average, reference: Average) -> float
 
 
 def average_contacts(solution: InteractingSolution, *, centre: tuple[float, float], edges: Values) -> Average:
-    """Averages of a solution by contacts.
+    """Averages of a solution with single contacts.
 
     Parameters
     ----------
     solution : InteractingSolution
     centre : (float, float), m
     edges : ndarray, shape (k + 1,), m
-        Of the annuli; contacts beyond the last edge count in the last annulus.
+        Edges of the rings; contacts beyond the last edge count in the last ring.
     """
     rows = solution.touching
     if not rows.size:
-        raise InputError("nothing is in contact: there is no average")
+        raise InputError("there is no contact to average; increase the load")
     r = np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1])
     place = np.clip(np.searchsorted(edges, r, side="right") - 1, 0, edges.size - 2)
     loads = np.zeros(edges.size - 1)
@@ -72,14 +72,14 @@ def average_contacts(solution: InteractingSolution, *, centre: tuple[float, floa
 
 
 def average_rings(rings: RingSolution, *, edges: Values) -> Average:
-    """The same of a solution by rings.
+    """Averages of a statistical solution.
 
     Parameters
     ----------
     rings : RingSolution
     edges : ndarray, shape (k + 1,), m
     """
-    r = np.linspace(0.0, rings.r[-1], NODES)
+    r = np.linspace(0.0, rings.r[-1], RADIAL_NODES)
     pressure, density, radius = (
         np.interp(r, rings.r, values) for values in (rings.pressure, rings.density, rings.mean_radius)
     )
@@ -92,5 +92,5 @@ def average_rings(rings: RingSolution, *, edges: Values) -> Average:
 
 
 def _middle(values: Values) -> Values:
-    """Means of neighbours: the trapezoidal rule."""
+    """Means of adjacent values, for the trapezoidal rule."""
     return 0.5 * (values[1:] + values[:-1])

@@ -1,7 +1,7 @@
-"""Boundary elements through ContactMechanics, an optional extra: ``pip install contactimg[bem]``.
+"""Solve a case with boundary elements (ContactMechanics, optional: ``pip install contactimg[bem]``).
 
-The rigid height map (paraboloid caps minus the sphere's paraboloid, on the plane between them) is pressed on
-a half-space, pressure constant on square pixels, free boundaries.
+The rigid height map (parabolic caps on a plane minus the paraboloid of the sphere) is pressed on a half-space
+with free boundaries; the pressure is constant on square pixels.
 """
 
 import numpy as np
@@ -14,47 +14,50 @@ from contactimg.tradeoff.case import Case
 Values = NDArray[np.float64]
 
 GRIDS = (128, 256, 512, 1024)
-"""Points a side."""
+"""Points per side of the grids."""
 
 RESOLUTION = {"force": 1e-5, "area": 5e-4, "radius": 2.5e-4}
-"""Relative error of the stored solution, on a grid of ``h`` = 1 um: of the forces from the differences
-between grids; of the areas what the extent of a pixel adds to the second moment, ``5 h^2/12`` to a mean
-``a^2`` of 880 um^2."""
+"""Relative error of the stored solution on a grid of ``h`` = 1 um.
 
-MARGIN = 1.1
-"""Side of the grid over that of the loaded region."""
+Forces: from the differences between grids. Areas: the pixel size adds ``5 h^2/12`` to a mean ``a^2`` of 880
+um^2.
+"""
 
-PENETRATION = 1e-12
-"""Tolerated penetration over the height of the map."""
+GRID_SIDE_FACTOR = 1.1
+"""Side of the grid over the side of the loaded region. Chosen by hand; sensitivity not measured."""
 
-STEPS = 3000
+PENETRATION_TOLERANCE = 1e-12
+"""Allowed penetration over the height of the map. Chosen near rounding error."""
+
+MAX_STEPS = 3000
+"""Largest number of iterations. A safety limit, chosen by hand."""
 
 
 def solve_boundary(case: Case, loaded: InteractingSolution, *, points: int) -> tuple[Values, Values]:
-    """Forces and contact radii of all asperities of a case by boundary elements.
+    """Forces and contact radii of all asperities of a case, by boundary elements.
 
     Parameters
     ----------
     case : Case
-        A half-space without adhesion; caps count as paraboloids.
+        With a half-space, without adhesion; caps are treated as paraboloids.
     loaded : InteractingSolution
-        Tells how wide the loaded region is.
+        A solution that gives the size of the loaded region.
     points : int
-        Pixels a side of the grid.
+        Points per side of the grid.
 
     Returns
     -------
     force, radius : ndarray, shape (n,), N and m
-        Radii from the second moment of the pressure, ``a^2 = (5/2) <r^2>`` for Hertz's.
+        Radii are from the second moment of the pressure, ``a^2 = (5/2) <r^2>`` for a Hertz contact.
 
     Raises
     ------
     ImportError
         If ContactMechanics is not installed.
     InputError
-        If the scene switches on what boundary elements do not have here.
+        If the scene switches on an effect that is not implemented here.
     ConvergenceError
-        If the iteration stops early.
+        If the iteration does not converge.
     """
     try:
         from ContactMechanics import FreeFFTElasticHalfSpace  # noqa: PLC0415 - optional
@@ -68,16 +71,16 @@ def solve_boundary(case: Case, loaded: InteractingSolution, *, points: int) -> t
     half_space = FreeFFTElasticHalfSpace((points, points), modulus, (side, side))
     system = NonSmoothContactSystem(half_space, Topography(height, physical_sizes=(side, side)))
     result = system.minimize_proxy(
-        external_force=case.load, pentol=PENETRATION * float(np.ptp(height)), maxiter=STEPS
+        external_force=case.load, pentol=PENETRATION_TOLERANCE * float(np.ptp(height)), maxiter=MAX_STEPS
     )
     if not result.success:
-        raise ConvergenceError(f"boundary elements did not converge in {STEPS} steps")
+        raise ConvergenceError(f"boundary elements did not converge in {MAX_STEPS} steps; use a coarser grid")
     force = np.asarray(system.substrate.force)[:points, :points]
     return _collect(x, y, owner, force, count=loaded.force.size)
 
 
 def _refuse_effects(case: Case) -> None:
-    """Only the half-space without adhesion."""
+    """Raise for effects that are not implemented here."""
     on = [
         name for name in ("adhesion", "layer", "sphere_profile") if getattr(case.scene.effects, name) == "on"
     ]
@@ -88,13 +91,13 @@ def _refuse_effects(case: Case) -> None:
 def _height_map(
     case: Case, loaded: InteractingSolution, points: int
 ) -> tuple[Values, Values, NDArray[np.intp], Values, float]:
-    """Pixels about the apex (x, y), which cap stands on each (-1: none), heights, side of the grid."""
+    """Coordinates about the apex, cap on each pixel (-1 for none), heights, and side of the grid."""
     indenter = case.scene.need("indenter", "boundary elements")
     if case.asperities is None:
         raise InputError("the scene has no asperities")
     rows = loaded.touching
     reach = np.maximum(np.abs(loaded.x[rows] - indenter.apex[0]), np.abs(loaded.y[rows] - indenter.apex[1]))
-    side = 2 * MARGIN * float((reach + loaded.radius[rows]).max())
+    side = 2 * GRID_SIDE_FACTOR * float((reach + loaded.radius[rows]).max())
     places = side * ((np.arange(points) + 0.5) / points - 0.5)
     height, owner = np.zeros((points, points)), np.full((points, points), -1)
     for row, cap in enumerate(case.asperities.itertuples(index=False)):

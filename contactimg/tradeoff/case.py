@@ -1,4 +1,4 @@
-"""What a trade-off is measured on: a scene at a load, its asperities, its frames."""
+"""The case that a trade-off is measured for: a scene at a load, its asperities and frames."""
 
 import math
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class BoundarySolution:
-    """A boundary-element solution that is stored.
+    """A stored boundary-element solution.
 
     Parameters
     ----------
@@ -24,9 +24,9 @@ class BoundarySolution:
     asperities : DataFrame
     load : float, N
     force, radius : ndarray, shape (n,), N and m
-        Of each asperity.
+        Force and contact radius of each asperity.
     seconds : float
-        What it took on one core.
+        Computing time on one core.
     """
 
     scene: Scene
@@ -39,14 +39,14 @@ class BoundarySolution:
 
 @dataclass(frozen=True, eq=False)
 class OwnFrame:
-    """A frame of the scene's own, without truth.
+    """A measured frame of the scene, whose true contacts are not known.
 
     Parameters
     ----------
     frame : Frame
     reference : Frame or None
     load : float, N
-        NaN if it is not known.
+        NaN if not known.
     """
 
     frame: Frame
@@ -63,11 +63,11 @@ class Case:
     scene : Scene
     asperities : DataFrame or None
     load : float, N
-        NaN if there is none.
+        NaN without a load.
     truth : BoundarySolution or None
     measured : OwnFrame or None
     fine : bool
-        More settings, up to slow ones.
+        Whether slow settings are measured as well.
     """
 
     scene: Scene
@@ -79,5 +79,5 @@ class Case:
 
     @property
     def output(self) -> str:
-        """What must be accurate."""
+        """The result that must be accurate."""
         return self.scene.tolerance.output

@@ -1,7 +1,8 @@
-"""Knobs of the images: how contacts are measured, and how finely synthetic frames are sampled."""
+"""The knobs for images: method that measures the contacts, and sampling of rendered frames."""
 
 from collections.abc import Callable
 from functools import cache, partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -25,37 +26,47 @@ from contactimg.tradeoff.case import Case, OwnFrame
 from contactimg.tradeoff.knobs import Knob, Setting
 
 Values = NDArray[np.float64]
-Disks = Values  # x, y, radius (px), one row a disk
-Method = Callable[[Scene, NDArray, NDArray | None, float | None], Disks]
+Disks = Values  # x, y, radius (px), one row per disk
 
-HALF = 0.5
-SAME_PX = 2.0
-"""Disks whose centres are closer than this, or than the radius, are the same contact."""
+
+class Shot(NamedTuple):
+    """A frame to measure: pixels, those of the reference, and the grey level of saturation."""
+
+    image: NDArray
+    reference: NDArray | None
+    full_scale: float | None
+
+
+Method = Callable[[Scene, Shot], Disks]
+
+HALF_HEIGHT = 0.5  # threshold as a fraction of the contrast
+SAME_CONTACT_PX = 2.0
+"""Disks whose centres are closer than this, or than the radius, are the same contact. Chosen by hand."""
 
 DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
 
-QUIET_LEVELS = 1.0
-"""Noise of the frames that compare samplings: the estimator wants some, and it is the same in all."""
+SAMPLING_NOISE_LEVELS = 1.0
+"""Noise of the frames that compare samplings, in grey levels; the same in all. Chosen by hand."""
 
 SENSOR = ("vignetting", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation", "dust")
-"""Effects that do not depend on the sampling."""
+"""Effects that do not depend on the sampling and are switched off."""
 
 DISK = "fit of blurred disks"
 
 
 def image_knob(case: Case) -> Knob:
-    """How contacts are measured on a frame: rendered from the scene, else one of its own."""
+    """The methods that measure contacts, on a frame rendered from the scene, else on one of its frames."""
     return _own_knob(case, case.measured) if case.measured is not None else _rendered_knob(case)
 
 
 def _rendered_knob(case: Case) -> Knob:
-    """On a frame whose truth is known."""
+    """The methods on a rendered frame, whose true contacts are known."""
     solution = cache(lambda: _contacts(case))
-    shots = cache(lambda: (_photograph(case.scene, solution()), _blank(case.scene)))
+    shots = cache(lambda: (_render(case.scene, solution()), _blank(case.scene)))
 
     def run(measure: Method) -> Disks:
         rendered, reference = shots()
-        return measure(case.scene, rendered.frame.image, reference, rendered.frame.full_scale)
+        return measure(case.scene, Shot(rendered.frame.image, reference, rendered.frame.full_scale))
 
     def error(found: Disks) -> float:
         radii = solution().composite_radius[solution().touching]
@@ -68,67 +79,64 @@ def _rendered_knob(case: Case) -> Knob:
 
 
 def _own_knob(case: Case, own: OwnFrame) -> Knob:
-    """On a frame of the scene, with the fit of disks as the converged answer."""
+    """The methods on a measured frame, with the fit of disks as the reference."""
     blank = None if own.reference is None else own.reference.image
-    frames = (own.frame.image, blank, own.frame.full_scale)
-    reference = cache(lambda: _fit_disks(case.scene, *frames))
+    shot = Shot(own.frame.image, blank, own.frame.full_scale)
+    reference = cache(lambda: _fit_disks(case.scene, shot))
     stated = "its own stated uncertainty"
 
     def error(found: Disks) -> float:
         return _disk_change(case.output, found, reference(), np.ones(len(reference())))
 
     def own_error(_found: Disks) -> float:
-        return _stated_error(case, frames)
+        return _stated_error(case, shot)
 
     settings = [
-        Setting(name, partial(measure, case.scene, *frames), error, f"{DISK}, no truth known")
+        Setting(name, partial(measure, case.scene, shot), error, f"{DISK}, no truth known")
         for name, measure in METHODS.items()
         if name != DISK
     ]
-    settings.append(Setting(DISK, partial(_fit_disks, case.scene, *frames), own_error, stated))
+    settings.append(Setting(DISK, partial(_fit_disks, case.scene, shot), own_error, stated))
     return Knob("image", f"measurement of {own.frame.name}", case.output, own.load, tuple(settings))
 
 
-def _stated_error(case: Case, frames: tuple[NDArray, NDArray | None, float | None]) -> float:
-    """Standard uncertainty of the output that the fit states for itself."""
-    disks = _measure(case.scene, "disk", *frames).disks
+def _stated_error(case: Case, shot: Shot) -> float:
+    """Standard uncertainty of the output as the fit states it."""
+    disks = _measure(case.scene, "disk", shot).disks
     if not len(disks):
-        raise InputError("no contact was found")
+        raise InputError("no contact was found on the frame")
     return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
 
 
-def _disk_change(output: str, found: Disks, known: Disks, sphere_radius: Values) -> float:
-    """Relative error of the output of disks that were found; forces as ``a^3/R``.
+def _disk_change(output: str, measured: Disks, expected: Disks, sphere_radius: Values) -> float:
+    """Relative error of the output of measured disks; forces as ``a^3/R``.
 
-    Disks without a partner count against nothing; where their radius of curvature is not known, the mean is
-    taken.
+    A disk without a partner is compared with no contact; its radius of curvature is the mean one.
     """
-    if not len(found):
-        raise InputError("no contact was found")
-    reach = max(SAME_PX, float(known[:, 2].max(initial=0.0)))
-    i, j, distance = pair_points(found[:, :2], known[:, :2], max_distance=reach)
-    same = distance <= np.maximum(SAME_PX, known[j, 2])
+    if not len(measured):
+        raise InputError("no contact was measured")
+    reach = max(SAME_CONTACT_PX, float(expected[:, 2].max(initial=0.0)))
+    i, j, distance = pair_points(measured[:, :2], expected[:, :2], max_distance=reach)
+    same = distance <= np.maximum(SAME_CONTACT_PX, expected[j, 2])
     i, j = i[same], j[same]
-    strangers = np.setdiff1d(np.arange(len(found)), i)
-    radius = np.zeros(len(known) + strangers.size)
-    radius[j], radius[len(known) :] = found[i, 2], found[strangers, 2]
-    complete = np.concatenate([known[:, 2], np.zeros(strangers.size)])
+    strangers = np.setdiff1d(np.arange(len(measured)), i)
+    radius = np.zeros(len(expected) + strangers.size)
+    radius[j], radius[len(expected) :] = measured[i, 2], measured[strangers, 2]
+    complete = np.concatenate([expected[:, 2], np.zeros(strangers.size)])
     curvature = np.concatenate([sphere_radius, np.full(strangers.size, np.mean(sphere_radius))])
     pairs = [(a**3 / curvature, a) for a in (radius, complete)]
     return relative_change(output, without=pairs[0], complete=pairs[1])
 
 
-def _measure(
-    scene: Scene, method: str, image: NDArray, reference: NDArray | None, full_scale: float | None
-) -> ImageMeasurement:
-    """Measure a frame as the scene says, with another method."""
+def _measure(scene: Scene, method: str, shot: Shot) -> ImageMeasurement:
+    """Measure a frame with a method, the other options as in the scene."""
     return measure_image(
-        image,
-        reference,
+        shot.image,
+        shot.reference,
         method=method,
         polarity=scene.images.polarity,
-        threshold=HALF,
-        full_scale=full_scale,
+        threshold=HALF_HEIGHT,
+        full_scale=shot.full_scale,
         blur_px=scene.measure.blur_px,
     )
 
@@ -138,35 +146,33 @@ def _table(disks: pd.DataFrame) -> Disks:
     return disks[["x_px", "y_px", "radius_px"]].to_numpy(float)
 
 
-def _fit_disks(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
+def _fit_disks(scene: Scene, shot: Shot) -> Disks:
     """The method ``disk``."""
-    return _table(_measure(scene, "disk", image, reference, full_scale).disks)
+    return _table(_measure(scene, "disk", shot).disks)
 
 
-def _count(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
+def _count(scene: Scene, shot: Shot) -> Disks:
     """The method ``threshold``."""
-    return _table(_measure(scene, "threshold", image, reference, full_scale).disks)
+    return _table(_measure(scene, "threshold", shot).disks)
 
 
-def _count_corrected(
-    scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None
-) -> Disks:
-    """The threshold, and for each area the radius of the blurred disk that has it."""
+def _count_corrected(scene: Scene, shot: Shot) -> Disks:
+    """The method ``threshold``, with the radius of the blurred disk that has the counted area."""
     blur = scene.measure.blur_px
     if blur is None and scene.simulate is not None and scene.effects.blur != "off":
         blur = scene.simulate.blur_px
     if not blur:
         raise InputError("the blur is not known: give blur_px in [measure]")
-    x, y, radius = _count(scene, image, reference, full_scale).T
+    x, y, radius = _count(scene, shot).T
     return np.column_stack(
         [x, y, disk_radius(radius, blur_px=float(np.hypot(blur, np.sqrt(PIXEL_VARIANCE))))]
     )
 
 
-def _count_split(scene: Scene, image: NDArray, reference: NDArray | None, full_scale: float | None) -> Disks:
-    """The threshold, and contacts that touch parted at the saddles of the distance to the edge."""
-    measurement = _measure(scene, "threshold", image, reference, full_scale)
-    mask = measurement.foreground > HALF * abs(measurement.contrast)
+def _count_split(scene: Scene, shot: Shot) -> Disks:
+    """The method ``threshold``, with touching contacts separated by a watershed."""
+    measurement = _measure(scene, "threshold", shot)
+    mask = measurement.foreground > HALF_HEIGHT * abs(measurement.contrast)
     distance = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     smooth = ndimage.gaussian_filter(distance, 1.0)
     peaks = peak_local_max(smooth, min_distance=2, labels=ndimage.label(mask, np.ones((3, 3)))[0])
@@ -181,9 +187,9 @@ def _count_split(scene: Scene, image: NDArray, reference: NDArray | None, full_s
 
 
 def _asserted(parts: Disks, whole: Disks) -> NDArray[np.bool_]:
-    """Which parts lie in a contact that the measurement itself asserts: noise and hot pixels do not."""
+    """Which parts lie in a contact of the measurement, and are neither noise nor hot pixels."""
     apart = np.hypot(parts[:, None, 0] - whole[None, :, 0], parts[:, None, 1] - whole[None, :, 1])
-    return np.asarray((apart <= SAME_PX + 2 * whole[None, :, 2]).any(axis=1))
+    return np.asarray((apart <= SAME_CONTACT_PX + 2 * whole[None, :, 2]).any(axis=1))
 
 
 METHODS: dict[str, Method] = {
@@ -195,38 +201,38 @@ METHODS: dict[str, Method] = {
 
 
 def _contacts(case: Case) -> InteractingSolution:
-    """What is photographed."""
+    """The contacts that are rendered."""
     if case.asperities is None:
         raise InputError("the scene has no asperities")
     coupling = "none" if case.scene.effects.coupling == "off" else "asymptotic"
     return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling)
 
 
-def _photograph(scene: Scene, solution: InteractingSolution) -> Rendered:
-    """A frame of the contacts."""
+def _render(scene: Scene, solution: InteractingSolution) -> Rendered:
+    """Render a frame of the contacts."""
     rng = np.random.default_rng(scene.need("simulate", "rendering a frame").seed)
     radii = solution.composite_radius[solution.touching]
     return render_contacts(solution.contacts("rendered"), scene, rng=rng, sphere_radius=radii)
 
 
 def _blank(scene: Scene) -> NDArray:
-    """The reference frame."""
+    """Render the reference frame."""
     seed = scene.need("simulate", "rendering a frame").seed
     return render_reference(scene, rng=np.random.default_rng([seed, 1])).image
 
 
 def supersampling_knob(case: Case) -> Knob:
-    """Samples a pixel of the renderer, everything off that does not depend on them."""
+    """The samples per pixel of the renderer, without effects that do not depend on them."""
     solution = cache(lambda: _contacts(case))
 
     def run(depth: int) -> Rendered:
-        return _photograph(_without_sensor(case.scene, depth), solution())
+        return _render(_without_sensor(case.scene, depth), solution())
 
-    reference = cache(lambda: _read(case.scene, run(CONVERGED_DEPTH)))
+    reference = cache(lambda: _measure_rendered(case.scene, run(CONVERGED_DEPTH)))
 
     def error(answer: Rendered) -> float:
         radii = np.ones(len(reference()))
-        return _disk_change(case.output, _read(case.scene, answer), reference(), radii)
+        return _disk_change(case.output, _measure_rendered(case.scene, answer), reference(), radii)
 
     settings = tuple(
         Setting(
@@ -241,12 +247,12 @@ def supersampling_knob(case: Case) -> Knob:
 
 
 def _without_sensor(scene: Scene, depth: int) -> Scene:
-    """The scene sampled so finely, without texture, drift and dust, with a little noise, the same in all."""
+    """The scene with this sampling and little noise, without texture, drift and dust."""
     effects = dict.fromkeys(SENSOR, "off") | {"read_noise": "on", "supersampling": "on"}
     camera = {
         "texture": 0.0,
         "electrons_per_level": 1.0,
-        "read_noise_electrons": QUIET_LEVELS,
+        "read_noise_electrons": SAMPLING_NOISE_LEVELS,
         "supersampling": depth,
     }
     simulate = scene.need("simulate", "rendering a frame").model_copy(update=camera)
@@ -255,8 +261,8 @@ def _without_sensor(scene: Scene, depth: int) -> Scene:
     )
 
 
-def _read(scene: Scene, rendered: Rendered) -> Disks:
+def _measure_rendered(scene: Scene, rendered: Rendered) -> Disks:
     """Measure a rendered frame against a flat reference."""
     background = scene.need("simulate", "rendering a frame").background_levels
     flat = np.full_like(rendered.frame.image, background)
-    return _fit_disks(scene, rendered.frame.image, flat, rendered.frame.full_scale)
+    return _fit_disks(scene, Shot(rendered.frame.image, flat, rendered.frame.full_scale))

@@ -1,4 +1,4 @@
-"""A knob: the settings of one choice, timed by turns, each with its error against a converged answer."""
+"""Time the settings of a knob (a choice), each with its error against a converged result."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -14,14 +14,14 @@ from contactimg.tables import TRADEOFF
 
 Clock = Callable[[], float]
 
-TURNS = 7
-"""Most runs of a setting."""
+MAX_RUNS = 7
+"""Largest number of runs of a setting. Chosen by hand."""
 
-SLOW = 10.0
-"""Seconds above which a setting is not run again for what loading took."""
+MAX_REPEATED_S = 10.0
+"""Time above which a setting is not repeated to exclude the time of compilation. Chosen by hand."""
 
 FAILURES = (ContactimgError, ArithmeticError, ImportError, MemoryError, np.linalg.LinAlgError)
-"""What a setting may fail with and leave the others alone."""
+"""Errors of a setting that do not stop the others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,15 +32,15 @@ class Setting:
     ----------
     name : str
     run : callable
-        The work that is timed; what it returns goes to ``error``.
+        The computation that is timed; its result is the argument of ``error``.
     error : callable
-        Relative error of that answer; not timed.
+        Returns the relative error of the result; not timed.
     reference : str
-        What the error is against.
+        What the result is compared with.
     stored_time : float, s, or None
-        Time taken elsewhere: the setting is not run, ``error`` gets None.
+        Time of an earlier computation; the setting is not run, and ``error`` gets None.
     message : str
-        What to know about it.
+        Note for the table.
     """
 
     name: str
@@ -58,13 +58,13 @@ class Knob:
     Parameters
     ----------
     name : str
-        As in the table and on the command line.
+        Name in the table and on the command line.
     title : str
-        For a person.
+        Title in figures and sentences.
     output : str
-        What the errors are of.
+        Quantity that the errors refer to.
     load : float, N
-        NaN where none enters.
+        NaN if the load does not matter.
     settings : tuple of Setting
     """
 
@@ -77,7 +77,7 @@ class Knob:
 
 @dataclass(eq=False)
 class _Run:
-    """A setting while it is measured."""
+    """The measurement of one setting."""
 
     setting: Setting
     clock: Clock
@@ -86,7 +86,7 @@ class _Run:
     reason: str = ""
 
     def start(self) -> None:
-        """The first run, whose answer is compared with the reference."""
+        """First run, whose result is compared with the reference."""
         answer = None
         try:
             if self.setting.stored_time is None:
@@ -97,13 +97,13 @@ class _Run:
             self.reason = _sentence(error)
 
     def repeat(self) -> None:
-        """One more run for its time."""
+        """Repeat the run for its time."""
         self._timed()
 
     def _timed(self) -> Any:
-        begun = self.clock()
+        start = self.clock()
         answer = self.setting.run()
-        self.times.append(self.clock() - begun)
+        self.times.append(self.clock() - start)
         return answer
 
     @property
@@ -115,13 +115,13 @@ class _Run:
         """The row of the table."""
         stored = self.setting.stored_time
         time = self.best if stored is None or self.reason else stored
-        known = math.isfinite(time)
+        has_time = math.isfinite(time)
         return {
             "knob": knob.name,
             "setting": self.setting.name,
             "error": self.error,
-            "time_s": time if known else math.nan,
-            "time_ratio": time / cheapest if known and math.isfinite(cheapest) else math.nan,
+            "time_s": time if has_time else math.nan,
+            "time_ratio": time / cheapest if has_time and math.isfinite(cheapest) else math.nan,
             "output": knob.output,
             "reference": self.setting.reference,
             "load_N": knob.load,
@@ -136,22 +136,22 @@ def measure_knob(
     advance: Callable[[], None] | None = None,
     clock: Clock = perf_counter,
 ) -> pd.DataFrame:
-    """Run every setting of a knob, the fast ones by turns for the best of several times.
+    """Run every setting of a knob; repeat fast ones in turn and take the shortest time.
 
     Parameters
     ----------
     knob : Knob
     seconds : float
-        What all repetitions may take together; the first run of each setting comes on top.
+        Time for all repetitions, s, in addition to the first run of each setting.
     advance : callable, optional
-        Called once a setting.
+        Called once per setting.
     clock : callable
-        Seconds that pass: of the wall, or `time.process_time` on a machine that is shared.
+        Returns seconds: wall time, or `time.process_time` on a shared machine.
 
     Returns
     -------
     DataFrame
-        Of the schema `TRADEOFF`, one row a setting; one that fails has a message in place of its numbers.
+        Columns of `TRADEOFF`, one row per setting; a setting that fails has a message instead of numbers.
     """
     runs = [_Run(setting, clock) for setting in knob.settings]
     for run in runs:
@@ -168,14 +168,14 @@ def measure_knob(
 
 
 def _repeat(runs: Sequence[_Run], seconds: float) -> None:
-    """Turn after turn, as long as the next run of a setting fits into what is left.
+    """Repeat the settings in turn, as long as the next run fits into the time that is left.
 
-    The first run may have loaded compiled functions, so all but the slowest get a second one.
+    The first run may include compilation, so all but slow settings are repeated at least once.
     """
     left = seconds
-    for turn in range(1, TURNS):
+    for turn in range(1, MAX_RUNS):
         for run in runs:
-            if run.best <= left or (turn == 1 and run.best <= SLOW):
+            if run.best <= left or (turn == 1 and run.best <= MAX_REPEATED_S):
                 run.repeat()
                 left -= run.times[-1]
 
@@ -186,7 +186,7 @@ def mark_front(error: Sequence[float] | pd.Series, time: Sequence[float] | pd.Se
     Parameters
     ----------
     error, time : sequence of float
-        NaN: not comparable, and not on the front.
+        NaN if not comparable; then the mark is 0.
 
     Examples
     --------
@@ -203,5 +203,5 @@ def mark_front(error: Sequence[float] | pd.Series, time: Sequence[float] | pd.Se
 
 
 def _sentence(error: BaseException) -> str:
-    """What an error says, or its kind."""
+    """The message of an error, or its type."""
     return str(error) or type(error).__name__

@@ -1,4 +1,4 @@
-"""Measure the trade-off of a case: the knobs that apply to it, one table, one sentence a knob."""
+"""Measure the trade-off of a case: the knobs that apply, one table, one sentence per knob."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ class Tradeoff:
     Parameters
     ----------
     table : DataFrame
-        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`.
+        Columns of `contactimg.tables.TRADEOFF`.
     sentences : dict
-        Knob -> what a person should take.
+        Knob -> recommended setting, as a sentence.
     relative : float
-        The tolerance of the sentences.
+        Tolerance that the sentences refer to.
     left_out : dict
-        Knob -> why it does not apply to the scene.
+        Knob -> reason why it does not apply to the scene.
     """
 
     table: pd.DataFrame
@@ -39,15 +39,15 @@ class Tradeoff:
 
 
 def _need_mechanics(case: Case) -> str:
-    """What the contact models lack."""
+    """What the scene lacks for contact models; empty for nothing."""
     missing = [
         name
-        for name, there in (
+        for name, section in (
             ("[indenter]", case.scene.indenter),
             ("[elastic]", case.scene.elastic),
             ("[asperities] with a file or a generator", case.asperities),
         )
-        if there is None
+        if section is None
     ]
     if missing:
         return f"needs {', '.join(missing)}"
@@ -55,7 +55,7 @@ def _need_mechanics(case: Case) -> str:
 
 
 def _need_averages(case: Case) -> str:
-    """What the models of averages lack: they do without a table."""
+    """What the scene lacks for the statistical models, which need no table."""
     if case.scene.indenter is None or case.scene.elastic is None or case.scene.asperities is None:
         return "needs [indenter], [elastic] and [asperities]"
     stated = case.scene.asperities.height_law is not None and case.scene.asperities.radius is not None
@@ -65,14 +65,14 @@ def _need_averages(case: Case) -> str:
 
 
 def _need_frames(case: Case) -> str:
-    """What a measured frame lacks."""
+    """What the scene lacks to measure a frame."""
     if case.measured is not None:
         return ""
     return _need_rendering(case) + " or frames of its own" if _need_rendering(case) else ""
 
 
 def _need_rendering(case: Case) -> str:
-    """What a rendered frame lacks."""
+    """What the scene lacks to render a frame."""
     missing = [f"[{name}]" for name in ("camera", "simulate") if getattr(case.scene, name) is None]
     return f"needs {' and '.join(missing)}" if missing else _need_mechanics(case)
 
@@ -86,7 +86,7 @@ KNOBS: dict[str, tuple[Callable[[Case], Knob], Callable[[Case], str]]] = {
     "patterns": (pattern_knob, _need_mechanics),
     "supersampling": (supersampling_knob, _need_rendering),
 }
-"""Knob -> how it is built, and what a case lacks for it."""
+"""Knob -> function that builds it, and function that says what a case lacks for it."""
 
 
 def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob], dict[str, str]]:
@@ -96,12 +96,12 @@ def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob],
     ----------
     case : Case
     names : sequence of str
-        Those wanted, of `KNOBS`; all if empty.
+        Names from `KNOBS`; all if empty.
 
     Raises
     ------
     InputError
-        If none applies, with the reasons, or a name is unknown.
+        If no knob applies (with the reasons) or a name is unknown.
     """
     unknown = [name for name in names if name not in KNOBS]
     if unknown:
@@ -115,8 +115,8 @@ def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob],
     return [build(case) for name, (build, _) in wanted.items() if name not in left_out], left_out
 
 
-def _need_any(tables: Sequence[pd.DataFrame]) -> None:
-    """`InputError` if every setting failed: a table of nothing but failures tells nobody anything."""
+def _check_any_ran(tables: Sequence[pd.DataFrame]) -> None:
+    """Raise `InputError` if every setting failed."""
     rows = pd.concat(tables, ignore_index=True)
     if rows["time_s"].isna().all():
         knobs = ", ".join(dict.fromkeys(rows["knob"]))
@@ -132,7 +132,7 @@ def run_knobs(
     advance: Callable[[], None] | None = None,
     clock: Callable[[], float] = perf_counter,
 ) -> Tradeoff:
-    """Measure knobs one after the other.
+    """Measure knobs one after another.
 
     Parameters
     ----------
@@ -140,11 +140,11 @@ def run_knobs(
     relative : float
         Relative error that the sentences are for.
     seconds : float
-        What repetitions may take, all knobs together; the first run of each setting comes on top.
+        Time for the repetitions of all knobs, s, in addition to the first run of each setting.
     left_out : dict, optional
-        Handed through.
+        Passed on to the result.
     advance : callable, optional
-        Called once a setting.
+        Called once per setting.
     clock : callable
         As for `measure_knob`.
 
@@ -155,7 +155,7 @@ def run_knobs(
     """
     each = seconds / len(knobs)
     tables = [measure_knob(knob, seconds=each, advance=advance, clock=clock) for knob in knobs]
-    _need_any(tables)
+    _check_any_ran(tables)
     sentences = {
         knob.name: knob_sentence(knob.title, table, relative=relative)
         for knob, table in zip(knobs, tables, strict=True)

@@ -1,4 +1,4 @@
-"""Knobs of the contact models: which model, the solver's tolerance, rings, patterns of an ensemble."""
+"""The knobs for the contact models: model, residual of the solver, rings, random patterns."""
 
 from collections.abc import Callable, Iterator
 from functools import cache, partial
@@ -21,8 +21,8 @@ from contactimg.tradeoff.knobs import Knob, Setting
 
 Values = NDArray[np.float64]
 
-ANNULI = 8
-"""Annuli over which averages are compared."""
+COMPARED_RINGS = 8
+"""Number of rings around the apex over which averages are compared. Chosen by hand."""
 
 LEVELS = {
     "none": "uncoupled",
@@ -30,18 +30,18 @@ LEVELS = {
     "hertz": "coupled by Hertz's displacement alone",
     "full": "fully coupled",
 }
-"""Level of coupling -> what it is called."""
+"""Level of coupling -> name in the table."""
 
 TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
-CONVERGED = 1e-13
-"""Residual of the reference of the solver's tolerance."""
+CONVERGED_RESIDUAL = 1e-13
+"""Residual of the reference solution: rounding error."""
 
 RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
 PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
 
 
 def model_knob(case: Case) -> Knob:
-    """Which contact model: averages, levels of coupling, boundary elements."""
+    """The contact models: statistical models, levels of coupling, boundary elements."""
     reference = cache(lambda: _in_range(_solve(case, "full")))
     converged = f"the same asperities {LEVELS['full']}"
 
@@ -57,7 +57,7 @@ def model_knob(case: Case) -> Knob:
             partial(solve_average, case.scene, case.asperities, load=case.load, model=model),
             average_against_best,
             converged,
-            message="an average over patterns: its error holds the scatter of this one",
+            message="an average over patterns; its error includes the scatter of this pattern",
         )
         for model in ("gw", "gt")
     ]
@@ -73,15 +73,15 @@ def model_knob(case: Case) -> Knob:
 
 
 def _full_setting(case: Case) -> Setting:
-    """Full coupling, whose error is known from a pattern solved by boundary elements."""
+    """Full coupling; its error is that on a pattern solved by boundary elements."""
     truth = case.truth
 
     def error(_answer: InteractingSolution) -> float:
         if truth is None:
             raise InputError("no boundary-element solution is stored to compare with")
-        found = solve_scene(truth.scene, truth.asperities, load=truth.load, coupling="full")
+        solution = solve_scene(truth.scene, truth.asperities, load=truth.load, coupling="full")
         stored = (truth.force, truth.radius)
-        return relative_change(case.output, without=(found.force, found.radius), complete=stored)
+        return relative_change(case.output, without=(solution.force, solution.radius), complete=stored)
 
     return Setting(
         LEVELS["full"],
@@ -94,14 +94,14 @@ def _full_setting(case: Case) -> Setting:
 
 
 def _stored_reference(truth: BoundarySolution | None) -> str:
-    """What the stored boundary-element solution is called."""
+    """Name of the stored boundary-element solution in the table."""
     if truth is None:
         return "boundary elements"
     return f"boundary elements, grid 1 um, stored SA+ pattern at {truth.load:g} N"
 
 
 def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution]) -> Iterator[Setting]:
-    """Boundary elements on grids, and what the stored solution took."""
+    """Boundary elements on several grids, and the stored solution."""
     for points in GRIDS if case.fine else GRIDS[:2]:
 
         def run(points: int = points) -> tuple[Values, Values]:
@@ -130,19 +130,19 @@ def _boundary_settings(case: Case, reference: Callable[[], InteractingSolution])
 
 
 def contact_change(output: str, answer: InteractingSolution, reference: InteractingSolution) -> float:
-    """Relative error of the output of a solution by contacts."""
+    """Relative error of the output of a solution."""
     pairs = [(solution.force, solution.radius) for solution in (answer, reference)]
     return relative_change(output, without=pairs[0], complete=pairs[1])
 
 
 def _ring_change(case: Case, rings: RingSolution, reference: InteractingSolution) -> float:
-    """Relative error of the output of averages against those of a solution by contacts."""
+    """Relative error of a statistical solution against the averages of a solution with single contacts."""
     centre = case.scene.need("indenter", "averages").apex
     rows = reference.touching
     if not rows.size:
-        raise InputError("nothing is in contact")
+        raise InputError("there is no contact to average; increase the load")
     farthest = float(np.hypot(reference.x[rows] - centre[0], reference.y[rows] - centre[1]).max())
-    edges = np.linspace(0.0, farthest, ANNULI + 1)
+    edges = np.linspace(0.0, farthest, COMPARED_RINGS + 1)
     return average_change(
         case.output,
         answer=average_rings(rings, edges=edges),
@@ -151,28 +151,28 @@ def _ring_change(case: Case, rings: RingSolution, reference: InteractingSolution
 
 
 def _solve(case: Case, coupling: str, *, tolerance: float | None = None) -> InteractingSolution:
-    """The scene's contact problem at a level of coupling."""
+    """Solve the contact problem of the scene at a level of coupling."""
     if case.asperities is None:
         raise InputError("the scene has no asperities")
     return solve_scene(case.scene, case.asperities, load=case.load, coupling=coupling, tolerance=tolerance)
 
 
 def _in_range(solution: InteractingSolution) -> InteractingSolution:
-    """The solution, if the model has one to give: the planes between the asperities must not touch."""
+    """The solution; raise if the planes between the asperities touch."""
     if solution.validity.planes_touch:
         raise ModelRangeError(f"{solution.validity.messages()[-1]}; lower the load")
     return solution
 
 
 def solver_knob(case: Case) -> Knob:
-    """The solver's tolerance, on the coupling by point forces."""
-    reference = cache(lambda: _in_range(_solve(case, "asymptotic", tolerance=CONVERGED)))
+    """The residual of the solver, with coupling by point forces."""
+    reference = cache(lambda: _in_range(_solve(case, "asymptotic", tolerance=CONVERGED_RESIDUAL)))
     settings = tuple(
         Setting(
             f"residual {tolerance:.0e}",
             partial(_solve, case, "asymptotic", tolerance=tolerance),
             lambda answer: contact_change(case.output, answer, reference()),
-            f"the same equations to a residual of {CONVERGED:.0e}",
+            f"the same equations to a residual of {CONVERGED_RESIDUAL:.0e}",
         )
         for tolerance in TOLERANCES
     )
@@ -180,7 +180,7 @@ def solver_knob(case: Case) -> Knob:
 
 
 def ring_knob(case: Case) -> Knob:
-    """The number of rings of Greenwood-Tripp."""
+    """The number of rings of the Greenwood-Tripp model."""
 
     def solve(rings: int) -> RingSolution:
         return solve_average(case.scene, case.asperities, load=case.load, model="gt", rings=rings)
@@ -189,7 +189,7 @@ def ring_knob(case: Case) -> Knob:
 
     def error(answer: RingSolution) -> float:
         converged = reference()
-        edges = np.linspace(0.0, float(converged.r[-1]), ANNULI + 1)
+        edges = np.linspace(0.0, float(converged.r[-1]), COMPARED_RINGS + 1)
         return average_change(
             case.output,
             answer=average_rings(answer, edges=edges),
@@ -203,20 +203,20 @@ def ring_knob(case: Case) -> Knob:
 
 
 def pattern_knob(case: Case) -> Knob:
-    """The number of random patterns whose mean is taken."""
+    """The number of random patterns that are averaged."""
     counts = (*PATTERNS, *MORE_PATTERNS) if case.fine else PATTERNS
     most = counts[-1]
     averages = cache(lambda: _pattern_averages(case, most))
 
     def scatter() -> float:
         """Root mean square of the errors of single patterns against the mean of all."""
-        found = averages()
+        patterns = averages()
         mean = Average(
-            float(np.mean([one.area for one in found])),
-            np.mean([one.loads for one in found], axis=0),
-            float(np.mean([one.mean_radius for one in found])),
+            float(np.mean([one.area for one in patterns])),
+            np.mean([one.loads for one in patterns], axis=0),
+            float(np.mean([one.mean_radius for one in patterns])),
         )
-        errors = [average_change(case.output, answer=one, reference=mean) for one in found]
+        errors = [average_change(case.output, answer=one, reference=mean) for one in patterns]
         return float(np.sqrt(np.mean(np.square(errors)) * most / (most - 1)))
 
     spread = cache(scatter)
@@ -225,7 +225,7 @@ def pattern_knob(case: Case) -> Knob:
             f"{count} pattern" + "s" * (count > 1),
             partial(_pattern_averages, case, count),
             lambda answer: spread() / np.sqrt(len(answer)),
-            f"mean of all such patterns (standard error, from the scatter of {most})",
+            f"mean of all such patterns (standard error from the scatter of {most})",
         )
         for count in counts
     )
@@ -233,21 +233,21 @@ def pattern_knob(case: Case) -> Knob:
 
 
 def _pattern_averages(case: Case, count: int) -> list[Average]:
-    """Averages over the contacts of each of so many random patterns of the scene's kind."""
+    """Averages over the contacts of each of ``count`` random patterns."""
     return [_pattern_average(case, index) for index in range(count)]
 
 
 def _pattern_average(case: Case, index: int) -> Average:
-    """Averages over the contacts of one of them."""
+    """Averages over the contacts of one random pattern."""
     indenter = case.scene.need("indenter", "averages")
     rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
     solution = solve_scene(case.scene, _draw_pattern(case, rng), load=case.load, coupling="asymptotic")
-    edges = np.linspace(0.0, max(_sides(case)) / 2, 4 * ANNULI + 1)
+    edges = np.linspace(0.0, max(_sides(case)) / 2, 4 * COMPARED_RINGS + 1)
     return average_contacts(solution, centre=indenter.apex, edges=edges)
 
 
 def _sides(case: Case) -> tuple[float, float]:
-    """Sides of the pattern, m."""
+    """Lengths of the sides of the pattern, m."""
     section = case.scene.need("asperities", "averages")
     if section.generate is not None or case.asperities is None:
         return section.side, section.side
@@ -255,7 +255,7 @@ def _sides(case: Case) -> tuple[float, float]:
 
 
 def _draw_pattern(case: Case, rng: np.random.Generator) -> pd.DataFrame:
-    """A new pattern: from the scene's generator, or its table with places moved around and caps exchanged."""
+    """Draw a pattern with the generator of the scene, or shift its table periodically and permute the caps."""
     section = case.scene.need("asperities", "a pattern")
     if section.generate is not None:
         return generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)

@@ -1,28 +1,28 @@
-"""What a knob's table says to a person."""
+"""Recommend a setting: the table of a knob in one sentence."""
 
 import math
 
 import pandas as pd
 
-DIGIT = 10.0
+DIGIT = 10.0  # factor on the error of one more digit
 
 OUTPUTS = {"area": "A", "force": "the forces", "radius": "the radii", "displacement": "a sum"}
 
-NOTHING = 0.02
-"""Extra time over the time that is called nothing."""
+NEGLIGIBLE_TIME_FRACTION = 0.02
+"""Relative extra time that is called none. Chosen by hand."""
 
 
 def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
-    """Which setting to take for a tolerance, what it costs, and what the next digit costs.
+    """The setting to use for a tolerance, its cost, and the cost of one more digit.
 
     Parameters
     ----------
     title : str
-        Of the knob.
+        Title of the knob.
     table : DataFrame
-        Of the schema `contactimg.tradeoff.knobs.TRADEOFF`, of one knob.
+        Rows of one knob, columns of `contactimg.tables.TRADEOFF`.
     relative : float
-        The tolerance.
+        Relative error that is allowed.
 
     Examples
     --------
@@ -46,13 +46,13 @@ def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
 
 
 def _cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
-    """The first setting of the front, by time, within an error."""
+    """The fastest setting within an error."""
     within = front[front["error"] <= error]
     return None if within.empty else within.iloc[0]
 
 
 def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
-    """What a tenth of the error costs: of the tolerance, or of what has been reached if that is less."""
+    """The cost of a tenth of the tolerance, or of the error that is already reached."""
     goal = relative / DIGIT
     better = _cheapest(front, goal)
     if better is not None and better["setting"] == chosen["setting"]:
@@ -64,25 +64,25 @@ def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
         more = f", at best {_described(best)}" if best["setting"] != chosen["setting"] else ""
         return f"no setting gives the next digit{more}"
     ratio = float(better["time_s"] / chosen["time_s"])
-    cost = "at no extra time" if ratio < 1 + NOTHING else f"{ratio:.2g} times the time"
+    cost = "at no extra time" if ratio < 1 + NEGLIGIBLE_TIME_FRACTION else f"{ratio:.2g} times the time"
     return f"the next digit takes {_described(better)}, {cost}"
 
 
 def _described(row: pd.Series) -> str:
-    """A setting with its error, where that is of another pattern with it, and its time."""
+    """A setting with its error and time, and a note if the error is that of the stored pattern."""
     where = " on the stored pattern" if "stored" in str(row.get("reference", "")) else ""
     return f"{row['setting']} ({error_text(row['error'])}{where}, {time_text(row['time_s'])})"
 
 
 def error_text(error: float) -> str:
-    """A relative error in per cent, two digits; small ones as a power of ten."""
+    """A relative error in per cent with two digits; a small one as a power of ten."""
     if error == 0:
         return "no error"
     return f"{100 * error:.2g} %" if error >= 1e-6 else f"{error:.0e}"
 
 
 def time_text(seconds: float) -> str:
-    """A time in the unit that fits, two digits."""
+    """A time with two digits in min, s, ms or us."""
     if math.isnan(seconds):
         return "no time"
     for unit, size in (("min", 60.0), ("s", 1.0), ("ms", 1e-3)):

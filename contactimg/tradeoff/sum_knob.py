@@ -1,4 +1,4 @@
-"""Knob of the coupling sums over many contacts: the accuracy asked of the non-uniform FFT."""
+"""The knob for coupling sums over many contacts: the accuracy of the non-uniform FFT."""
 
 from functools import cache, partial
 
@@ -15,16 +15,16 @@ Values = NDArray[np.float64]
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-9)
 POINTS, MORE_POINTS = 20_000, 200_000
-CHECKED = 400
-"""Points whose sums are compared with direct ones."""
+CHECKED_POINTS = 400
+"""Number of points at which the sums are compared with direct ones. Chosen to bound the time."""
 
 
 def sum_knob(case: Case) -> Knob:
-    """Accuracy of one sum over points spread at random, as many as a matrix could not hold."""
+    """Accuracy of one sum over random points, too many for a stored matrix."""
     count = MORE_POINTS if case.fine else POINTS
     rng = np.random.default_rng(0)
     x, y, force = rng.random(count), rng.random(count), rng.random(count)
-    checked = rng.choice(count, CHECKED, replace=False)
+    checked = rng.choice(count, CHECKED_POINTS, replace=False)
     direct = cache(lambda: _direct_sum(x, y, force, checked))
 
     def error(answer: Values) -> float:
@@ -36,7 +36,7 @@ def sum_knob(case: Case) -> Knob:
             f"accuracy {accuracy:.0e}",
             partial(_sum_once, x, y, force, accuracy),
             error,
-            f"direct sums at {CHECKED} of {count} points",
+            f"direct sums at {CHECKED_POINTS} of {count} points",
             message="set-up and one sum",
         )
         for accuracy in ACCURACIES
@@ -45,13 +45,13 @@ def sum_knob(case: Case) -> Knob:
 
 
 def _sum_once(x: Values, y: Values, force: Values, accuracy: float) -> Values:
-    """Displacements by forces, the set-up included."""
+    """Displacements by forces, including the set-up."""
     return FastCoupling(x, y, Kernel.of_thickness(np.inf), accuracy).displacement(force)
 
 
 @njit(cache=True)
 def _direct_sum(x, y, force, rows):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
-    """``sum_j q_j/(pi r_ij)`` over all other points, at some of them."""
+    """``sum_j q_j/(pi r_ij)`` over all other points, for the given rows."""
     total = np.zeros(rows.size)
     for k in range(rows.size):
         i = rows[k]
