@@ -1,4 +1,11 @@
-"""The only room that touches files: frames, scenes and tables in, tables, frames and output folders out."""
+"""Read and write files; no other room touches them.
+
+In: frames, scenes, tables and calibrations. Out: tables, frames, figures and output folders.
+
+Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format, decoded by
+`tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `output` (the folder of a run), `runs`
+(its provenance), `calibrations`, `atomic` and `figures`.
+"""
 
 from contactimg.files.atomic import replacing, write_json, write_text
 from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, shares_frames

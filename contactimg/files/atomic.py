@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Write files completely or not at all."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from contactimg.timings import stage
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """A temporary name in the same folder, which replaces ``path`` when the block ends without an error.
+    """Yield a temporary path in the same folder; it replaces ``path`` if the block ends without an error.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 def _umask() -> int:
-    """The process's mask of file permissions; mkstemp ignores it."""
+    """The file permission mask of the process, which mkstemp ignores."""
     mask = os.umask(0)
     os.umask(mask)
     return mask
@@ -62,7 +62,7 @@ def _umask() -> int:
 
 @stage("writing")
 def write_text(text: str, path: str | Path) -> None:
-    r"""Write text as UTF-8 with line ends ``\n``, whole or not at all."""
+    r"""Write text as UTF-8 with line ends ``\n``, completely or not at all."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")
 
@@ -73,15 +73,15 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     Parameters
     ----------
     data : mapping
-        What to write.
+        Data to write.
     path : str or Path
-        The file appears whole or not at all.
+        The file, written completely or not at all.
     """
     write_text(json.dumps(_plain(data), indent=2, ensure_ascii=True) + "\n", path)
 
 
 def _plain(value: Any) -> Any:
-    """The value in JSON's own types."""
+    """The value with JSON types only."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set):

@@ -1,4 +1,4 @@
-"""``calibration.json``: what a calibration found, read back with its rules."""
+"""Read ``calibration.json``, the result of a calibration."""
 
 import json
 import math
@@ -12,7 +12,7 @@ CALIBRATION_FILE = "calibration.json"
 
 
 def read_calibration(path: str | Path) -> dict[str, Any]:
-    """Read what `calibrate` wrote.
+    """Read the result of `calibrate`.
 
     Parameters
     ----------
@@ -22,12 +22,12 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        Of each number ``{"value": , "std": , "unit": }`` and how it came about.
+        For each number ``{"value": , "std": , "unit": }``, and how it was obtained.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is no JSON object, or a number in it is no number.
+        If the file cannot be read, is no JSON object, or a value in it is no number.
 
     Examples
     --------
@@ -57,7 +57,7 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
 
 
 def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:
-    """Whether a calibration was made on one of these inputs' frames (as `provenance` lists them)."""
+    """Whether a calibration used one of the frames among these inputs (as `provenance` lists them)."""
     digests = [
         {
             entry.get("sha256")

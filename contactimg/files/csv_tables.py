@@ -1,4 +1,4 @@
-"""CSV in and out: errors name file, row and column; numbers keep every digit."""
+"""Read and write CSV tables; errors name file, row and column, and numbers keep every digit."""
 
 import csv
 import io
@@ -16,12 +16,12 @@ from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
 from contactimg.timings import stage
 
-_BLOCK = 50_000  # rows converted at once: text takes some twenty times the memory of numbers
+_BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
 _SEPARATORS = (",", ";", "\t")
-_SIZE_SHOWN = 60
+_SHOWN_CHARACTERS = 60  # of a cell or header in a message
 
-HIGHEST = 0.01
-"""Height, m, that no asperity under a microscope reaches."""
+MAX_ASPERITY_HEIGHT = 0.01
+"""Height in m above which a value is taken to be in another unit. Chosen by hand."""
 
 
 @stage("reading")
@@ -37,15 +37,15 @@ def read_table(
     Parameters
     ----------
     path : str or Path
-        UTF-8 text with a header, with or without a byte order mark. Separated by commas, semicolons or tabs,
-        whichever the header has; without commas as separators a decimal comma is understood (European Excel).
+        UTF-8 text with a header. Cells are separated by commas, semicolons or tabs, whichever the header has
+        most; with semicolons or tabs a decimal comma is accepted.
     schema : Schema
         The columns to read; others in the file are ignored, and blank lines are skipped.
     required : collection of str, optional
-        Columns that must be there and hold a value in every row; default: every column must be
-        there, cells may be empty.
+        Columns that must be present with a value in every row. By default all columns must be present, and
+        cells may be empty.
     infinite : bool
-        True to accept ``inf``.
+        Whether ``inf`` is accepted.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def read_table(
     Raises
     ------
     InputError
-        One sentence with the file, and the line and column of the first cell that breaks a rule.
+        With the file, and the line and column of the first cell that is not valid.
     """
     path, text = Path(path), _read_text(path)
     separator = _separator(text)
@@ -68,7 +68,7 @@ def read_table(
     try:
         header = [name.strip() for name in next(rows, (1, []))[1]]
         _check_header(rules, header)
-        while block := list(islice(rows, _BLOCK)):
+        while block := list(islice(rows, _BLOCK_ROWS)):
             blocks.append(_convert(rules, header, block))
     except csv.Error as error:
         raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
@@ -77,7 +77,7 @@ def read_table(
 
 @dataclass(frozen=True)
 class _Rules:
-    """What a file must hold: columns, those that must have a value in every row, and how to read a cell."""
+    """The rules for a file: columns, those that need a value in every row, and the parser of each column."""
 
     path: Path
     schema: Schema
@@ -86,7 +86,7 @@ class _Rules:
 
 
 def _read_text(path: str | Path) -> str:
-    """The text of a file, with bytes that are not UTF-8 kept as they are (file names may hold them)."""
+    """The text of a file; bytes that are not UTF-8 are kept (they occur in file names)."""
     try:
         data = Path(path).read_bytes()
     except OSError as error:
@@ -97,7 +97,7 @@ def _read_text(path: str | Path) -> str:
 
 
 def _separator(text: str) -> str:
-    """What separates the cells of the header."""
+    """The separator of the cells in the header."""
     header = text.lstrip("\r\n").partition("\n")[0]
     return max(_SEPARATORS, key=header.count)
 
@@ -106,14 +106,14 @@ def _check_header(rules: _Rules, header: list[str]) -> None:
     """Raise for a repeated, misspelt (capitals) or missing column."""
     for name in header:
         if name in rules.schema.columns and header.count(name) > 1:
-            raise InputError(f"{rules.path}: column {name} is there {header.count(name)} times; keep one")
+            raise InputError(f"{rules.path}: column {name} occurs {header.count(name)} times; keep one")
         for right in rules.schema.columns:
             if name.lower() == right.lower() and name != right:
                 raise InputError(f"{rules.path}: column {name!r} must be written {right!r}")
     needed = rules.schema.columns if rules.required is None else rules.required
     for name in needed:
         if name not in header:
-            given = ", ".join(header)[:_SIZE_SHOWN] or "nothing"
+            given = ", ".join(header)[:_SHOWN_CHARACTERS] or "nothing"
             raise InputError(
                 f"{rules.path}: column {name} is missing; "
                 f"the header must name {', '.join(needed)}, got {given}"
@@ -121,7 +121,7 @@ def _check_header(rules: _Rules, header: list[str]) -> None:
 
 
 def _convert(rules: _Rules, header: list[str], block: list[tuple[int, list[str]]]) -> pd.DataFrame:
-    """A block of numbered text rows as a table."""
+    """Convert numbered rows of text to a table."""
     for line, row in block:
         if len(row) != len(header):
             raise InputError(
@@ -136,7 +136,7 @@ def _convert(rules: _Rules, header: list[str], block: list[tuple[int, list[str]]
 
 
 def _parse_column(rules: _Rules, name: str, cells: list[tuple[int, str]]) -> list[object]:
-    """The values of a column's numbered cells, or an error that names the first bad one."""
+    """The values of a column; the error names the first cell that is not valid."""
     values, parse, required = [], rules.parse[name], name in (rules.required or ())
     for line, cell in cells:
         try:
@@ -144,13 +144,13 @@ def _parse_column(rules: _Rules, name: str, cells: list[tuple[int, str]]) -> lis
                 raise ValueError("must have a value")
             values.append(parse(cell))
         except ValueError as error:
-            got = cell[:_SIZE_SHOWN]
+            got = cell[:_SHOWN_CHARACTERS]
             raise InputError(f"{rules.path}: line {line}, column {name} {error}, got {got!r}") from None
     return values
 
 
 def _parsers(schema: Schema, *, decimal_comma: bool, infinite: bool) -> dict[str, Callable[[str], object]]:
-    """How to read a cell of each column."""
+    """The parser of each column."""
 
     def number(cell: str) -> float:
         return _parse_number(cell.replace(",", ".") if decimal_comma else cell, infinite=infinite)
@@ -174,7 +174,7 @@ def _parse_number(cell: str, *, infinite: bool) -> float:
 
 
 def _parse_count(cell: str) -> object:
-    """An integer, also where a spreadsheet wrote it with decimals; an empty cell is NA."""
+    """An integer, also if written with decimals; an empty cell is NA."""
     if not cell.strip():
         return pd.NA
     if cell.strip().lstrip("+-").isdecimal():
@@ -201,18 +201,18 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     path : str or Path
         CSV with columns ``frame, load_N`` and, if measured, ``friction_N, velocity_m_s``; others are ignored.
     pulled : bool
-        True where a negative load has a meaning: adhesion bears a pull.
+        Whether negative loads are allowed (tension on an adhesive contact).
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.LOADS`; loads in N, one row a frame.
+        Columns of `contactimg.tables.LOADS`; loads in N, one row per frame.
 
     Raises
     ------
     InputError
-        For a missing column, a cell that is no finite number, a negative load where none may be, or a frame
-        that is there twice.
+        For a missing column, a cell that is no finite number, a negative load that is not allowed, or a
+        repeated frame.
     """
     table = read_table(path, LOADS, required=("frame", "load_N"))
     table["frame"] = table["frame"].str.strip()
@@ -221,7 +221,7 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
         row = negative.iloc[0]
         raise InputError(
             f"{path}: load_N of {row['frame']} must not be negative, got {row['load_N']}; "
-            "only an adhesive contact (`calibrate jkr`) bears a pull"
+            "only an adhesive contact (`calibrate jkr`) carries a negative load"
         )
     _check_unique(path, table, ["frame"])
     return table
@@ -243,8 +243,8 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     Raises
     ------
     InputError
-        For a missing column, a cell that is no finite number, a radius that is not positive, a height that
-        only another unit explains, an empty table, or two asperities in the same place.
+        For a missing column, a cell that is no finite number, a radius that is not positive, a height
+        above `MAX_ASPERITY_HEIGHT`, an empty table, or two asperities at the same position.
     """
     table = read_table(path, ASPERITIES, required=tuple(ASPERITIES.columns))
     if table.empty:
@@ -253,10 +253,11 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
         check_asperities(table)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    high = table.index[table["height_m"].abs() > HIGHEST]
+    high = table.index[table["height_m"].abs() > MAX_ASPERITY_HEIGHT]
     if len(high):
         raise InputError(
-            f"{path}: asperities: row {high[0]}, column 'height_m' must be metres, at most {HIGHEST:g}, got "
+            f"{path}: asperities: row {high[0]}, column 'height_m' must be metres, at most "
+            f"{MAX_ASPERITY_HEIGHT:g}, got "
             f"{float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
         )
     _check_unique(path, table, ["x_m", "y_m"])
@@ -275,7 +276,7 @@ def read_topography(path: str | Path) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.TOPOGRAPHY`, m; an uncertainty that is not stated is NaN.
+        Columns of `contactimg.tables.TOPOGRAPHY`, m; an uncertainty that is not given is NaN.
 
     Raises
     ------
@@ -300,12 +301,12 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     Parameters
     ----------
     table : DataFrame
-        Rows of the schema; a column that is not given is empty.
+        Rows of the schema; missing columns are written empty.
     schema : Schema
         The columns and their order.
     path : str or Path
-        UTF-8, commas, line ends ``\n``. Numbers have the fewest digits that give back the same float; NaN and
-        NA are empty cells; flags are names joined by ``|``.
+        UTF-8 with commas and line ends ``\n``. Numbers have the fewest digits that restore the same float;
+        NaN and NA are empty cells; flags are names joined by ``|``.
 
     Raises
     ------

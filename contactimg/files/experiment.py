@@ -26,7 +26,7 @@ SCENE_FILE = "scene.toml"
 
 _LOADS_FILE = "loads.csv"
 _REFERENCE_STEM = "reference"
-_NAMES_SHOWN = 3
+_NAMES_SHOWN = 3  # in a message
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,17 +36,17 @@ class Experiment:
     Attributes
     ----------
     scene : Scene
-        What was asked for.
+        The description of the experiment.
     reference : FrameSource or None
         The non-contact frame; None if the scene names none.
     frames : tuple of FrameSource
         The frames in order, without the reference.
     loads : DataFrame
-        Columns of `contactimg.tables.LOADS`, one row a frame in the same order; NaN where no load is known.
+        Columns of `contactimg.tables.LOADS`, one row per frame in the same order; NaN without a load.
     asperities : DataFrame or None
         Columns of `contactimg.tables.ASPERITIES`; None if the scene names no table.
     inputs : tuple of Path
-        Every file that a result depends on, once.
+        Every file that a result depends on.
     """
 
     scene: Scene
@@ -57,7 +57,7 @@ class Experiment:
     inputs: tuple[Path, ...]
 
     def load_of(self, name: str) -> float:
-        """Load P (N) of the frame of this name, NaN if it is not known."""
+        """Load P (N) of the frame with this name, NaN without one."""
         loads = self.loads.loc[self.loads["frame"] == name, "load_N"]
         return float(loads.iloc[0]) if len(loads) else math.nan
 
@@ -119,7 +119,7 @@ def write_scene(data: Mapping[str, object], path: str | Path) -> None:
 
 
 def named_file(name: str, folder: Path) -> Path:
-    """The file that ``name``, or ``name[k]`` for one of its images, stands for; it need not exist.
+    """The file named by ``name``, or by ``name[k]`` for one of its images; it need not exist.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def named_file(name: str, folder: Path) -> Path:
 
 
 def is_reference(path: Path) -> bool:
-    """True for a file called ``reference``, whatever its extension: it is no frame unless named as one.
+    """True for a file called ``reference``: it is no frame unless the scene names it as one.
 
     Examples
     --------
@@ -150,7 +150,7 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     scene : Scene
         From `read_scene`, or from a dict with the folder given.
     pulled : bool
-        True where a negative load has a meaning; see `read_loads`.
+        Whether negative loads are allowed; see `read_loads`.
 
     Returns
     -------
@@ -160,7 +160,7 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     Raises
     ------
     InputError
-        If a named file is missing or breaks a rule, no frame is found, or no load belongs to any frame.
+        If a named file is missing or not valid, there is no frame, or no load belongs to a frame.
     """
     reference = _find_reference(scene)
     frames = _find_frames(scene, reference)
@@ -179,7 +179,7 @@ def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
 
 
 def read_scene_loads(scene: Scene) -> list[float]:
-    """The loads (N) of the table that a scene names or has beside it, none without one; see `read_loads`."""
+    """The loads (N) in the table of a scene or in loads.csv beside it, if there is one; see `read_loads`."""
     path = _loads_file(scene)
     return [] if path is None else read_loads(path, pulled=True)["load_N"].dropna().tolist()
 
@@ -229,7 +229,7 @@ def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSourc
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
     if dropped:
         logger.warning(
-            "%s: %s is not measured as a frame; name the reference in the scene, or it among the frames",
+            "%s: %s is not measured as a frame; name the reference in the scene, or list it among the frames",
             folder,
             _some(dropped),
         )
@@ -245,19 +245,19 @@ def _loads_file(scene: Scene) -> Path | None:
 
 
 def _align_loads(path: Path | None, frames: list[FrameSource], *, pulled: bool) -> pd.DataFrame:
-    """One row a frame; what does not fit together is logged, and an error if nothing fits."""
+    """One row per frame; mismatches are logged, and it is an error if no load belongs to a frame."""
     names = [frame.name for frame in frames]
     if path is None:
         return LOADS.conform({"frame": names})
     loads = read_loads(path, pulled=pulled)
-    known, present = set(loads["frame"]), set(names)
-    if not known & present:
+    with_load, present = set(loads["frame"]), set(names)
+    if not with_load & present:
         raise InputError(
             f"{path}: none of its frames ({_some(loads['frame'])}) is among the frames read ({_some(names)})"
         )
     for text, missing in (
         ("has loads for frames that are not there", [name for name in loads["frame"] if name not in present]),
-        ("has no load for the frames", [name for name in names if name not in known]),
+        ("has no load for the frames", [name for name in names if name not in with_load]),
     ):
         if missing:
             logger.warning("%s %s: %s", path, text, _some(missing))

@@ -1,4 +1,4 @@
-"""Figures as files."""
+"""Write figures to files."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from contactimg.timings import stage
 
 @stage("pictures")
 def write_figure(ax: Axes, path: str | Path) -> None:
-    """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), whole or not at all.
+    """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), completely or not at all.
 
     Parameters
     ----------
@@ -27,6 +27,6 @@ def write_figure(ax: Axes, path: str | Path) -> None:
     """
     figure = ax.get_figure(root=True)
     if not isinstance(figure, Figure):
-        raise InputError(f"{path}: these axes belong to no figure")
+        raise InputError(f"{path}: the axes belong to no figure; draw them on one")
     with replacing(path) as part:
         figure.savefig(part, format=Path(path).suffix.removeprefix("."))

@@ -1,4 +1,4 @@
-"""From the pixels that a decoder hands over to one grey-level image of a dtype that `Frame` takes."""
+"""Convert decoded pixels to one grey level per pixel, in a dtype of `Frame`."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 LUMA = np.array([0.299, 0.587, 0.114])
-"""Weights of red, green and blue (ITU-R BT.601, as in OpenCV); their sum is 1, so stored grey is kept."""
+"""Weights of red, green and blue: ITU-R BT.601, as in OpenCV.
 
-# what each stored dtype becomes: the smallest dtype of a Frame that holds every value exactly
+Their sum is 1, so grey stored as colour is kept.
+"""
+
+# stored dtype -> smallest dtype of a Frame that holds every value exactly
 _EXACT = {
     "uint8": "uint8",
     "uint16": "uint16",
@@ -23,18 +26,18 @@ _EXACT = {
 
 
 class UnsupportedPixelsError(ValueError):
-    """Pixels that do not mean a grey level in any way contactimg knows."""
+    """Pixels that cannot be converted to grey levels."""
 
 
 class Pixels(NamedTuple):
-    """What a decoder returns: grey (rows, columns) or colour (rows, columns, 3), and the full scale."""
+    """The result of a decoder: grey (rows, columns) or colour (rows, columns, 3), and the full scale."""
 
     array: NDArray
     full_scale: float | None
 
 
 def to_grey(array: NDArray) -> NDArray:
-    """One grey level a pixel, ``0.299 R + 0.587 G + 0.114 B``, unrounded.
+    """Convert to one grey level per pixel, ``0.299 R + 0.587 G + 0.114 B``, unrounded.
 
     Parameters
     ----------

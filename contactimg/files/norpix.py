@@ -1,4 +1,4 @@
-"""Norpix sequences (``.seq``), uncompressed monochrome: the format of StreamPix."""
+"""Read Norpix sequences (``.seq`` of StreamPix), uncompressed monochrome."""
 
 import struct
 from dataclasses import dataclass

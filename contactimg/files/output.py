@@ -1,4 +1,4 @@
-"""A run's output folder: complete or as it was before, with its provenance."""
+"""The output folder of a run: written completely or not at all, with its provenance."""
 
 import logging
 import shutil
@@ -22,42 +22,42 @@ _STAGING = ".contactimg.part"
 
 
 class OutputFolder:
-    """The output folder of one run, complete or as it was before.
+    """The output folder of one run, written completely or not at all.
 
-    Inside the ``with`` block files are written to a hidden folder within it; a block that ends without an
-    error moves them to their places.
+    Inside the ``with`` block files are written to a hidden folder; they are moved to their places when the
+    block ends without an error.
 
     Parameters
     ----------
     path : str or Path
-        Created if need be. It must be new, empty, or hold output of contactimg only.
+        Created if needed. It must be new, empty, or contain output of contactimg.
     record : mapping
         From `provenance`; written as provenance.json together with the names of the files of the run.
     main_files : sequence of str
-        Files that this run will write for certain: if another command's run wrote one of them there, the
-        folder is refused before any work is done.
+        Files that this run will certainly write. If another command wrote one of them there, the folder is
+        refused before any work is done.
 
     Attributes
     ----------
     path : Path
-        Where the results will be.
+        The output folder.
     folder : Path
-        Where to write them inside the block.
+        The folder to write to inside the block.
 
     Raises
     ------
     InputError
-        If the folder cannot be written, holds files but no run, another run is writing into it, or a run of
-        another command wrote files there that this one would replace.
+        If the folder cannot be written, contains files but no run, is being written by another run, or
+        contains files of another command that this run would replace.
 
     Notes
     -----
-    A run that fails leaves the folder as it was. A run that succeeds replaces the earlier one: files which
-    the earlier run wrote and this one did not are deleted. Runs of different commands share a folder as long
-    as they write different files: the record of the last one is at the top of provenance.json, those of the
-    others under ``beside``. Files that no run wrote (notes, figures) stay, and
-    if a new file has the name of one, that one is kept with ``.bak`` added to its name. The lock is the
-    operating system's and ends with the process, so a killed run does not block the next.
+    A run that fails leaves the folder as it was. A run that succeeds replaces the earlier one of the same
+    command: files that only the earlier run wrote are deleted. Different commands can share a folder if they
+    write different files; the record of the last one is at the top of provenance.json, the others are under
+    ``beside``. Files that no run wrote stay; if a new file has the same name, the old one is renamed with
+    ``.bak``. The lock belongs to the operating system and ends with the process, so a killed run does not
+    block the next one.
 
     Examples
     --------
@@ -113,7 +113,7 @@ class OutputFolder:
             self._release()
 
     def _check_contents(self) -> None:
-        """Raise if the folder holds files but no run, or runs whose files this one would replace."""
+        """Raise if the folder contains files but no run, or files of another command to be replaced."""
         visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
         if visible and not self._records():
             raise InputError(
@@ -142,7 +142,7 @@ class OutputFolder:
 
     @stage("writing")
     def _commit(self) -> None:
-        """Move the new files to their places, delete what only the earlier run wrote, record both."""
+        """Move the new files to their places, delete those of the earlier run only, write the record."""
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
         records = self._records()
@@ -158,7 +158,7 @@ class OutputFolder:
         write_json(top | ({"beside": others} if others else {}), self.path / PROVENANCE_FILE)
 
     def _place(self, file: Path, *, foreign: bool) -> None:
-        """Move one file to its place; a file there that no run wrote is kept under another name."""
+        """Move one file to its place; rename a file there that no run wrote."""
         target = self.path / file
         target.parent.mkdir(parents=True, exist_ok=True)
         if foreign and target.exists():
@@ -168,9 +168,9 @@ class OutputFolder:
         (self.folder / file).replace(target)
 
     def _release(self) -> None:
-        """Remove the hidden files, and folders that are still empty, and give the folder free."""
+        """Remove the hidden files and the folders that are still empty, and release the lock."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        with suppress(OSError):  # Windows does not delete an open file; the lock does it then
+        with suppress(OSError):  # Windows does not delete an open file
             (self.path / _LOCK).unlink()
         self._lock.release()
         self._remove_created()
@@ -189,7 +189,7 @@ def _files_of(record: Mapping[str, Any]) -> set[Path]:
 
 
 def _task(record: Mapping[str, Any]) -> str:
-    """The kind of run: program, command and what it calibrates, without what they were applied to."""
+    """The kind of run: program, command and, for a calibration, its kind."""
     words = str(record.get("command", "")).split()
     return " ".join(words[: 3 if words[1:2] == ["calibrate"] else 2])
 

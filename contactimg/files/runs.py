@@ -1,4 +1,4 @@
-"""How a result came about: the record that every output folder holds, and reading a run back with it."""
+"""The provenance of a result, and reading a run back from its output folder."""
 
 import hashlib
 import importlib.metadata
@@ -23,7 +23,7 @@ from contactimg.tables import CONTACTS, FRAMES
 from contactimg.timings import stage
 
 SCHEMA_VERSION = 1
-"""Raised when a column or key is added to the output; names are never changed."""
+"""Increased when a column or key is added to the output; names are never changed."""
 
 PROVENANCE_FILE = "provenance.json"
 
@@ -36,18 +36,18 @@ def provenance(
     options: Mapping[str, Any] | None = None,
     inputs: Iterable[Path] = (),
 ) -> dict[str, Any]:
-    """How a result came about.
+    """Record how a result was made.
 
     Parameters
     ----------
     command : str
-        The command, as typed.
+        The command line.
     scene : Scene, optional
-        Recorded with every key, defaults included.
+        Recorded with all keys, including defaults.
     options : mapping, optional
         Settings that are not in the scene.
     inputs : iterable of Path
-        Files read; recorded with size and SHA-256.
+        Files that were read; recorded with size and SHA-256.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def provenance(
 
 
 def relative_to_output(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The record with the scene's folder also relative to the output folder: both can move together."""
+    """Add the folder of the scene relative to the output folder, so that both can be moved together."""
     configuration = dict(record.get("configuration", {}))
     if "scene_folder" in configuration:
         with suppress(ValueError):  # on another drive
@@ -130,16 +130,16 @@ def read_records(folder: Path) -> list[dict[str, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class RunFolder:
-    """What `process` or `predict` wrote, read back.
+    """The output of `process` or `predict`.
 
     Attributes
     ----------
     folder : Path
-        Where it was read.
+        The output folder.
     contacts, frames : DataFrame
         Columns of `contactimg.tables.CONTACTS` (flags as numbers) and `contactimg.tables.FRAMES`.
     scene : Scene or None
-        The scene of the run, with every key.
+        The scene of the run, with all keys.
     provenance : dict
         The record of the run in provenance.json.
     """
@@ -152,7 +152,7 @@ class RunFolder:
 
     @property
     def command(self) -> str:
-        """The command that made the run, ``process`` or ``predict``; empty if the record does not say."""
+        """The command that made the run, ``process`` or ``predict``; empty if not recorded."""
         words = str(self.provenance.get("command", "")).split()
         return words[1] if len(words) > 1 else ""
 
@@ -196,7 +196,7 @@ def read_run(folder: str | Path) -> RunFolder:
 
 
 def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene | None:
-    """The scene of a run; its folder is found again if it was moved together with the run's folder."""
+    """The scene of a run; it may have been moved together with the output folder."""
     data = configuration.get("scene")
     if data is None:
         return None
@@ -206,7 +206,7 @@ def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene | None:
 
 
 def _scene_folder(folder: Path, configuration: dict[str, Any]) -> str:
-    """Where the scene's files are: at the recorded place, or where they were relative to the run's folder."""
+    """The folder of the scene: as recorded, or else relative to the output folder."""
     recorded = str(configuration.get("scene_folder", "."))
     relative = configuration.get("scene_folder_relative")
     if Path(recorded).is_dir() or relative is None:

@@ -1,4 +1,4 @@
-"""Where frames come from: one small record an image, and the lists and lazy series made of them."""
+"""Find and read frames of any format: lists of sources, and series that read each frame on demand."""
 
 import glob
 import os
@@ -31,7 +31,7 @@ SUFFIXES = tuple(_DECODERS)
 
 @dataclass(frozen=True)
 class FrameSource:
-    """Where one frame is; it holds no pixel, so it is cheap to list, to pickle and to send to a worker.
+    """The file and page of one frame, without its pixels; cheap to list and to send to a worker process.
 
     Attributes
     ----------
@@ -40,9 +40,9 @@ class FrameSource:
     path : Path
         The file.
     index : int
-        Number of the page or image in the file, from 0, thumbnails counted.
+        Number of the page or image in the file, from 0, including thumbnails.
     full_scale : float or None
-        Grey level at which the sensor saturates, where it is known better than from the file.
+        Grey level at which the sensor saturates, if the file does not state it.
     """
 
     name: str
@@ -87,7 +87,7 @@ def _decoder(path: Path) -> ModuleType:
 
 
 def _checked(path: Path) -> Path:
-    """The path, if it is a file with something in it."""
+    """The path; raise if it is a folder or an empty file."""
     if path.is_dir():
         raise ValueError("it is a folder, not a file")
     if path.stat().st_size == 0:
@@ -96,7 +96,7 @@ def _checked(path: Path) -> Path:
 
 
 def _reason(error: Exception) -> str:
-    """The first line of what a library says, or the kind of error where it says nothing."""
+    """The first line of an error message, or the type of the error if the message is empty."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     if isinstance(error, MemoryError):
@@ -106,7 +106,7 @@ def _reason(error: Exception) -> str:
 
 
 def natural_key(text: PathLike) -> tuple[list[str | int], str]:
-    """Sort key under which ``frame_2`` comes before ``frame_10``.
+    """Sort key that places ``frame_2`` before ``frame_10``.
 
     Examples
     --------
@@ -127,18 +127,17 @@ def list_frames(
     Parameters
     ----------
     path : path-like or iterable of path-like
-        A folder gives its image files (hidden files, sub-folders and other files are passed over); a glob
-        gives the image files it matches; both in natural order. A list keeps its own order. A file with
-        several images gives them all.
+        A folder gives its image files (without hidden files and sub-folders), a glob the image files that
+        match; both in natural order. A list keeps its order. A file with several images gives all of them.
     folder : path-like
-        What relative paths are relative to.
+        Folder that relative paths refer to.
     full_scale : float, optional
-        Grey level at which the sensor saturates, if known better than from the files.
+        Grey level at which the sensor saturates, if the files do not state it.
 
     Returns
     -------
     list of FrameSource
-        A file that cannot be read is listed; reading it raises, and the others are not concerned.
+        A file that cannot be read is listed as well; reading it raises an error.
 
     Raises
     ------
@@ -162,18 +161,18 @@ def list_frames(
 
 
 def _files(folder: Path, entry: PathLike) -> list[Path]:
-    """The image files that one path or glob stands for."""
+    """The image files of one path or glob."""
     path = folder / entry
     if path.is_dir():
-        found = [file for file in path.iterdir() if is_image(file)]
-        return _sorted_or_none(found, f"{path} holds no image file")
+        files = [file for file in path.iterdir() if is_image(file)]
+        return _sort_files(files, f"{path} holds no image file")
     if path.exists():
         _decoder(path)
         return [path]
     if glob.has_magic(os.fspath(entry)):
         matches = glob.glob(os.fspath(entry), root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
-        found = [folder / match for match in matches if is_image(folder / match)]
-        return _sorted_or_none(found, f"{path} matches no image file")
+        files = [folder / match for match in matches if is_image(folder / match)]
+        return _sort_files(files, f"{path} matches no image file")
     raise InputError(f"{path}: there is no such file or folder")
 
 
@@ -182,20 +181,20 @@ def is_image(path: Path) -> bool:
     return path.suffix.lower() in _DECODERS and not path.name.startswith(".") and path.is_file()
 
 
-def _sorted_or_none(found: list[Path], complaint: str) -> list[Path]:
-    """The files in natural order; none is an error."""
-    if not found:
+def _sort_files(files: list[Path], complaint: str) -> list[Path]:
+    """The files in natural order; raise if there is none."""
+    if not files:
         raise InputError(f"{complaint}; looked for {', '.join(SUFFIXES)}")
-    return sorted(found, key=lambda path: natural_key(path.as_posix()))
+    return sorted(files, key=lambda path: natural_key(path.as_posix()))
 
 
 def _images(path: Path) -> list[FrameSource]:
-    """The images of one file; a file that cannot be opened counts as one, which will fail when it is read."""
+    """The images of one file; a file that cannot be opened is listed once and fails when it is read."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             numbers = _decoder(path).list_images(_checked(path))
-    except Exception:  # any failure is told when the image is read
+    except Exception:  # reported when the image is read
         numbers = range(1)
     if len(numbers) <= 1:
         return [FrameSource(path.name, path, index) for index in numbers or range(1)]
@@ -203,7 +202,7 @@ def _images(path: Path) -> list[FrameSource]:
 
 
 def _check_names(sources: Sequence[FrameSource]) -> None:
-    """Raise if two frames have the same name: no table could tell them apart."""
+    """Raise if two frames have the same name."""
     name, count = Counter(source.name for source in sources).most_common(1)[0]
     if count > 1:
         paths = [str(source.path) for source in sources if source.name == name]
@@ -211,12 +210,12 @@ def _check_names(sources: Sequence[FrameSource]) -> None:
 
 
 class FrameSeries(Sequence[Frame]):
-    """Frames in order, each read when it is asked for and not kept.
+    """Frames in order; each is read on demand and not kept.
 
     Parameters
     ----------
     sources : iterable of FrameSource
-        Where the frames are.
+        The sources of the frames.
     """
 
     def __init__(self, sources: Iterable[FrameSource]) -> None:
@@ -251,7 +250,7 @@ class FrameSeries(Sequence[Frame]):
 
 
 def read_frames(path: PathLike | Iterable[PathLike]) -> FrameSeries:
-    """The frames of a folder, a glob, a file or a list of these, as a sequence that reads each when asked.
+    """The frames of a folder, a glob, a file or a list of these, as a sequence that reads each on demand.
 
     Parameters
     ----------
@@ -262,8 +261,8 @@ def read_frames(path: PathLike | Iterable[PathLike]) -> FrameSeries:
     Returns
     -------
     FrameSeries
-        ``len``, ``names``, indexing and iteration; memory of one frame however long the series. Reading a bad
-        file raises `FrameError` for that frame only.
+        With ``len``, ``names``, indexing and iteration; holds one frame in memory. A bad file raises
+        `FrameError` when its frame is read.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""PNG, JPEG and BMP: one image a file, told apart by their first bytes."""
+"""Read PNG, JPEG and BMP, one image per file, recognised by the first bytes."""
 
 import io
 from pathlib import Path
@@ -14,7 +14,7 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def list_images(path: Path) -> range:  # noqa: ARG001 (every decoder has the same two functions)
-    """Image 0 alone: these formats hold no more."""
+    """Image 0 only: these formats hold one image."""
     return range(1)
 
 

@@ -1,4 +1,4 @@
-"""TIFF: pages of any bit depth, byte order, compression and photometric meaning; lossless writing."""
+"""Read TIFF pages of any bit depth, byte order, compression and photometric type; write TIFF losslessly."""
 
 import logging
 import struct
@@ -23,7 +23,7 @@ _complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=Non
 
 
 def _collect(record: logging.LogRecord) -> bool:
-    """Filter of tifffile's logger: inside `_opened` a record is collected, not printed."""
+    """Filter of the logger of tifffile: inside `_opened` records are collected instead of printed."""
     complaints = _complaints.get()
     if complaints is None:
         return True
@@ -33,7 +33,7 @@ def _collect(record: logging.LogRecord) -> bool:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
-    """The open file, and what tifffile would log in this thread meanwhile."""
+    """The open file, and the messages that tifffile logs in this thread."""
     with path.open("rb") as file:
         if file.read(4) not in _SIGNATURES:
             raise ValueError("the content is not that of a TIFF image")
@@ -50,9 +50,9 @@ def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
 
 
 def list_images(path: Path) -> list[int]:
-    """Numbers of the pages that are images in their own right, not thumbnails or masks.
+    """Numbers of the pages that are images, not thumbnails or masks.
 
-    Where the chain of pages breaks off, one number more stands for the pages that are lost.
+    If the chain of pages is broken, one more number stands for the lost pages.
     """
     with _opened(path) as (tif, complaints):
         if _undivided(tif) > 1:
@@ -76,7 +76,7 @@ def read_image(path: Path, index: int) -> Pixels:
 
 
 def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
-    """True if the chain of pages reaches this one; the pages after it are not looked at."""
+    """True if the chain of pages contains this one; later pages are not read."""
     try:
         return tif.pages[index] is not None
     except IndexError:
@@ -111,7 +111,7 @@ def _check_complete(page: tifffile.TiffPage, size: int) -> None:
 
 
 def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
-    """Grey or red-green-blue, as the page's photometric tag says."""
+    """Grey or red-green-blue, according to the photometric tag of the page."""
     if array.ndim > 2 and "S" not in page.axes:
         raise UnsupportedPixelsError(f"an image with axes {page.axes} is not a plane of pixels")
     bits = _bits(page)
@@ -152,7 +152,7 @@ def _is_colour(page: tifffile.TiffPage) -> bool:
 
 
 def _has_alpha(page: tifffile.TiffPage) -> bool:
-    """True if the last channel is said to be transparency."""
+    """True if the last channel is declared as transparency."""
     return bool(page.extrasamples) and page.extrasamples[-1] in (
         tifffile.EXTRASAMPLE.ASSOCALPHA,
         tifffile.EXTRASAMPLE.UNASSALPHA,
@@ -160,7 +160,7 @@ def _has_alpha(page: tifffile.TiffPage) -> bool:
 
 
 def _bits(page: tifffile.TiffPage) -> int:
-    """Bits of a sample, also where the tag lists one number a channel."""
+    """Bits per sample; the tag may list one number per channel."""
     return int(np.max(page.bitspersample))
 
 
@@ -172,7 +172,7 @@ def _apply_palette(colormap: NDArray, array: NDArray) -> NDArray:
 
 
 def _sensor_scale(page: tifffile.TiffPage, full_scale: float | None) -> float | None:
-    """Full scale: MaxSampleValue where it is that of an n-bit camera, else that of the stored bits."""
+    """Full scale: MaxSampleValue if it is that of an n-bit camera, else that of the stored bits."""
     tag = page.tags.get(_MAX_SAMPLE_VALUE)
     if full_scale is None or tag is None:
         return full_scale
@@ -190,12 +190,12 @@ def write_frame(frame: Frame, path: Path) -> None:
     frame : Frame
         Pixels and full scale; the name is not stored.
     path : Path
-        The file appears whole or not at all.
+        The file, written completely or not at all.
 
     Notes
     -----
-    The full scale of integers (4095 for 12 bits in 16) is stored as MaxSampleValue, where the reader looks
-    for it. The same frame always gives the same bytes.
+    The full scale of integers (4095 for 12 bits in 16) is stored as MaxSampleValue, which the reader uses.
+    The same frame always gives the same bytes.
     """
     scale, integer = frame.full_scale, frame.image.dtype.kind == "u"
     tags = [(_MAX_SAMPLE_VALUE, "H", 1, int(scale), True)] if integer and scale is not None else []

@@ -1,4 +1,4 @@
-"""AVI and other videos, through OpenCV."""
+"""Read AVI and other videos with OpenCV."""
 
 import os
 import threading
@@ -14,7 +14,7 @@ _lock = threading.Lock()  # stderr belongs to the whole process
 
 
 def list_images(path: Path) -> range:
-    """Numbers of the images; where the container does not say how many there are they are counted."""
+    """Numbers of the images; they are counted if the container does not state their number."""
     with _opened(path) as video:
         count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         if count > 0:
@@ -53,7 +53,7 @@ def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Nothing on stderr: OpenCV and FFmpeg write there past Python, and FFmpeg takes its level only once."""
+    """Suppress stderr, to which OpenCV and FFmpeg write directly."""
     with _lock, Path(os.devnull).open("wb") as nowhere:
         stderr = os.dup(2)
         os.dup2(nowhere.fileno(), 2)

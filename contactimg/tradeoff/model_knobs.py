@@ -255,7 +255,7 @@ def _sides(case: Case) -> tuple[float, float]:
 
 
 def _draw_pattern(case: Case, rng: np.random.Generator) -> pd.DataFrame:
-    """Draw a pattern with the generator of the scene, or shift its table periodically and permute the caps."""
+    """Draw a pattern with the generator of the scene, or shift its table and permute the caps."""
     section = case.scene.need("asperities", "a pattern")
     if section.generate is not None:
         return generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)

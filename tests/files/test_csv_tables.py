@@ -85,7 +85,7 @@ def test_asperities(tmp_path):
 
 
 def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_tables, "_BLOCK", 7)
+    monkeypatch.setattr(csv_tables, "_BLOCK_ROWS", 7)
     lines = [f"f{k}.tif,{k / 7!r}" for k in range(50)]
     loads = loads_of(tmp_path, "frame,load_N\n" + "\n".join(lines))
     assert loads["load_N"].tolist() == [k / 7 for k in range(50)]
@@ -108,7 +108,7 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
         ("", "column frame is missing; the header must name frame, load_N, got nothing"),
         ("frame,LOAD_N\na,1\n", "column 'LOAD_N' must be written 'load_N'"),
         ("frame,load_N,Friction_n\na,1,2\n", "column 'Friction_n' must be written 'friction_N'"),
-        ("frame,load_N,load_N\na,1,2\n", "column load_N is there 2 times; keep one"),
+        ("frame,load_N,load_N\na,1,2\n", "column load_N occurs 2 times; keep one"),
         ("frame,load_N\na,1\n\nb,0.1 N\n", "line 4, column load_N must be a number, got '0.1 N'"),
         ("frame,load_N\na,1_000\n", "line 2, column load_N must be a number, got '1_000'"),
         ("frame;load_N\na;1.234,5\n", "line 2, column load_N must be a number, got '1.234,5'"),
@@ -127,7 +127,7 @@ def test_long_tables_are_read_in_blocks(tmp_path, monkeypatch):
             "frame,load_N\na,0.1\nb,-0.1\n",
             (
                 "load_N of b must not be negative, got -0.1; "
-                "only an adhesive contact (`calibrate jkr`) bears a pull"
+                "only an adhesive contact (`calibrate jkr`) carries a negative load"
             ),
         ),
         ("frame,load_N\na,0.1\nb,0.2\na,0.3\n", "frame a is there more than once; keep one row"),
