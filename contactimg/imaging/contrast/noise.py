@@ -1,8 +1,9 @@
 """Noise of the difference image: how large, how it grows with the level, and how it is correlated.
 
-What the reference cannot take out of the surface's texture stays in the difference as noise that neighbouring
-pixels share. The Fisher information of independent pixels then promises too much; the sum over pairs of
-pixels of their covariance, seen through the rim that determines a radius, gives the factor.
+The texture of the surface that the reference does not remove is noise that neighbouring pixels share. The
+Fisher information of independent pixels then understates the uncertainty of a radius. The sum over all pairs
+of pixels of their covariance, weighted by the derivative of the disk with respect to its radius, gives the
+factor.
 """
 
 from dataclasses import dataclass
@@ -18,16 +19,34 @@ from contactimg.imaging.pixels.robust import median, robust_std
 from contactimg.timings import stage
 
 LARGEST_LAG = 10
-"""Distance of pixels up to which their covariance is measured, px."""
+"""Distance of pixels up to which their covariance is measured, px. Chosen by hand; sensitivity not
+measured."""
 
-NODES, SHARPEST = 256, 4.0  # wave numbers, up to so many over the blur
-RADII = np.geomspace(0.3, 45.0, 12)  # blur widths; the widest rim oscillates 30 times over the wave numbers
-LAGS = np.arange(0.0, 25.0, 0.02)  # blur widths
-SAMPLE = 20_000  # pixels looked at, which give the noise to 0.6 %
-LAGGED = 240_000  # pixels whose covariance with others is looked at
-ENOUGH = 300  # pixels that give a variance to 8 %
-RUN = 2 * LARGEST_LAG  # rows in succession, whose partners below are for the most part the same
-CLIP = 4.0  # robust standard deviations beyond which a pixel is dirt, not noise
+WAVE_NUMBERS, LARGEST_WAVE_NUMBER = 256, 4.0
+"""Nodes of the integral over wave numbers, and its upper end over the inverse blur: ``exp(-k^2)`` is 1e-7
+there."""
+RADII = np.geomspace(0.3, 45.0, 12)
+"""Tabulated radii, blur widths; the derivative of the widest disk oscillates 30 times over the wave
+numbers."""
+LAGS = np.arange(0.0, 25.0, 0.02)
+"""Tabulated distances of two pixels, blur widths."""
+SAMPLE_PIXELS = 20_000
+"""Background pixels that give the noise: to 0.6 %."""
+COVARIANCE_PIXELS = 240_000
+"""Background pixels that give the covariance."""
+LEAST_PIXELS = 300
+"""Least number of pixels that give a variance: to 8 % (theory: sqrt(2/n))."""
+ROW_RUN = 2 * LARGEST_LAG
+"""Successive rows that are read together, as most of their partners below are the same; affects the time
+alone."""
+CLIP_SIGMA = 4.0
+"""Standard deviations beyond which a background pixel is dirt. False-alarm rate 6e-5 (theory: normal
+noise)."""
+LEVEL_MARGIN = 0.03
+"""Distance of the model from the plateau, as a fraction of the contrast, up to which a pixel lies inside a
+contact."""
+LARGEST_SLOPE = 20.0
+"""Largest relative growth of the variance up to the plateau. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +58,7 @@ class Noise:
     variance : float
         Of a background pixel, squared grey levels.
     slope : float
-        Relative increase at full contrast: shot noise, and texture seen brighter through a contact.
+        Relative increase at full contrast: shot noise, and texture that a contact makes brighter.
     """
 
     variance: float
@@ -61,7 +80,7 @@ class NoiseCorrelation:
     def rim_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
     ) -> NDArray[np.float64]:
-        """Factor by which the variance of a radius exceeds that for independent pixels.
+        """Ratio of the variance of a radius to that for independent pixels.
 
         Parameters
         ----------
@@ -75,7 +94,7 @@ class NoiseCorrelation:
         Notes
         -----
         The derivative of a blurred disk with respect to its radius has the spectrum ``J0(k a) exp(-k^2
-        s^2/2)``; its autocorrelation weighs the covariance of two pixels a lag apart.
+        s^2/2)``; its autocorrelation is the weight of the covariance of two pixels at that distance.
         """
         return self._inflation(radius / blur, blur, noise, 0.5, gain, _rim_autocorrelation())
 
@@ -102,14 +121,14 @@ class NoiseCorrelation:
 @lru_cache(maxsize=1)
 def _rim_autocorrelation() -> NDArray[np.float64]:
     """Of the derivative with respect to the radius: a row for each of `RADII`, over `LAGS`."""
-    k = (np.arange(NODES) + 0.5) * (SHARPEST / NODES)
+    k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
     return _autocorrelation(k, special.j0(np.outer(RADII, k)))
 
 
 @lru_cache(maxsize=1)
 def _plateau_autocorrelation() -> NDArray[np.float64]:
     """Of the derivative with respect to the contrast."""
-    k = (np.arange(NODES) + 0.5) * (SHARPEST / NODES)
+    k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
     ka = np.outer(RADII, k)
     return _autocorrelation(k, special.j1(ka) / ka)
 
@@ -131,10 +150,10 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     background : ndarray of bool
         Background blocks, see `contactimg.imaging.pixels.blocks`.
     """
-    every = max(int(np.sqrt(image.size / SAMPLE)), 1)
+    every = max(int(np.sqrt(image.size / SAMPLE_PIXELS)), 1)
     sample = sample_background(image, background, (every, every))
-    if len(sample) < ENOUGH:
-        # no background to look at: neighbouring pixels differ by the noise of both
+    if len(sample) < LEAST_PIXELS:
+        # no background: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
         return float(1.4826 * median(difference) / np.sqrt(2)) if difference.size else 0.0
     return robust_std(sample)
@@ -153,27 +172,29 @@ def measure_slope(
     Parameters
     ----------
     image, model : ndarray, shape (rows, columns)
-        Difference image and what was fitted to it.
+        Difference image, and the fitted model.
     contrast, variance : float
         Plateau, and variance of a background pixel.
     default : float
-        Returned where no contact is wide enough to look inside.
+        Returned if no contact is wide enough.
     """
     for every in (8, 1):
-        inside = _inside(image[::every], model[::every], np.float32(contrast), np.float32(0.03 * contrast))
-        if len(inside) >= 10 * ENOUGH:
+        inside = _inside(
+            image[::every], model[::every], np.float32(contrast), np.float32(LEVEL_MARGIN * contrast)
+        )
+        if len(inside) >= 10 * LEAST_PIXELS:
             break
-    if len(inside) < ENOUGH:
+    if len(inside) < LEAST_PIXELS:
         return default
-    return float(np.clip(robust_std(inside) ** 2 / variance - 1.0, 0.0, 20.0))
+    return float(np.clip(robust_std(inside) ** 2 / variance - 1.0, 0.0, LARGEST_SLOPE))
 
 
 @njit(cache=True)
 def _inside(image, model, contrast, margin):
-    """What the model leaves over where it is close to the contrast."""
+    """Residuals where the model is close to the plateau."""
     rows, columns = image.shape
     out = np.empty(image.size, np.float32)
-    # bytes in a vectorised pass over the row, then looked at eight at a time
+    # a vectorised pass writes bytes, which are then read eight at a time
     mask = np.zeros((columns // 8 + 1) * 8, np.uint8)
     words = mask.view(np.uint64)
     count = 0
@@ -191,7 +212,7 @@ def _inside(image, model, contrast, margin):
 
 @njit(cache=True)
 def _compare(row, level, margin, mask):
-    """1 where a row is close to a level, in vector instructions."""
+    """Set the mask where a row is close to a level; vectorised."""
     for x in range(len(row)):
         mask[x] = abs(row[x] - level) < margin
 
@@ -208,7 +229,7 @@ def measure_correlation(
     Parameters
     ----------
     image, model : ndarray, shape (rows, columns)
-        Difference image and what was fitted to it.
+        Difference image, and the fitted model.
     background : ndarray of bool
         Background blocks.
     noise : float
@@ -216,12 +237,12 @@ def measure_correlation(
     """
     side = side_of(background.shape, image.shape)
     wide = background.repeat(side, axis=1)[:, : image.shape[1]]
-    return NoiseCorrelation(_covariance(image, model, wide, side, np.float32(CLIP * noise)))
+    return NoiseCorrelation(_covariance(image, model, wide, side, np.float32(CLIP_SIGMA * noise)))
 
 
 @njit(cache=True)
 def _covariance(image, model, background, side, clip):
-    """Covariance of pixels a lag apart, along and below some runs of rows of the background.
+    """Covariance of background pixels against distance along rows and columns, from a sample of the rows.
 
     ``background`` has a row for every ``side`` rows of the image, and all its columns.
     """
@@ -231,15 +252,15 @@ def _covariance(image, model, background, side, clip):
     counted, wide = np.empty(columns, np.float32), columns - LARGEST_LAG
     total, count = np.zeros(LARGEST_LAG + 1), np.zeros(LARGEST_LAG + 1)
     middle = 0.0
-    every = max(rows * columns // LAGGED, 1)
+    every = max(rows * columns // COVARIANCE_PIXELS, 1)
     for y in range(1, rows - LARGEST_LAG):
-        if (y // RUN) % every:
+        if (y // ROW_RUN) % every:
             continue
         seen = max(seen, y)
         while seen <= y + LARGEST_LAG:
             _clip(image, model, seen, clip, value, usual)
             seen += 1
-        # both ends of the longest lags in background blocks: so are, but for corners, the pixels between
+        # both ends of the longest lag lie in background blocks, hence nearly all pixels between
         _mark(background[y // side], background[(y + LARGEST_LAG) // side], counted)
         counted *= usual[y % size]
         here = counted * value[y % size]
@@ -255,7 +276,7 @@ def _covariance(image, model, background, side, clip):
 
 @njit(cache=True)
 def _mark(top, bottom, counted):
-    """Pixels of a row that are background, as those `LARGEST_LAG` further on and below."""
+    """Mark background pixels of a row with background `LARGEST_LAG` to the right and below."""
     counted[:] = 0.0
     for x in range(len(counted) - LARGEST_LAG):
         counted[x] = top[x] & bottom[x] & top[x + LARGEST_LAG]
@@ -263,7 +284,7 @@ def _mark(top, bottom, counted):
 
 @njit(cache=True, fastmath=True, forceinline=True)
 def _clip(image, model, row, clip, value, usual):
-    """What the model leaves over in a row, dirt set to zero, and where it is none; the buffers go round."""
+    """Residuals of a row with dirt set to zero, and where there is none, written to ring buffers."""
     levels, fitted = image[row], model[row]
     value, usual = value[row % len(value)], usual[row % len(usual)]
     for x in range(len(levels)):

@@ -6,8 +6,8 @@ power, i.e. in which it lies deepest. No pixel is lost, so the areas add up.
 
 A watershed of the distance transform (`skimage.segmentation.watershed`) is no better: on three rendered
 frames with 120 touching pairs it loses 7 pairs and adds 5 false contacts with its best markers (local maxima
-at least 2 px apart), where this loses 2 and adds none; the median error of the radii is 0.10 px for both, and
-it takes 60 ms instead of 4 ms of processor time.
+at least 2 px apart), where this loses 2 and adds none; the median error of the radii in pairs is 0.10 px for
+both (rms 0.16 px against 0.23 px here, with five more pairs), and it takes 60 ms instead of 4 ms.
 """
 
 import cv2

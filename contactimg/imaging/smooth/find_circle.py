@@ -1,7 +1,7 @@
-"""Where a wide contact's circle is, and means of the image about it.
+"""Find the circle of a wide contact roughly, and average the image along its edge.
 
-A rough circle comes from the outline at half contrast. Around it the image is averaged over narrow sectors
-and rings, to which `contactimg.imaging.smooth.fit_circle` fits the light across the edge.
+The rough circle follows the outline at half contrast. The image is averaged over narrow sectors and rings
+around it, to which `contactimg.imaging.smooth.fit_circle` fits the light across the edge.
 """
 
 from dataclasses import dataclass
@@ -15,12 +15,19 @@ from contactimg.errors import FrameError
 
 Values = NDArray[np.float64]
 
-SMALLEST_PX = 8.0  # radius below which a contact is no wide one
-SHORTEST_ARC = 0.25  # of the circumference that must be seen
-ROUNDNESS = 0.05  # of the radius: robust scatter of an outline that is no circle
-SECTORS = 72
-RING_PX = 0.5
-BORDER_PX = 3  # outline this close to the border is the border
+SMALLEST_RADIUS_PX = 8.0
+"""Radius below which a contact is too small to be the contact of a smooth sphere. Chosen by hand."""
+SHORTEST_ARC = 0.25
+"""Least fraction of the circumference that must be visible. Chosen by hand."""
+LARGEST_SCATTER = 0.05
+"""Robust scatter of the outline over the radius above which it is no circle. Chosen by hand."""
+SECTORS, RING_PX = 72, 0.5
+"""Number of sectors (5 degrees each) and width of the rings over which the image is averaged. Chosen by
+hand."""
+OUTLINE_BLUR_PX = 1.5
+"""Gaussian filter that closes holes and specks before the outline is drawn. Chosen by hand."""
+BORDER_PX = 3
+"""Distance from the border of the image below which an outline is the border."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ class Circle:
 
 @dataclass(frozen=True, eq=False)
 class EdgeSamples:
-    """Means of an image over sectors and rings about a rough circle; see `sample_edge`.
+    """Means of an image over sectors and rings around a rough circle, see `sample_edge`.
 
     Parameters
     ----------
@@ -65,8 +72,8 @@ class EdgeSamples:
     outline_px : float
         Radius of the outline at half contrast, film included.
     azimuth, distance, value, weight : ndarray, shape (n,)
-        Of each sample: direction (rad), distance from the rough circle's centre (px), mean grey level and
-        inverse standard deviation.
+        Of each sample: direction from the centre of the rough circle (rad), distance from it (px), mean grey
+        level, and inverse standard deviation.
     sector : ndarray of int, shape (n,)
         Number of its sector.
     """
@@ -120,24 +127,24 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
         & (outline[:, 1] < rows - BORDER_PX)
     )
     outline = outline[free]
-    if len(outline) < 2 * np.pi * SMALLEST_PX * SHORTEST_ARC:
+    if len(outline) < 2 * np.pi * SMALLEST_RADIUS_PX * SHORTEST_ARC:
         raise FrameError(f"the contact's edge is not in the field: {len(outline)} px of it are seen")
     x, y, radius = _circle_through(outline)
     distance = np.hypot(outline[:, 0] - x, outline[:, 1] - y)
     scatter = 1.4826 * float(np.median(np.abs(distance - np.median(distance))))
-    seen = len(np.unique(_sectors(np.arctan2(outline[:, 1] - y, outline[:, 0] - x)))) / SECTORS
-    if radius < SMALLEST_PX or not radius < 10 * max(rows, columns):
+    visible = len(np.unique(_sectors(np.arctan2(outline[:, 1] - y, outline[:, 0] - x)))) / SECTORS
+    if radius < SMALLEST_RADIUS_PX or not radius < 10 * max(rows, columns):
         raise FrameError(f"the widest contact has a radius of {radius:.3g} px: no wide smooth contact")
-    if seen < SHORTEST_ARC:
-        raise FrameError(f"only {seen:.0%} of the contact's edge are seen; {SHORTEST_ARC:.0%} are needed")
-    if scatter > ROUNDNESS * radius:
+    if visible < SHORTEST_ARC:
+        raise FrameError(f"only {visible:.0%} of the contact's edge are seen; {SHORTEST_ARC:.0%} are needed")
+    if scatter > LARGEST_SCATTER * radius:
         raise FrameError(f"the outline is no circle: its radius scatters by {scatter / radius:.0%}")
-    return Circle(x, y, radius, arc=seen)
+    return Circle(x, y, radius, arc=visible)
 
 
 def _outline(image: NDArray[np.float32], level: float) -> Values:
-    """Outer outline (x, y) of the largest region above a level, holes and specks closed."""
-    smooth = cv2.GaussianBlur(image, (0, 0), 1.5, borderType=cv2.BORDER_REPLICATE)
+    """Outer outline (x, y) of the largest region above a level after a Gaussian filter."""
+    smooth = cv2.GaussianBlur(image, (0, 0), OUTLINE_BLUR_PX, borderType=cv2.BORDER_REPLICATE)
     mask = (smooth > level).astype(np.uint8)
     contours, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not contours:
@@ -146,7 +153,7 @@ def _outline(image: NDArray[np.float32], level: float) -> Values:
 
 
 def _circle_through(points: Values) -> tuple[float, float, float]:
-    """Circle (x, y, radius) through points, distances weighted down where they are far off."""
+    """Circle (x, y, radius) through points in least squares with Cauchy weights, robust against outliers."""
     middle = points.mean(axis=0)
     shifted = points - middle
     design = np.column_stack([2 * shifted, np.ones(len(points))])
@@ -161,7 +168,7 @@ def _circle_through(points: Values) -> tuple[float, float, float]:
 
 
 def _sectors(azimuth: Values) -> NDArray[np.intp]:
-    """Number of the sector that each direction lies in."""
+    """Number of the sector of each direction."""
     return np.minimum(((azimuth / (2 * np.pi) + 0.5) * SECTORS).astype(np.intp), SECTORS - 1)
 
 
@@ -173,7 +180,7 @@ def sample_edge(
     noise: float,
     valid: NDArray[np.bool_] | None = None,
 ) -> EdgeSamples:
-    """Average an image over sectors and rings about a rough circle.
+    """Average an image over sectors and rings around a rough circle.
 
     Parameters
     ----------
@@ -190,7 +197,7 @@ def sample_edge(
     Returns
     -------
     EdgeSamples
-        Sectors whose edge is not in the image are left out.
+        Without the sectors whose edge is not in the image.
     """
     inside_px = min(outside_px, 0.8 * circle.radius_px)
     low, high = circle.radius_px - inside_px, circle.radius_px + outside_px

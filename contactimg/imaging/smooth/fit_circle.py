@@ -1,8 +1,9 @@
-"""The circle of a wide contact to a hundredth of a pixel.
+"""Fit the circle of a wide contact, to a hundredth of a pixel.
 
-The light across the edge, air film included (`contactimg.optics.wide_edge`), is fitted to means of the image
-over sectors and rings, all of them together: centre, radius, contrast, background, blur and a wide halo. Dust
-and scratches lose weight one by one, and the scatter of the sectors tells how well the radius is known.
+The light across the edge, air film included (`contactimg.optics.wide_edge`), is fitted to the means of the
+image over sectors and rings. Free are centre, radius, contrast, background, blur and a wide halo. A Cauchy
+loss reduces the weight of dust and scratches, and the scatter of the sectors gives the uncertainty of the
+radius.
 """
 
 from collections.abc import Sequence
@@ -21,23 +22,38 @@ from contactimg.optics.wide_edge import EdgeLight, edge_light
 
 Values = NDArray[np.float64]
 
-WIDEST_FILM_PX = 80.0  # beyond, fringes help no more
-OUTLIER = 3.0  # standard deviations from which a sample loses weight
-SCANNED = (-2.0, 4.0, 19)  # powers of two of the natural opening: from first to last, how many
-EARNED = 2.0  # by how much one number more must lower chi-square (Akaike)
+WIDEST_FILM_PX = 80.0
+"""Width of the film up to which its fringes are sampled. Chosen by hand."""
+OUTLIER_SIGMA = 3.0
+"""Residual at which the Cauchy loss halves the weight of a sample, standard deviations."""
+SCAN_OCTAVES = (-2.0, 4.0, 19)
+"""Openings that are tried: first and last power of two times the natural opening, and how many."""
+PARAMETER_COST = 2.0
+"""Decrease of chi-square that a further parameter must bring. Theory: Akaike,
+doi:10.1109/TAC.1974.1100705."""
 PASSES = 2
+"""Fits, the later ones without stray sectors."""
 WIDEST_BLUR_PX = 20.0
-HALO_START = (0.02, 5.0)  # share of the light that goes into a wide halo, and what it is wider than the blur
+"""Upper limit of the blur in the fit."""
+HALO_START = (0.02, 5.0)
+"""Fraction of the light in the halo, and width by which it exceeds the blur (px), from which the fit
+starts."""
 HALO_MOST, HALO_WIDTH_PX = 0.5, (2.0, 20.0)
-MODEL_ERROR = 1e-3  # of the contrast: what tables and straight lines leave out
-STRAY_SECTOR = 5.0  # robust standard deviations beyond which a sector is left out
-LINE_STEP_PX = 0.1  # a tenth of a pixel: linear interpolation of a line blurred by 1 px errs by 3e-4
-FAR_PX = 60.0  # room for the blur on both sides of the film: three times the widest
+"""Limits of the two in the fit."""
+MODEL_ERROR = 1e-3
+"""Of the contrast: error of the model through tables and straight edges."""
+STRAY_SECTOR_SIGMA = 5.0
+"""Robust standard deviations from the median beyond which a sector is left out. False-alarm rate 6e-7 a
+sector (theory: normal errors)."""
+LINE_STEP_PX = 0.1
+"""Step of the light across the edge: linear interpolation of a line blurred by 1 px errs by 3e-4."""
+FAR_PX = 60.0
+"""Length on both sides of the film for the blur: three times the widest."""
 
 
 @dataclass(frozen=True)
 class EdgeModel:
-    """What is known of the light at the edge: pixel size, sphere and lamp.
+    """What determines the light at the edge: pixel size, sphere and lamp.
 
     Parameters
     ----------
@@ -66,7 +82,7 @@ class EdgeModel:
 
 @dataclass(frozen=True, eq=False)
 class _Line:
-    """The film's light along a line across the edge, in its spectrum: blurring it is a product."""
+    """Spectrum of the light of the film along a line across the edge; a blur multiplies it."""
 
     grid: Values
     spectrum: NDArray[np.complex128]
@@ -118,7 +134,7 @@ def fit_circle(
     Raises
     ------
     FrameError
-        If too little of the edge is seen.
+        If too little of the edge is visible.
     """
     used = np.ones(len(samples.value), bool)
     for _ in range(PASSES):
@@ -128,7 +144,7 @@ def fit_circle(
         fitted = _fit(kept, model, opening, blur_px)
         offsets, azimuths, numbers = _sector_offsets(kept, fitted)
         spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
-        stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR * max(spread, 1e-6)
+        stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR_SIGMA * max(spread, 1e-6)
         if not stray.any():
             break
         used &= ~np.isin(samples.sector, numbers[stray])
@@ -144,7 +160,7 @@ def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
 def _fit(
     samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None, *, centred: bool = False
 ) -> _Fitted:
-    """Least squares for centre (unless centred), radius, contrast, background and blur, outliers tamed."""
+    """Robust least squares for centre (unless centred), radius, contrast, background, blur and halo."""
     rough = samples.circle
     high, low = np.percentile(samples.value, [90, 10])
     blur = float(np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
@@ -169,7 +185,7 @@ def _fit(
         start[free],
         bounds=(lowest[free], highest[free]),
         loss="cauchy",
-        f_scale=OUTLIER,
+        f_scale=OUTLIER_SIGMA,
         x_scale=[1.0, 1.0, 1.0, high - low, high - low, 1.0, 0.1, 2.0][free],
         xtol=1e-7,
         ftol=1e-7,
@@ -220,7 +236,7 @@ def _sector_offsets(samples: EdgeSamples, fitted: _Fitted) -> tuple[Values, Valu
     fall = (_profile(outside - step, p, line) - _profile(outside + step, p, line)) * (
         samples.weight / (2 * step)
     )
-    tame = 1 / (1 + (rest / OUTLIER) ** 2)
+    tame = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
     offset = np.bincount(inverse, tame * fall * rest) / np.bincount(inverse, tame * fall**2)
     azimuth = np.bincount(inverse, samples.azimuth) / np.bincount(inverse)
@@ -260,7 +276,7 @@ class Opening:
 
 
 def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
-    """How fast the film around wide contacts opens, from their images alone.
+    """Determine how fast the film around wide contacts opens, from their images alone.
 
     Parameters
     ----------
@@ -287,28 +303,28 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
         )
 
     scale = _natural_opening(means[0].circle.radius_px * model.pixel_size, model)
-    logs = np.linspace(*SCANNED)
+    logs = np.linspace(*SCAN_OCTAVES)
     best = int(np.argmin([cost(scale * 2.0**k, means[:1]) for k in logs]))
     bracket = (logs[max(best - 1, 0)], logs[min(best + 1, len(logs) - 1)])
     refined = optimize.minimize_scalar(
         lambda k: cost(scale * 2.0**k), bounds=bracket, method="bounded", options={"xatol": 0.02}
     )
     simple_cost, simple = min((cost(opening), opening) for opening in (0.0, np.inf))
-    # a number more has to earn itself
-    free_cost, free = float(refined.fun) + EARNED, scale * 2.0 ** float(refined.x)
+    # a further parameter must reduce chi-square by more than its cost
+    free_cost, free = float(refined.fun) + PARAMETER_COST, scale * 2.0 ** float(refined.x)
     (least, value), (more, rival) = sorted([(simple_cost, simple), (free_cost, free)])
     odds = float(np.exp(-0.5 * (more - least)))
     return Opening(value, rival, odds / (1 + odds))
 
 
 def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
-    """Samples averaged over all sectors, ring by ring, those far off left aside."""
+    """Samples averaged over all sectors ring by ring, without outliers."""
     ring = np.floor(samples.distance / RING_PX).astype(np.intp)
     ring -= ring.min()
     rings = pd.DataFrame({"ring": ring, "value": samples.value, "distance": samples.distance})
     rest = (rings["value"] - rings.groupby("ring")["value"].transform("median")).abs()
     spread = 1.4826 * rest.groupby(ring).transform("median")
-    rings = rings[rest <= OUTLIER * spread].groupby("ring")
+    rings = rings[rest <= OUTLIER_SIGMA * spread].groupby("ring")
     means, stds, count = rings.mean(), rings["value"].std(ddof=0), rings.size()
     there = count > SECTORS / 8
     error = np.sqrt((stds**2 + float(np.median(stds[there])) ** 2) / count)[there]
