@@ -5,6 +5,6 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
-from contact_frames import CAMERAS, Optics, expose, match, render, scatter
+from contact_frames import CAMERAS, Optics, coverage, expose, match, render, scatter, surface_texture
 
-__all__ = ["CAMERAS", "Optics", "expose", "match", "render", "scatter"]
+__all__ = ["CAMERAS", "Optics", "coverage", "expose", "match", "render", "scatter", "surface_texture"]
