@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.imaging.pixels.blocks import sample_background, side_of
-from contactimg.imaging.pixels.robust import median, robust_std
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, robust_std
 from contactimg.timings import stage
 
 LARGEST_LAG = 10
@@ -155,7 +155,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
     if len(sample) < LEAST_PIXELS:
         # no background: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
-        return float(1.4826 * median(difference) / np.sqrt(2)) if difference.size else 0.0
+        return float(MAD_TO_STD * median(difference) / np.sqrt(2)) if difference.size else 0.0
     return robust_std(sample)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from contactimg.errors import FrameError
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 
 Values = NDArray[np.float64]
 
@@ -131,7 +132,7 @@ def find_circle(image: NDArray[np.float32], plateau: float) -> Circle:
         raise FrameError(f"the contact's edge is not in the field: {len(outline)} px of it are seen")
     x, y, radius = _circle_through(outline)
     distance = np.hypot(outline[:, 0] - x, outline[:, 1] - y)
-    scatter = 1.4826 * float(np.median(np.abs(distance - np.median(distance))))
+    scatter = MAD_TO_STD * float(np.median(np.abs(distance - np.median(distance))))
     visible = len(np.unique(_sectors(np.arctan2(outline[:, 1] - y, outline[:, 0] - x)))) / SECTORS
     if radius < SMALLEST_RADIUS_PX or not radius < 10 * max(rows, columns):
         raise FrameError(f"the widest contact has a radius of {radius:.3g} px: no wide smooth contact")

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy import fft, optimize, special
 
 from contactimg.errors import FrameError
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.smooth.find_circle import RING_PX, SECTORS, SHORTEST_ARC, Circle, EdgeSamples
 from contactimg.optics.film import ExcessTable
@@ -143,7 +144,7 @@ def fit_circle(
             raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
         fitted = _fit(kept, model, opening, blur_px)
         offsets, azimuths, numbers = _sector_offsets(kept, fitted)
-        spread = 1.4826 * float(np.median(np.abs(offsets - np.median(offsets))))
+        spread = MAD_TO_STD * float(np.median(np.abs(offsets - np.median(offsets))))
         stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR_SIGMA * max(spread, 1e-6)
         if not stray.any():
             break
@@ -161,7 +162,6 @@ def _fit(
     samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None, *, centred: bool = False
 ) -> _Fitted:
     """Robust least squares for centre (unless centred), radius, contrast, background, blur and halo."""
-    rough = samples.circle
     high, low = np.percentile(samples.value, [90, 10])
     blur = float(np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
     line, radius = _film_about(samples.outline_px, model, opening, blur)
@@ -192,7 +192,13 @@ def _fit(
         max_nfev=50,
     )
     p = np.append(start[: free.start], fit.x)
-    circle = replace(
+    misfit = float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(fit.x), 1)))
+    return _Fitted(_fitted_circle(samples.circle, p, misfit), p, line)
+
+
+def _fitted_circle(rough: Circle, p: Values, misfit: float) -> Circle:
+    """The circle of the fitted numbers, which are relative to the centre of the rough one."""
+    return replace(
         rough,
         x_px=rough.x_px + float(p[0]),
         y_px=rough.y_px + float(p[1]),
@@ -200,9 +206,8 @@ def _fit(
         contrast=float(p[3]),
         background=float(p[4]),
         blur_px=float(np.sqrt(max(p[5] ** 2 - PIXEL_VARIANCE, 0.0))),
-        misfit=float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(fit.x), 1))),
+        misfit=misfit,
     )
-    return _Fitted(circle, p, line)
 
 
 def _film_about(outline_px: float, model: EdgeModel, opening: float, blur: float) -> tuple[_Line, float]:
@@ -323,7 +328,7 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
     ring -= ring.min()
     rings = pd.DataFrame({"ring": ring, "value": samples.value, "distance": samples.distance})
     rest = (rings["value"] - rings.groupby("ring")["value"].transform("median")).abs()
-    spread = 1.4826 * rest.groupby(ring).transform("median")
+    spread = MAD_TO_STD * rest.groupby(ring).transform("median")
     rings = rings[rest <= OUTLIER_SIGMA * spread].groupby("ring")
     means, stds, count = rings.mean(), rings["value"].std(ddof=0), rings.size()
     there = count > SECTORS / 8
