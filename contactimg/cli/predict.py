@@ -84,37 +84,24 @@ def predict(
 
     description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
     target = shared.output_path(output, description.folder)
-    options = {
-        "loads_N": list(loads),
-        "model": model,
-        "coupling": coupling,
-        "annulus_mm": annulus_mm,
-        "tolerance": tolerance,
-    }
+    options = {"loads_N": list(loads), "model": model, "coupling": coupling, "annulus_mm": annulus_mm}
     record = provenance(
         command=shared.command_line("predict"),
         scene=description,
-        options=options,
+        options=options | {"tolerance": tolerance},
         inputs=model_inputs(scene, description),
     )
+    annulus = annulus_mm * 1e-3
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         predictions = predict_loads(
-            description,
-            loads,
-            model=model,
-            coupling=coupling,
-            annulus=annulus_mm * 1e-3,
-            relative=tolerance,
+            description, loads, model=model, coupling=coupling, annulus=annulus, relative=tolerance
         )
         frames = write_predictions(predictions, description, out.folder)
         out.record["plans"] = plan_records(predictions)
     if not quiet:
-        echo_frames(
-            frames,
-            title=f"{scene}, model {model}" + (f", coupling {coupling}" if model == "interacting" else ""),
-        )
-        if tolerance is not None:
-            for prediction in predictions:
-                click.echo(choice_sentence(prediction, relative=tolerance))
+        level = f", coupling {coupling}" if model == "interacting" else ""
+        echo_frames(frames, title=f"{scene}, model {model}{level}")
+        for prediction in predictions if tolerance is not None else ():
+            click.echo(choice_sentence(prediction, relative=tolerance))
         click.echo(f"results in {target}")
     return int((frames["status"] == FAILED).any())
