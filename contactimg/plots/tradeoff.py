@@ -102,9 +102,8 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
         plot_knob(part, relative=relative, ax=ax)
     for ax in panels[len(groups) :]:
         ax.axis("off")
-        ax.legend(*panels[0].get_legend_handles_labels(), loc="center", frameon=False)
-    if len(panels) == len(groups):
-        panels[0].legend(fontsize="small", loc="best")
+    handles = panels[0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=2 * columns, fontsize="small", frameon=False)
     return panels[0]
 
 
