@@ -15,10 +15,41 @@ from scipy.spatial import KDTree
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.pose.pose import Pose
 
+MIN_PAIRS = 3
+"""Theory: two pairs determine a similarity; a third one tests it."""
+
+COMPLETE_FRACTION = 0.9
+"""The search ends with a pose that explains this fraction of the points. Chosen by hand; sensitivity not
+measured."""
+
+SIGNIFICANT_FRACTION = 0.5
+"""A pose must explain this fraction of the points to replace the guess. Chosen by hand; sensitivity not
+measured."""
+
+CHANCE_SIGMA = 5.0
+"""False-alarm rate: a pose must exceed the matches expected by chance by this many Poisson standard
+deviations."""
+
+POINTS_PER_VOTE = 3
+"""One point in this many must agree on a shift. Chosen by hand; sensitivity not measured."""
+
+OUTLIER_SIGMA = 5.0
+"""Distance of a pair, in robust standard deviations, beyond which it is dropped. Chosen by hand; sensitivity
+not measured."""
+
+MIN_REACH_PX = 0.25
+"""Lower limit of that distance: exact points have no scatter. Chosen by hand; sensitivity not measured."""
+
+MAD_TO_STD = 1.4826
+"""Theory: standard deviation over median absolute deviation of a normal distribution."""
+
+MAX_ITERATIONS = 50
+"""Rounds of pairing and fitting; the pairs usually settle after a few."""
+
 
 @dataclass(frozen=True)
 class PoseSearch:
-    """How far from the guess the true pose may be.
+    """Largest differences between the true pose and the guess.
 
     Parameters
     ----------
@@ -72,11 +103,10 @@ def fit_pose(
 ) -> PoseFit:
     """Find the camera's pose from measured contacts and the asperities they belong to.
 
-    The pairs are found by voting: for each rotation and scale of a grid around the guess, the differences
-    between points and targets are counted in a histogram of shifts, and the fullest cell is a candidate. The
-    candidates nearest to the guess are refined first, by least squares on one-to-one pairs, until one
-    explains nearly all points. The guess is kept, and said to be kept, when no candidate stands out from
-    chance.
+    The pairs are found by voting: for each rotation and scale on a grid around the guess, a histogram counts
+    the shifts between points and targets, and its fullest cell gives a candidate. Candidates are refined by
+    least squares on one-to-one pairs, those closest to the guess first, until one explains nearly all points.
+    If no candidate is significant, the guess is kept and ``fitted`` is False.
 
     Parameters
     ----------
@@ -87,7 +117,7 @@ def fit_pose(
     guess : Pose
         The pose as the scene states it.
     search : PoseSearch
-        How wrong the guess may be.
+        Largest errors of the guess.
 
     Returns
     -------
@@ -101,16 +131,17 @@ def fit_pose(
     spots = _complex(np.asarray(targets, float).reshape(-1, 2))
     gate = pairing_distance(_real(spots), guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
-    if len(points) < 3 or len(spots) < 3:
+    if len(points) < MIN_PAIRS or len(spots) < MIN_PAIRS:
         return best
     tree = KDTree(_real(spots))
     for start in _candidates(points, tree, guess, search, gate):
         fit = _refine(points, spots, guess, start, gate)
         if fit.n_matched > best.n_matched:
             best = fit
-        if best.n_matched >= 0.9 * len(points):
+        if best.n_matched >= COMPLETE_FRACTION * len(points):
             break
-    significant = best.n_matched >= max(3.0, 0.5 * len(points), best.chance + 5 * np.sqrt(best.chance))
+    by_chance = best.chance + CHANCE_SIGMA * np.sqrt(best.chance)
+    significant = best.n_matched >= max(MIN_PAIRS, SIGNIFICANT_FRACTION * len(points), by_chance)
     return best if significant else replace(best, pose=guess, fitted=False, length_relative_std=0.0)
 
 
@@ -167,7 +198,7 @@ def _vote(points: NDArray[np.complex128], tree: KDTree, reach: float, cell: floa
     i, j = np.unravel_index(int(count.argmax()), count.shape)
     peak = np.array([(x[i] + x[i + 1]) / 2, (y[j] + y[j + 1]) / 2])
     close = np.linalg.norm(shifts - peak, axis=1) < 1.5 * cell
-    if close.sum() < max(3.0, len(points) / 3):
+    if close.sum() < max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
         return None
     return complex(*np.median(shifts[close], axis=0))
 
@@ -179,19 +210,19 @@ def _refine(
     start: tuple[complex, complex, bool],
     gate: float,
 ) -> PoseFit:
-    """Least squares on one-to-one pairs, pairs and line in turn, until the pairs no longer change."""
+    """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
     alpha, beta, mirrored = start
     oriented, reach, pairs = _oriented(points, mirrored), 2 * gate, None
-    for _ in range(50):
+    for _ in range(MAX_ITERATIONS):
         i, j, distance = pair_points(_real(alpha * oriented + beta), _real(spots), max_distance=reach)
         now = (tuple(i), tuple(j))
-        if now == pairs or len(i) < 3:
+        if now == pairs or len(i) < MIN_PAIRS:
             break
         pairs = now
         design = np.column_stack([oriented[i], np.ones(len(i))])
         alpha, beta = np.linalg.lstsq(design, spots[j])[0]
-        # five robust standard deviations, but not below a quarter of a pixel: exact points have no scatter
-        reach = min(gate, max(5 * 1.4826 * float(np.median(distance)), 0.25 * guess.pixel_size))
+        robust_std = MAD_TO_STD * float(np.median(distance))
+        reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_REACH_PX * guess.pixel_size))
     area = np.ptp(spots.real) * np.ptp(spots.imag)
     chance = len(points) * len(spots) * np.pi * gate**2 / area if area > 0 else float(len(points))
     return PoseFit(
@@ -214,7 +245,7 @@ def _refine(
 def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) -> float:
     """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
     n = len(points)
-    if n < 3:
+    if n < MIN_PAIRS:
         return 0.0
     variance = float(np.sum(distance**2)) / (2 * n - 4)
     return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))

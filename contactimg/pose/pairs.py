@@ -8,6 +8,12 @@ from scipy.spatial import KDTree
 
 from contactimg.pose.pose import Pose
 
+PAIRING_FRACTION = 0.15
+"""Pairing distance over the median spacing of the targets. Chosen by hand; sensitivity not measured."""
+
+MIN_PAIRING_PX = 2.0
+"""Lower limit of the pairing distance. Chosen by hand; sensitivity not measured."""
+
 
 def pair_points(
     points: ArrayLike, targets: ArrayLike, *, max_distance: float
@@ -54,7 +60,7 @@ def pair_points(
 
 
 def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
-    """Distance (m) within which a contact belongs to a target: well below their spacing, two pixels at least.
+    """Largest distance (m) of a contact from its target: well below their spacing, at least two pixels.
 
     Parameters
     ----------
@@ -65,6 +71,6 @@ def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
     """
     points = np.asarray(targets, float).reshape(-1, 2)
     if len(points) < 2:
-        return 2 * pose.pixel_size
+        return MIN_PAIRING_PX * pose.pixel_size
     distance, _ = KDTree(points).query(points, k=2)
-    return max(0.15 * float(np.median(distance[:, 1])), 2 * pose.pixel_size)
+    return max(PAIRING_FRACTION * float(np.median(distance[:, 1])), MIN_PAIRING_PX * pose.pixel_size)

@@ -18,6 +18,7 @@ from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pose.fit import MAD_TO_STD
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES
 
@@ -229,7 +230,7 @@ def _weighted_mean(
 ) -> tuple[NDArray[np.float64], float]:
     """Mean of points weighted by their own uncertainty and their common scatter, and its uncertainty."""
     median = np.median(points, axis=0)
-    scatter = 1.4826 * float(np.median(np.abs(points - median)))
+    scatter = MAD_TO_STD * float(np.median(np.abs(points - median)))
     variance = own**2 + scatter**2
     far = np.sum((points - median) ** 2, axis=1) / np.maximum(variance, 1e-12)
     weight = 1 / np.maximum(variance, 1e-12) / (1 + far / OUTLIER_SIGMA**2)
