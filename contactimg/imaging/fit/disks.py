@@ -24,6 +24,7 @@ from contactimg.imaging.fit.settings import (
 from contactimg.imaging.kernels.gauss_newton import WELL_FITTED_CHI_SQUARE, draw_disks, iterate
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.shapes.overlap import visible_share
 from contactimg.timings import stage
@@ -248,7 +249,7 @@ def contrast_prior(fit: FittedDisks, *, default: float, inflation: NDArray[np.fl
         return ContrastPrior(default, ASSUMED_SPREAD_FRACTION * default)
     middle = float(np.median(values))
     deviation = np.abs(values - middle)
-    inliers = deviation < CONTRAST_OUTLIER_SIGMA * 1.4826 * np.median(deviation) + 1e-6 * middle
+    inliers = deviation < CONTRAST_OUTLIER_SIGMA * MAD_TO_STD * np.median(deviation) + 1e-6 * middle
     values, stds = values[inliers], stds[inliers]
     excess = max(float(np.var(values) - np.mean(stds**2)), 0.0)
     weights = 1.0 / (stds**2 + excess)

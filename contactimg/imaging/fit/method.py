@@ -145,7 +145,7 @@ def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
 
 def _next_start(start: _Start, result: FrameFit, joint: JointFit, film: Rim | None) -> _Start:
     """At the contrast and blur found, without the illumination found."""
-    removed = result.problem.removed_background
+    removed = result.problem.removed_background - start.problem.removed_background
     moved = abs(removed[0, 0]) > CONTRAST_CHANGE_LOG * start.contrast
     return _Start(
         start.problem.without_background(removed).with_contrast(joint.contrast),

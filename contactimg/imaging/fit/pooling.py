@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from contactimg.imaging.fit.settings import POOLING_OUTLIER_SIGMA, RESOLVED_CONTRAST_FRACTION
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.optics import SharedOptics
 
 
@@ -134,4 +135,4 @@ def _inliers(values: NDArray[np.float64], stds: NDArray[np.float64]) -> NDArray[
     order = np.argsort(values)
     weight = np.cumsum(1.0 / stds[order] ** 2)
     away = np.abs(values - values[order][np.searchsorted(weight, 0.5 * weight[-1])])
-    return np.asarray(away <= POOLING_OUTLIER_SIGMA * np.hypot(stds, 1.4826 * np.median(away)))
+    return np.asarray(away <= POOLING_OUTLIER_SIGMA * np.hypot(stds, MAD_TO_STD * np.median(away)))

@@ -30,7 +30,7 @@ from contactimg.imaging.fit.settings import (
 )
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.pixels.robust import median
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
 
@@ -153,5 +153,5 @@ def _remaining_illumination(problem: FitProblem, fit: FittedDisks, means: BlockM
     if not dark.any():
         return None
     blocks = np.where(dark, image - model, np.float32(np.nan))
-    spread = 1.4826 * median(np.abs(blocks[dark]))
+    spread = MAD_TO_STD * median(np.abs(blocks[dark]))
     return fit_illumination(blocks, problem.image.shape, level=0.0, scatter=max(spread, LEAST_SCATTER_LEVELS))
