@@ -63,5 +63,5 @@ def _half_spacing(contacts: pd.DataFrame) -> float:
     if len(contacts) < 2:
         return float(contacts["radius_m"].max()) if len(contacts) else 1.0
     points = contacts[["x_m", "y_m"]].to_numpy(float)
-    distance, _ = KDTree(points).query(points, k=2)
+    distance = np.asarray(KDTree(points).query(points, k=2)[0])
     return float(np.median(distance[:, 1]) / 2) or float(contacts["radius_m"].max())

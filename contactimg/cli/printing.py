@@ -1,6 +1,6 @@
 """What commands print for a person: progress bars and tables."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
 from typing import TYPE_CHECKING, Any
@@ -145,7 +145,7 @@ def _echo_table(
     Console(highlight=False, markup=False, stderr=stderr).print(table)
 
 
-def _cells(row: dict[str, Any]) -> list[str]:
+def _cells(row: Mapping[Hashable, Any]) -> list[str]:
     """The cells of one frame."""
     ratio = row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else float("nan")
     return [

@@ -2,10 +2,11 @@
 
 import logging
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import tifffile
@@ -57,7 +58,7 @@ def list_images(path: Path) -> list[int]:
     with _opened(path) as (tif, complaints):
         if _undivided(tif) > 1:
             return list(range(_undivided(tif)))
-        pages = [k for k, page in enumerate(tif.pages) if not (page.is_reduced or page.is_mask)]
+        pages = [k for k, page in enumerate(_pages(tif)) if not (page.is_reduced or page.is_mask)]
         lost = any("TiffPages" in complaint for complaint in complaints)
         return [*pages, len(tif.pages)] if lost else pages
 
@@ -66,13 +67,18 @@ def read_image(path: Path, index: int) -> Pixels:
     """Pixels of page number ``index``, from 0, of a TIFF file."""
     with _opened(path) as (tif, _):
         if _undivided(tif) > 1:
-            return _interpret(tif.pages[0], _read_undivided(tif, index))
+            return _interpret(_pages(tif)[0], _read_undivided(tif, index))
         if not _has_page(tif, index):
             raise ValueError(f"the file is truncated or damaged after page {index - 1}")
-        page = tif.pages[index]
+        page = _pages(tif)[index]
         _check_complete(page, tif.filehandle.size)
         array = page.asarray()
         return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
+
+
+def _pages(tif: tifffile.TiffFile) -> Sequence[tifffile.TiffPage]:
+    """The pages, each with all its tags."""
+    return cast("Sequence[tifffile.TiffPage]", tif.pages)
 
 
 def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
@@ -92,12 +98,14 @@ def _undivided(tif: tifffile.TiffFile) -> int:
 
 def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
     """Image number ``index`` of such a stack: the images follow each other without a gap."""
-    page, file = tif.pages[0], tif.filehandle
+    page, file = _pages(tif)[0], tif.filehandle
     start = page.dataoffsets[0] + index * page.nbytes
     if start + page.nbytes > file.size:
         raise ValueError(f"the file is truncated: {start + page.nbytes - file.size} bytes are missing")
     file.seek(start)
-    return file.read_array(page.dtype.newbyteorder(tif.byteorder), page.size).reshape(page.shape)
+    return file.read_array(cast("np.dtype", page.dtype).newbyteorder(tif.byteorder), page.size).reshape(
+        page.shape
+    )
 
 
 def _check_complete(page: tifffile.TiffPage, size: int) -> None:
@@ -117,7 +125,7 @@ def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
     bits = _bits(page)
     full_scale = float(2**bits - 1) if array.dtype.kind in "bu" else None
     if page.photometric == _PHOTOMETRIC.PALETTE:
-        return Pixels(_apply_palette(page.colormap, array), 255.0)
+        return Pixels(_apply_palette(cast("NDArray", page.colormap), array), 255.0)
     array = _strip_alpha(page, array)
     if array.dtype == bool:
         array, full_scale = array.astype(np.uint8) * np.uint8(255), 255.0

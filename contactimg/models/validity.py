@@ -168,4 +168,4 @@ def assess(
 def _spacing(x: Values, y: Values) -> float:
     """Mean distance to the nearest neighbour."""
     points = np.column_stack([x, y])
-    return float(cKDTree(points).query(points, k=2)[0][:, 1].mean())
+    return float(np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1].mean())

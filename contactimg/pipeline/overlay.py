@@ -1,6 +1,6 @@
 """Compare a run with the predictions of the models: pairs and scores, frame by frame."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -117,7 +117,11 @@ def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
 
 
 def _predicted(
-    scene: Scene, asperities: pd.DataFrame, row: dict[str, Any], pose: Pose, shift_px: tuple[float, float]
+    scene: Scene,
+    asperities: pd.DataFrame,
+    row: dict[Hashable, Any],
+    pose: Pose,
+    shift_px: tuple[float, float],
 ) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
     """The contacts that each model predicts in the field of view, and why a model has no solution."""
     predictions: dict[str, pd.DataFrame] = {}

@@ -228,7 +228,7 @@ def _unmatched_notes(contacts: pd.DataFrame) -> dict[str, str]:
 def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     """The pose from the frame with the most contacts."""
     counts = run.frames["n_contacts"].fillna(0)
-    name = run.frames.loc[counts.idxmax(), "frame"]
+    name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
     part = run.contacts[run.contacts["frame"] == name]
     shift = frame_shift(run.frames, name)
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size

@@ -126,7 +126,8 @@ def legend_of_circles(circles: Sequence[EllipseCollection], *, ax: Axes, title: 
     """Add a legend with one line per collection, which matplotlib does not draw for outlines."""
     handles = []
     for outlines in circles:
-        color, style = mpl.colors.to_hex(outlines.get_edgecolor()[0]), outlines.get_linestyle()[0]
+        color = mpl.colors.to_hex(np.asarray(outlines.get_edgecolor())[0])
+        style: Any = outlines.get_linestyle()[0]
         handles.append(Line2D([], [], color=color, linestyle=style, label=str(outlines.get_label())))
     size = _font_size(ax)
     legend = ax.legend(

@@ -55,8 +55,8 @@ def pair_points(
         coo_array((cost, (row, column)), shape=(n, m + n)).tocsr()
     )
     real = columns < m
-    rows, columns = rows[real].astype(np.intp), columns[real].astype(np.intp)
-    return rows, columns, np.linalg.norm(points[rows] - targets[columns], axis=1)
+    point, target = np.asarray(rows, np.intp)[real], np.asarray(columns, np.intp)[real]
+    return point, target, np.linalg.norm(points[point] - targets[target], axis=1)
 
 
 def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
@@ -72,5 +72,5 @@ def pairing_distance(targets: ArrayLike, pose: Pose) -> float:
     points = np.asarray(targets, float).reshape(-1, 2)
     if len(points) < 2:
         return MIN_PAIRING_PX * pose.pixel_size
-    distance, _ = KDTree(points).query(points, k=2)
+    distance = np.asarray(KDTree(points).query(points, k=2)[0])
     return max(PAIRING_FRACTION * float(np.median(distance[:, 1])), MIN_PAIRING_PX * pose.pixel_size)

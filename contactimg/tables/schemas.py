@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from pandas.api.extensions import ExtensionArray
+from pandas.api.types import pandas_dtype
 
 from contactimg.errors import InputError
 
@@ -60,7 +61,7 @@ class Schema:
             return _empty_cells(len(given), dtype)
         column = given[name]
         try:
-            return column.array if column.dtype == dtype else column.astype(dtype).array
+            return column.array if column.dtype == dtype else column.astype(pandas_dtype(dtype)).array
         except (TypeError, ValueError) as error:
             raise InputError(f"{self.name}: column {name!r} must hold {dtype} values ({error})") from None
 
@@ -71,7 +72,7 @@ def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
         return np.full(count, np.nan if dtype == "float64" else 0, dtype)
     if dtype == "Int64":
         return pd.arrays.IntegerArray(np.zeros(count, np.int64), np.ones(count, np.bool_))
-    return pd.array([""] * count, dtype=dtype)
+    return pd.Series([""] * count, dtype=pandas_dtype(dtype)).array
 
 
 FRAME = ("str", "file name of the frame with its extension; page k of a stack is name[k]")

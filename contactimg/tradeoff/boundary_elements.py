@@ -100,15 +100,16 @@ def _height_map(
     side = 2 * GRID_SIDE_FACTOR * float((reach + loaded.radius[rows]).max())
     places = side * ((np.arange(points) + 0.5) / points - 0.5)
     height, owner = np.zeros((points, points)), np.full((points, points), -1)
-    for row, cap in enumerate(case.asperities.itertuples(index=False)):
-        centre = cap.x_m - indenter.apex[0], cap.y_m - indenter.apex[1]
-        base = np.sqrt(2 * cap.radius_m * cap.height_m)
+    caps = case.asperities[["x_m", "y_m", "height_m", "radius_m"]].to_numpy(float)
+    for row, (x_summit, y_summit, summit, radius) in enumerate(caps):
+        centre = x_summit - indenter.apex[0], y_summit - indenter.apex[1]
+        base = np.sqrt(2 * radius * summit)
         i, j = (np.flatnonzero(np.abs(places - c) <= base) for c in centre)
         if not (i.size and j.size):
             continue
         part = np.ix_(i, j)
         square = (places[i, None] - centre[0]) ** 2 + (places[None, j] - centre[1]) ** 2
-        bump = cap.height_m - square / (2 * cap.radius_m)
+        bump = summit - square / (2 * radius)
         higher = bump > height[part]
         height[part] = np.where(higher, bump, height[part])
         owner[part] = np.where(higher, row, owner[part])

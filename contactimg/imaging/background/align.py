@@ -112,7 +112,7 @@ def _find_dirt(smooth: NDArray[np.float32], mask: NDArray[np.uint8]) -> NDArray[
     detail = smooth - cv2.blur(smooth, (DIRT_WINDOW_PX, DIRT_WINDOW_PX))
     scatter = robust_std(detail[mask > 0], centre=0.0) if mask.any() else 0.0
     grains = (np.abs(detail) > DIRT_SIGMA * scatter).astype(np.uint8) & mask
-    return cv2.dilate(grains, np.ones((5, 5), np.uint8))
+    return np.asarray(cv2.dilate(grains, np.ones((5, 5), np.uint8)), np.uint8)
 
 
 def _strip_rows(rows: int) -> NDArray[np.int64]:
@@ -142,7 +142,8 @@ def _background_mask(
 
 def _smooth(image: NDArray) -> NDArray[np.float32]:
     single = np.asarray(image, np.float32)
-    return cv2.GaussianBlur(single, (7, 7), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+    smooth = cv2.GaussianBlur(single, (7, 7), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(smooth, np.float32)
 
 
 def _gauss_newton(

@@ -233,4 +233,4 @@ def _sample_is_background(
 def _enlarge(binned: NDArray[np.float32], rows: slice, columns: slice, side: int) -> NDArray[np.float32]:
     """Part of a binned image, interpolated to the full resolution."""
     part = binned[rows.start // side : rows.stop // side, columns.start // side : columns.stop // side]
-    return cv2.resize(part, (columns.stop - columns.start, rows.stop - rows.start))
+    return np.asarray(cv2.resize(part, (columns.stop - columns.start, rows.stop - rows.start)), np.float32)

@@ -117,7 +117,8 @@ def _envelope(blocks: NDArray, shape: tuple[int, int], operation: int) -> NDArra
     side = _window_side(shape)
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     smooth = cv2.medianBlur(np.ascontiguousarray(blocks, np.float32), 3)
-    return cv2.morphologyEx(smooth, operation, window, borderType=cv2.BORDER_REPLICATE)
+    envelope = cv2.morphologyEx(smooth, operation, window, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(envelope, np.float32)
 
 
 def _window_side(shape: tuple[int, int]) -> int:

@@ -179,7 +179,8 @@ def _noise_of_two(reference: NDArray) -> float:
 def _exclude_dark(reference: NDArray, valid: Mask, lowest: float) -> Mask:
     """Mask without the pixels where the reference is darker than ``lowest``, and those near them."""
     dark = (cv2.blur(reference, (3, 3)) < lowest).astype(np.uint8)
-    lit = 1 - cv2.dilate(dark, np.ones((2 * FIELD_STOP_PX + 1, 2 * FIELD_STOP_PX + 1), np.uint8))
+    window = np.ones((2 * FIELD_STOP_PX + 1, 2 * FIELD_STOP_PX + 1), np.uint8)
+    lit = np.uint8(1) - np.asarray(cv2.dilate(dark, window), np.uint8)
     return lit if valid is None else lit & valid
 
 

@@ -74,14 +74,15 @@ def _best_halo(
 def subtract_halo(image: NDArray[np.float32], model: NDArray[np.float32], halo: Halo) -> NDArray[np.float32]:
     """The image as the core of the point spread function alone would show it."""
     wide = _blurred(block_means(model, side=HALO_BLOCK_PX), halo.sigma_px / HALO_BLOCK_PX)
-    wide = cv2.resize(wide, None, fx=HALO_BLOCK_PX, fy=HALO_BLOCK_PX, interpolation=cv2.INTER_CUBIC)
-    wide = wide[: image.shape[0], : image.shape[1]]
+    enlarged = cv2.resize(wide, None, fx=HALO_BLOCK_PX, fy=HALO_BLOCK_PX, interpolation=cv2.INTER_CUBIC)
+    wide = np.asarray(enlarged, np.float32)[: image.shape[0], : image.shape[1]]
     return np.asarray((image - np.float32(halo.fraction) * wide) / np.float32(1.0 - halo.fraction))
 
 
 def _blurred(core: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     """Through a Gaussian of a width in pixels; the border repeats."""
-    return cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
+    blurred = cv2.GaussianBlur(core, (0, 0), width, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32)
 
 
 @njit(cache=True)

@@ -98,9 +98,8 @@ class FitProblem:
             x = np.minimum(np.arange(-(-columns // side)) * binning, background.shape[1] - 1)
             background = background[y][:, x]
             valid, saturated = _binned(valid, binning, np.min), _binned(saturated, binning, np.max)
-            image = cv2.resize(
-                image[: rows * binning, : columns * binning], (columns, rows), interpolation=cv2.INTER_AREA
-            )
+            whole = image[: rows * binning, : columns * binning]
+            image = np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
         return cls(
             image, Noise(foreground.noise**2), ContrastPrior.loose(foreground.contrast.plateau), valid=valid,
             saturated=saturated, background=background, brightness=difference.brightness, binning=binning,

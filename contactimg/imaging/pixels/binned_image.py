@@ -30,4 +30,5 @@ class BinnedImage:
         rows, columns = image.shape
         if min(rows, columns) < SMALLEST_SIDE:
             return cls(image, 1)
-        return cls(cv2.resize(image, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA), 2)
+        half = cv2.resize(image, (columns // 2, rows // 2), interpolation=cv2.INTER_AREA)
+        return cls(np.asarray(half, np.float32), 2)

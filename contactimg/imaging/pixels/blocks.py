@@ -42,7 +42,7 @@ class BlockMeans:
     ([[[7.5]], [[1.0]]], [[2.5, 4.5], [10.5, 12.5]])
     """
 
-    def __init__(self, *images: NDArray):
+    def __init__(self, *images: NDArray) -> None:
         self._images = images
         self._means: dict[int, list[NDArray[np.float32]]] = {}
 

@@ -116,9 +116,9 @@ def find_foreign_objects(
         return NO_FOREIGN_OBJECTS
     mask = np.isin(regions.labels, bad).astype(np.uint8)
     window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MASK_MARGIN + 1, 2 * MASK_MARGIN + 1))
-    mask = cv2.resize(cv2.dilate(mask, window), image.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    wide = cv2.resize(cv2.dilate(mask, window), image.shape[::-1], interpolation=cv2.INTER_NEAREST)
     disks = _equal_disks(scale, regions.x[bad], regions.y[bad], regions.area[bad])
-    return ForeignObjects(_rejected(disks, reasons[bad]), np.asarray(mask))
+    return ForeignObjects(_rejected(disks, reasons[bad]), np.asarray(wide, np.uint8))
 
 
 def _equal_disks(scale: NDArray, x: NDArray, y: NDArray, area: NDArray) -> NDArray[np.float64]:

@@ -63,7 +63,8 @@ def cover_outline(image: NDArray[np.float32], level: float, *, smallest: float) 
     >>> np.abs(circles[circles[:, 0].argsort(), :3] - [[20, 20, 9], [36, 20, 8]]).max() < 0.5
     np.True_
     """
-    smooth = cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+    blurred = cv2.GaussianBlur(image, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+    smooth = np.asarray(blurred, np.float32)
     points = _crossings(smooth, level)
     circles: list[NDArray] = []
     while len(circles) < MOST_CIRCLES and points.shape[1] >= LEAST_POINTS:

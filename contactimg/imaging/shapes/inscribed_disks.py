@@ -51,7 +51,8 @@ def find_inscribed(
     """
     smooth = image
     if smoothing > 0:
-        smooth = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
+        blurred = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
+        smooth = np.asarray(blurred, np.float32)
     if valid is None:
         return _inscribed_by_region(smooth, level)
     # holes count as inside, but a hole alone is no contact

@@ -71,8 +71,10 @@ def label_regions(image: NDArray[np.float32], level: float) -> LabelledRegions:
     bar = (mean - 0.5 > BAR_DISTANCE_RATIO * half) | (half < THIN_HALF_WIDTH_PX)
     long = bar & (area > BAR_AREA_DISKS * np.pi * half**2)
     long &= length > LENGTH_HALF_WIDTHS * (half + LENGTH_MARGIN_PX)
-    x, y = centroids[1:].T
-    return LabelledRegions(labels - 1, area[1:], peak[1:], long[1:], half[1:], x, y)
+    x, y = np.asarray(centroids, float)[1:].T
+    return LabelledRegions(
+        np.asarray(labels, np.int32) - np.int32(1), area[1:], peak[1:], long[1:], half[1:], x, y
+    )
 
 
 @njit(cache=True)

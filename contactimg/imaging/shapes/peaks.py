@@ -71,7 +71,8 @@ def _smooth(image: NDArray[np.float32], model: NDArray[np.float32], width: float
     """Residuals after a Gaussian filter."""
     taps = 2 * int(np.ceil(2.5 * width)) + 1
     residual = image - model
-    return cv2.GaussianBlur(residual, (taps, taps), width, dst=residual, borderType=cv2.BORDER_REPLICATE)
+    blurred = cv2.GaussianBlur(residual, (taps, taps), width, dst=residual, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, np.float32)
 
 
 def _sorted_peaks(smooth: NDArray[np.float32], lowest: float, width: float) -> NDArray[np.float64]:

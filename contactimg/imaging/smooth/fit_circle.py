@@ -93,7 +93,7 @@ class _Line:
         reach = light.reach / pixel_size
         count = fft.next_fast_len(int((reach + 2 * FAR_PX) / LINE_STEP_PX), real=True)
         means = light.film_means(-FAR_PX * pixel_size, LINE_STEP_PX * pixel_size, count)
-        return cls((np.arange(count) + 0.5) * LINE_STEP_PX - FAR_PX, fft.rfft(means))
+        return cls(np.asarray((np.arange(count) + 0.5) * LINE_STEP_PX - FAR_PX, float), fft.rfft(means))
 
     def blurred(self, outside: Values, blur: float) -> Values:
         """Light at distances outside the edge, px: a blurred step and the blurred film."""
@@ -329,16 +329,17 @@ def _azimuthal_mean(samples: EdgeSamples) -> EdgeSamples:
     rings = pd.DataFrame({"ring": ring, "value": samples.value, "distance": samples.distance})
     rest = (rings["value"] - rings.groupby("ring")["value"].transform("median")).abs()
     spread = MAD_TO_STD * rest.groupby(ring).transform("median")
-    rings = rings[rest <= OUTLIER_SIGMA * spread].groupby("ring")
-    means, stds, count = rings.mean(), rings["value"].std(ddof=0), rings.size()
+    kept = rings[rest <= OUTLIER_SIGMA * spread].groupby("ring")
+    means, stds, count = kept.mean(), kept["value"].std(ddof=0), kept.size()
     there = count > SECTORS / 8
-    error = np.sqrt((stds**2 + float(np.median(stds[there])) ** 2) / count)[there]
+    variance = (stds**2 + float(np.median(stds[there])) ** 2) / count
+    error = np.sqrt(variance[there].to_numpy())
     return replace(
         samples,
         azimuth=np.zeros(len(error)),
         distance=means.loc[there, "distance"].to_numpy(),
         value=means.loc[there, "value"].to_numpy(),
-        weight=1 / np.maximum(error.to_numpy(), MODEL_ERROR * float(np.ptp(means["value"]))),
+        weight=1 / np.maximum(error, MODEL_ERROR * float(np.ptp(means["value"]))),
         sector=np.zeros(len(error), np.intp),
     )
 

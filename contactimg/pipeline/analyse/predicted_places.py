@@ -1,8 +1,8 @@
 """The places of an experiment with the contacts that a model predicts in the same fields of view."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import pandas as pd
 
@@ -53,7 +53,9 @@ def predict_places(
         Why frames were left out.
     """
     jobs = [(place, row, model) for place in places for row in usable_frames(place).to_dict("records")]
-    tables: dict[str, tuple[list[pd.DataFrame], list[dict[str, Any]]]] = {p.name: ([], []) for p in places}
+    tables: dict[str, tuple[list[pd.DataFrame], list[dict[Hashable, Any]]]] = {
+        p.name: ([], []) for p in places
+    }
     notes = []
     solutions = in_parallel(_solve, jobs, count=len(jobs), workers=workers)
     for (place, row, _), solved in zip(jobs, solutions, strict=True):
@@ -68,12 +70,12 @@ def predict_places(
     return [_as_predicted(place, *tables[place.name]) for place in places], notes
 
 
-def _solve(place: Place, row: dict[str, Any], model: str) -> pd.DataFrame | str:
+def _solve(place: Place, row: dict[Hashable, Any], model: str) -> pd.DataFrame | str:
     """The contacts of one frame in its field of view, or why there are none."""
     try:
         prediction = predict_contacts(
             place.scene,
-            place.asperities,
+            cast("pd.DataFrame", place.asperities),
             load=float(row["load_N"]),
             coupling=MODEL_COUPLINGS[model],
             frame=str(row["frame"]),
@@ -85,7 +87,7 @@ def _solve(place: Place, row: dict[str, Any], model: str) -> pd.DataFrame | str:
     return seen.assign(radius_ratio=radius_ratios(seen, place.scene, place.asperities))
 
 
-def _as_predicted(place: Place, contacts: list[pd.DataFrame], rows: list[dict[str, Any]]) -> Place:
+def _as_predicted(place: Place, contacts: list[pd.DataFrame], rows: list[dict[Hashable, Any]]) -> Place:
     """The place with a model's contacts and areas, free of measurement errors."""
     none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
     frames = pd.DataFrame(rows, columns=place.frames.columns).assign(area_std_m2=0.0)
