@@ -31,7 +31,8 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     -----
     At half height a straight edge has the gradient ``plateau/(s sqrt(2 pi))``. Good to 10 %.
     """
-    slopes = _slopes(image, *(np.float32(f * plateau) for f in HALF_HEIGHT_BAND), MOST_SLOPES)
+    low, high = (np.float32(fraction * plateau) for fraction in HALF_HEIGHT_BAND)
+    slopes = _slopes(image, low, high, MOST_SLOPES)
     if len(slopes) < LEAST_SLOPES:
         return DEFAULT_BLUR_PX
     width = plateau / max(median(slopes), 1e-6 * plateau) / np.sqrt(2 * np.pi)
