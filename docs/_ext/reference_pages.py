@@ -149,7 +149,7 @@ def scene_page():
         required = schema.get("required", ())
         for key, rule in schema["properties"].items():
             if not rule.get("description"):
-                LOG.verbose("scene key [%s] %s has no description", section, key)
+                LOG.warning("scene key [%s] %s has no description", section, key)
             default = "required" if key in required else _default(rule.get("default"))
             rows.append((f"`{key}`", _rule(rule), default, rule.get("description", "")))
         lines += markdown_table(["key", "value", "default", "meaning"], rows)
