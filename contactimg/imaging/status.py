@@ -9,7 +9,7 @@ from contactimg.imaging.contrast.plateau import measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.reject.detections import Detections
 from contactimg.imaging.reject.foreground import Foreground
-from contactimg.tables import Flag
+from contactimg.tables import Flag, Status
 
 RESOLVED = 0.05
 """Relative standard uncertainty of the contrast above which a frame counts as not showing it. Chosen: 5 % of
@@ -50,7 +50,7 @@ def judge(foreground: Foreground, difference: DifferenceImage, detections: Detec
     if frame_pair.trivial:
         # a frame equal to its reference does show that there is no contact; the others show nothing
         return Verdict(
-            frame_pair.defect, frame_pair.message, measurable=frame_pair.defect == "identical to reference"
+            frame_pair.defect, frame_pair.message, measurable=frame_pair.defect == Status.IDENTICAL
         )
     count, status = len(detections.contacts["x_px"]), frame_pair.defect
     remarks = [frame_pair.message, difference.remark]
@@ -59,19 +59,19 @@ def judge(foreground: Foreground, difference: DifferenceImage, detections: Detec
     ratio = float(difference.illumination.coefficients[0, 0])
     light_changed = difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE
     if light_changed:
-        status = status or "light changed"
+        status = status or Status.LIGHT_CHANGED
         contacts = "contacts fill" if count else "one contact fills"
         remarks.append(
             f"the background is {ratio:.2g} times the reference: the light changed or {contacts} the frame"
         )
     elif not count:
-        status = status or "no contact"
+        status = status or Status.NO_CONTACT
         remarks.append(_explain_no_contact(foreground))
     elif difference.registration_failed:
-        status = status or "not registered"
+        status = status or Status.NOT_REGISTERED
     remarks += [foreground.remark, _remark_poor_fits(detections), _remark_contrast(foreground, detections)]
     message = "; ".join(remark for remark in remarks if remark)
-    return Verdict(status or "ok", message, measurable=bool(count or not light_changed))
+    return Verdict(status or Status.OK, message, measurable=bool(count or not light_changed))
 
 
 def _explain_no_contact(foreground: Foreground) -> str:

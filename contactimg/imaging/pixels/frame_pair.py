@@ -8,22 +8,25 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.tables import Status
 
 Levels = NDArray[np.float32] | NDArray[np.uint8]
 """Grey levels of an image."""
 SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
 SAMPLED_ROWS = 200  # rows that the range is measured on
 MESSAGES = {
-    "black": "the frame is black: no light reached the sensor",
-    "white": "the frame is white: every pixel is at full scale",
-    "constant": "every pixel of the frame has the same value",
-    "identical to reference": "the frame is identical to its reference: no contact can show",
-    "all holes": "the frame has no finite pixel",
-    "holes": "pixels without a finite value were left out",
-    "reference without light": "the reference is black or white throughout: the background was estimated "
+    Status.BLACK: "the frame is black: no light reached the sensor",
+    Status.WHITE: "the frame is white: every pixel is at full scale",
+    Status.CONSTANT: "every pixel of the frame has the same value",
+    Status.IDENTICAL: "the frame is identical to its reference: no contact can show",
+    Status.ALL_HOLES: "the frame has no finite pixel",
+    Status.HOLES: "pixels without a finite value were left out",
+    Status.BAD_REFERENCE: "the reference is black or white throughout: the background was estimated "
     "from the frame",
 }
 """What is said of a frame with a defect."""
+SHOWS_NOTHING = {Status.BLACK, Status.WHITE, Status.CONSTANT, Status.IDENTICAL, Status.ALL_HOLES}
+"""Defects of frames that carry no information on contacts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +58,7 @@ class FramePair:
     @property
     def trivial(self) -> bool:
         """Whether the frame carries no information on contacts."""
-        return self.defect in ("black", "white", "constant", "identical to reference", "all holes")
+        return self.defect in SHOWS_NOTHING
 
     @property
     def message(self) -> str:
@@ -92,7 +95,7 @@ class FramePair:
         saturated = (
             (frame >= np.float32(scale)).view(np.uint8) if _is_saturated(image, frame, scale) else None
         )
-        defect = _defect(frame, other, valid, scale) or ("reference without light" if unlit else "")
+        defect = _defect(frame, other, valid, scale) or (Status.BAD_REFERENCE if unlit else "")
         unit = _unit(image, frame, other)
         if unit != 1.0:
             frame = np.divide(frame, np.float32(unit), out=frame)
@@ -150,14 +153,14 @@ def _unit(image: NDArray, frame: NDArray, reference: NDArray | None) -> float:
 def _defect(frame: NDArray, reference: NDArray | None, valid: Mask, scale: float) -> str:
     """What is wrong with a frame as a whole; empty if nothing."""
     if valid is not None and not valid.any():
-        return "all holes"
+        return Status.ALL_HOLES
     if _constant(frame):
         level = float(frame[0, 0])
-        return "black" if level <= 0 else ("white" if level >= scale else "constant")
+        return Status.BLACK if level <= 0 else (Status.WHITE if level >= scale else Status.CONSTANT)
     if (
         reference is not None
         and np.array_equal(frame[::16, ::16], reference[::16, ::16])
         and np.array_equal(frame, reference)
     ):
-        return "identical to reference"
-    return "holes" if valid is not None else ""
+        return Status.IDENTICAL
+    return Status.HOLES if valid is not None else ""
