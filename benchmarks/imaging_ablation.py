@@ -154,7 +154,11 @@ def summarise(key: str, changes: list[Change]) -> list[list[Any]]:
     rows = [["", "", "", change.condition, *change.cells()] for change in large[:MOST_ROWS]]
     if not rows:
         other = sum(not change.same for change in changes)
-        what = f"within chance on {other} of {len(changes)} conditions, the same on the others"
+        what = (
+            f"within chance on {len(changes)} conditions"
+            if other
+            else f"the same on {len(changes)} conditions"
+        )
         rows = [["", "", "", what, *[""] * 5]]
     rows[0][:3] = [CASES[key].name, count_lines(key) or "", time_]
     return rows
