@@ -18,6 +18,17 @@ from contactimg.tables import ASPERITIES
 
 Values = NDArray[np.float64]
 
+LENGTH_RANGE_M = (1e-15, 1e9)
+"""Range of radii; coordinates and heights are limited by its upper end. Theory: the powers of lengths that
+the models form stay within floating-point numbers."""
+
+MAX_CAPS = 2_000_000
+"""Most caps of a generated pattern, unless told otherwise: about 10 s of placing. Chosen by hand."""
+
+MAX_REDRAWS = 1000
+"""Most rounds of drawing again those values that give no cap. Chosen by hand: with 1 % of valid values, one
+of 10^4 caps is left after 1000 rounds. Theory: 10^4 x 0.99^1000 = 0.4."""
+
 
 def base_radius(height: ArrayLike, radius: ArrayLike) -> Values:
     """Radius of the disc that a spherical cap covers: ``sqrt(2 R h - h^2)``.
@@ -86,6 +97,14 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
             f"asperities: row {bad[0]}, column 'radius_m' must be positive, "
             f"got {float(columns['radius_m'][bad[0]])!r}"
         )
+    low, high = LENGTH_RANGE_M
+    for name, values in columns.items():
+        beyond = np.flatnonzero((np.abs(values) > high) | (values < low if name == "radius_m" else False))
+        if beyond.size:
+            raise InputError(
+                f"asperities: row {beyond[0]}, column {name!r} must be a length up to {high:g} m (radii from "
+                f"{low:g} m), got {float(values[beyond[0]])!r}; check its unit"
+            )
     return pd.DataFrame(columns)
 
 
@@ -156,7 +175,7 @@ def composite_apexes(
     R = table["radius_m"].to_numpy()
     dx, dy = table["x_m"].to_numpy() - x0, table["y_m"].to_numpy() - y0
     squared = dx**2 + dy**2
-    if squared.size and squared.min() > indenter_radius**2:
+    if squared.size and np.sqrt(squared.min()) > indenter_radius:
         raise InputError(
             f"no asperity lies under the indenter: the nearest is {np.sqrt(squared.min()):.3g} m from its "
             f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
@@ -242,9 +261,14 @@ class GaussianCaps:
         """Heights and radii (m) of ``count`` caps."""
         height = _positive_normal(self.height_mean, self.height_std, count, rng)
         radius = _positive_normal(self.radius_mean, self.radius_std, count, rng)
-        while (low := radius <= height).any():
+        for _ in range(MAX_REDRAWS):
+            if not (low := radius <= height).any():
+                return height, radius
             radius[low] = _positive_normal(self.radius_mean, self.radius_std, int(low.sum()), rng)
-        return height, radius
+        raise InputError(
+            f"radii of {self.radius_mean:g} +- {self.radius_std:g} m hardly ever exceed the heights, "
+            f"{self.height_mean:g} +- {self.height_std:g} m; check the four numbers"
+        )
 
 
 @dataclass(frozen=True)
@@ -284,7 +308,7 @@ def _check_positive(law: "CapLaw", *names: str) -> None:
 def _positive_normal(mean: float, std: float, count: int, rng: np.random.Generator) -> Values:
     """Normal draws, the non-positive ones drawn again."""
     values = rng.normal(mean, std, count)
-    while (low := values <= 0).any():
+    while (low := values <= 0).any():  # the mean is positive: half of the values or more are accepted
         values[low] = rng.normal(mean, std, int(low.sum()))
     return values
 
@@ -304,6 +328,7 @@ def generate_asperities(
     rng: np.random.Generator,
     coverage: float | None = None,
     max_tries: int = 100_000,
+    max_caps: int = MAX_CAPS,
 ) -> pd.DataFrame:
     """A random pattern of non-overlapping caps on the square ``[0, side]^2``.
 
@@ -324,6 +349,8 @@ def generate_asperities(
         Covered fraction of the square; by default 0.4, 0.34 and 0.41 for the three kinds. A law has none.
     max_tries : int
         Places tried for one cap before giving up.
+    max_caps : int
+        Most caps of a pattern; more are refused before they are drawn.
 
     Returns
     -------
@@ -333,8 +360,9 @@ def generate_asperities(
     Raises
     ------
     InputError
-        If an argument breaks its rule, or the coverage cannot be reached: random placement of equal discs
-        jams at 0.547, and a square of few discs before that.
+        If an argument breaks its rule, the pattern would have more than ``max_caps`` caps, or the coverage
+        cannot be reached: random placement of equal discs jams at 0.547, and a square of few discs before
+        that.
 
     Notes
     -----
@@ -356,7 +384,11 @@ def generate_asperities(
     law, fraction = _law_and_coverage(kind, coverage)
     if not (np.isfinite(side) and side > 0):
         raise InputError(f"side must be a positive length, got {side!r} m")
-    height, radius = _draw_to_cover(law, fraction * side**2, rng)
+    if not LENGTH_RANGE_M[0] <= side <= LENGTH_RANGE_M[1]:
+        raise InputError(
+            f"side must lie between {LENGTH_RANGE_M[0]:g} and {LENGTH_RANGE_M[1]:g} m, got {side!r} m"
+        )
+    height, radius = _draw_to_cover(law, fraction * side**2, max_caps, rng)
     disc = base_radius(height, radius)
     order = np.argsort(-disc, kind="stable")
     height, radius, disc = height[order], radius[order], disc[order]
@@ -387,10 +419,18 @@ def _law_and_coverage(kind: str | CapLaw, coverage: float | None) -> tuple[CapLa
     return law, float(fraction)
 
 
-def _draw_to_cover(law: CapLaw, area: float, rng: np.random.Generator) -> tuple[Values, Values]:
+def _draw_to_cover(
+    law: CapLaw, area: float, max_caps: int, rng: np.random.Generator
+) -> tuple[Values, Values]:
     """Draw the number of caps, at least one, whose discs together come nearest to the area."""
     height, radius = law.draw(64, rng)
     while (total := np.sum(np.pi * base_radius(height, radius) ** 2)) <= area:
+        expected = len(height) * area / total if total > 0 else np.inf
+        if expected > max_caps:
+            raise InputError(
+                f"the pattern would have {expected:.3g} caps, more than max_caps = {max_caps}; check "
+                "the side and the units of the caps, or raise max_caps"
+            )
         more = law.draw(int(1.05 * len(height) * max(area / total - 1, 0.05)) + 1, rng)
         height, radius = np.concatenate([height, more[0]]), np.concatenate([radius, more[1]])
     covered = np.cumsum(np.pi * base_radius(height, radius) ** 2)

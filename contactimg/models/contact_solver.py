@@ -42,6 +42,9 @@ FIELD_CORRECTION_RESIDUAL = 1e-2
 """Residual with point forces below which the field corrections are computed. Chosen by hand: it affects the
 number of steps, not the converged solution; sensitivity not measured."""
 
+MAX_SELECTIONS = 100
+"""Most selections of candidates for one problem. Chosen by hand: each enlarges the previous one."""
+
 SCREENING_RESIDUAL = 0.1
 """Residual of the rough solution that screens the candidates. Chosen by hand; sensitivity not measured."""
 
@@ -91,10 +94,10 @@ class ContactSolver:
         if self.coupling == "none":
             return self.problem, self._system(self.problem, NoCoupling()), alone, 0
         force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
-        while True:
+        for _ in range(MAX_SELECTIONS):
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
             candidates = self.problem.part(slice(count))
-            _refuse_duplicates(candidates)
+            candidates.refuse_duplicates()
             start = candidates, force[:count], alone.indentation
             if self._dense(candidates):
                 found, system, iterate, steps = self._solve_all(*start)
@@ -104,10 +107,38 @@ class ContactSolver:
                 )
             taken += steps
             if iterate.indentation <= reach or count == self.problem.gap.size:
-                _refuse_ambiguous(found, system, iterate)
-                return found, system, iterate, taken
+                raised = self._reached_by_bulge(count, found, iterate)
+                if raised is None:
+                    _refuse_ambiguous(found, system, iterate)
+                    return found, system, iterate, taken
+                reach = raised
+            else:
+                reach = 1.1 * iterate.indentation
             force = found.scattered(iterate.force)[self.problem.order]
-            reach = 1.1 * iterate.indentation
+        raise ConvergenceError(
+            f"the contacts were not selected in {MAX_SELECTIONS} rounds: the indentation grows from round to "
+            "round; lower the load"
+        )
+
+    def _reached_by_bulge(self, count: int, found: ScaledProblem, iterate: Iterate) -> float | None:
+        """Gap up to which the bulge of a layer reaches asperities beyond the first ``count``; None if none.
+
+        An incompressible layer rises around a contact, so that an asperity with ``g > D`` may touch.
+        """
+        beyond = self.problem.part(slice(count, None))
+        loaded = np.flatnonzero(iterate.force)
+        rise = self.kernel.largest_rise() * float(iterate.force.sum()) / np.pi
+        near = np.flatnonzero(beyond.gap < iterate.indentation + rise)
+        if not rise or not near.size:
+            return None
+        touched = -np.inf
+        for row in near:
+            r = np.hypot(beyond.x[row] - found.x[loaded], beyond.y[row] - found.y[loaded])
+            r = np.maximum(r, np.finfo(float).tiny)
+            displacement = float(np.sum(iterate.force[loaded] * (1 / r - self.kernel.deficit(r)))) / np.pi
+            if iterate.indentation - beyond.gap[row] > displacement:
+                touched = float(beyond.gap[row])
+        return touched if touched > -np.inf else None
 
     def _solve_all(
         self, candidates: ScaledProblem, force: Values, indentation: float
@@ -134,7 +165,7 @@ class ContactSolver:
             iterate.displacement.max()
         )
         near = penetration > -margin
-        while True:
+        for _ in range(MAX_SELECTIONS):
             part = candidates.part(near)
             system = self._system(part, self._operator(part))
             displacement = system.coupling.displacement(force[near])
@@ -146,6 +177,10 @@ class ContactSolver:
             if not np.any(penetration[~near] > -0.5 * margin):
                 return part, system, iterate, steps
             near |= penetration > -margin
+        raise ConvergenceError(
+            f"the contacts were not selected in {MAX_SELECTIONS} rounds: the screening misses contacts every "
+            'time; use method "dense"'
+        )
 
     def _uncoupled(self) -> Iterate:
         """The solution for independent contacts."""
@@ -227,16 +262,6 @@ def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> f
     distance = np.hypot(problem.x[others] - problem.x[top], problem.y[others] - problem.y[top])
     apart = distance > 0
     return float(np.sum(force[others[apart]] / distance[apart]) / np.pi)
-
-
-def _refuse_duplicates(problem: ScaledProblem) -> None:
-    """Raise `ModelRangeError` if two asperities are at the same place."""
-    duplicates = problem.duplicates()
-    if duplicates is not None:
-        raise ModelRangeError(
-            f"asperities: rows {duplicates[0]} and {duplicates[1]} are at the same place; coupled, "
-            "either of them could bear the force; remove one"
-        )
 
 
 def _refuse_ambiguous(problem: ScaledProblem, system: ContactSystem, iterate: Iterate) -> None:

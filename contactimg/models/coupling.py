@@ -49,6 +49,13 @@ class Kernel:
             return cls(0.0, np.zeros(0), np.zeros(0))
         return cls(1 / thickness, *layer.deficit_table())
 
+    def largest_rise(self) -> float:
+        """Largest rise of a layer by a unit of ``q/pi``, ``max(phi(s) - 1/s)/t``; 0 for a half-space."""
+        if not self.thinness:
+            return 0.0
+        s = layer.STEP * np.arange(1, self.value.size)
+        return self.thinness * max(float(np.max(self.value[1:] - 1 / s)), 0.0)
+
     def deficit(self, r: Values) -> Values:
         """``phi(r/t)/t``, zero for a half-space."""
         if not self.thinness:

@@ -22,11 +22,13 @@ from contactimg.models.greenwood_williamson import (
     AsperityLayer,
     RingSolution,
     check_rings,
+    prove_rings,
     ring_solution,
     ring_weights,
     solve_greenwood_williamson,
 )
 from contactimg.models.height_distributions import HeightLaw
+from contactimg.models.proof import refuse_beyond_floats, relative_error
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -36,6 +38,7 @@ _MIN_STEP_FRACTION = 2.0**-20
 
 
 @stage("rings")
+@refuse_beyond_floats
 def solve_greenwood_tripp(
     heights: HeightLaw,
     *,
@@ -114,7 +117,19 @@ def solve_greenwood_tripp(
         load=load,
         displacement=(state.indentation - system.r**2 / 2 - state.depth) * scale.height,
     )
-    return replace(solution, iterations=first + second, residual=state.residual)
+    solution = replace(solution, iterations=first + second, residual=state.residual)
+    return prove_rings(solution, _errors(solution, system, state.indentation * scale.height), tolerance)
+
+
+def _errors(solution: RingSolution, system: "_Rings", indentation: float) -> dict[str, float]:
+    """Relative errors of the load and of the depths, recomputed from the pressures in SI units."""
+    scale, r = system.scale, solution.r
+    displacement = system.matrix @ (solution.pressure / scale.pressure) * scale.height
+    depth = indentation - r**2 / (2 * scale.indenter_radius) - displacement
+    return {
+        "sum of the forces": relative_error(float(ring_weights(r) @ solution.pressure), solution.load),
+        "depths": float(np.max(np.abs(depth - solution.depth)) / np.max(np.abs(solution.depth))),
+    }
 
 
 @dataclass(frozen=True)
@@ -123,6 +138,7 @@ class _Scale:
 
     Parameters
     ----------
+    indenter_radius : float, m
     length, height : float, m
         Hertz's radius and indentation.
     pressure : float, Pa
@@ -136,6 +152,7 @@ class _Scale:
         Depth of the uncoupled model at the axis, in ``height``.
     """
 
+    indenter_radius: float
     length: float
     height: float
     pressure: float
@@ -161,7 +178,7 @@ class _Scale:
         )
         edge = min(1.0, (3 * np.pi / (8 * np.sqrt(2)) * sinking) ** (2 / 3))
         uncoupled = max(float(ring.depth[0]) / height, 0.0)
-        return cls(length, height, E * height / length, sinking, edge, uncoupled)
+        return cls(indenter_radius, length, height, E * height / length, sinking, edge, uncoupled)
 
     def guessed_mesh(self, count: int) -> Values:
         """Rings out to the end of the softened Hertz contact or the uncoupled model, the larger."""

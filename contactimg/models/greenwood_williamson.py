@@ -11,8 +11,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.errors import InputError
+from contactimg.errors import ConvergenceError, InputError
 from contactimg.models.height_distributions import HeightLaw
+from contactimg.models.newton_iteration import MAX_DOUBLINGS
+from contactimg.models.proof import (
+    CONVERGED,
+    LOAD_RANGE_N,
+    check_finite,
+    check_range,
+    judge,
+    refuse_beyond_floats,
+    relative_error,
+)
+from contactimg.surfaces import LENGTH_RANGE_M
 from contactimg.tables import PROFILE
 from contactimg.timings import stage
 
@@ -100,7 +111,9 @@ def depth_of(heights: HeightLaw, value: Values, power: float) -> Values:
     if not np.all(value > 0):
         raise InputError("a depth exists for positive pressures and loads only")
     depth = np.full(np.shape(value), 1e-12 * heights.width + np.finfo(float).tiny)
-    while np.any(short := heights.moment(depth, power) < value):
+    for _ in range(MAX_DOUBLINGS):
+        if not np.any(short := heights.moment(depth, power) < value):
+            break
         depth = np.where(short, 2 * depth, depth)
     for _ in range(200):
         step = (heights.moment(depth, power) - value) / (power * heights.moment(depth, power - 1))
@@ -135,6 +148,9 @@ class RingSolution:
     residual : float
         Largest error of a depth over the largest depth, or relative error of the load; 0 for ``"gw"``, a
         closed form.
+    status : str
+        ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
+        sentence that says what does not hold.
     """
 
     model: str
@@ -150,6 +166,7 @@ class RingSolution:
     displacement: Values
     iterations: int
     residual: float
+    status: str = CONVERGED
 
     def profile(self, frame: str = "") -> pd.DataFrame:
         """The rings as a table of the schema `PROFILE`."""
@@ -178,6 +195,7 @@ def ring_weights(r: Values) -> Values:
 
 
 @stage("rings")
+@refuse_beyond_floats
 def solve_greenwood_williamson(
     heights: HeightLaw,
     *,
@@ -232,7 +250,9 @@ def solve_greenwood_williamson(
     area = np.pi**2 * indenter_radius * radius * density * float(heights.moment(deepest, 2))
     depth = deepest - r**2 / (2 * indenter_radius)
     solution = ring_solution("gw", layer, r, depth, load=load, displacement=np.zeros_like(r))
-    return replace(solution, area=area)
+    force = 2 * np.pi * indenter_radius * layer.strength * float(heights.moment(deepest, 2.5)) / 2.5
+    errors = {"sum of the forces": relative_error(force, load)}
+    return prove_rings(replace(solution, area=area), errors, tolerance=0.0)
 
 
 def ring_solution(
@@ -256,11 +276,33 @@ def ring_solution(
     )
 
 
+def prove_rings(solution: RingSolution, errors: dict[str, float], tolerance: float) -> RingSolution:
+    """The solution with its status, once its numbers are finite, no ring pulls and the errors are small."""
+    check_finite(
+        {
+            "radius of a ring": solution.r,
+            "depth": solution.depth,
+            "pressure": solution.pressure,
+            "density": solution.density,
+            "area fraction": solution.area_fraction,
+            "indentation": solution.indentation,
+            "area": solution.area,
+        }
+    )
+    if np.any(solution.pressure < 0):
+        raise ConvergenceError(
+            "a ring of the solution pulls: its heights and loads are too far apart; check units"
+        )
+    return replace(solution, status=judge(errors, tolerance))
+
+
 def check_rings(indenter_radius: float, load: float, rings: int) -> None:
     """Refuse arguments for which there is no ring solution."""
     if not (np.isfinite(indenter_radius) and indenter_radius > 0):
         raise InputError(f"indenter_radius must be positive and finite, got {indenter_radius!r} m")
     if not (np.isfinite(load) and load > 0):
         raise InputError(f"load must be positive, got {load!r} N")
+    check_range("indenter_radius", indenter_radius, LENGTH_RANGE_M, "m")
+    check_range("load", load, LOAD_RANGE_N, "N")
     if rings < 8:
         raise InputError(f"rings must be at least 8, got {rings!r}")

@@ -7,17 +7,23 @@ others did not lower the surface.
 """
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import TypedDict, Unpack
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from contactimg.errors import InputError
-from contactimg.models.asperity_laws import LAWS, asperity_law
+from contactimg.errors import ConvergenceError, InputError
+from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
-from contactimg.models.scaled_problem import ContactConditions, check_choice, scale_problem
-from contactimg.models.solution import InteractingSolution
+from contactimg.models.newton_iteration import ContactSystem
+from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
+from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, check_choice, scale_problem
+from contactimg.models.solution import InteractingSolution, Outcome
+
+Values = NDArray[np.float64]
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
 
@@ -34,6 +40,7 @@ class InteractingOptions(TypedDict, total=False):
     max_iterations: int
 
 
+@refuse_beyond_floats
 def solve_interacting(
     asperities: pd.DataFrame,
     *,
@@ -91,9 +98,10 @@ def solve_interacting(
     InputError
         If an argument breaks its rule.
     ModelRangeError
-        If two asperities are so close that the solution is not unique; it names both rows.
+        If two asperities are so close that the solution is not unique (it names both rows), or the numbers
+        are outside the range of the model.
     ConvergenceError
-        If the residual stays above the tolerance.
+        If the residual stays above the tolerance, or the final forces fail a check.
 
     Notes
     -----
@@ -121,10 +129,10 @@ def solve_interacting(
     check_choice("method", method, METHODS)
     if load is not None and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
-    setting = ContactConditions(
+    conditions = ContactConditions(
         indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation
     )
-    problem = scale_problem(asperities, setting)
+    problem = scale_problem(asperities, conditions)
     if not problem.touches:
         return problem.untouched(coupling=coupling, thickness=float(thickness))
     if start is not None and start.force.size != len(asperities):
@@ -145,17 +153,58 @@ def solve_interacting(
         max_iterations=max_iterations,
     )
     problem, system, iterate, steps = solver.solve(seed)
-    return problem.record(
+    solution = problem.record(
         iterate.carried,
         iterate.contact_radius,
         iterate.penetration(system),
-        indentation=iterate.indentation * problem.depth,
-        coupling=coupling,
-        thickness=float(thickness),
-        status="converged",
-        iterations=steps,
-        residual=iterate.residual,
+        Outcome(iterate.indentation * problem.depth, coupling, float(thickness), steps, iterate.residual),
     )
+    forces = forces_from_indentation(solution, problem, system, asperity_law(law, aspect=1.0))
+    status = prove_forces(solution, problem.order, conditions, forces * float(contact_modulus), tolerance)
+    return solution if status == solution.status else replace(solution, status=status)
+
+
+def forces_from_indentation(
+    solution: InteractingSolution, problem: ScaledProblem, system: ContactSystem, law: AsperityLaw
+) -> Values:
+    """Forces over ``E*`` (m^2) that follow from the indentation and forces of a solution, in SI units.
+
+    One value for each asperity of ``problem``, whose ``system`` adds the corrections of full coupling.
+    """
+    force = solution.force[problem.order] / problem.force_unit
+    correction = (system.gap - problem.gap + system.coupling.displacement(force)) * problem.depth
+    penetration = solution.indentation - problem.base_gap - correction
+    return law.respond(penetration, system.radius * problem.radius_unit)[0]
+
+
+def prove_forces(
+    solution: InteractingSolution,
+    rows: NDArray[np.intp],
+    conditions: ContactConditions,
+    expected: Values,
+    tolerance: float,
+) -> str:
+    """Check finiteness, signs, the sum of the forces and their agreement with the indentation.
+
+    ``expected`` are the forces of the asperities ``rows`` that follow from the indentation, N. Returns the
+    status.
+    """
+    force, radius = solution.force, solution.radius
+    total = float(force.sum())
+    if not np.isfinite(total + radius.sum() + expected.sum() + solution.indentation):
+        check_finite({"force": force, "contact radius": radius, "force at the indentation": expected})
+        check_finite({"indentation": solution.indentation})
+    size = conditions.load if conditions.load is not None else total or 1.0
+    if np.any(force < 0) or np.any((force > 0) != (radius > 0)):
+        raise ConvergenceError(
+            "a contact of the solution pulls, or has a force without a radius: loads, lengths and moduli may "
+            "be too many orders of magnitude apart; check their units"
+        )
+    errors = {
+        "sum of the forces": relative_error(total, size),
+        "forces at the indentation": float(np.abs(expected - force[rows]).sum()) / size,
+    }
+    return judge(errors, tolerance)
 
 
 def solve_loads(

@@ -21,6 +21,9 @@ Values = NDArray[np.float64]
 MIN_STEP_FRACTION = 2.0**-12
 """Shortest fraction of a Newton step in the line search. Chosen by hand; sensitivity not measured."""
 
+MAX_DOUBLINGS = 2100
+"""Most doublings of a depth. Theory: floating-point numbers span 2098 powers of two."""
+
 SOFTENINGS = (0.0, 0.1, 1.0, 10.0, 100.0)
 """Relative softenings of the contacts, tried in turn while the Newton matrix is indefinite or no step lowers
 the mismatch. Chosen by hand; sensitivity not measured."""
@@ -108,12 +111,16 @@ def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess
     gap = system.gap + offset
     lowest = float(gap.min())
     depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # of that asperity alone
-    while _bearing(system, lowest + depth - gap)[0] < load:
+    for _ in range(MAX_DOUBLINGS):
+        if not _bearing(system, lowest + depth - gap)[0] < load:
+            break
         depth *= 2
     if 0.01 * depth < guess - lowest < depth:
         depth = guess - lowest
     for _ in range(100):
         total, stiffness = _bearing(system, lowest + depth - gap)
+        if not stiffness > 0:
+            break
         step = (total - load) / stiffness
         depth = max(depth - step, 0.5 * depth)
         if abs(step) <= 1e-14 * depth:

@@ -7,16 +7,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import InputError
-from contactimg.models.solution import InteractingSolution
-from contactimg.surfaces import composite_apexes
+from contactimg.errors import InputError, ModelRangeError
+from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
+from contactimg.models.solution import InteractingSolution, Outcome
+from contactimg.surfaces import LENGTH_RANGE_M, composite_apexes
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
-
-MIN_LOAD_N = 1e-100
-"""Least load. Theory: the indentation goes as P^(2/3) and its powers must stay above 1e-308, the least
-float."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +52,10 @@ class ContactConditions:
         for name, value in (("load", self.load), ("indentation", self.indentation)):
             if value is not None and not np.isfinite(value):
                 raise InputError(f"{name} must be finite, got {value!r}")
-        if self.load and abs(self.load) < MIN_LOAD_N:
-            raise InputError(f"load must be 0 or above {MIN_LOAD_N:g} N, got {self.load!r} N")
+        check_range("contact_modulus", self.contact_modulus, MODULUS_RANGE_PA, "Pa")
+        check_range("thickness", self.thickness, LENGTH_RANGE_M, "m")
+        check_range("load", self.load, LOAD_RANGE_N, "N")
+        check_range("indentation", self.indentation, INDENTATION_RANGE_M, "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +96,17 @@ class ScaledProblem:
     height: Values
 
     @property
+    def base_gap(self) -> Values:
+        """Depth of each apex below the highest of the table, m."""
+        height = self.apexes["height_m"].to_numpy()
+        return height.max() - height[self.order]
+
+    @property
+    def radius_unit(self) -> float:
+        """Composite radius of the highest asperity of the table, m."""
+        return self.length**2 / self.depth
+
+    @property
     def touches(self) -> bool:
         """Whether the prescribed load or indentation brings any asperity into contact."""
         if self.load:
@@ -112,12 +122,7 @@ class ScaledProblem:
             nothing,
             nothing,
             self.indentation - self.gap,
-            indentation=self.indentation * self.depth,
-            coupling=coupling,
-            thickness=thickness,
-            status="converged",
-            iterations=0,
-            residual=0.0,
+            Outcome(self.indentation * self.depth, coupling, thickness, iterations=0, residual=0.0),
         )
 
     def part(self, rows: NDArray[np.bool_] | slice) -> "ScaledProblem":
@@ -143,6 +148,15 @@ class ScaledProblem:
         first, second = sorted(int(self.order[order[same[0] + k]]) for k in (0, 1))
         return first, second
 
+    def refuse_duplicates(self) -> None:
+        """Raise `ModelRangeError` if two asperities are at the same place."""
+        duplicates = self.duplicates()
+        if duplicates is not None:
+            raise ModelRangeError(
+                f"asperities: rows {duplicates[0]} and {duplicates[1]} are at the same place; coupled, "
+                "either of them could bear the force; remove one"
+            )
+
     def scattered(self, values: Values, *, fill: float = 0.0) -> Values:
         """Values in the order of the table, with ``fill`` for asperities that are not part of the problem."""
         result = np.full(self.height.size, fill)
@@ -150,9 +164,9 @@ class ScaledProblem:
         return result
 
     def record(
-        self, force: Values, contact_radius: Values, penetration: Values, **facts: object
+        self, force: Values, contact_radius: Values, penetration: Values, outcome: Outcome
     ) -> InteractingSolution:
-        """The solution with dimensions; ``facts`` are its remaining fields."""
+        """The solution in SI units, from dimensionless arrays."""
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
             radius=self.scattered(contact_radius * self.length),
@@ -162,7 +176,13 @@ class ScaledProblem:
             height=self.height,
             penetration=self.scattered(penetration * self.depth, fill=-np.inf),
             load=float(np.sum(force)) * self.force_unit,
-            **facts,  # type: ignore[arg-type]
+            indentation=outcome.indentation,
+            coupling=outcome.coupling,
+            thickness=outcome.thickness,
+            status=outcome.status,
+            iterations=outcome.iterations,
+            residual=outcome.residual,
+            branch=outcome.branch,
         )
 
 

@@ -1,5 +1,6 @@
 """The record of a solved contact problem of single asperities, and its table of contacts."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,10 +8,24 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.models.proof import CONVERGED
 from contactimg.models.validity import Validity, assess, contact_flags
 from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a solution was reached: the fields of `InteractingSolution` beside its arrays."""
+
+    indentation: float
+    coupling: str
+    thickness: float
+    iterations: int
+    residual: float
+    status: str = CONVERGED
+    branch: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +56,18 @@ class InteractingSolution:
     thickness : float, m
         Thickness of the layer; infinite for a half-space.
     status : str
-        ``"converged"``.
+        ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
+        sentence that says what does not hold.
     iterations : int
         Newton steps.
     residual : float
         Sum of ``|p - q|`` over the load, with ``q`` the forces and ``p`` those that follow from the
         penetrations.
+    branch : str
+        How an adhesive solution was reached: ``"first loading"``, ``"loading"``, ``"unloading"`` or
+        ``"held"``, from the previous load or indentation to this one; empty without adhesion.
+    stability_check : callable, optional
+        Evaluates ``stability`` of coupled adhesive contacts.
     """
 
     force: Values
@@ -63,6 +84,17 @@ class InteractingSolution:
     status: str
     iterations: int
     residual: float
+    branch: str = ""
+    stability_check: Callable[[], str] | None = None
+
+    @cached_property
+    def stability(self) -> str:
+        """``"stable"`` under what is prescribed, ``"stable only at fixed indentation"`` or ``"unstable"``.
+
+        Evaluated when first asked for. Without adhesion or without coupling the solver finds stable
+        equilibria only.
+        """
+        return "stable" if self.stability_check is None else self.stability_check()
 
     @property
     def touching(self) -> NDArray[np.intp]:

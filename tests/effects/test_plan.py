@@ -16,7 +16,7 @@ from contactimg.effects.mechanics import mechanical_effects as mechanics
 from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer
-from contactimg.models import adhesive, contact_solver, interacting
+from contactimg.models import adhesive_path, contact_solver, interacting
 from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
 from contactimg.models.full_coupling import FieldCorrection
@@ -165,8 +165,8 @@ def counted(monkeypatch):
     count(FieldCorrection, "apply", "full")
     count(SphereLaw, "respond", "sphere")
     count(layer, "deficit_table", "layer")
-    count(adhesive._Contacts, "direction", "adhesion")
-    count(adhesive, "correct_for_field", "full adhesive")
+    count(adhesive_path.AdhesiveContacts, "direction", "adhesion")
+    count(adhesive_path, "correct_for_field", "full adhesive")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
