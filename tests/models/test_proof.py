@@ -133,6 +133,13 @@ def test_a_crowd_of_adhesive_contacts_is_refused_quickly():
         solve_adhesive(table, load=0.0, work_of_adhesion=7e-9, **FLAT)
 
 
+def test_an_absurd_load_on_many_asperities_is_refused_quickly():
+    rng = np.random.default_rng(5)
+    x, y = rng.uniform(0, 1e-2, (2, 5000))
+    with pytest.raises(ModelRangeError, match="an equal share of the load on 5000 asperities"):
+        solve_interacting(caps(x, y, rng.uniform(3e-5, 6e-5, 5000)), load=1e12, **FLAT)
+
+
 @pytest.mark.parametrize("law", ["hertz", "sphere"])
 @pytest.mark.parametrize("load", [2e-15, 1e-12])
 def test_radii_over_twelve_decades_bear_a_tiny_load(law, load):
