@@ -181,7 +181,7 @@ CASES = {
     ),
     "fixed": Case(
         "filter of the reference: a fixed blur of 0.7 px",
-        {"background.subtract.divide_by_reference": partial(divide_plainly, blur_px=NARROW_PX)},
+        {"background.subtract.divide_by_reference": partial(divide_plainly, blur_px=NARROW_PX[0])},
         "background.divide background.divide_rows",
     ),
     "squares": Case(
