@@ -22,11 +22,12 @@ DARKEST_FRACTION = 0.1
 """Of the median level of the reference: where it is darker, it is not divided by."""
 
 NARROW_PX, WIDE_PX = (0.7, 1.2), 6.0
-"""Standard deviations of the Gaussians: the better of two narrow ones, and the wide one. Chosen by hand: with
-0.7 px alone, contacts of 0.8-2.2 px radius had a 9 % larger RMS than with a filter of four bands."""
+"""Standard deviations of the Gaussians: two narrow ones, of which the one that fits the frame better is used,
+and the wide one. Chosen by hand. With 0.7 px alone the RMS of radii of 0.8-2.2 px was 0.041 px, with both
+0.037 px, with a filter of four bands 0.038 px; 796 contacts (docs/imaging_ablation.md)."""
 
 BINNED_PX = 4
-"""Side of the blocks whose means are blurred widely."""
+"""Side of the blocks whose means get the wide blur. Chosen for speed."""
 
 BINNING_VARIANCE = 1.0 / 12.0 + 1.0 / 6.0
 """Variance (blocks squared) that binning and linear interpolation add to a Gaussian.
@@ -145,7 +146,7 @@ def _fit_gain(
 
     Examples
     --------
-    >>> detail = np.array([1.0, -2.0, 2.0, -1.0, 50.0])
+    >>> detail = np.array([-1.0, -2.0, 0.0, 2.0, 50.0])
     >>> _fit_gain(detail, detail, 0.5 * detail)
     (0.0, 0.5, 2.9652)
     """
