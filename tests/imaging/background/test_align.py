@@ -262,7 +262,7 @@ def test_reference_is_filtered_as_well_as_its_noise_allows():
     error = power * noise**2 / (power + noise**2) * np.exp(-((1.4 * k) ** 2))
     ideal = np.sqrt(np.sum(error * k) * (k[1] - k[0]) / (2 * np.pi))
     inner = ndimage.gaussian_filter(left, 1.4)[16:-16, 16:-16]
-    # one band comes within 3 % of it; some 10^4 independent places tell it to 1 %
+    # one gain comes within 2 % of it; some 10^4 independent places tell it to 1 %
     assert inner.std() == pytest.approx(ideal, rel=0.04)
     # the whole reference would leave all of its noise
     assert noise / (2 * np.sqrt(np.pi) * 1.4) > 1.1 * ideal
