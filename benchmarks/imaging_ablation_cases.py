@@ -315,11 +315,6 @@ CASES = {
         },
         "contrast.noise.NoiseCorrelation.plateau_inflation contrast.noise._plateau_autocorrelation",
     ),
-    "slope": Case(
-        "noise on the contacts as measured",
-        {"fit.method.measure_slope": lambda *_, default, **__: default},
-        "contrast.noise.measure_slope contrast.noise._inside contrast.noise._compare",
-    ),
     "settle": Case("common contrast and blur settled", {"fit.shared_optics.OPTICS_STEPS": 1}),
     "scatter": Case(
         "contacts that disagree about contrast and blur",

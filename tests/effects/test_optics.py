@@ -19,7 +19,7 @@ from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging.background import subtract as reference
 from contactimg.imaging.reject import reference_dust
-from contactimg.optics import recipe as optics_recipe
+from contactimg.optics import render_settings
 from contactimg.pipeline.effects import SHARP_BLUR_PX, resolve_measurement
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import explicit_switches, plan_simulation
@@ -165,7 +165,7 @@ def test_film_under_other_light_is_left_out_and_says_why(tried):
 # --- what is off is not computed ----------------------------------------------------------------------------
 
 PLACES = {
-    "blur": (optics_recipe, "gaussian_psf"),
+    "blur": (render_settings, "gaussian_psf"),
     "film": (render_contacts_module, "surround_with_film"),
     "vignetting": (render_frames, "light_falloff"),
     "shot_noise": (render_frames, "add_shot_noise"),

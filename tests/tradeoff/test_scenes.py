@@ -338,7 +338,7 @@ def test_process_takes_the_cheapest_method_that_serves(small_series, tmp_path, c
 def test_process_refuses_a_method_beside_a_tolerance(small_series, tmp_path, capsys):
     arguments = ["process", str(small_series), "-o", str(tmp_path / "out"), "--tolerance", "0.1"]
     assert main([*arguments, "--method", "disk"]) == 2
-    assert "keep one of the two" in capsys.readouterr().err
+    assert "give only one of the two" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")

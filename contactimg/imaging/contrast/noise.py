@@ -42,11 +42,6 @@ alone."""
 CLIP_SIGMA = 4.0
 """Standard deviations beyond which a background pixel is dirt. False-alarm rate 6e-5 (theory: normal
 noise)."""
-LEVEL_MARGIN = 0.03
-"""Distance of the model from the plateau, as a fraction of the contrast, up to which a pixel lies inside a
-contact."""
-LARGEST_SLOPE = 20.0
-"""Largest relative growth of the variance up to the plateau. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -157,64 +152,6 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
         difference = np.abs(np.diff(image[::every], axis=1))
         return float(MAD_TO_STD * median(difference) / np.sqrt(2)) if difference.size else 0.0
     return robust_std(sample)
-
-
-def measure_slope(
-    image: NDArray[np.float32],
-    model: NDArray[np.float32],
-    *,
-    contrast: float,
-    variance: float,
-    default: float,
-) -> float:
-    """Relative growth of the variance from the background to the plateau of the contacts.
-
-    Parameters
-    ----------
-    image, model : ndarray, shape (rows, columns)
-        Difference image, and the fitted model.
-    contrast, variance : float
-        Plateau, and variance of a background pixel.
-    default : float
-        Returned if no contact is wide enough.
-    """
-    for every in (8, 1):
-        inside = _inside(
-            image[::every], model[::every], np.float32(contrast), np.float32(LEVEL_MARGIN * contrast)
-        )
-        if len(inside) >= 10 * LEAST_PIXELS:
-            break
-    if len(inside) < LEAST_PIXELS:
-        return default
-    return float(np.clip(robust_std(inside) ** 2 / variance - 1.0, 0.0, LARGEST_SLOPE))
-
-
-@njit(cache=True)
-def _inside(image, model, contrast, margin):
-    """Residuals where the model is close to the plateau."""
-    rows, columns = image.shape
-    out = np.empty(image.size, np.float32)
-    # a vectorised pass writes bytes, which are then read eight at a time
-    mask = np.zeros((columns // 8 + 1) * 8, np.uint8)
-    words = mask.view(np.uint64)
-    count = 0
-    for y in range(rows):
-        _compare(model[y], contrast, margin, mask)
-        for k in range(len(words)):
-            if words[k] == 0:
-                continue
-            for x in range(8 * k, min(8 * k + 8, columns)):
-                if mask[x]:
-                    out[count] = image[y, x] - model[y, x]
-                    count += 1
-    return out[:count]
-
-
-@njit(cache=True)
-def _compare(row, level, margin, mask):
-    """Set the mask where a row is close to a level; vectorised."""
-    for x in range(len(row)):
-        mask[x] = abs(row[x] - level) < margin
 
 
 def measure_correlation(

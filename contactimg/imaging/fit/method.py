@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation, measure_slope
+from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
 from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.disks import (
     FitControl,
@@ -206,25 +206,21 @@ def _film_misfit(film: Rim, problem: FitProblem, blur: float) -> float:
 
 
 def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: float) -> JointFit:
-    """Last fit: noise, contrast and spread of the contrasts are measured with the fit before."""
+    """Last fit, with correlation of the noise, contrast and spread of the contrasts from the fit before."""
     problem, radius = start.problem, fit.disks[:, RADIUS]
     image, noise, gain = problem.image, problem.noise, 1.0 + problem.noise.slope
-    slope = measure_slope(
-        image, fit.model, contrast=problem.contrast, variance=noise.variance, default=noise.slope
-    )
-    measured = Noise(noise.variance, slope)
     correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)
-    shared = correlation.plateau_inflation(radius, fit.blur, noise=measured, gain=gain)
+    shared = correlation.plateau_inflation(radius, fit.blur, noise=noise, gain=gain)
     prior = contrast_prior(fit, default=problem.contrast, inflation=shared)
     wide = prior.mean if np.count_nonzero(wide_disks(fit)) >= FEWEST_WIDE_DISKS else start.wide_contrast
     if np.isfinite(spread):
         prior = ContrastPrior(prior.mean, max(spread, LEAST_SPREAD_FRACTION * prior.mean))
-    problem = replace(problem, noise=measured, prior=prior)
+    problem = replace(problem, prior=prior)
     fit = fit_disks(
         problem, fit.disks, blur=fit.blur, control=FitControl(start.free_blur, iterations=5),
         start=ModelImage.blank(image.shape, len(radius), complete=False),
     )  # fmt: skip
-    inflation = correlation.rim_inflation(radius, fit.blur, noise=measured, gain=gain)
+    inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
     joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
     # a misfit common to all disks is due to the noise model; that of a single disk is its own
     chi_square, many = joint.fit.chi_square, len(radius) >= FEWEST_COMMON_CHI_SQUARE
