@@ -261,7 +261,7 @@ CASES = {
     ),
     "covers": Case(
         "other covers of groups that fit badly",
-        {"fit.assemble.find_better_covers": replace_nothing},
+        {"fit.number_of_disks.find_better_covers": replace_nothing},
         "fit.covers fit.group_window shapes.arcs",
     ),
     "arcs": Case(
@@ -279,19 +279,24 @@ CASES = {
         {"fit.covers._drop_rim_pieces": lambda _, disks, *__: disks},
         "fit.covers._drop_rim_pieces",
     ),
-    "peaks": Case("peaks of the residual", {"fit.assemble.find_peaks": find_no_peaks}, "shapes.peaks"),
+    "peaks": Case("peaks of the residual", {"fit.number_of_disks.find_peaks": find_no_peaks}, "shapes.peaks"),
     "again": Case(
-        "peaks of the residual: one look", {"fit.assemble.PEAK_ROUNDS": 1}, "shapes.peaks.find_peaks_near"
+        "peaks of the residual: one look",
+        {"fit.number_of_disks.PEAK_ROUNDS": 1},
+        "shapes.peaks.find_peaks_near",
     ),
     "rims": Case(
         "peaks of the residual: higher limit at a rim",
-        {"fit.assemble.LEAST_PEAK_FRACTION": 0.0},
-        "fit.assemble._near_a_rim",
+        {"fit.number_of_disks.LEAST_PEAK_FRACTION": 0.0},
+        "fit.number_of_disks._near_a_rim",
     ),
-    "growth": Case("bound of the radii of inscribed disks", {"fit.assemble.INSCRIBED_GROWTH_RATIO": 1e6}),
+    "growth": Case(
+        "bound of the radii of inscribed disks",
+        {"fit.number_of_disks.INSCRIBED_GROWTH_RATIO": 1e6},
+    ),
     "specks": Case("specks at a rim dropped", {"fit.significance.SPECK_RADIUS_PX": 0.0}),
     "inscribed": Case(
-        "smoothing before disks are inscribed", {"fit.assemble.SMOOTHED_CONTRAST_TO_NOISE": 0.0}
+        "smoothing before disks are inscribed", {"fit.number_of_disks.SMOOTHED_CONTRAST_TO_NOISE": 0.0}
     ),
     "attempts": Case("disks told apart again at another contrast", {"fit.method.MOST_ATTEMPTS": 1}),
     "binning": Case(

@@ -4,8 +4,8 @@ In: a `contactimg.imaging.reject.foreground.Foreground`, the difference image it
 the rim that an air film draws. Out: `contactimg.imaging.reject.detections.Detections`.
 
 Read in this order: `method` (the steps), `problem` (the record all steps take), `disks` (one fit of all
-disks), `assemble` (how many disks) with `significance`, `covers` and `group_window`, `residual_light` with
-`halo`, `shared_optics` (contrast and blur common to all contacts), `quality` (flags and tables). `pooling`
-combines contrast and blur of a series of frames. `settings` is the table of the constants that shape the
-result.
+disks), `number_of_disks` (how many disks) with `significance`, `covers` and `group_window`,
+`residual_light` with `halo`, `shared_optics` (contrast and blur common to all contacts), `quality` (flags
+and tables). `pooling` combines contrast and blur of a series of frames. `settings` is the table of the
+constants that shape the result.
 """

@@ -10,7 +10,6 @@ import numpy as np
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
-from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -19,6 +18,7 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
     wide_disks,
 )
+from contactimg.imaging.fit.number_of_disks import assemble_disks
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.quality import FrameFit, report_contacts
 from contactimg.imaging.fit.residual_light import remove_halo, remove_illumination

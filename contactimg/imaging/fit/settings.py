@@ -39,7 +39,7 @@ LEAST_SPREAD_FRACTION = 1e-4
 CONTRAST_OUTLIER_SIGMA = 5.0
 """Robust standard deviations beyond which a contrast is an outlier. By hand."""
 
-# Number of disks (`assemble`, `significance`)
+# Number of disks (`number_of_disks`, `significance`)
 SIGNIFICANT_LIGHT_SIGMA = 5.0
 """Light below which a disk is dropped. False-alarm rate: 3e-7 for a normal deviate."""
 FAINTEST_CONTRAST_FRACTION = 0.4
