@@ -101,7 +101,8 @@ def predict(
     if not quiet:
         level = f", coupling {coupling}" if model == "interacting" else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}")
-        for prediction in predictions if tolerance is not None else ():
-            click.echo(choice_sentence(prediction, relative=tolerance))
+        if tolerance is not None:
+            for prediction in predictions:
+                click.echo(choice_sentence(prediction, relative=tolerance))
         click.echo(f"results in {target}")
     return int((frames["status"] == FAILED).any())

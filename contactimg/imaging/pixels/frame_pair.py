@@ -14,7 +14,7 @@ Levels = NDArray[np.float32] | NDArray[np.uint8]
 """Grey levels of an image."""
 SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
 SAMPLED_ROWS = 200  # rows that the range is measured on
-MESSAGES = {
+MESSAGES: dict[str, str] = {
     Status.BLACK: "the frame is black: no light reached the sensor",
     Status.WHITE: "the frame is white: every pixel is at full scale",
     Status.CONSTANT: "every pixel of the frame has the same value",
