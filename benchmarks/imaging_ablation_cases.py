@@ -16,12 +16,21 @@ from pkgutil import resolve_name
 from typing import Any
 from unittest.mock import patch
 
+import cv2
 import numpy as np
 
 from contactimg.imaging.background.align import align_strips
 from contactimg.imaging.background.align_far import FarSearch
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.divide import DARKEST_FRACTION, NARROW_PX, shifted_gaussian
+from contactimg.imaging.background.divide import (
+    BLUR_PX,
+    DARKEST_FRACTION,
+    NARROW_PX,
+    OUTLIER_SIGMA,
+    WIDE_PX,
+    _moved_gaussian,
+)
+from contactimg.imaging.background.divide_rows import DIRT_SIGMA
 from contactimg.imaging.background.find_illumination import find_background_level
 from contactimg.imaging.background.illumination import BACKGROUND_CLIP_SIGMA, Illumination, fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
@@ -31,7 +40,8 @@ from contactimg.imaging.fit.covers import Replacement
 from contactimg.imaging.fit.disks import FitControl, fit_disks
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.problem import FitProblem
-from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background
+from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.reject.foreign_objects import NO_FOREIGN_OBJECTS
 from contactimg.imaging.shapes.components import label_components
 from contactimg.imaging.shapes.peaks import find_peaks
@@ -64,11 +74,32 @@ def find_nothing(*_: Any, **__: Any) -> FarSearch:
 
 
 def divide_plainly(frame, reference, _half, illumination, *, residual, level, blur_px=0.0):
-    """Filter of the reference: the moved reference as it is, or behind a fixed blur."""
-    make = partial(shifted_gaussian, width=blur_px) if blur_px else shift_kernel
+    """Wiener weights: the moved reference as it is, or behind a fixed blur."""
+    make = partial(_moved_gaussian, width=blur_px) if blur_px else shift_kernel
     kernels = [make(part) for part in (residual.x_px, residual.y_px)]
     moved = filter_rows_and_columns(np.ascontiguousarray(reference), *kernels)
     background = illumination.ratio_at_rows(np.arange(frame.shape[0]), frame.shape) * moved
+    return np.asarray(
+        level * (frame - background) / np.maximum(background, DARKEST_FRACTION * level), np.float32
+    )
+
+
+def divide_by_one_band(frame, reference, _half, illumination, *, residual, level):
+    """Wiener weights: one, of what lies between two widths; dirt as it is."""
+    shape = (frame.shape[0], frame.shape[1])
+    ratio = illumination.ratio_at_rows(np.arange(shape[0]), shape)
+    kernels = [shift_kernel(part) for part in (residual.x_px, residual.y_px)]
+    moved = filter_rows_and_columns(np.ascontiguousarray(reference), *kernels)
+    narrow, wide = (cv2.GaussianBlur(moved, (0, 0), width) for width in (NARROW_PX, WIDE_PX))
+    mask = is_background(illumination.background, *(np.arange(size) for size in shape), shape)
+    detail, rest = (cv2.GaussianBlur(part, (0, 0), BLUR_PX) for part in (narrow - wide, frame / ratio - wide))
+    scatter = robust_std((narrow - wide)[mask])
+    usual = mask & (np.abs(narrow - wide) < DIRT_SIGMA * scatter)
+    rest = rest - np.median(rest[usual])
+    usual &= np.abs(rest) < OUTLIER_SIGMA * robust_std(rest[usual])
+    gain = float(np.clip(np.sum((detail * rest)[usual]) / np.sum((detail**2)[usual]), 0.0, 1.5))
+    surface = np.where(np.abs(narrow - wide) < DIRT_SIGMA * scatter, wide + gain * (narrow - wide), moved)
+    background = ratio * surface
     return np.asarray(
         level * (frame - background) / np.maximum(background, DARKEST_FRACTION * level), np.float32
     )
@@ -174,14 +205,19 @@ CASES = {
         {"background.subtract.align_all_rows": align_strips},
         "background.align.align_all_rows background.align._find_dirt",
     ),
-    "filter": Case(
-        "filter of the reference: plain division",
+    "wiener": Case(
+        "Wiener weights of the reference: plain division",
         {"background.subtract.divide_by_reference": divide_plainly},
         "background.divide background.divide_rows",
     ),
     "fixed": Case(
-        "filter of the reference: a fixed blur of 0.7 px",
-        {"background.subtract.divide_by_reference": partial(divide_plainly, blur_px=NARROW_PX[0])},
+        "Wiener weights of the reference: a fixed blur of 0.7 px",
+        {"background.subtract.divide_by_reference": partial(divide_plainly, blur_px=NARROW_PX)},
+        "background.divide background.divide_rows",
+    ),
+    "band": Case(
+        "Wiener weights of the reference: one band",
+        {"background.subtract.divide_by_reference": divide_by_one_band},
         "background.divide background.divide_rows",
     ),
     "squares": Case(

@@ -1,47 +1,44 @@
-"""Divide a frame by its reference without adding the reference's noise.
+"""Divide a frame by its reference without adding the reference's noise: a Wiener filter in bands of scale.
 
-The reference shows the texture and dirt of the surface, which are wanted, and noise, which is not. Its
-detail, the difference of a narrow and a wide Gaussian blur, is therefore multiplied by the gain that fits it
-best to the frame, by least squares (a Wiener filter of one band). Where the detail is as large as that of
-dirt, the reference is used unfiltered.
+The reference shows texture and dirt of the surface, which are wanted, and noise, which is not. It is split
+into bands of scale by Gaussians, and each band is weighted by the least-squares gain of the frame on it.
+Where a band shows dirt, the reference is used unfiltered.
 """
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.alignment import Alignment
-from contactimg.imaging.background.divide_rows import DIRT_SIGMA, NO_DIRT, REACH, divide_rows
+from contactimg.imaging.background.divide_rows import DIRT_SIGMA, NO_DIRT, TAPS, divide_rows
 from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import filter_rows_and_columns, shift_kernel
-from contactimg.imaging.pixels.blocks import block_means, is_background
+from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background, side_of
 from contactimg.imaging.pixels.robust import median, robust_std
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 DARKEST_FRACTION = 0.1
 """Of the median level of the reference: where it is darker, it is not divided by."""
 
-NARROW_PX, WIDE_PX = (0.7, 1.2), 6.0
-"""Standard deviations of the Gaussians: two narrow ones, of which the one that fits the frame better is used,
-and the wide one. Chosen by hand. With 0.7 px alone the RMS of radii of 0.8-2.2 px was 0.041 px, with both
-0.037 px, with a filter of four bands 0.038 px; 796 contacts (docs/imaging_ablation.md)."""
-
-BINNED_PX = 4
-"""Side of the blocks whose means get the wide blur. Chosen for speed."""
+NARROW_PX, MIDDLE_PX, WIDE_PX = 0.7, 2.0, 6.0
+"""Standard deviations of the Gaussians that separate the bands."""
 
 BINNING_VARIANCE = 1.0 / 12.0 + 1.0 / 6.0
-"""Variance (blocks squared) that binning and linear interpolation add to a Gaussian.
+"""Variance (binned pixels squared) that binning and linear interpolation add to a Gaussian.
 
 Theory: the variances of a box and of a triangle."""
 
-BLUR_PX = 1.0  # the gain suits an image blurred by this: finer detail is lost in the blur of the contacts
-STRIP_ROWS = 16  # height of the strips that the gain is measured in, without their margins
-MARGIN_PX = 2 * REACH  # rows and columns around a strip that its two filters need
-STRIP_PLACES = (0.125, 0.375, 0.625, 0.875)  # of the strips, as a fraction of the height of the image
+BLUR_PX = 1.0  # the gains suit an image blurred by this: finer detail is lost in the blur of the contacts
+TILES, TILE_ROWS, TILE_COLUMNS = 4, 32, 256  # number and size of the tiles that the gains are measured in
+BORDER_PX = 8  # rows and columns around a tile that the filters need: one block
 SAMPLE_SPACING_PX = 4  # pixels that far apart are independent behind `BLUR_PX`
-FEWEST_SAMPLES = 60  # pixels: of fewer, no gain is measured and it is 1
-GAIN_LIMITS = (0.0, 1.5)  # theory: signal/(signal + noise) is between 0 and 1; above, room for its error
-OUTLIER_SIGMA = 6.0  # pixels of the frame that differ by more from the reference are not used for the gain
+FEWEST_SAMPLES = 60  # pixels: of fewer, no gains are measured and the reference is used as it is
+NEGLIGIBLE_GAIN = 0.1  # gain of the finest band for which its filter is not computed
+GAIN_LIMITS = (-1.0, 3.0)  # a gain may exceed 0..1 where it corrects for the overlap with other bands
+OUTLIER_SIGMA = 6.0  # pixels of the frame that differ by more from the reference are not used for the gains
+GOLDEN_RATIO = 0.618  # fractional parts of its multiples fill the unit interval evenly
 
 
 def divide_by_reference(
@@ -69,94 +66,171 @@ def divide_by_reference(
     level : float
         Grey level of the background of the reference.
     """
-    reference, wide = np.ascontiguousarray(reference), _blur_widely(half, residual)
-    shifts = (residual.x_px, residual.y_px)
-    filters = [np.stack([shifted_gaussian(shift, width) for shift in shifts]) for width in NARROW_PX]
-    sharp = np.stack([shift_kernel(shift) for shift in shifts]).astype(np.float32)
-    fits = _fit_detail(frame, reference, filters, wide, illumination)
-    (_, gain, scatter), narrow = min(zip(fits, filters, strict=True), key=lambda pair: pair[0][0])
-    numbers = np.array([gain, 1.0 / scatter, level, DARKEST_FRACTION * level], np.float32)
+    bands = _ReferenceBands.of(reference, half, residual)
+    gains, scatters = _measure_gains(frame, bands, illumination)
+    sharp, narrow = bands.filters(0.0), bands.filters(NARROW_PX)
+    numbers = np.array([*gains, *(1.0 / scatters), level, DARKEST_FRACTION * level], np.float32)
     out = np.empty(frame.shape, np.float32)
-    polynomials = illumination.row_polynomials(frame.shape)
-    divide_rows(out, np.ascontiguousarray(frame), reference, wide, *polynomials, narrow, sharp, numbers)
+    divide_rows(
+        out, np.ascontiguousarray(frame), bands.full, bands.half, bands.quarter,
+        *illumination.row_polynomials(frame.shape),
+        np.stack([narrow] if gains[0] == 0.0 else [sharp, narrow]), sharp, numbers,
+    )  # fmt: skip
     return out
 
 
-def shifted_gaussian(shift: float, width: float) -> NDArray[np.float32]:
-    """Filter that moves by ``shift`` px and blurs by a standard deviation of ``width`` px, up to 2 px.
+@dataclass(frozen=True, eq=False)
+class _ReferenceBands:
+    """The reference as it is, and at half and a quarter of the resolution, there moved and blurred."""
+
+    full: NDArray
+    half: NDArray[np.float32]
+    quarter: NDArray[np.float32]
+    residual: Alignment
+
+    @classmethod
+    def of(cls, reference: NDArray, half: NDArray[np.float32], residual: Alignment) -> "_ReferenceBands":
+        finite = np.isfinite(half)
+        quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
+        return cls(
+            np.ascontiguousarray(reference),
+            _move_and_blur(half, MIDDLE_PX, residual, 2),
+            _move_and_blur(quarter, WIDE_PX, residual, 4),
+            residual,
+        )
+
+    def filters(self, blur_px: float) -> NDArray[np.float32]:
+        """Filters along rows and columns that move the reference, and blur it unless ``blur_px`` is 0."""
+        shifts = (self.residual.x_px, self.residual.y_px)
+        return np.stack(
+            [_fit_taps(_moved_gaussian(part, blur_px) if blur_px else shift_kernel(part)) for part in shifts]
+        )
+
+
+def _moved_gaussian(fraction: float, width: float) -> NDArray[np.float64]:
+    """Filter that blurs by a standard deviation ``width`` and moves by ``fraction`` px."""
+    half = int(np.ceil(2.7 * width)) + 1
+    kernel = np.exp(-((np.arange(-half, half + 1) + fraction) ** 2) / (2 * width**2))
+    return np.asarray(kernel / kernel.sum())
+
+
+def _fit_taps(taps: NDArray[np.float64]) -> NDArray[np.float32]:
+    """An odd number of coefficients padded with zeros to `TAPS`, or cut to `TAPS` and normalised to sum 1.
 
     Examples
     --------
-    >>> offsets, taps = np.arange(-4, 5), shifted_gaussian(-0.25, 1.0)
-    >>> float(np.round(taps @ offsets, 2))
-    0.25
+    >>> _fit_taps(np.ones(3) / 3).round(2).tolist()
+    [0.0, 0.0, 0.0, 0.33000001311302185, 0.33000001311302185, 0.33000001311302185, 0.0, 0.0, 0.0]
     """
-    kernel = np.exp(-((np.arange(-REACH, REACH + 1) + shift) ** 2) / (2 * width**2))
-    return np.asarray(kernel / kernel.sum(), np.float32)
+    kernel, spare = np.zeros(TAPS), (TAPS - len(taps)) // 2
+    if spare < 0:
+        kernel = taps[-spare:spare] / taps[-spare:spare].sum()
+    else:
+        kernel[spare : spare + len(taps)] = taps
+    return kernel.astype(np.float32)
 
 
-def _blur_widely(half: NDArray[np.float32], residual: Alignment) -> NDArray[np.float32]:
-    """The reference moved and blurred by `WIDE_PX`, without NaN; its shape is rounded up to whole blocks."""
-    finite = np.isfinite(half)
-    binned = block_means(half, None if finite.all() else finite.astype(np.uint8), side=BINNED_PX // 2)
-    width = float(np.sqrt((WIDE_PX / BINNED_PX) ** 2 - BINNING_VARIANCE))
-    filters = [shifted_gaussian(shift / BINNED_PX, width) for shift in (residual.x_px, residual.y_px)]
+def _move_and_blur(
+    binned: NDArray[np.float32], blur_px: float, residual: Alignment, side: int
+) -> NDArray[np.float32]:
+    """Means of ``side`` pixels, moved, and blurred so that interpolation gives ``blur_px``; without NaN."""
+    width = float(np.sqrt((blur_px / side) ** 2 - BINNING_VARIANCE))
+    kernels = [_fit_taps(_moved_gaussian(part / side, width)) for part in (residual.x_px, residual.y_px)]
     finite = np.isfinite(binned)
-    smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *filters)
-    if not finite.all():
-        smooth /= np.maximum(filter_rows_and_columns(finite, *filters), np.float32(1e-3))
-    size = (BINNED_PX * binned.shape[1], BINNED_PX * binned.shape[0])
-    return np.asarray(cv2.resize(smooth, size), np.float32)
+    if finite.all():
+        return filter_rows_and_columns(binned, *kernels)
+    smooth = filter_rows_and_columns(np.where(finite, binned, np.float32(0.0)), *kernels)
+    weight = filter_rows_and_columns(finite, *kernels)
+    return np.asarray(smooth / np.maximum(weight, np.float32(1e-3)), np.float32)
 
 
-def _fit_detail(
-    frame: NDArray,
-    reference: NDArray,
-    filters: list[NDArray[np.float32]],
-    wide: NDArray[np.float32],
-    illumination: Illumination,
-) -> list[tuple[float, float, float]]:
-    """Misfit, gain and robust scatter of the detail of each filter, from the background in strips of rows.
+def _measure_gains(
+    frame: NDArray, bands: _ReferenceBands, illumination: Illumination
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gains of the three finer bands, the finest 0 if negligible, and scatter of the coarser two of them.
 
-    The gain is measured behind a blur of `BLUR_PX` as in the image of a contact.
+    Measured in the tiles with the most background, behind a blur of `BLUR_PX` as in the image of a contact.
     """
-    shape, blur = (frame.shape[0], frame.shape[1]), [shifted_gaussian(0.0, BLUR_PX)] * 2
-    rows = min(STRIP_ROWS + 2 * MARGIN_PX, shape[0])
-    inside, x = slice(MARGIN_PX, -MARGIN_PX, SAMPLE_SPACING_PX), np.arange(shape[1])
-    samples = []
-    for top in sorted({int((shape[0] - rows) * place) for place in STRIP_PLACES}):
-        strip, y = slice(top, top + rows), np.arange(top, top + rows)
-        coarse = wide[strip, : shape[1]]
-        details = [filter_rows_and_columns(reference[strip], *narrow) - coarse for narrow in filters]
-        target = frame[strip] / illumination.ratio_at_rows(y, shape) - coarse
-        images = [*details, *(filter_rows_and_columns(image, *blur) for image in (*details, target))]
-        mask = is_background(illumination.background, y[inside], x[inside], shape)
-        samples.append([image[inside, inside][mask] for image in images])
-    *pairs, target = np.concatenate(samples, axis=1)
-    if len(target) < FEWEST_SAMPLES:
-        return [(0.0, 1.0, NO_DIRT)] * len(filters)
-    details, blurred = pairs[: len(filters)], pairs[len(filters) :]
-    return [_fit_gain(*pair, target) for pair in zip(details, blurred, strict=True)]
+    shape, background = frame.shape, illumination.background
+    tiles = _emptiest_tiles(background, shape)
+    spacing = SAMPLE_SPACING_PX if len(tiles) == TILES else SAMPLE_SPACING_PX // 2
+    mask = np.array([_sample_is_background(background, *tile, spacing, shape) for tile in tiles], np.bool_)
+    if np.count_nonzero(mask) < FEWEST_SAMPLES:
+        return np.ones(3), np.full(2, NO_DIRT)
+
+    def sample(stack: NDArray[np.float32]) -> NDArray[np.float32]:
+        inside = slice(BORDER_PX, -BORDER_PX, spacing)
+        return np.asarray(stack.reshape(len(tiles), -1, stack.shape[1])[:, inside, inside][mask])
+
+    full = np.concatenate([bands.full[tile] for tile in tiles])
+    half = np.concatenate([_enlarge(bands.half, *tile, 2) for tile in tiles])
+    quarter = np.concatenate([_enlarge(bands.quarter, *tile, 4) for tile in tiles])
+    ratio = [
+        illumination.ratio_at_rows(np.arange(rows.start, rows.stop), shape, columns)
+        for rows, columns in tiles
+    ]
+    target = np.concatenate([frame[tile] for tile in tiles]) / np.concatenate(ratio)
+
+    blur = [_fit_taps(_moved_gaussian(0.0, BLUR_PX))] * 2
+    sharp, narrow, unblurred = (
+        sample(filter_rows_and_columns(full, *bands.filters(width)))
+        for width in (BLUR_PX, float(np.hypot(NARROW_PX, BLUR_PX)), NARROW_PX)
+    )
+    middle, wide = sample(filter_rows_and_columns(half, *blur)), sample(quarter)
+    differences = np.stack([sharp - narrow, narrow - middle, middle - wide])
+    detail = np.stack([unblurred - sample(half), sample(half) - wide])
+    return _solve_gains(sample(filter_rows_and_columns(target, *blur)) - wide, differences, detail)
 
 
-def _fit_gain(
-    detail: NDArray[np.float32], blurred: NDArray[np.float32], target: NDArray[np.float32]
-) -> tuple[float, float, float]:
-    """Mean squared misfit of the blurred detail to the target, its gain, and its scatter, all without dirt.
-
-    Examples
-    --------
-    >>> detail = np.array([-1.0, -2.0, 0.0, 2.0, 50.0])
-    >>> _fit_gain(detail, detail, 0.5 * detail)
-    (0.0, 0.5, 2.9652)
-    """
-    target = target - median(target)
-    scatter = robust_std(detail, centre=0.0)
+def _solve_gains(
+    target: NDArray[np.float32], bands: NDArray[np.float32], detail: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gains of the bands by least squares on the target, and robust scatters of the detail; without dirt."""
+    target = target - np.float32(median(target))
+    scatters = np.array([robust_std(part, centre=0.0) for part in detail])
     usable = np.abs(target) < OUTLIER_SIGMA * robust_std(target, centre=0.0)
-    usable &= np.abs(detail) < DIRT_SIGMA * scatter
-    blurred, target = blurred[usable], target[usable]
-    power = float(blurred @ blurred)
-    if not power > 1e-12 * len(target):
-        return 0.0, 1.0, NO_DIRT
-    gain = float(np.clip(blurred @ target / power, *GAIN_LIMITS))
-    return float(np.mean((target - gain * blurred) ** 2)), gain, scatter
+    usable &= np.all(np.abs(detail) < DIRT_SIGMA * scatters[:, None], axis=0)
+    bands, target = bands[:, usable], target[usable]
+    normal, right = (bands @ bands.T).astype(float), (bands @ target).astype(float)
+    if not np.all(np.diag(normal) > 1e-12 * len(target)):
+        return np.ones(3), np.full(2, NO_DIRT)
+    gains = np.linalg.lstsq(normal, right, rcond=1e-9)[0]
+    if gains[0] < NEGLIGIBLE_GAIN:
+        gains = np.r_[0.0, np.linalg.lstsq(normal[1:, 1:], right[1:], rcond=1e-9)[0]]
+    return np.clip(gains, *GAIN_LIMITS), scatters
+
+
+def _emptiest_tiles(background: NDArray[np.bool_], shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    """Tiles with the most background, spread evenly, each with the border that the filters need."""
+    blocks = tuple(max((size - 2 * BORDER_PX) // BLOCK, 0) for size in shape)
+    high, wide = min(TILE_ROWS // BLOCK, blocks[0]), min(TILE_COLUMNS // BLOCK, blocks[1])
+    if not high * wide:
+        return []
+    down, across = blocks[0] // high, blocks[1] // wide
+    border, per_block = BORDER_PX // BLOCK, BLOCK // side_of(background.shape, shape)
+    inner = background[
+        border * per_block : (border + down * high) * per_block,
+        border * per_block : (border + across * wide) * per_block,
+    ]
+    fraction = inner.reshape(down, high * per_block, across, wide * per_block).mean(axis=(1, 3)).ravel()
+    spread = np.argsort(np.arange(len(fraction)) * GOLDEN_RATIO % 1.0)
+    chosen = spread[np.argsort(-fraction[spread], kind="stable")[:TILES]]
+    corners = zip(*np.divmod(chosen, across) * np.array([[high], [wide]]) * BLOCK, strict=True)
+    return [
+        (slice(top, top + high * BLOCK + 2 * BORDER_PX), slice(left, left + wide * BLOCK + 2 * BORDER_PX))
+        for top, left in corners
+    ]
+
+
+def _sample_is_background(
+    background: NDArray[np.bool_], rows: slice, columns: slice, spacing: int, shape: tuple[int, ...]
+) -> NDArray[np.bool_]:
+    """Whether the sampled pixels of a tile are background."""
+    y, x = (np.arange(part.start + BORDER_PX, part.stop - BORDER_PX, spacing) for part in (rows, columns))
+    return is_background(background, y, x, shape)
+
+
+def _enlarge(binned: NDArray[np.float32], rows: slice, columns: slice, side: int) -> NDArray[np.float32]:
+    """Part of a binned image, interpolated to the full resolution."""
+    part = binned[rows.start // side : rows.stop // side, columns.start // side : columns.stop // side]
+    return np.asarray(cv2.resize(part, (columns.stop - columns.start, rows.stop - rows.start)), np.float32)

@@ -1,4 +1,4 @@
-"""Compiled pass over the rows of a frame: move and filter the reference, divide by it.
+"""Compiled pass over the rows of a frame: move and filter the reference, weight its bands, divide by it.
 
 Whatever a row needs stays in the processor's cache, and every loop over a row compiles to vector
 instructions: that takes contiguous rows, single precision, a number of filter coefficients that the compiler
@@ -10,66 +10,152 @@ from numba import njit
 
 from contactimg.imaging.background.illumination import cubic
 
-REACH = 4  # pixels on either side of the one that is filtered
-TAPS = 2 * REACH + 1
-"""Number of coefficients of each filter, as of `contactimg.imaging.background.resample.shift_kernel`."""
+TAPS = 9
+"""Number of coefficients of each filter; odd."""
 
 NO_DIRT = 1e30
-"""Scatter of the detail in which nothing counts as dirt."""
+"""Scatter of a band in which nothing counts as dirt."""
 
 DIRT_SIGMA, FULL_DIRT_SIGMA = 4.0, 6.0
-"""Robust standard deviations of the detail from which it is partly, and from which it is wholly taken as
+"""Robust standard deviations of a band from which its detail is partly, and from which it is wholly taken as
 dirt. Chosen by hand on rendered frames; sensitivity not measured."""
 
 
 @njit(cache=True)
-def divide_rows(out, frame, reference, wide, along, across, narrow_taps, sharp_taps, numbers):
-    """Divide a frame by its filtered reference.
+def divide_rows(out, frame, reference, half, quarter, along, across, filters, sharp, numbers):
+    """Divide a frame by the weighted bands of its reference.
 
     Parameters
     ----------
     out : ndarray of float32, shape (rows, columns)
         Receives the relative excess of the frame over the background, times the level.
     frame, reference : ndarray, shape (rows, columns)
-    wide : ndarray of float32, at least as large
-        The reference moved and blurred by the wide Gaussian.
+    half, quarter : ndarray of float32
+        The reference at half and quarter of the resolution, moved and blurred.
     along, across : ndarray of float32
         Illumination ratio, see `contactimg.imaging.background.illumination.Illumination.row_polynomials`.
-    narrow_taps, sharp_taps : ndarray of float32, shape (2, TAPS)
-        Filters along rows and columns that move the reference and blur it by the narrow Gaussian, and that
-        move it only.
+    filters : ndarray of float32, shape (1 or 2, 2, TAPS)
+        Filters along rows and columns that move the reference (left out if its finest band has no weight) and
+        that move it and blur it by the narrowest Gaussian.
+    sharp : ndarray of float32, shape (2, TAPS)
+        Filter that moves the reference.
     numbers : ndarray of float32
-        Gain of the detail; its inverse scatter; the level; the smallest background that is divided by.
+        Gains of the three finer bands, finest first; the inverse scatters of the coarser two of them; the
+        level; the smallest background that is divided by.
     """
     rows, columns = reference.shape
-    ring = np.empty((TAPS, columns), np.float32)
-    narrow, padded = np.empty(columns, np.float32), np.empty(columns + 2 * REACH, np.float32)
-    ring_taps = np.empty(TAPS, np.float32)
-    for ahead in range(-REACH, rows + REACH):
-        row = reference[min(max(ahead, 0), rows - 1)]
-        _filter_row(ring[(ahead + REACH) % TAPS], row, padded, narrow_taps[0])
-        y = ahead - REACH
+    reach, kinds = TAPS // 2, len(filters)
+    ring = np.empty((kinds, TAPS, columns), np.float32)
+    bands = np.empty((kinds + 2, columns), np.float32)
+    line, turned = np.empty(columns + 2 * reach, np.float32), np.empty(TAPS, np.float32)
+    halves = np.empty((2, 2 * half.shape[1]), np.float32)
+    twice = np.empty(2 * quarter.shape[1], np.float32)
+    quarters = np.empty((2, 2 * len(twice)), np.float32)
+    halves_done = quarters_done = 0
+    for ahead in range(-reach, rows + reach):
+        _pad_row(line, reference[min(max(ahead, 0), rows - 1)])
+        for i in range(kinds):
+            _filter_row(ring[i, (ahead + reach) % TAPS], line, filters[i, 0])
+        y = ahead - reach
         if y < 0:
             continue
-        for k in range(TAPS):  # row y + k - REACH of the reference is row (y + k) % TAPS of the ring
-            ring_taps[(y + k) % TAPS] = narrow_taps[1, k]
-        _sum_rows(narrow, ring, ring_taps)
-        if _weight_detail(out[y], narrow, wide[y], numbers):
-            _restore_dirt(out[y], y, reference, sharp_taps, narrow, wide[y], numbers)
+        for i in range(kinds):
+            _turn_taps(turned, filters[i, 1], y)
+            _sum_rows(bands[i], ring[i], turned)
+        above, below, fraction = _neighbours(y, 2, len(half))
+        for row in range(halves_done, below + 1):
+            _double_row(halves[row % 2], half[row])
+        halves_done = below + 1
+        _mix_rows(bands[-2], halves[above % 2], halves[below % 2], fraction)
+        above, below, fraction = _neighbours(y, 4, len(quarter))
+        for row in range(quarters_done, below + 1):
+            _double_row(twice, quarter[row])
+            _double_row(quarters[row % 2], twice)
+        quarters_done = below + 1
+        _mix_rows(bands[-1], quarters[above % 2], quarters[below % 2], fraction)
+        dirty = _weight_bands(out[y], bands[0], bands[-3], bands[-2], bands[-1], numbers)
+        if dirty:
+            _restore_dirt(out[y], dirty, y, reference, sharp, bands[-3], bands[-2], bands[-1], numbers)
         _divide_row(out[y], frame[y], along[y], across, numbers)
 
 
+@njit(cache=True)
+def _neighbours(y, side, rows):
+    """Binned rows above and below row y, and its position between them (0 to 1)."""
+    place = min(max((y + 0.5) / side - 0.5, 0.0), rows - 1.0)
+    above = int(place)
+    return above, min(above + 1, rows - 1), np.float32(place - above)
+
+
 @njit(cache=True, fastmath=True, forceinline=True)
-def _filter_row(out, row, padded, taps):
-    """Filter a row, which its end values continue; ``padded`` is working memory."""
+def _weight_bands(out, sharp, narrow, middle, wide, numbers):
+    """Sum the weighted bands of a row; return the number of pixels where a band shows dirt."""
+    finest, finer, coarser, per_finer, per_coarser = numbers[:5]
+    limit = np.float32(DIRT_SIGMA)
+    dirty = np.int32(0)
+    for x in range(len(out)):
+        fine, coarse = narrow[x] - middle[x], middle[x] - wide[x]
+        out[x] = wide[x] + coarser * coarse + finer * fine + finest * (sharp[x] - narrow[x])
+        dirty += np.int32((abs(fine) * per_finer > limit) | (abs(coarse) * per_coarser > limit))
+    return dirty
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def _restore_dirt(out, dirty, y, reference, sharp, narrow, middle, wide, numbers):
+    """Replace the sum by the unfiltered reference, merely moved, in the pixels where a band shows dirt."""
+    per_finer, per_coarser = numbers[3:5]
+    rows, columns = reference.shape
+    reach = TAPS // 2
+    start, width = np.float32(DIRT_SIGMA), np.float32(FULL_DIRT_SIGMA - DIRT_SIGMA)
+    for x in range(columns):
+        worst = max(abs(narrow[x] - middle[x]) * per_finer, abs(middle[x] - wide[x]) * per_coarser)
+        if not worst > start:
+            continue
+        moved = np.float32(0.0)
+        for j in range(TAPS):
+            row = reference[min(max(y + j - reach, 0), rows - 1)]
+            for i in range(TAPS):
+                moved += sharp[1, j] * sharp[0, i] * np.float32(row[min(max(x + i - reach, 0), columns - 1)])
+        out[x] += min((worst - start) / width, np.float32(1.0)) * (moved - out[x])
+        dirty -= 1
+        if dirty == 0:
+            break
+
+
+@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
+def _divide_row(out, frame, along, across, numbers):
+    """Relative excess of the frame over the background, times the level."""
+    c0, c1, c2, c3 = along
+    level, lowest = numbers[5:]
+    for x in range(len(out)):
+        background = cubic(c0, c1, c2, c3, across[x]) * out[x]
+        out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)
+
+
+@njit(cache=True)
+def _turn_taps(turned, taps, y):
+    """Coefficients in the order of a ring buffer whose first row is number y modulo `TAPS`."""
+    for k in range(TAPS):
+        turned[(y + k) % TAPS] = taps[k]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _pad_row(line, row):
+    """The row in single precision, padded by its end values."""
+    half = TAPS // 2
     for x in range(len(row)):
-        padded[REACH + x] = np.float32(row[x])
-    padded[:REACH] = np.float32(row[0])
-    padded[REACH + len(row) :] = np.float32(row[-1])
+        line[half + x] = np.float32(row[x])
+    line[:half] = np.float32(row[0])
+    line[half + len(row) :] = np.float32(row[-1])
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _filter_row(out, line, taps):
+    """Filter a padded row."""
     for x in range(len(out)):
         total = np.float32(0.0)
         for k in range(TAPS):
-            total += taps[k] * padded[x + k]
+            total += taps[k] * line[x + k]
         out[x] = total
 
 
@@ -84,41 +170,17 @@ def _sum_rows(out, rows, taps):
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
-def _weight_detail(out, narrow, wide, numbers):
-    """Add the weighted detail of a row to the wide blur; return the number of pixels that show dirt."""
-    gain, per_scatter = numbers[:2]
-    limit = np.float32(DIRT_SIGMA)
-    dirty = np.int32(0)
+def _double_row(out, row):
+    """The row interpolated to twice as many pixels."""
+    near, far = np.float32(0.75), np.float32(0.25)
+    out[0], out[2 * len(row) - 1] = row[0], row[-1]
+    for i in range(len(row) - 1):
+        out[2 * i + 1] = near * row[i] + far * row[i + 1]
+        out[2 * i + 2] = far * row[i] + near * row[i + 1]
+
+
+@njit(cache=True, fastmath=True, forceinline=True)
+def _mix_rows(out, above, below, fraction):
+    """The row interpolated linearly between two."""
     for x in range(len(out)):
-        detail = narrow[x] - wide[x]
-        out[x] = wide[x] + gain * detail
-        dirty += np.int32(abs(detail) * per_scatter > limit)
-    return dirty
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def _restore_dirt(out, y, reference, taps, narrow, wide, numbers):
-    """Replace the sum by the unfiltered reference, merely moved, in the pixels that show dirt."""
-    rows, columns = reference.shape
-    start, width = np.float32(DIRT_SIGMA), np.float32(FULL_DIRT_SIGMA - DIRT_SIGMA)
-    for x in range(columns):
-        size = abs(narrow[x] - wide[x]) * numbers[1]
-        if not size > start:
-            continue
-        moved = np.float32(0.0)
-        for j in range(TAPS):
-            row = reference[min(max(y + j - REACH, 0), rows - 1)]
-            for i in range(TAPS):
-                pixel = np.float32(row[min(max(x + i - REACH, 0), columns - 1)])
-                moved += taps[1, j] * taps[0, i] * pixel
-        out[x] += min((size - start) / width, np.float32(1.0)) * (moved - out[x])
-
-
-@njit(cache=True, fastmath=True, error_model="numpy", forceinline=True)
-def _divide_row(out, frame, along, across, numbers):
-    """Relative excess of the frame over the background, times the level."""
-    c0, c1, c2, c3 = along
-    level, lowest = numbers[2:]
-    for x in range(len(out)):
-        background = cubic(c0, c1, c2, c3, across[x]) * out[x]
-        out[x] = level * (np.float32(frame[x]) - background) / max(background, lowest)
+        out[x] = above[x] + fraction * (below[x] - above[x])
