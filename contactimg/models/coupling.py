@@ -210,7 +210,8 @@ def _coupling_matrix(x, y, thinness, value, slope):  # type: ignore[no-untyped-d
     for i in range(n):
         for j in range(n):
             dx, dy = x[i] - x[j], y[i] - y[j]
-            matrix[i, j] = 1.0 / (np.pi * np.sqrt(dx * dx + dy * dy))
+            own = i == j  # spares the diagonal, which is 0, a division by 0
+            matrix[i, j] = 1.0 / (np.pi * np.sqrt(dx * dx + dy * dy + own))
         matrix[i, i] = 0.0
         if thinness > 0.0:
             for j in range(n):

@@ -5,7 +5,7 @@ import pytest
 
 from contactimg import generate_asperities, solve_interacting
 from contactimg.models import contact_solver
-from contactimg.models.coupling import DenseCoupling, Kernel, NotPositiveDefinite
+from contactimg.models.coupling import DenseCoupling, Kernel, NotPositiveDefinite, _coupling_matrix
 from contactimg.models.fast_coupling import FastCoupling
 
 ACCURACY = 1e-8  # sums are asked for to 1e-9 of the largest term
@@ -111,3 +111,11 @@ def test_switch_is_automatic_and_large_sets_converge():
     dense = solve_interacting(table, **{**where, "load": 0.3}, method="dense")
     fast = solve_interacting(table, **{**where, "load": 0.3}, method="fast")
     np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)
+
+
+def test_the_matrix_divides_by_no_distance_of_a_point_from_itself(points):
+    """Uncompiled, a division by zero is an exception inside a solver."""
+    x, y, _ = (values[:40] for values in points)
+    with np.errstate(all="raise"):
+        matrix = _coupling_matrix.py_func(x, y, 0.0, np.zeros(1), np.zeros(1))
+    np.testing.assert_array_equal(matrix, DenseCoupling(x, y, Kernel.of_thickness(np.inf)).matrix)
