@@ -50,7 +50,7 @@ INNER_ROOMS = {
         "fit",
         "count",
         "smooth",
-        "status",
+        "judge",
         "measure",
     ],
     "pipeline": [

@@ -20,6 +20,7 @@ from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.fit.method import measure_by_fit
+from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import Mask
@@ -33,7 +34,6 @@ from contactimg.imaging.reject.detections import (
     no_detections,
 )
 from contactimg.imaging.reject.foreground import Foreground, find_foreground
-from contactimg.imaging.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.tables import Flag
 
 CORRECTIONS = ("position_drift", "dust")
