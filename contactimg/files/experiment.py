@@ -5,7 +5,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pandas as pd
@@ -15,6 +15,7 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import write_text
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.sources import FrameSource, is_image, list_frames
+from contactimg.optics.camera_response import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import LOADS
 from contactimg.timings import stage
@@ -190,9 +191,14 @@ def _asperities_file(scene: Scene) -> Path | None:
     return Path(scene.folder) / named if named else None
 
 
-def _full_scale(scene: Scene) -> float | None:
-    """Full scale of the camera, if the scene states it."""
-    return None if scene.camera is None else scene.camera.full_scale
+def _list_frames(
+    path: str | Path | list[str], scene: Scene, *, folder: str | Path = "."
+) -> list[FrameSource]:
+    """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
+    full_scale = None if scene.camera is None else scene.camera.full_scale
+    response = CameraResponse.of(scene.camera)
+    sources = list_frames(path, folder=folder, full_scale=full_scale)
+    return [replace(source, response=response) for source in sources]
 
 
 def _find_reference(scene: Scene) -> FrameSource | None:
@@ -204,7 +210,7 @@ def _find_reference(scene: Scene) -> FrameSource | None:
     file = named_file(named, Path(scene.folder))
     if not file.is_file():
         raise InputError(f"{path}: the scene names this reference, but there is no such file")
-    sources = list_frames(file, full_scale=_full_scale(scene))
+    sources = _list_frames(file, scene)
     matches = [source for source in sources if source.name == path.name] if file != path else sources
     if len(matches) != 1:
         first, last = sources[0].name, sources[-1].name
@@ -217,7 +223,7 @@ def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSourc
     folder, named = Path(scene.folder), scene.images.frames
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
-    frames = list_frames(named, folder=folder, full_scale=_full_scale(scene))
+    frames = _list_frames(named, scene, folder=folder)
     if reference is not None:
         place = reference.path.resolve(), reference.index
         frames = [frame for frame in frames if (frame.path.resolve(), frame.index) != place]

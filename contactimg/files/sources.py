@@ -15,6 +15,7 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import norpix, stills, tiff, video
 from contactimg.files.grey import to_grey
 from contactimg.frame import Frame
+from contactimg.optics.camera_response import CameraResponse, linearise
 from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]
@@ -43,12 +44,15 @@ class FrameSource:
         Number of the page or image in the file, from 0, including thumbnails.
     full_scale : float or None
         Grey level at which the sensor saturates, if the file does not state it.
+    response : CameraResponse or None
+        By which grey levels are made proportional to light; None for a linear camera.
     """
 
     name: str
     path: Path
     index: int = 0
     full_scale: float | None = None
+    response: CameraResponse | None = None
 
     @stage("reading")
     def read(self) -> Frame:
@@ -60,6 +64,7 @@ class FrameSource:
             Grey levels; colour becomes ``0.299 R + 0.587 G + 0.114 B`` unrounded, transparency is dropped,
             black-and-white becomes 0 and 255. Full scale: as given, else what the file says of the sensor
             (TIFF MaxSampleValue of the form 2^n - 1, bit depth of a Norpix sequence), else that of the dtype.
+            With a response of the camera: float32, proportional to light.
 
         Raises
         ------
@@ -74,7 +79,8 @@ class FrameSource:
                 image = to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
-        return Frame(image, self.name, pixels.full_scale if self.full_scale is None else self.full_scale)
+        full_scale = pixels.full_scale if self.full_scale is None else self.full_scale
+        return linearise(Frame(image, self.name, full_scale), self.response)
 
 
 def _decoder(path: Path) -> ModuleType:

@@ -199,6 +199,9 @@ def _measured_scene(scene: Scene) -> dict[str, Any]:
     images = {"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"}
     data["images"] = data.get("images", {}) | images
     data["effects"] = scene.effects.model_dump()
+    # synthetic frames are those of a linear camera
+    camera = data.get("camera", {})
+    data["camera"] = {key: value for key, value in camera.items() if key not in ("gamma", "response")}
     return data
 
 

@@ -1,6 +1,7 @@
 """The sections of a scene with their keys: type, range, default and meaning of each."""
 
 import math
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -30,6 +31,9 @@ Switch = Literal["auto", "on", "off"]
 
 MAX_SIMULATED_PIXELS = 200_000_000
 """Largest synthetic frame, px: 1.6 GB in double precision. Chosen: it catches slips of the pen."""
+
+FEWEST_RESPONSE_ROWS = 2
+"""Rows of a camera's response: a straight line has two (theory)."""
 
 MIN_ELECTRONS_PER_LEVEL = 1e-3
 """Smallest number of electrons per grey level above 0. Chosen: below it every pixel is noise."""
@@ -144,6 +148,32 @@ class Camera(Section):
         description="Grey level at which the sensor saturates (4095 for 12 bits in 16-bit files); "
         "that of the file or of its pixel type if not given.",
     )
+    gamma: Annotated[Number, Field(ge=0.1, le=10)] = Field(
+        1.0,
+        description="Exponent of the camera's response: grey level over full scale = (light over light at "
+        "full scale)^gamma; 1 for a linear camera, 0.45 for most video cameras. Frames and reference are "
+        "linearised when they are read.",
+    )
+    response: list[Point] | None = Field(
+        None,
+        description="Response of the camera as a table instead: pairs of grey level and relative light, "
+        "both increasing.",
+    )
+
+    @model_validator(mode="after")
+    def _one_response(self) -> "Camera":
+        if self.response is None:
+            return self
+        if self.gamma != 1.0:
+            raise ValueError("gamma and response are both given; keep one of the two")
+        levels, light = zip(*self.response, strict=True) if self.response else ((), ())
+        rising = all(b > a for row in (levels, light) for a, b in pairwise(row))
+        if len(levels) < FEWEST_RESPONSE_ROWS or not rising:
+            raise ValueError(
+                "response must be two or more pairs of grey level and relative light, both increasing, "
+                f"got {self.response}"
+            )
+        return self
 
 
 class FilmLight(Section):
