@@ -20,7 +20,7 @@ from contactimg.imaging.fit.disks import (
 )
 from contactimg.imaging.fit.number_of_disks import assemble_disks
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.quality import FrameFit, report_contacts
+from contactimg.imaging.fit.quality import FittedDetections, FrameFit, report_contacts
 from contactimg.imaging.fit.residual_light import remove_halo, remove_illumination
 from contactimg.imaging.fit.settings import (
     BINNED_BLUR_PX,
@@ -42,14 +42,15 @@ from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.reject.detections import Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.timings import stage
 
 
 @stage("quality")
-def measure_by_fit(foreground: Foreground, difference: DifferenceImage, *, film: Rim | None) -> Detections:
+def measure_by_fit(
+    foreground: Foreground, difference: DifferenceImage, *, film: Rim | None
+) -> FittedDetections:
     """Find the contacts of a frame and fit a blurred disk to each.
 
     Parameters
@@ -62,7 +63,7 @@ def measure_by_fit(foreground: Foreground, difference: DifferenceImage, *, film:
 
     Returns
     -------
-    Detections
+    FittedDetections
     """
     start = _first_start(foreground, difference)
     prior = foreground.prior_optics

@@ -1,6 +1,6 @@
 """From fitted disks to the table of contacts: rejections, flags, uncertainties in pixels of the frame."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,27 @@ class FrameFit:
         return np.zeros((0, 2)) if self.joint is None else self.joint.radius_shifts
 
 
+@dataclass(frozen=True, eq=False)
+class FittedDetections(Detections):
+    """Detections with the fit that they come from, for a second look at the pixels.
+
+    Parameters
+    ----------
+    frame_fit : FrameFit
+    rows : ndarray of int, shape (n,)
+        Row of each contact among the disks of the fit.
+    """
+
+    frame_fit: FrameFit | None = None
+    rows: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+
+
 def report_contacts(
     result: FrameFit, foreground: Foreground, difference: DifferenceImage, *, contrast: float
-) -> Detections:
+) -> FittedDetections:
     """Tables of the contacts and of the rejected disks; ``contrast`` is the one to reject at."""
     problem, binning = result.problem, result.problem.binning
-    contacts = _tabulate(result)
+    contacts, rows = _tabulate(result)
     disks = np.column_stack([contacts[name] for name in PLACE])
     blur = result.fit.blur * binning
     reasons = reject_disks(
@@ -78,11 +93,11 @@ def report_contacts(
             for covariance in (result.joint.covariance, result.joint.own_covariance)
         )
     accepted = {name: values[~bad] for name, values in contacts.items()}
-    return Detections(accepted, rejected, optics, own, result.smallest * binning)
+    return FittedDetections(accepted, rejected, optics, own, result.smallest * binning, result, rows[~bad])
 
 
-def _tabulate(result: FrameFit) -> Columns:
-    """Columns of all disks in pixels of the frame, with flags, from top to bottom."""
+def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:
+    """Columns of all disks in pixels of the frame, with flags, from top to bottom, and their rows."""
     problem, disks = result.problem, result.fit.disks
     std, shifts, binning = result.fit.std[:, RADIUS], result.radius_shifts, problem.binning
     gap, light = _gap_to_border(disks, problem.image.shape), disks[:, RADIUS] / (2 * std)
@@ -98,7 +113,7 @@ def _tabulate(result: FrameFit) -> Columns:
     finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
     kept = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > LEAST_LIGHT_SIGMA))
     order = kept[np.lexsort([contacts["x_px"][kept], contacts["y_px"][kept]])]
-    return {name: values[order] for name, values in contacts.items()}
+    return {name: values[order] for name, values in contacts.items()}, order
 
 
 def _flags(result: FrameFit, gap: NDArray, light: NDArray) -> NDArray[np.int64]:
