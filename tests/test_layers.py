@@ -55,6 +55,7 @@ INNER_ROOMS = {
     ],
     "pipeline": [
         "inputs",
+        "worker_life",
         "parallel",
         "effects",
         "frame",

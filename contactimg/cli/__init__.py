@@ -22,6 +22,7 @@ from contactimg.cli.report import report
 from contactimg.cli.simulate import simulate
 from contactimg.cli.tradeoff import tradeoff
 from contactimg.errors import ContactimgError
+from contactimg.files.signals import ending_cleanly
 
 __all__ = ["main"]
 
@@ -58,7 +59,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.getLogger("contactimg").setLevel(logging.WARNING)
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
-        result = commands.main(args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False)
+        with ending_cleanly():
+            result = commands.main(
+                args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False
+            )
     except click.ClickException as error:
         error.show()
         return 2
@@ -66,6 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"contactimg: {error}\n")
         return 2
     except (click.Abort, KeyboardInterrupt):
-        sys.stderr.write("contactimg: interrupted; nothing was written\n")
+        sys.stderr.write("contactimg: interrupted; earlier results are as they were\n")
         return 2
     return int(result) if isinstance(result, int) else 0

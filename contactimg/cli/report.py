@@ -46,10 +46,11 @@ def report(*, run: str, output: str | None, others: tuple[str, ...], max_picture
       contactimg report results --with analysis --with jkr -o run.html
     """
     with stage("loading"):
-        from contactimg.files import write_text
+        from contactimg.files import remove_leftovers, write_text
         from contactimg.report import build_report
 
     target = Path(output) if output is not None else Path(run) / "report.html"
+    remove_leftovers(target)
     write_text(build_report(run, others=others, max_pictures=max_pictures), target)
     if not quiet:
         click.echo(f"report in {target}")

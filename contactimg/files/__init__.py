@@ -3,12 +3,14 @@
 In: frames, scenes, tables and calibrations. Out: tables, frames, figures and output folders.
 
 Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format, decoded by
-`tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `output` (the folder of a run), `runs`
-(its provenance), `calibrations`, `atomic` and `figures`.
+`tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `output` (the folder of a run),
+`commit` (how it replaces the earlier one), `runs` (its provenance), `calibrations`, `atomic`, `signals` and
+`figures`.
 """
 
-from contactimg.files.atomic import replacing, write_json, write_text
+from contactimg.files.atomic import remove_leftovers, replacing, write_json, write_text
 from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, shares_frames
+from contactimg.files.commit import PROVENANCE_FILE, finish_commit
 from contactimg.files.csv_tables import (
     read_asperities,
     read_loads,
@@ -29,7 +31,7 @@ from contactimg.files.experiment import (
 )
 from contactimg.files.figures import write_figure
 from contactimg.files.output import OutputFolder
-from contactimg.files.runs import PROVENANCE_FILE, RunFolder, provenance, read_records, read_run
+from contactimg.files.runs import RunFolder, provenance, read_records, read_run
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
 from contactimg.files.tiff import write_frame
 
@@ -42,6 +44,7 @@ __all__ = [
     "FrameSource",
     "OutputFolder",
     "RunFolder",
+    "finish_commit",
     "is_reference",
     "list_frames",
     "named_file",
@@ -58,6 +61,7 @@ __all__ = [
     "read_scene_loads",
     "read_table",
     "read_topography",
+    "remove_leftovers",
     "replacing",
     "shares_frames",
     "write_figure",

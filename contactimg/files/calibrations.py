@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from contactimg.errors import InputError
+from contactimg.files.commit import finish_commit
 
 CALIBRATION_FILE = "calibration.json"
 
@@ -40,6 +41,7 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     path = path / CALIBRATION_FILE if path.is_dir() else path
+    finish_commit(path.parent)
     try:
         record = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

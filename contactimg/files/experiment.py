@@ -13,6 +13,7 @@ import tomli_w
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_text
+from contactimg.files.commit import finish_commit
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
@@ -92,6 +93,7 @@ def read_scene(path: str | Path) -> Scene:
     """
     path = Path(path)
     file = path / SCENE_FILE if path.is_dir() else path
+    finish_commit(file.parent)
     try:
         data = tomllib.loads(file.read_bytes().decode("utf-8-sig"))
     except FileNotFoundError:

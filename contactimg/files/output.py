@@ -1,6 +1,5 @@
 """The output folder of a run: written completely or not at all, with its provenance."""
 
-import logging
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -12,20 +11,26 @@ from filelock import FileLock, Timeout
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_json
-from contactimg.files.runs import PROVENANCE_FILE, read_records, relative_to_output
+from contactimg.files.commit import (
+    LOCK_FILE,
+    PROVENANCE_FILE,
+    STAGING_FOLDER,
+    Journal,
+    commit,
+    complete_commit,
+    release_lock_file,
+)
+from contactimg.files.runs import read_records, relative_to_output
+from contactimg.files.signals import signals_held
 from contactimg.timings import stage
-
-logger = logging.getLogger(__name__)
-
-_LOCK = ".contactimg.lock"
-_STAGING = ".contactimg.part"
 
 
 class OutputFolder:
     """The output folder of one run, written completely or not at all.
 
     Inside the ``with`` block files are written to a hidden folder; they are moved to their places when the
-    block ends without an error.
+    block ends without an error. A process that ends while they are moved leaves a journal, and the next
+    command that writes or reads the folder moves the rest (`contactimg.files.commit`).
 
     Parameters
     ----------
@@ -74,11 +79,11 @@ class OutputFolder:
         self, path: str | Path, record: Mapping[str, Any], *, main_files: Sequence[str] = ()
     ) -> None:
         self.path = Path(path)
-        self.folder = self.path / _STAGING
+        self.folder = self.path / STAGING_FOLDER
         self.record = dict(record)
         self._main_files = {Path(name) for name in main_files}
         self._created: list[Path] = []
-        self._lock = FileLock(self.path / _LOCK, timeout=0)
+        self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
         self._created = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
@@ -95,6 +100,7 @@ class OutputFolder:
                 f"{self.path}: cannot be written ({error.strerror or error}); choose another output folder"
             ) from None
         try:
+            complete_commit(self.path)
             self._check_contents()
             shutil.rmtree(self.folder, ignore_errors=True)  # left by a run that was killed
             self.folder.mkdir()
@@ -106,11 +112,12 @@ class OutputFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        try:
-            if kind is None:
-                self._commit()
-        finally:
-            self._release()
+        with signals_held():
+            try:
+                if kind is None:
+                    self._commit()
+            finally:
+                self._release()
 
     def _check_contents(self) -> None:
         """Raise if the folder contains files but no run, or files of another command to be replaced."""
@@ -142,7 +149,7 @@ class OutputFolder:
 
     @stage("writing")
     def _commit(self) -> None:
-        """Move the new files to their places, delete those of the earlier run only, write the record."""
+        """Replace the files of the earlier run of the same command by the new ones."""
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
         records = self._records()
@@ -150,28 +157,18 @@ class OutputFolder:
         earlier = set().union(*(_files_of(record) for record in records if record not in others))
         top = relative_to_output(self.record, self.path)
         top["outputs"] = [file.as_posix() for file in sorted(new)]
-        for file in sorted(new):
-            self._place(file, foreign=file not in earlier)
-        for file in earlier - new:
-            (self.path / file).unlink(missing_ok=True)
-            _remove_empty((self.path / file).parent, top=self.path)
-        write_json(top | ({"beside": others} if others else {}), self.path / PROVENANCE_FILE)
-
-    def _place(self, file: Path, *, foreign: bool) -> None:
-        """Move one file to its place; rename a file there that no run wrote."""
-        target = self.path / file
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if foreign and target.exists():
-            kept = target.with_name(target.name + ".bak")
-            logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
-            target.replace(kept)
-        (self.folder / file).replace(target)
+        write_json(top | ({"beside": others} if others else {}), self.folder / PROVENANCE_FILE)
+        journal = Journal(
+            new=(*top["outputs"], PROVENANCE_FILE),
+            foreign=_names(new - earlier),
+            old=_names(earlier - new),
+        )
+        commit(self.path, journal)
 
     def _release(self) -> None:
         """Remove the hidden files and the folders that are still empty, and release the lock."""
         shutil.rmtree(self.folder, ignore_errors=True)
-        with suppress(OSError):  # Windows does not delete an open file
-            (self.path / _LOCK).unlink()
+        release_lock_file(self.path)
         self._lock.release()
         self._remove_created()
 
@@ -194,11 +191,6 @@ def _task(record: Mapping[str, Any]) -> str:
     return " ".join(words[: 3 if words[1:2] == ["calibrate"] else 2])
 
 
-def _remove_empty(folder: Path, *, top: Path) -> None:
-    """Remove a folder below ``top``, and those above it, as far as they are empty."""
-    while folder != top:
-        try:
-            folder.rmdir()
-        except OSError:
-            return
-        folder = folder.parent
+def _names(files: set[Path]) -> tuple[str, ...]:
+    """The names of files in order, with forward slashes."""
+    return tuple(file.as_posix() for file in sorted(files))

@@ -17,6 +17,7 @@ import pandas as pd
 
 from contactimg import __version__
 from contactimg.errors import InputError
+from contactimg.files.commit import PROVENANCE_FILE, read_settled
 from contactimg.files.csv_tables import read_table
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
@@ -24,8 +25,6 @@ from contactimg.timings import stage
 
 SCHEMA_VERSION = 1
 """Increased when a column or key is added to the output; names are never changed."""
-
-PROVENANCE_FILE = "provenance.json"
 
 
 @stage("provenance")
@@ -176,6 +175,11 @@ def read_run(folder: str | Path) -> RunFolder:
         If the folder holds no complete run, or one written by a newer contactimg.
     """
     folder = Path(folder)
+    return read_settled(folder, lambda: _read_run(folder))
+
+
+def _read_run(folder: Path) -> RunFolder:
+    """The run in a folder; see `read_run`."""
     try:
         records = read_records(folder)
         record = next(

@@ -1,7 +1,8 @@
 """Calls in several processes, and the one loop over the frames of an experiment."""
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, TypeVar
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource
+from contactimg.pipeline.worker_life import live_with_parent
 from contactimg.tables import Status
 from contactimg.timings import collect_call, gather, is_collecting
 
@@ -37,17 +39,37 @@ def in_parallel(
     count : int
         Number of calls.
     workers : int or None
-        Processes; None for one per core, or only this one for fewer than `FEW_CALLS` calls. With an active
-        `joblib.parallel_config` its backend is used (Dask's, say, for a cluster).
+        Processes; None for one per core, or only this one for fewer than `FEW_CALLS` calls.
+
+    Notes
+    -----
+    The workers end with this process, whatever ends it (`contactimg.pipeline.worker_life`).
     """
     if workers is None:
         workers = 1 if count < FEW_CALLS else -1
-    pool = Parallel(n_jobs=workers, return_as="generator", pre_dispatch="2*n_jobs")
     processes = effective_n_jobs(workers)
-    if processes == 1 or not is_collecting():
-        return pool(delayed(function)(*item) for item in arguments)
+    if processes == 1:
+        return (function(*item) for item in arguments)
+    pool = Parallel(
+        n_jobs=workers,
+        backend="loky",
+        return_as="generator",
+        pre_dispatch="2*n_jobs",
+        initializer=live_with_parent,
+        initargs=(os.getpid(),),
+    )
+    if not is_collecting():
+        return _closing(pool(delayed(function)(*item) for item in arguments))
     timed = pool(delayed(collect_call)(function, *item) for item in arguments)
-    return gather(timed, processes=processes)
+    return gather(_closing(timed), processes=processes)
+
+
+def _closing(results: Generator[Result]) -> Iterator[Result]:
+    """The results; if the caller is interrupted, the calls that still run are ended with their processes."""
+    try:
+        yield from results
+    finally:
+        results.close()
 
 
 @dataclass(frozen=True)

@@ -52,7 +52,6 @@ def measure_series(
         From `contactimg.read_scene`, which knows the folder of its files.
     workers : int, optional
         Processes that share the frames; default one per core, or only this one for fewer than four frames.
-        An active `joblib.parallel_config` (its Dask backend, say) takes precedence.
     advance : callable, optional
         Called once a frame, in order.
 

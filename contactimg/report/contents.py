@@ -14,6 +14,7 @@ from contactimg.errors import InputError
 from contactimg.files import (
     PROVENANCE_FILE,
     RunFolder,
+    finish_commit,
     read_calibration,
     read_records,
     read_run,
@@ -113,6 +114,8 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
     InputError
         If the folder holds no complete run, or one of the others no output of these commands.
     """
+    for place in (folder, *(path for path in folder.glob("*") if path.is_dir()), *others):
+        finish_commit(place)
     run = read_run(folder)
     overlays = _pictures_of(folder / "overlays", run.frames["frame"])
     parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
