@@ -29,6 +29,9 @@ class Flag(enum.IntFlag):
     NO_PLATEAU = enum.auto()
     """No contact of the frame is large enough to show the plateau brightness; the radius depends on the
     contrast of other frames or on an estimate, and its uncertainty includes that."""
+    DISAGREES = enum.auto()
+    """Its area by light or at half height, free of the model of the edge, differs from that of the fit by
+    more than the errors; its uncertainty covers both."""
 
 
 def flag_names(flags: Iterable[int]) -> list[str]:

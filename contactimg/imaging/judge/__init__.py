@@ -2,4 +2,6 @@
 
 In: the foreground, the difference image and the `contactimg.imaging.reject.detections.Detections` of either
 method. Out: a `status.Verdict`.
+
+Read `second_opinion` first (areas without a model of the edge), then `status`.
 """
