@@ -26,6 +26,9 @@ from contactimg.files.signals import ending_cleanly
 
 __all__ = ["main"]
 
+INTERRUPTED = "interrupted; earlier results are as they were, and `process` takes up what it measured"
+"""What a command says that was asked to end."""
+
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="contactimg")
@@ -70,6 +73,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"contactimg: {error}\n")
         return 2
     except (click.Abort, KeyboardInterrupt):
-        sys.stderr.write("contactimg: interrupted; earlier results are as they were\n")
+        sys.stderr.write(f"contactimg: {INTERRUPTED}\n")
         return 2
     return int(result) if isinstance(result, int) else 0

@@ -109,7 +109,9 @@ def process(
     count, target = len(experiment.frames), shared.output_path(output, folder)
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:
-            run = measure_experiment(experiment, relative=tolerance, workers=workers, advance=advance)
+            run = measure_experiment(
+                experiment, relative=tolerance, workers=workers, advance=advance, store=out.frame_store()
+            )
         out.record |= write_run(run, out.folder)
         if pictures:
             with progress("drawing overlays", count, quiet=quiet) as advance:

@@ -4,8 +4,8 @@ In: frames, scenes, tables and calibrations. Out: tables, frames, figures and ou
 
 Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format, decoded by
 `tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `output` (the folder of a run),
-`commit` (how it replaces the earlier one), `runs` (its provenance), `calibrations`, `atomic`, `signals` and
-`figures`.
+`commit` (how it replaces the earlier one), `frame_store` (frames of a run that was ended, as text by
+`records`), `runs` (its provenance), `calibrations`, `atomic`, `signals` and `figures`.
 """
 
 from contactimg.files.atomic import remove_leftovers, replacing, write_json, write_text
@@ -30,6 +30,7 @@ from contactimg.files.experiment import (
     write_scene,
 )
 from contactimg.files.figures import write_figure
+from contactimg.files.frame_store import FrameStore
 from contactimg.files.output import OutputFolder
 from contactimg.files.runs import RunFolder, provenance, read_records, read_run
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
@@ -42,6 +43,7 @@ __all__ = [
     "Experiment",
     "FrameSeries",
     "FrameSource",
+    "FrameStore",
     "OutputFolder",
     "RunFolder",
     "finish_commit",

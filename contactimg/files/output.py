@@ -20,6 +20,7 @@ from contactimg.files.commit import (
     complete_commit,
     release_lock_file,
 )
+from contactimg.files.frame_store import STORE_FOLDER, FrameStore
 from contactimg.files.runs import read_records, relative_to_output
 from contactimg.files.signals import signals_held
 from contactimg.timings import stage
@@ -83,6 +84,7 @@ class OutputFolder:
         self.record = dict(record)
         self._main_files = {Path(name) for name in main_files}
         self._created: list[Path] = []
+        self._store: FrameStore | None = None
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
@@ -118,6 +120,15 @@ class OutputFolder:
                     self._commit()
             finally:
                 self._release()
+
+    def frame_store(self) -> FrameStore:
+        """Results of frames that an earlier run of the same command left when it was ended; inside the block.
+
+        The store is deleted when this run succeeds, and stays if it is ended or fails.
+        """
+        if self._store is None:
+            self._store = FrameStore(self.path / STORE_FOLDER, self.record)
+        return self._store
 
     def _check_contents(self) -> None:
         """Raise if the folder contains files but no run, or files of another command to be replaced."""
@@ -164,6 +175,8 @@ class OutputFolder:
             old=_names(earlier - new),
         )
         commit(self.path, journal)
+        if self._store is not None:
+            self._store.remove()
 
     def _release(self) -> None:
         """Remove the hidden files and the folders that are still empty, and release the lock."""

@@ -3,15 +3,16 @@
 import logging
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameSource
+from contactimg.files import Experiment, FrameSource, FrameStore
 from contactimg.pipeline.worker_life import live_with_parent
 from contactimg.tables import Status
 from contactimg.timings import collect_call, gather, is_collecting
@@ -102,6 +103,7 @@ def for_each_frame(
     *,
     workers: int | None,
     advance: Callable[[], None] | None = None,
+    store: FrameStore | None = None,
 ) -> Iterator[Result | FailedFrame]:
     """Read the frames of an experiment and measure each; a frame that fails does not stop the others.
 
@@ -116,19 +118,69 @@ def for_each_frame(
         As for `in_parallel`.
     advance : callable, optional
         Called once a frame, in order.
+    store : FrameStore, optional
+        Results that are in it are taken from it, the others are added; failures are not.
 
     Yields
     ------
     result of ``measure``, or FailedFrame
         In order, a few frames in memory at a time.
     """
-    jobs = [(source,) for source in experiment.frames] if jobs is None else jobs
-    reference = experiment.reference.read().image if experiment.reference is not None else None
-    call = partial(_measure_source, measure, reference)
-    for part in in_parallel(call, jobs, count=len(jobs), workers=workers):
+    whole, jobs = jobs is None, [(source,) for source in experiment.frames] if jobs is None else jobs
+    keys: Sequence[str | None] = [None] * len(jobs)
+    if store is not None:
+        keys = _store_keys(store, experiment, measure, jobs)
+    done = [store is not None and key in store for key in keys]
+    if whole and any(done):
+        logger.warning(
+            "%s of %s frames were done by a run that was ended; the others are measured",
+            f"{sum(done):,}",
+            f"{len(jobs):,}",
+        )
+    missing = [job for job, known in zip(jobs, done, strict=True) if not known]
+    new = _measure_jobs(experiment, measure, missing, workers=workers)
+    for key, known in zip(keys, done, strict=True):
+        if known and store is not None and key is not None:
+            part = store.get(key)
+        else:
+            part = next(new)
+            if store is not None and key is not None and not isinstance(part, FailedFrame):
+                store.put(key, part)
         yield part
         if advance is not None:
             advance()
+
+
+def _measure_jobs(
+    experiment: Experiment,
+    measure: Callable[..., Result],
+    jobs: Sequence[tuple[Any, ...]],
+    *,
+    workers: int | None,
+) -> Iterator[Result | FailedFrame]:
+    """Measure jobs in several processes."""
+    if not jobs:
+        return iter(())
+    reference = experiment.reference.read().image if experiment.reference is not None else None
+    call = partial(_measure_source, measure, reference)
+    return in_parallel(call, jobs, count=len(jobs), workers=workers)
+
+
+def _store_keys(
+    store: FrameStore, experiment: Experiment, measure: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]
+) -> list[str | None]:
+    """The key of each job in the store."""
+    call = measure if isinstance(measure, partial) else partial(measure)
+    function = f"{call.func.__module__}:{call.func.__qualname__}"
+    settings = [function, call.args, call.keywords, _without_folder(experiment.reference)]
+    frames = {source.path for source in experiment.frames}
+    common = store.common(settings, [path for path in experiment.inputs if path not in frames])
+    return [store.key(common, job[0].path, [_without_folder(job[0]), *job[1:]]) for job in jobs]
+
+
+def _without_folder(source: FrameSource | None) -> FrameSource | None:
+    """The source with the name of its file only."""
+    return None if source is None else replace(source, path=Path(source.path.name))
 
 
 def _measure_source(

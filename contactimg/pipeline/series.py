@@ -11,7 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment, open_experiment
+from contactimg.files import Experiment, FrameStore, open_experiment
 from contactimg.forces import LengthScale, fill_forces
 from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
@@ -74,8 +74,11 @@ def measure_experiment(
     relative: float | None = None,
     workers: int | None = None,
     advance: Callable[[], None] | None = None,
+    store: FrameStore | None = None,
 ) -> Run:
     """Measure every frame of an opened experiment; see `measure_series`.
+
+    With a ``store``, frames that it contains are not measured again.
 
     With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
     is estimated to meet it (`contactimg.tradeoff.choice`).
@@ -85,7 +88,7 @@ def measure_experiment(
     sites = None if asperities is None else contact_sites(asperities, scene)
     resolved = resolve_measurement(scene, sites)
     options = FrameOptions(resolved, film_rim(resolved, sites), relative)
-    parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance)
+    parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance, store=store)
     frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
         load_N=[experiment.load_of(part.row["frame"]) for part in parts]
     )
@@ -102,6 +105,7 @@ def _measure_frames(
     *,
     workers: int | None,
     advance: Callable[[], None] | None,
+    store: FrameStore | None,
 ) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """Measure every frame on its own, then again those that need contrast and blur of the others.
 
@@ -119,7 +123,7 @@ def _measure_frames(
     """
     measure = partial(measure_scene_frame, options=options)
     parts = []
-    for measured in for_each_frame(experiment, measure, workers=workers, advance=advance):
+    for measured in for_each_frame(experiment, measure, workers=workers, advance=advance, store=store):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
         logger.info("%s", part.summary())
         parts.append(part)
@@ -133,7 +137,7 @@ def _measure_frames(
         return parts, shape
     again = [k for k, part in enumerate(parts) if fitted[k] and _gains_by_pooling(part, pooled)]
     jobs = [(experiment.frames[k], pooled.scaled(parts[k].level or 1.0)) for k in again]
-    second_pass = for_each_frame(experiment, measure, jobs, workers=workers)
+    second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
         logger.info("with the contrast and blur of the series: %s", part.summary())

@@ -1,0 +1,150 @@
+"""A run that was ended is taken up: what was measured is not measured again, and the files are the same."""
+
+from functools import wraps
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_series import copy_of
+
+from contactimg.cli import main
+from contactimg.files import FrameStore
+from contactimg.files.records import decode, encode
+from contactimg.imaging.profile.optics import Halo, SharedOptics
+from contactimg.pipeline import series
+from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.tables import CONTACTS, REJECTED
+
+TABLES = ("contacts.csv", "frames.csv", "rejected.csv")
+
+
+@pytest.fixture
+def measured(monkeypatch):
+    """Names of the frames that are measured; the run is ended before the one with the number ``stop``."""
+    calls, measure = [], series.measure_scene_frame
+    calls_and_stop = {"calls": calls, "stop": None}
+
+    @wraps(measure)
+    def counting(frame, *arguments, **options):
+        if calls_and_stop["stop"] == len(calls):
+            raise KeyboardInterrupt
+        calls.append(frame.name)
+        return measure(frame, *arguments, **options)
+
+    monkeypatch.setattr(series, "measure_scene_frame", counting)
+    return calls_and_stop
+
+
+def process(folder, out, *options):
+    return main(
+        ["process", str(folder), "-o", str(out), "--workers", "1", "--no-pictures", "--quiet", *options]
+    )
+
+
+def contents(out):
+    return {name: (out / name).read_bytes() for name in TABLES}
+
+
+def test_taken_up_after_any_frame(small_series, tmp_path, measured, capfd):
+    calls = measured["calls"]
+    assert process(small_series, tmp_path / "whole") == 0
+    whole, expected = list(calls), contents(tmp_path / "whole")
+    assert len(whole) > 3, "the series must have a second pass"
+    for stop in range(len(whole)):
+        out = tmp_path / f"out{stop}"
+        calls.clear()
+        measured["stop"] = stop
+        assert process(small_series, out) == 2
+        assert calls == whole[:stop]
+        assert not (out / "contacts.csv").exists()
+        calls.clear()
+        measured["stop"] = None
+        capfd.readouterr()
+        assert process(small_series, out) == 0
+        assert calls == whole[stop:]
+        assert contents(out) == expected
+        said = f"contactimg: {min(stop, 3)} of 3 frames were done by a run that was ended; the others are"
+        assert capfd.readouterr().err == (f"{said} measured\n" if stop else "")
+        assert [path.name for path in out.rglob(".*")] == []
+
+
+def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_path, measured):
+    calls, folder, out = measured["calls"], copy_of(small_series, tmp_path / "series"), tmp_path / "out"
+    names = ["frame_1.tif", "frame_2.tif", "frame_3.tif"]
+
+    def measured_now(*options, change=lambda: None):
+        """After a run that was ended when all three frames were done once."""
+        measured["stop"] = None
+        process(folder, out)
+        measured["stop"] = 3
+        calls.clear()
+        assert process(folder, out) == 2
+        change()
+        measured["stop"] = None
+        calls.clear()
+        process(folder, out, *options)
+        return calls
+
+    def other_frame():
+        (folder / "frame_2.tif").write_bytes((folder / "frame_3.tif").read_bytes())
+
+    def other_asperities():
+        table = folder / "asperities.csv"
+        table.write_text(table.read_text() + "0.5,0.5,0,1e-4\n")
+
+    assert measured_now() == ["frame_1.tif"]  # the second pass alone
+    assert measured_now("--threshold", "0.4")[:3] == names
+    assert measured_now("--reference", str(folder / "frame_1.tif"))[:2] == names[1:]
+    assert measured_now(change=other_frame)[0] == "frame_2.tif"
+    assert measured_now(change=other_asperities)[:3] == names
+
+
+def test_a_line_that_was_cut_off_is_dropped(tmp_path):
+    record = {"inputs": [{"path": str(tmp_path / "a.tif"), "sha256": "1"}]}
+    store = FrameStore(tmp_path / "store", record)
+    keys = [store.key(store.common("s", []), tmp_path / "a.tif", k) for k in range(3)]
+    for k, key in enumerate(keys):
+        store.put(key, {"value": k, "text": "é\n"})
+    file = next((tmp_path / "store").iterdir())
+    whole = file.read_bytes()
+    for cut in range(1, len(whole.splitlines()[-1]) + 2):
+        file.write_bytes(whole[:-cut])
+        again = FrameStore(tmp_path / "store", record)
+        assert [key in again for key in keys] == [True, True, False]
+        again.put(keys[2], "new")
+        assert again.get(keys[2]) == "new"
+        assert FrameStore(tmp_path / "store", record).get(keys[1]) == {"value": 1, "text": "é\n"}
+
+
+def test_a_file_without_digest_is_not_stored(tmp_path):
+    store = FrameStore(tmp_path, {"inputs": [{"path": str(tmp_path / "a.tif"), "sha256": None}]})
+    assert store.key(store.common("s", []), tmp_path / "a.tif", 1) is None
+    assert store.common("s", [tmp_path / "b.csv"]) is None
+    assert store.common(object(), []) is None
+
+
+def test_records_come_back_bit_for_bit():
+    contacts = CONTACTS.conform(
+        pd.DataFrame({"frame": ["a", "b"], "x_px": [0.1, np.nan], "asperity": [3, pd.NA], "flags": [1, 0]})
+    )
+    optics = SharedOptics(0.1 + 0.2, np.float64(1e-300), 5e-324, 1 / 3, halo=Halo(0.1, np.inf))
+    row = {"frame": "a", "n_contacts": pd.NA, "noise": np.float32(0.1), "shift_x_px": -0.0}
+    part = MeasuredFrame(contacts, REJECTED.empty(), row, (3, 4), optics)
+    again = decode(encode(part))
+    pd.testing.assert_frame_equal(again.contacts, contacts, check_exact=True)
+    pd.testing.assert_frame_equal(again.rejected, part.rejected)
+    assert again.row["n_contacts"] is pd.NA
+    assert again.own_optics == optics
+    assert again.shape == (3, 4)
+    assert repr(again.row["shift_x_px"]) == "-0.0"
+    array = np.array([[1.5, np.nan]], np.float32)
+    np.testing.assert_array_equal(decode(encode(array)), array)
+    assert decode(encode(array)).dtype == np.float32
+
+
+@pytest.mark.parametrize(
+    "text", ['{"@":"record","class":"os:system","fields":{}}', '{"@":"x"}', "{}", '{"@":"record","class":1}']
+)
+def test_a_damaged_record_is_an_error(text):
+    with pytest.raises(ValueError, match="is no"):
+        decode(text)
