@@ -119,9 +119,10 @@ def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], P
 def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
     """The sections of a scene file that lies elsewhere; files missing in the folder are those beside it."""
     data = _copied(scene)
-    for section, key in (("images", "reference"), ("images", "loads"), ("asperities", "file")):
+    keys = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask")]
+    for section, key in (*keys, ("asperities", "file")):
         named = data.get(section, {}).get(key)
-        if named is not None and not named_file(named, folder).exists():
+        if isinstance(named, str) and not named_file(named, folder).exists():
             data[section][key] = str((Path(scene.folder) / named).resolve())
     return data
 

@@ -14,6 +14,7 @@ import tomli_w
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_text
 from contactimg.files.commit import finish_commit
+from contactimg.files.corrections import PixelCorrections, find_areas
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
@@ -28,6 +29,7 @@ SCENE_FILE = "scene.toml"
 
 _LOADS_FILE = "loads.csv"
 _REFERENCE_STEM = "reference"
+_CORRECTION_STEM = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?")
 _NAMES_SHOWN = 3  # in a message
 
 
@@ -49,6 +51,8 @@ class Experiment:
         Columns of `contactimg.tables.ASPERITIES`; None if the scene names no table.
     inputs : tuple of Path
         Every file that a result depends on.
+    corrections : PixelCorrections
+        What is done to the pixels of each frame when it is read.
     """
 
     scene: Scene
@@ -57,6 +61,7 @@ class Experiment:
     loads: pd.DataFrame
     asperities: pd.DataFrame | None
     inputs: tuple[Path, ...]
+    corrections: PixelCorrections = PixelCorrections()
 
     def load_of(self, name: str) -> float:
         """Load P (N) of the frame with this name, NaN without one."""
@@ -170,9 +175,36 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     tables = [_loads_file(scene), _asperities_file(scene)]
     loads = _align_loads(tables[0], frames, pulled=pulled)
     sources = [*([reference] if reference is not None else []), *frames]
+    corrections = _find_corrections(scene, frames)
     files = [source.path for source in sources] + [table for table in tables if table is not None]
-    inputs = tuple(dict.fromkeys(files))
-    return Experiment(scene, reference, tuple(frames), loads, read_scene_asperities(scene), inputs)
+    inputs = tuple(dict.fromkeys(files + corrections.files))
+    if corrections:
+        frames = [replace(frame, correct=corrections) for frame in frames]
+        reference = None if reference is None else replace(reference, correct=corrections.of_reference)
+    return Experiment(
+        scene, reference, tuple(frames), loads, read_scene_asperities(scene), inputs, corrections
+    )
+
+
+def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:
+    """Dark frame, flat field and masks that the scene names."""
+    images, folder = scene.images, Path(scene.folder)
+    dark, flat = (
+        _list_frames(named, scene, folder=folder) if named else [] for named in (images.dark, images.flat)
+    )
+    names = [frame.name for frame in frames]
+    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names), tuple(names))
+
+
+def is_correction(path: Path) -> bool:
+    """True for a file called like a dark frame, a flat field or a mask.
+
+    Examples
+    --------
+    >>> [is_correction(Path(name)) for name in ("dark.tif", "Flat_field2.png", "dark_contacts_01.tif")]
+    [True, True, False]
+    """
+    return _CORRECTION_STEM.fullmatch(path.stem.lower()) is not None
 
 
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
@@ -230,6 +262,10 @@ def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSourc
         place = reference.path.resolve(), reference.index
         frames = [frame for frame in frames if (frame.path.resolve(), frame.index) != place]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
+    used = set(_find_corrections(scene, frames).files)
+    frames = [frame for frame in frames if frame.path not in used]
+    extra = [frame for frame in frames if frame.path not in chosen and is_correction(frame.path)]
+    frames = [frame for frame in frames if frame not in extra]
     dropped = [frame.name for frame in frames if is_reference(frame.path) and frame.path not in chosen]
     frames = [frame for frame in frames if frame.name not in dropped]
     if not frames:
@@ -240,6 +276,12 @@ def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSourc
             "%s: %s is not measured as a frame; name the reference in the scene, or list it among the frames",
             folder,
             _some(dropped),
+        )
+    if extra:
+        logger.warning(
+            "%s: %s is not measured as a frame; to use it, name it in [images] as dark, flat or mask",
+            folder,
+            _some(frame.name for frame in extra),
         )
     return frames
 

@@ -5,7 +5,7 @@ import os
 import re
 import warnings
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -46,6 +46,8 @@ class FrameSource:
         Grey level at which the sensor saturates, if the file does not state it.
     response : CameraResponse or None
         By which grey levels are made proportional to light; None for a linear camera.
+    correct : callable or None
+        Takes the frame as read and returns it corrected (`contactimg.files.corrections`).
     """
 
     name: str
@@ -53,6 +55,7 @@ class FrameSource:
     index: int = 0
     full_scale: float | None = None
     response: CameraResponse | None = None
+    correct: Callable[[Frame], Frame] | None = None
 
     @stage("reading")
     def read(self) -> Frame:
@@ -64,7 +67,7 @@ class FrameSource:
             Grey levels; colour becomes ``0.299 R + 0.587 G + 0.114 B`` unrounded, transparency is dropped,
             black-and-white becomes 0 and 255. Full scale: as given, else what the file says of the sensor
             (TIFF MaxSampleValue of the form 2^n - 1, bit depth of a Norpix sequence), else that of the dtype.
-            With a response of the camera: float32, proportional to light.
+            With a response of the camera: float32, proportional to light. Then corrected, if so asked.
 
         Raises
         ------
@@ -80,7 +83,8 @@ class FrameSource:
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
         full_scale = pixels.full_scale if self.full_scale is None else self.full_scale
-        return linearise(Frame(image, self.name, full_scale), self.response)
+        frame = linearise(Frame(image, self.name, full_scale), self.response)
+        return frame if self.correct is None else self.correct(frame)
 
 
 def _decoder(path: Path) -> ModuleType:

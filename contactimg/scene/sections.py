@@ -26,6 +26,7 @@ Fraction = Annotated[Number, Field(ge=0, le=1)]
 OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
 Point = tuple[Number, Number]
 FilePath = Annotated[str, Field(min_length=1)]
+MaskArea = FilePath | list[Annotated[list[Point], Field(min_length=3)]]
 Side = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Switch = Literal["auto", "on", "off"]
 
@@ -214,6 +215,40 @@ class Images(Section):
     polarity: Literal["bright", "dark", "auto"] = Field(
         "bright", description="Whether contacts are brighter or darker than the background."
     )
+    mask: MaskArea | dict[str, MaskArea] | None = Field(
+        None,
+        description="What to leave out of every frame: an image (pixels other than 0 are left out), an ImageJ "
+        "file of regions (.roi, .zip), or a list of polygons, each a list of [x, y] in px; or one of these for "
+        'each frame: { "frame_3.tif" = "scratch.png", "*" = "dirt.zip" }, with "*" for all frames.',
+    )
+    dark: FilePath | None = Field(
+        None,
+        description="Dark frame, subtracted from frames and reference: a file or a glob, of which the mean is "
+        "taken.",
+    )
+    flat: FilePath | None = Field(
+        None,
+        description="Flat field (an evenly lit field of view) that frames and reference are divided by, after "
+        "the dark frame was subtracted: a file or a glob, of which the mean is taken.",
+    )
+
+    @property
+    def masks(self) -> dict[str, "MaskArea"]:
+        """Name of a frame, or ``*`` for all, and what to leave out of it."""
+        if self.mask is None:
+            return {}
+        return self.mask if isinstance(self.mask, dict) else {"*": self.mask}
+
+    @field_validator("mask", mode="wrap")
+    @classmethod
+    def _mask(cls, value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(
+                "must be a file, a list of polygons (each a list of at least three points [x, y] in px), or "
+                f"these by frame, got {value!r}"
+            ) from None
 
     @field_validator("frames", mode="before")
     @classmethod

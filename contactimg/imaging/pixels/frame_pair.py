@@ -20,7 +20,7 @@ MESSAGES: dict[str, str] = {
     Status.CONSTANT: "every pixel of the frame has the same value",
     Status.IDENTICAL: "the frame is identical to its reference: no contact can show",
     Status.ALL_HOLES: "the frame has no finite pixel",
-    Status.HOLES: "pixels without a finite value were left out",
+    Status.HOLES: "masked pixels, or pixels without a finite value, were left out",
     Status.BAD_REFERENCE: "the reference is black or white throughout: the background was estimated "
     "from the frame",
 }

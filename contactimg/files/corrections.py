@@ -1,0 +1,262 @@
+"""Corrections applied to each frame when it is read: dark frame, flat field, and masked areas.
+
+A dark frame is subtracted and the result divided by the flat field (minus the dark frame, over its median);
+frames and reference alike. Masked pixels of a frame become NaN, which every measurement leaves out.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.draw import polygon
+
+from contactimg.errors import FrameError, InputError
+from contactimg.files.imagej import ROI_SUFFIXES, Region, read_regions
+from contactimg.files.sources import FrameSource, list_frames
+from contactimg.frame import Frame
+
+Points = tuple[tuple[float, float], ...]
+Source = str | list[list[tuple[float, float]]]
+"""A mask as the scene states it: a file, or polygons."""
+
+_NAMES_SHOWN = 3  # in a message
+
+EVERY_FRAME = "*"
+"""In place of the name of a frame: all of them."""
+LEAST_FLAT_FRACTION = 0.05
+"""Of the median of the flat field: darker pixels show no light and are left out. Chosen by hand: noise there is
+20 times that of the other pixels."""
+
+
+@dataclass(frozen=True)
+class MaskedArea:
+    """An area to leave out.
+
+    Parameters
+    ----------
+    frame : str
+        Name of the frame; ``*`` for all.
+    path : Path or None
+        An image whose pixels other than 0 are masked, or a file of ImageJ regions.
+    points : tuple of (float, float)
+        Corners of a polygon, px, if there is no file.
+    """
+
+    frame: str
+    path: Path | None = None
+    points: Points = ()
+
+
+@dataclass(frozen=True)
+class PixelCorrections:
+    """What is done to the pixels of a frame; callable on a `Frame`.
+
+    Parameters
+    ----------
+    dark, flat : tuple of FrameSource
+        Images whose mean is subtracted, and divided by.
+    areas : tuple of MaskedArea
+    names : tuple of str
+        Names of the frames in order, which regions of a stack refer to by number.
+    """
+
+    dark: tuple[FrameSource, ...] = ()
+    flat: tuple[FrameSource, ...] = ()
+    areas: tuple[MaskedArea, ...] = ()
+    names: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.dark or self.flat or self.areas)
+
+    @property
+    def files(self) -> list[Path]:
+        """Every file that the pixels depend on."""
+        images = [source.path for source in (*self.dark, *self.flat)]
+        return list(dict.fromkeys(images + [area.path for area in self.areas if area.path is not None]))
+
+    @property
+    def of_reference(self) -> "PixelCorrections":
+        """Those of the reference: an area masked in a frame is left out wherever the two are compared."""
+        return replace(self, areas=tuple(replace(area, frame="") for area in self.areas))
+
+    def __call__(self, frame: Frame) -> Frame:
+        """The corrected frame.
+
+        Raises
+        ------
+        FrameError
+            If an image has another size than the frame.
+        """
+        if self.dark or self.flat:
+            frame = _subtract_and_divide(frame, self.dark, self.flat)
+        if not self.areas:
+            return frame
+        image = frame.image if frame.image.dtype.kind == "f" else frame.image.astype(np.float32)
+        masked = self.masked(frame.name, frame.shape)
+        if masked.any():
+            image = np.where(masked, np.float32(np.nan), image)
+        return replace(frame, image=image)
+
+    def masked(self, name: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Which pixels of the frame of this name are left out."""
+        out = np.zeros(shape, np.bool_)
+        number = self.names.index(name) + 1 if name in self.names else 0
+        for area in self.areas:
+            if area.frame not in (EVERY_FRAME, name):
+                continue
+            if area.path is None:
+                out |= _inside([area.points], shape)
+            else:
+                out |= _of_file(area.path, number, shape, name)
+        return out
+
+
+def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) -> tuple[MaskedArea, ...]:
+    """Find and check the masks that a scene names.
+
+    Parameters
+    ----------
+    masks : mapping
+        Name of a frame or ``*`` -> a file or polygons.
+    folder : Path
+        Folder that relative paths refer to.
+    names : sequence of str
+        Names of the frames.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or not valid, or a mask is for a frame that is not there.
+    """
+    unknown = [frame for frame in masks if frame not in (EVERY_FRAME, *names)]
+    if unknown:
+        some = ", ".join(names[:_NAMES_SHOWN])
+        raise InputError(f"[images] mask: there is no frame {unknown[0]!r}; the first frames are {some}")
+    return tuple(area for frame, mask in masks.items() for area in _areas(frame, mask, folder))
+
+
+def _areas(frame: str, mask: Source, folder: Path) -> list[MaskedArea]:
+    """The areas of one mask; a file is read once, so that a mistake is found before any frame is measured."""
+    if not isinstance(mask, str):
+        return [MaskedArea(frame, points=tuple(tuple(point) for point in corners)) for corners in mask]
+    path = folder / mask
+    if not path.is_file():
+        raise InputError(f"{path}: the scene names this mask, but there is no such file")
+    if path.suffix.lower() in ROI_SUFFIXES:
+        _regions(path)
+    else:
+        list_frames(path)
+    return [MaskedArea(frame, path)]
+
+
+@lru_cache(maxsize=16)
+def _regions(path: Path) -> tuple[Region, ...]:
+    """The regions of an ImageJ file."""
+    return tuple(read_regions(path))
+
+
+@lru_cache(maxsize=16)
+def _image(path: Path) -> NDArray:
+    """The pixels of a mask."""
+    return FrameSource(path.name, path).read().image
+
+
+@lru_cache(maxsize=4)
+def _mean(sources: tuple[FrameSource, ...]) -> NDArray[np.float32]:
+    """Mean of images of one size."""
+    total = np.zeros(sources[0].read().shape)
+    for source in sources:
+        image = source.read().image
+        if image.shape != total.shape:
+            raise FrameError(f"{source.name} has another size than {sources[0].name}; both must be alike")
+        total += image
+    return np.asarray(total / len(sources), np.float32)
+
+
+def _of_file(path: Path, number: int, shape: tuple[int, int], name: str) -> NDArray[np.bool_]:
+    """Masked pixels of a file: those other than 0 of an image, those inside a region of ImageJ."""
+    if path.suffix.lower() in ROI_SUFFIXES:
+        regions = [region for region in _regions(path) if region.image in (0, number)]
+        return _inside([region.outline for region in regions], shape)
+    image = _image(path)
+    _check_size(path.name, image, shape, name)
+    return image != 0
+
+
+def _inside(polygons: Iterable[NDArray | Points], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels whose centres lie inside one of the polygons (x, y; px)."""
+    out = np.zeros(shape, np.bool_)
+    for corners in polygons:
+        x, y = np.asarray(corners, float).T
+        out[polygon(y, x, shape)] = True
+    return out
+
+
+def _check_size(name: str, image: NDArray, shape: tuple[int, int], frame: str) -> None:
+    """Raise if an image has another size than the frame."""
+    if image.shape != shape:
+        raise FrameError(
+            f"{name} has {image.shape[1]} x {image.shape[0]} pixels, the frame {frame} has "
+            f"{shape[1]} x {shape[0]}; it must have the size of the frames"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fields:
+    """Dark frame and gain (flat field over its median) with the pixels that they make useless."""
+
+    dark: NDArray[np.float32]
+    gain: NDArray[np.float32]
+    level: float
+    useless: NDArray[np.bool_]
+
+
+@lru_cache(maxsize=2)
+def _fields(dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]) -> _Fields:
+    """The mean dark frame and the gain; pixels saturated in the dark or without light are useless."""
+    shape = (*dark_sources, *flat_sources)[0].read().shape
+    dark, useless = np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
+    if dark_sources:
+        dark, scale = _mean(dark_sources), dark_sources[0].read().full_scale
+        useless |= dark >= (np.inf if scale is None else scale)
+    gain = np.ones(shape, np.float32)
+    if flat_sources:
+        flat = _mean(flat_sources)
+        _check_size(flat_sources[0].name, flat, shape, dark_sources[0].name if dark_sources else "")
+        light = flat - dark
+        middle = float(np.median(light))
+        if not middle > 0:
+            raise FrameError(f"{flat_sources[0].name} is not brighter than the dark frame; it must show light")
+        gain = light / np.float32(middle)
+        useless |= gain < LEAST_FLAT_FRACTION
+        gain[useless] = 1.0
+    return _Fields(dark, gain, float(np.median(dark)), useless)
+
+
+def _subtract_and_divide(
+    frame: Frame, dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]
+) -> Frame:
+    """The frame without the dark frame, over the flat field.
+
+    Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the new
+    full scale. A frame with one value everywhere keeps one value: black stays black.
+    """
+    fields = _fields(dark_sources, flat_sources)
+    _check_size((*dark_sources, *flat_sources)[0].name, fields.dark, frame.shape, frame.name)
+    scale = np.inf if frame.full_scale is None else frame.full_scale
+    raw = frame.image
+    if raw.min() == raw.max() and raw[0, 0] < scale:
+        flat = np.full(frame.shape, max(float(raw[0, 0]) - fields.level, 0.0), np.float32)
+        return replace(frame, image=flat)
+    image = (raw.astype(np.float32) - fields.dark) / fields.gain
+    full_scale = frame.full_scale
+    if full_scale is not None:
+        saturated = raw >= full_scale
+        top = np.float32(max(float(np.max(image[~fields.useless], initial=0.0)), full_scale - fields.level))
+        full_scale = float(np.nextafter(top, np.float32(np.inf)))
+        image[saturated] = full_scale
+    image[fields.useless] = np.nan
+    return Frame(image, frame.name, full_scale)

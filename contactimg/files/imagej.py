@@ -1,0 +1,168 @@
+"""ImageJ regions of interest: ovals and polygons in pixels, read from and written to .roi and .zip files.
+
+ImageJ counts from the corner of the first pixel, this package from its centre: 0.5 px lie between the two.
+"""
+
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
+
+from contactimg.errors import InputError
+from contactimg.files.atomic import replacing
+
+ROI_SUFFIXES = (".roi", ".zip")
+"""File name extensions of ImageJ ROIs: one region, or a set of them."""
+CORNER_TO_CENTRE_PX = 0.5
+"""Position in ImageJ minus position here, px."""
+OUTLINE_POINTS = 180
+"""Corners of the polygon that stands for an oval. Theory: its area is smaller by 2 pi^2/(3 n^2) = 0.02 %."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """One region of interest.
+
+    Parameters
+    ----------
+    name : str
+    x, y : float, px
+        Centre of an oval; centroid of a polygon. (0, 0) is the centre of the top-left pixel.
+    radius_x, radius_y : float, px
+        Half axes of an oval; both the radius of the disk of the same area for a polygon.
+    points : tuple of (float, float)
+        Corners of a polygon, px; empty for an oval.
+    image : int
+        Number of the image in a stack that it belongs to, from 1; 0 for all.
+    colour : str
+        Of its outline, ``#rrggbb``; empty for ImageJ's own.
+    """
+
+    name: str
+    x: float
+    y: float
+    radius_x: float
+    radius_y: float
+    points: tuple[tuple[float, float], ...] = ()
+    image: int = 0
+    colour: str = ""
+
+    @property
+    def radius(self) -> float:
+        """Radius of the disk of the same area, px."""
+        return float(np.sqrt(self.radius_x * self.radius_y))
+
+    @property
+    def outline(self) -> NDArray[np.float64]:
+        """Corners of the polygon, or points on the oval, px."""
+        if self.points:
+            return np.array(self.points)
+        angle = 2 * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
+        turn = np.column_stack([np.cos(angle), np.sin(angle)])
+        return turn * [self.radius_x, self.radius_y] + [self.x, self.y]
+
+
+def read_regions(path: str | Path) -> list[Region]:
+    """Read the regions of a .roi or .zip file, or of the overlay of a TIFF that ImageJ wrote.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or holds no region with an area.
+    """
+    path = Path(path)
+    try:
+        rois = roiread(path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except Exception as error:  # whatever a damaged file makes of the decoder
+        raise InputError(f"{path}: is not an ImageJ ROI file ({error})") from None
+    regions = [_region(roi) for roi in (rois if isinstance(rois, list) else [rois])]
+    with_area = [region for region in regions if region is not None]
+    if not with_area:
+        raise InputError(f"{path}: holds no region with an area (oval, rectangle, polygon or freehand)")
+    return with_area
+
+
+def write_regions(regions: Iterable[Region], path: str | Path) -> None:
+    """Write regions as a .zip file for ImageJ's ROI Manager, whole or not at all."""
+    names: set[str] = set()
+    with replacing(path) as target, zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for region in regions:
+            name, k = region.name, 1
+            while name in names:
+                name, k = f"{region.name}-{k}", k + 1
+            names.add(name)
+            # a fixed date: the same regions give the same bytes
+            archive.writestr(zipfile.ZipInfo(f"{name}.roi"), imagej_roi(region).tobytes())
+
+
+def imagej_roi(region: Region) -> ImagejRoi:
+    """The region in ImageJ's own form, with sub-pixel coordinates."""
+    if region.points:
+        roi = ImagejRoi.frompoints(np.array(region.points) + CORNER_TO_CENTRE_PX, name=region.name)
+        roi.roitype = ROI_TYPE.POLYGON
+    else:
+        roi = ImagejRoi()
+        roi.version, roi.roitype, roi.name = 228, ROI_TYPE.OVAL, region.name
+        roi.options = ROI_OPTIONS.SUB_PIXEL_RESOLUTION
+        roi.xd = region.x - region.radius_x + CORNER_TO_CENTRE_PX
+        roi.yd = region.y - region.radius_y + CORNER_TO_CENTRE_PX
+        roi.widthd, roi.heightd = 2 * region.radius_x, 2 * region.radius_y
+        roi.left, roi.top = int(np.floor(roi.xd)), int(np.floor(roi.yd))
+        roi.right = int(np.ceil(roi.xd + roi.widthd))
+        roi.bottom = int(np.ceil(roi.yd + roi.heightd))
+    roi.position = roi.t_position = region.image
+    if region.colour:
+        roi.stroke_color = bytes([255, *bytes.fromhex(region.colour[1:])])
+    return roi
+
+
+def _region(roi: ImagejRoi) -> Region | None:
+    """A region with an area; None for points and lines."""
+    image = max(roi.position, roi.t_position, roi.z_position, 0)
+    if roi.roitype in (ROI_TYPE.OVAL, ROI_TYPE.RECT):
+        x, y, width, height = _bounds(roi)
+        if not (width > 0 and height > 0):
+            return None
+        if roi.roitype == ROI_TYPE.OVAL:
+            centre = x + width / 2 - CORNER_TO_CENTRE_PX, y + height / 2 - CORNER_TO_CENTRE_PX
+            return Region(roi.name, *centre, width / 2, height / 2, image=image)
+        corners = np.array([(x, y), (x + width, y), (x + width, y + height), (x, y + height)])
+    elif roi.roitype in (ROI_TYPE.POLYGON, ROI_TYPE.FREEHAND, ROI_TYPE.TRACED, ROI_TYPE.NOROI):
+        corners = np.asarray(roi.coordinates(), float)
+    else:
+        return None
+    return polygon_region(roi.name, corners - CORNER_TO_CENTRE_PX, image=image)
+
+
+def _bounds(roi: ImagejRoi) -> tuple[float, float, float, float]:
+    """Left, top, width and height of a rectangle or oval, in ImageJ's coordinates."""
+    if roi.options & ROI_OPTIONS.SUB_PIXEL_RESOLUTION and roi.version >= 223:
+        return float(roi.xd), float(roi.yd), float(roi.widthd), float(roi.heightd)
+    return float(roi.left), float(roi.top), float(roi.right - roi.left), float(roi.bottom - roi.top)
+
+
+def polygon_region(name: str, corners: NDArray[np.float64], *, image: int = 0) -> Region | None:
+    """The region inside a polygon (corners in px); None if it has no area."""
+    if len(corners) < 3:
+        return None
+    x, y = corners.T
+    next_x, next_y = np.roll(x, -1), np.roll(y, -1)
+    cross = x * next_y - next_x * y
+    area = cross.sum() / 2
+    if abs(area) < 1e-9:
+        return None
+    centre_x, centre_y = ((x + next_x) @ cross / (6 * area), (y + next_y) @ cross / (6 * area))
+    radius = float(np.sqrt(abs(area) / np.pi))
+    points = tuple((float(a), float(b)) for a, b in corners)
+    return Region(name, float(centre_x), float(centre_y), radius, radius, points, image)
+
+
+def overlay_bytes(regions: Iterable[Region]) -> list[bytes]:
+    """Each region as ImageJ stores it in the overlay of a TIFF."""
+    return [imagej_roi(region).tobytes() for region in regions]
