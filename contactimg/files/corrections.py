@@ -27,8 +27,8 @@ _NAMES_SHOWN = 3  # in a message
 EVERY_FRAME = "*"
 """In place of the name of a frame: all of them."""
 LEAST_FLAT_FRACTION = 0.05
-"""Of the median of the flat field: darker pixels show no light and are left out. Chosen by hand: noise there is
-20 times that of the other pixels."""
+"""Of the median of the flat field: darker pixels show no light and are left out. Chosen by hand: noise there
+is 20 times that of the other pixels."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) 
 def _areas(frame: str, mask: Source, folder: Path) -> list[MaskedArea]:
     """The areas of one mask; a file is read once, so that a mistake is found before any frame is measured."""
     if not isinstance(mask, str):
-        return [MaskedArea(frame, points=tuple(tuple(point) for point in corners)) for corners in mask]
+        return [MaskedArea(frame, points=tuple((x, y) for x, y in corners)) for corners in mask]
     path = folder / mask
     if not path.is_file():
         raise InputError(f"{path}: the scene names this mask, but there is no such file")
@@ -229,7 +229,9 @@ def _fields(dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSour
         light = flat - dark
         middle = float(np.median(light))
         if not middle > 0:
-            raise FrameError(f"{flat_sources[0].name} is not brighter than the dark frame; it must show light")
+            raise FrameError(
+                f"{flat_sources[0].name} is not brighter than the dark frame; it must show light"
+            )
         gain = light / np.float32(middle)
         useless |= gain < LEAST_FLAT_FRACTION
         gain[useless] = 1.0
@@ -241,8 +243,8 @@ def _subtract_and_divide(
 ) -> Frame:
     """The frame without the dark frame, over the flat field.
 
-    Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the new
-    full scale. A frame with one value everywhere keeps one value: black stays black.
+    Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the
+    new full scale. A frame with one value everywhere keeps one value: black stays black.
     """
     fields = _fields(dark_sources, flat_sources)
     _check_size((*dark_sources, *flat_sources)[0].name, fields.dark, frame.shape, frame.name)

@@ -5,7 +5,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import pandas as pd
@@ -61,7 +61,7 @@ class Experiment:
     loads: pd.DataFrame
     asperities: pd.DataFrame | None
     inputs: tuple[Path, ...]
-    corrections: PixelCorrections = PixelCorrections()
+    corrections: PixelCorrections = field(default_factory=PixelCorrections)
 
     def load_of(self, name: str) -> float:
         """Load P (N) of the frame with this name, NaN without one."""

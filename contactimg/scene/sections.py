@@ -217,19 +217,19 @@ class Images(Section):
     )
     mask: MaskArea | dict[str, MaskArea] | None = Field(
         None,
-        description="What to leave out of every frame: an image (pixels other than 0 are left out), an ImageJ "
-        "file of regions (.roi, .zip), or a list of polygons, each a list of [x, y] in px; or one of these for "
-        'each frame: { "frame_3.tif" = "scratch.png", "*" = "dirt.zip" }, with "*" for all frames.',
+        description="What to leave out of every frame: an image (pixels other than 0 are left out), an "
+        "ImageJ file of regions (.roi, .zip), or a list of polygons, each a list of [x, y] in px; or one of "
+        'these for each frame: { "frame_3.tif" = "scratch.png", "*" = "dirt.zip" }, with "*" for all frames.',
     )
     dark: FilePath | None = Field(
         None,
-        description="Dark frame, subtracted from frames and reference: a file or a glob, of which the mean is "
-        "taken.",
+        description="Dark frame, subtracted from frames and reference: a file or a glob, of which the mean "
+        "is taken.",
     )
     flat: FilePath | None = Field(
         None,
-        description="Flat field (an evenly lit field of view) that frames and reference are divided by, after "
-        "the dark frame was subtracted: a file or a glob, of which the mean is taken.",
+        description="Flat field (an evenly lit field of view) that frames and reference are divided by, "
+        "after the dark frame was subtracted: a file or a glob, of which the mean is taken.",
     )
 
     @property
