@@ -10,7 +10,9 @@ import pandas as pd
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
-from contactimg.effects.plan import Plan, coupling_level
+from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
+from contactimg.effects.output_change import ANNULUS
+from contactimg.effects.plan import Plan, coupling_level, make_plan
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
@@ -23,6 +25,7 @@ from contactimg.models.greenwood_williamson import (
 )
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
+from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.scene import Asperities, Scene
@@ -33,8 +36,8 @@ Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
 PURPOSE = "a contact model"
 
-MODEL_COUPLINGS: dict[str, Literal["asymptotic", "none"]] = {"coupled": "asymptotic", "uncoupled": "none"}
-"""Name of a model in the tables -> its level of coupling."""
+COMPARED_MODELS = ("coupled", "uncoupled")
+"""Models that measured contacts are compared with: as the plan says, and the same without coupling."""
 
 FEW_CONTACTS = 10.0
 """Mean number of contacts below which an average over random patterns comes with a remark. Theory: a single
@@ -85,7 +88,7 @@ def predict_contacts(
     *,
     load: float,
     coupling: Coupling = "auto",
-    annulus: float = 2.5e-4,
+    annulus: float = ANNULUS,
     frame: str = "",
     tolerance: float | None = None,
 ) -> Prediction:
@@ -94,16 +97,15 @@ def predict_contacts(
     Parameters
     ----------
     scene : Scene
-        Sections ``[indenter]`` and ``[elastic]`` are needed. Of its effects, ``coupling`` is on unless it is
-        switched off; ``full_coupling``, ``adhesion``, ``layer`` and ``sphere_profile`` are off unless they
-        are switched on. `contactimg.effects.plan.make_plan` switches each by what it changes.
+        Sections ``[indenter]`` and ``[elastic]`` are needed. Mechanical effects that ``[effects]`` leaves
+        "auto" are switched by the plan for ``[tolerance]`` (`contactimg.effects.plan.make_plan`).
     asperities : DataFrame
         Asperity table.
     load : float
         N.
     coupling : {"auto", "none", "asymptotic", "hertz", "full"}
-        ``"auto"`` obeys the scene's effects: none where coupling is off, full where full coupling is on,
-        asymptotic otherwise.
+        ``"auto"`` follows the plan. Any other level: the paper's model with this coupling; other effects
+        only where ``[effects]`` switches them on.
     annulus : float
         Width of the profile's annuli, m.
     frame : str
@@ -124,22 +126,89 @@ def predict_contacts(
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    if coupling == "auto":
-        effects = scene.effects
-        coupling = coupling_level(
-            coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on"
-        )
-    solution = solve_scene(scene, asperities, load=load, coupling=coupling, tolerance=tolerance)
+    scene, plan = with_coupling(scene, coupling), None
+    if any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
+        plan = make_mechanical_plan(scene, asperities, load=load)
+        scene = plan.apply(scene)
+    level = scene_level(scene, coupling)
+    solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance)
     if solution.validity.planes_touch:
         raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
-    name, model = frame or load_name(load), "uncoupled" if coupling == "none" else "coupled"
-    contacts = solution.contacts(name)
+    name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
+    contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
     row = _row(name, load, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
-    row = row.assign(n_contacts=len(contacts), message="; ".join(solution.validity.messages()))
+    row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
+    row = row.assign(**_judgement(solution), law=law_of(scene))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
-    return Prediction(contacts, FRAMES.conform(row), profile)
+    return Prediction(contacts, FRAMES.conform(row), profile, plan)
+
+
+def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
+    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`."""
+    return make_plan(scene.model_copy(update={"simulate": None}), asperities, load=load)
+
+
+def with_coupling(scene: Scene, coupling: str) -> Scene:
+    """The scene with the switches that correspond to a level of coupling given as an option."""
+    if coupling == "auto":
+        return scene
+    switches: dict[str, str] = {
+        name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"
+    }
+    switches |= {
+        "coupling": "off" if coupling == "none" else "on",
+        "full_coupling": "on" if coupling == "full" else "off",
+    }
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+
+
+def scene_of_model(scene: Scene, model: str) -> Scene:
+    """The scene of one of `COMPARED_MODELS`: without coupling for ``"uncoupled"``."""
+    if model == "coupled":
+        return scene
+    off = scene.effects.model_copy(update={"coupling": "off", "full_coupling": "off"})
+    return scene.model_copy(update={"effects": off})
+
+
+def scene_level(scene: Scene, coupling: str) -> str:
+    """Level of coupling of a scene whose switches are set; ``"hertz"`` if the option asks for it."""
+    if coupling == "hertz":
+        return coupling
+    effects = scene.effects
+    return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
+
+
+def law_of(scene: Scene) -> str:
+    """What tables call the law of the local forces of a scene whose switches are set.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> law_of(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
+    'sphere+jkr'
+    """
+    profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
+
+
+def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, scene: Scene) -> pd.DataFrame:
+    """The contacts with the forces that Hertz's formula gives for their radii."""
+    forces = hertz.load(
+        contacts["radius_m"].to_numpy(float),
+        sphere_radius=solution.composite_radius[solution.touching],
+        contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
+    )
+    return contacts.assign(force_hertz_N=forces)
+
+
+def _judgement(solution: InteractingSolution) -> dict[str, str]:
+    """Status and message of the row, from what the solver says of its solution."""
+    notes = solution.validity.messages()
+    if solution.status == CONVERGED:
+        return {"status": Status.OK, "message": "; ".join(notes)}
+    return {"status": Status.APPROXIMATE, "message": "; ".join([solution.status, *notes])}
 
 
 def predict_average(
@@ -187,7 +256,8 @@ def predict_average(
             f"at {load:g} N the contacts would have a mean radius of {widest * 1e6:.3g} um on asperities of "
             f"{radius * 1e6:.3g} um, outside every asperity model; lower the load"
         )
-    row = _row(name, load, rings.area, rings.load, rings.indentation).assign(message=_scatter_remark(rings))
+    row = _row(name, load, rings.area, rings.load, rings.indentation)
+    row = row.assign(message=_scatter_remark(rings), law="hertz")
     return Prediction(CONTACTS.empty(), FRAMES.conform(row), profile)
 
 

@@ -24,6 +24,7 @@ SCENE = {
     "elastic": {"young_modulus_Pa": 3.0e6},
     "asperities": {"side_m": 0.004},
     "camera": {"pixel_size_m": 6e-6},
+    "effects": {"model": "paper"},
 }
 
 

@@ -54,7 +54,7 @@ def test_defaults_are_those_of_the_contract():
     assert (scene.camera.centre, scene.camera.rotation, scene.camera.mirrored) == (None, 0.0, False)
     assert (scene.images.reference, scene.images.polarity) == (None, "bright")
     assert (scene.measure.method, scene.measure.threshold) == ("disk", 0.5)
-    assert (scene.tolerance.output, scene.tolerance.relative) == ("area", 0.01)
+    assert (scene.tolerance.output, scene.tolerance.relative) == ("all", 0.01)
     assert set(scene.effects.model_dump().values()) == {"auto"}
     assert len(Effects.model_fields) == 17
 

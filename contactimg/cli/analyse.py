@@ -206,12 +206,12 @@ def _write_analysis(
     from contactimg.pipeline.analyse.analysis import analyse_places
     from contactimg.pipeline.analyse.predicted_places import count_solutions
     from contactimg.pipeline.analyse.write import write_analysis, write_topography
-    from contactimg.prediction import MODEL_COUPLINGS
+    from contactimg.prediction import COMPARED_MODELS
 
     results: list[pd.DataFrame] = []
     notes: tuple[str, ...] = ()
     if places:
-        count = len(MODEL_COUPLINGS) * count_solutions(places) if settings.models else 0
+        count = len(COMPARED_MODELS) * count_solutions(places) if settings.models else 0
         with progress("solving models", count, quiet=quiet or not count) as advance:
             analysis = analyse_places(places, settings, workers=workers, advance=advance)
         results.append(write_analysis(analysis, folder, smooth_stress=settings.smooth_stress))

@@ -53,12 +53,17 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         with progress("predicting contacts", count, quiet=quiet) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
         write_comparison(comparison, out.folder)
+        out.record["expected_errors"] = {
+            frame: plan.error_record for frame, plan in comparison.plans.items()
+        }
         with progress("drawing overlays", count, quiet=quiet) as advance:
             draw_comparison(
                 comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance
             )
     if not quiet:
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
+        for frame, plan in comparison.plans.items():
+            click.echo(f"{frame}: {plan.sentence()}")
         click.echo(f"results in {target}")
     for frame, reason in comparison.left_out.items():
         click.echo(f"contactimg: {frame}: no prediction, {reason}", err=True)

@@ -76,6 +76,7 @@ def predict(
         from contactimg.files import OutputFolder, provenance, read_scene
         from contactimg.pipeline.predict import (
             choice_sentence,
+            error_records,
             plan_records,
             predict_loads,
             write_predictions,
@@ -98,11 +99,12 @@ def predict(
         )
         frames = write_predictions(predictions, description, out.folder)
         out.record["plans"] = plan_records(predictions)
+        out.record["expected_errors"] = error_records(predictions)
     if not quiet:
         level = f", coupling {coupling}" if model == "interacting" else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}")
-        if tolerance is not None:
-            for prediction in predictions:
+        for prediction in predictions:
+            if prediction.plan is not None:
                 click.echo(choice_sentence(prediction, relative=tolerance))
         click.echo(f"results in {target}")
     return int((frames["status"] == FAILED).any())

@@ -15,16 +15,24 @@ if TYPE_CHECKING:
 @click.command(short_help="Render synthetic frames of a scene, with the true contacts.")
 @click.argument("scene", type=click.Path(exists=True))
 @shared.output("the folder of SCENE")
+@click.option(
+    "--plan",
+    "optics",
+    is_flag=True,
+    help="Render an effect of optics or sensor only if leaving it out would change a requested output by more "
+    "than allowed, instead of all that [simulate] states.",
+)
 @shared.quiet
 @shared.verbose
-def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
+def simulate(*, scene: str, output: str | None, optics: bool, quiet: bool) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
     rubber is smooth, and each frame shows one circular JKR contact (input for `contactimg calibrate jkr`).
 
-    An effect that is "auto" in the section [effects] is rendered if leaving it out would change the output
-    named in [tolerance] by more than allowed there; `contactimg effects SCENE` prints the numbers.
+    Optics and sensor are rendered as [simulate] states them, unless [effects] switches them off. A mechanical
+    effect that is "auto" is computed if leaving it out would change an output that [tolerance] requests by
+    more than allowed there; `contactimg effects SCENE` prints the numbers.
 
     Writes reference.tif, frame_*.tif, loads.csv, asperities.csv, truth.csv (the contacts.csv that a perfect
     measurement would give), provenance.json and scene.toml, which says for each effect whether the frames
@@ -52,22 +60,25 @@ def simulate(*, scene: str, output: str | None, quiet: bool) -> None:
         command=shared.command_line("simulate"), scene=description, inputs=model_inputs(scene, description)
     )
     count = 1 + len(description.need("simulate", "simulating frames").loads)
-    planned = plan_simulation(description, asperities)
+    planned = plan_simulation(description, asperities, optics=optics)
     record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
-    record["effects"] = planned.scene.effects.model_dump()
+    record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
+    record["effects"] = planned.scene.effects.switches()
     with (
         OutputFolder(target, record, main_files=["truth.csv", "scene.toml"]) as out,
         progress("making frames", count, quiet=quiet) as advance,
     ):
         write_simulation(planned.scene, asperities, out.folder, advance=advance)
     if not quiet:
+        for plan in planned.plans:
+            click.echo(plan.sentence())
         click.echo(_shown(planned.scene))
         click.echo(f"{count - 1} frames and the true contacts in {target}")
 
 
 def _shown(scene: "Scene") -> str:
     """One line: which effects the frames show and which were left out."""
-    switches = scene.effects.model_dump()
+    switches = scene.effects.switches()
     shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
     sensor = {"shot_noise", "read_noise", "quantisation"}
     ideal = "; the frames are floating-point numbers without noise" if sensor <= set(left_out) else ""

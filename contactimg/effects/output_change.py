@@ -1,4 +1,7 @@
-"""Relative difference of two solutions in the output that a scene asks for: area, force or radius."""
+"""Relative difference of two solutions in every output that is written, and the norm of each."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,9 +12,135 @@ Values = NDArray[np.float64]
 Contacts = tuple[ArrayLike, ArrayLike]
 
 OUTPUTS = ("area", "force", "radius")
+"""Outputs that forces and radii alone determine."""
+
+WRITTEN: dict[str, str] = {
+    "area": "area",
+    "force": "forces",
+    "radius": "radii",
+    "hertz": "Hertz forces",
+    "contacts": "contacts",
+    "profile": "profile",
+    "indentation": "indentation",
+}
+"""Every output that `predict` writes -> what to call it in a sentence. The sum of the forces is the load."""
 
 POWER = {"radius": 1, "area": 2, "force": 3}
 """Power of the radius that each output is."""
+
+ANNULUS = 2.5e-4
+"""Width of the annuli of the profile, m: that of the paper, and the default of the commands."""
+
+
+def requested_outputs(output: str) -> tuple[str, ...]:
+    """The outputs that ``[tolerance] output`` requests: every written one for ``"all"``.
+
+    Examples
+    --------
+    >>> requested_outputs("force"), len(requested_outputs("all"))
+    (('force',), 7)
+    """
+    return tuple(WRITTEN) if output == "all" else (output,)
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a solution says of the same asperities, in any consistent unit.
+
+    Parameters
+    ----------
+    force, radius : ndarray, shape (n,)
+        Of each asperity; zero out of contact.
+    indentation : float
+    """
+
+    force: Values
+    radius: Values
+    indentation: float
+
+
+@dataclass(frozen=True, eq=False)
+class Asperities:
+    """What the norms need of the asperities beside their contacts.
+
+    Parameters
+    ----------
+    curvature_radius : ndarray, shape (n,)
+        Composite radius R, for Hertz's law.
+    annulus : ndarray of int, shape (n,)
+        Number of the annulus in which each lies, from 0.
+    """
+
+    curvature_radius: Values
+    annulus: NDArray[np.intp]
+
+    @classmethod
+    def about(cls, distance: Values, curvature_radius: Values, width: float = ANNULUS) -> "Asperities":
+        """Asperities at distances (m) from the apex, in annuli of a width (m)."""
+        return cls(curvature_radius, np.floor_divide(distance, width).astype(np.intp))
+
+
+def output_changes(asperities: Asperities, *, without: Answer, complete: Answer) -> dict[str, float]:
+    """Relative change of every written output if an effect is left out.
+
+    ``area``, ``force``, ``radius`` as in `relative_change`. ``hertz``: ``sum |d(a^3/R)| / sum a^3/R``.
+    ``contacts``: contacts that form or vanish, over their number. ``profile``: the larger of the largest
+    change of the pressure of an annulus over the largest pressure, and of ``sum |dn|/n`` over the numbers of
+    contacts of the annuli. ``indentation``: its change over the indentation, or over the largest ``a^2/R``
+    where adhesion makes that the larger.
+
+    Parameters
+    ----------
+    asperities : Asperities
+    without, complete : Answer
+        Of all asperities, in the same order, without the effect and with it.
+
+    Returns
+    -------
+    dict
+        The keys of `WRITTEN`.
+
+    Examples
+    --------
+    >>> two = Asperities(np.ones(2), np.array([0, 0]))
+    >>> before = Answer(np.array([1.0, 1.0]), np.array([1.0, 2.0]), 4.0)
+    >>> after = Answer(np.array([2.0, 0.0]), np.array([2.0, 0.0]), 5.0)
+    >>> changes = output_changes(two, without=after, complete=before)
+    >>> {name: round(value, 3) for name, value in changes.items()}  # doctest: +NORMALIZE_WHITESPACE
+    {'area': 0.2, 'force': 1.0, 'radius': 1.0, 'hertz': 1.667, 'contacts': 0.5, 'profile': 0.5,
+     'indentation': 0.25}
+    """
+    pairs = {"without": (without.force, without.radius), "complete": (complete.force, complete.radius)}
+    found = {name: relative_change(name, **pairs) for name in OUTPUTS}
+    R = asperities.curvature_radius
+    hertz, full_hertz = without.radius**3 / R, complete.radius**3 / R
+    touching, complete_touching = without.radius > 0, complete.radius > 0
+    flips = float(np.count_nonzero(touching != complete_touching))
+    deepest = max(abs(complete.indentation), float(np.max(complete.radius**2 / R, initial=0.0)))
+    found["hertz"] = _ratio(float(np.abs(full_hertz - hertz).sum()), float(full_hertz.sum()))
+    found["contacts"] = _ratio(flips, float(np.count_nonzero(complete_touching)))
+    found["profile"] = _profile_change(asperities.annulus, without, complete)
+    found["indentation"] = _ratio(abs(complete.indentation - without.indentation), deepest)
+    return found
+
+
+def _profile_change(annulus: NDArray[np.intp], without: Answer, complete: Answer) -> float:
+    """The larger change of the pressure's and of the density's profile."""
+    if not annulus.size:
+        return 0.0
+    area = 2.0 * np.arange(int(annulus.max()) + 1) + 1  # in units of that of the innermost
+
+    def pressure(answer: Answer) -> Values:
+        return np.bincount(annulus, answer.force) / area
+
+    def count(answer: Answer) -> Values:
+        return np.bincount(annulus, (answer.radius > 0).astype(float))
+
+    p, n = pressure(complete), count(complete)
+    return max(
+        _ratio(float(np.abs(p - pressure(without)).max()), float(np.abs(p).max())),
+        _ratio(float(np.abs(n - count(without)).sum()), float(n.sum())),
+    )
 
 
 def relative_change(output: str, *, without: Contacts, complete: Contacts) -> float:
@@ -22,7 +151,8 @@ def relative_change(output: str, *, without: Contacts, complete: Contacts) -> fl
 
     Parameters
     ----------
-    output : {"area", "force", "radius"}
+    output : {"area", "force", "radius", "profile", "all"}
+        ``"all"``: the largest of the first three; ``"profile"``: the force, of which a profile is a sum.
     without, complete : (array_like, array_like), N and m
         Forces and contact radii of all asperities, in the same order, without the effect (primed above) and
         with it.
@@ -35,20 +165,28 @@ def relative_change(output: str, *, without: Contacts, complete: Contacts) -> fl
     Examples
     --------
     >>> before, after = ([1.0, 1.0], [1.0, 2.0]), ([1.5, 0.5], [2.0, 1.0])
-    >>> [round(relative_change(name, without=before, complete=after), 3) for name in OUTPUTS]
-    [0.0, 0.5, 0.632]
+    >>> [round(relative_change(name, without=before, complete=after), 3) for name in (*OUTPUTS, "all")]
+    [0.0, 0.5, 0.632, 0.632]
     """
-    if output not in OUTPUTS:
-        raise InputError(f"output must be one of {', '.join(map(repr, OUTPUTS))}, got {output!r}")
+    if output == "all":
+        return max(relative_change(name, without=without, complete=complete) for name in OUTPUTS)
+    _check(output)
     force, radius = (np.asarray(v, dtype=np.float64) for v in without)
     full_force, full_radius = (np.asarray(v, dtype=np.float64) for v in complete)
     if output == "area":
         area = float(np.sum(full_radius**2))
         return _ratio(abs(area - float(np.sum(radius**2))), area)
-    if output == "force":
+    if output in ("force", "profile"):
         return _ratio(float(np.abs(full_force - force).sum()), float(np.abs(full_force).sum()))
     square = _ratio(float(np.sum((full_radius - radius) ** 2)), float(np.sum(full_radius**2)))
     return float(np.sqrt(square))
+
+
+def _check(output: str) -> None:
+    """Refuse the name of an output that is none."""
+    allowed = (*OUTPUTS, "profile", "all")
+    if output not in allowed:
+        raise InputError(f"output must be one of {', '.join(map(repr, allowed))}, got {output!r}")
 
 
 def _ratio(change: float, size: float) -> float:
@@ -61,8 +199,8 @@ def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
 
     Parameters
     ----------
-    output : {"area", "force", "radius"}
-        Forces are proportional to ``a^3``.
+    output : {"area", "force", "radius", "profile", "all"}
+        Forces are proportional to ``a^3``; ``"profile"`` and ``"all"`` as in `relative_change`.
     radius, std : array_like, shape (n,)
         Both in the same unit.
 
@@ -76,10 +214,24 @@ def stated_change(output: str, *, radius: ArrayLike, std: ArrayLike) -> float:
     >>> round(stated_change("area", radius=[3.0, 4.0], std=[0.03, 0.04]), 6)
     0.014686
     """
+    if output == "all":
+        return max(stated_change(name, radius=radius, std=std) for name in OUTPUTS)
+    _check(output)
     a, s = np.asarray(radius, float), np.asarray(std, float)
     if not a.size:
         return float("inf")
-    power = POWER[output]
+    power = POWER.get(output, POWER["force"])
     if output == "radius":
         return float(np.sqrt(np.sum(s**2) / np.sum(a**2)))
     return float(np.sqrt(np.sum((power * a ** (power - 1) * s) ** 2)) / np.sum(a**power))
+
+
+def change_sentence(changes: Mapping[str, float]) -> str:
+    """The expected errors of the outputs in per cent, for a person.
+
+    Examples
+    --------
+    >>> change_sentence({"area": 0.0081, "force": 0.0, "contacts": 2e-5})
+    'area 0.81 %, forces 0 %, contacts 0.002 %'
+    """
+    return ", ".join(f"{WRITTEN[name]} {100 * value:.2g} %" for name, value in changes.items())

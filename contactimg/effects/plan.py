@@ -1,19 +1,21 @@
 """The plan: which effects are computed for a scene, from their estimates and the scene's tolerance.
 
-The effects that the plan leaves out change the requested output together by less than the tolerance. Effects
+The effects that the plan leaves out together change every requested output by less than the tolerance. They
 are dropped in order of their estimated change, the smallest first, as long as `SAFETY_FACTOR` times the sum
-of the estimates stays below the tolerance.
+of the estimates stays below the tolerance in each of these outputs.
 """
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import pandas as pd
 
 from contactimg.effects.effect_estimate import EffectEstimate
-from contactimg.effects.mechanics.mechanical_effects import estimate_mechanics
+from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.mechanics.model_error import ModelError
 from contactimg.effects.optics.optical_effects import estimate_optics
+from contactimg.effects.output_change import change_sentence, requested_outputs
 from contactimg.scene import Effects, Scene
 from contactimg.tables import EFFECTS
 from contactimg.timings import stage
@@ -29,6 +31,10 @@ INCLUDED = {"full_coupling": "coupling"}
 The layer is no such effect: coupling and layer partly cancel, so that leaving out both can change less than
 leaving out one.
 """
+
+AREA_ERROR = 0.1
+"""Error of an estimated area over the estimated change of the forces. Measured: where load moves between
+contacts the areas cancel, and their sum is off by up to 0.08 of it."""
 
 SAFETY_FACTOR = 1.25
 """Factor on the sum of the dropped estimates. Chosen: estimates differ from solutions by up to a quarter."""
@@ -55,7 +61,7 @@ class Decision:
     ----------
     effect : str
     change : float
-        Estimated relative change of the requested output if the effect is left out.
+        Estimated relative change of the requested outputs if the effect is left out: the largest.
     tolerance : float
         Upper limit for the sum of the changes of all effects that are left out.
     on : bool
@@ -66,6 +72,8 @@ class Decision:
         The numbers that decide, in words.
     cost : float
         Time to solve, render or measure with the effect divided by the time without.
+    changes : mapping
+        Output -> its estimated relative change, where they are told apart.
     """
 
     effect: str
@@ -75,6 +83,7 @@ class Decision:
     switch: str
     reason: str
     cost: float
+    changes: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -84,7 +93,7 @@ class Plan:
     Parameters
     ----------
     decisions : tuple of Decision
-    output : {"area", "force", "radius"}
+    output : {"all", "area", "force", "radius", "profile"}
         The result that must be accurate.
     relative : float
         Relative change that is allowed.
@@ -93,6 +102,10 @@ class Plan:
         One sentence for each switch in the scene that contradicts the estimates.
     limits : tuple of str
         One sentence for each range of validity that some contacts exceed; they are computed nevertheless.
+    expected_errors : mapping
+        Output -> estimated relative change by all mechanical effects that are left out.
+    model_error : ModelError
+        How well the complete model is known.
     """
 
     decisions: tuple[Decision, ...]
@@ -101,6 +114,8 @@ class Plan:
     load: float
     messages: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
+    expected_errors: Mapping[str, float] = field(default_factory=dict)
+    model_error: ModelError = field(default_factory=lambda: ModelError({}, ""))
 
     def is_on(self, effect: str) -> bool:
         """Whether an effect is computed; False for an effect that is not in the plan."""
@@ -111,9 +126,25 @@ class Plan:
         """Level of coupling for the interacting model."""
         return coupling_level(coupling=self.is_on("coupling"), full_coupling=self.is_on("full_coupling"))
 
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Mechanical effects that could act and are left out."""
+        return tuple(
+            d.effect for d in self.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0
+        )
+
+    def sentence(self) -> str:
+        """What is left out and by how much that changes each output."""
+        text = "nothing that acts is left out"
+        if self.left_out:
+            changes = change_sentence(self.expected_errors)
+            text = f"left out: {', '.join(self.left_out)}; that changes {changes}"
+        missed = self.model_error.missed(requested_outputs(self.output), self.relative)
+        return "; ".join(part for part in (f"at {self.load:g} N {text}", missed) if part)
+
     def apply(self, scene: Scene) -> Scene:
         """The scene with the decisions of the plan as its switches, "on" or "off"."""
-        names = Effects.model_fields
+        names = scene.effects.switches()
         switches = {d.effect: "on" if d.on else "off" for d in self.decisions if d.effect in names}
         return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
 
@@ -123,18 +154,31 @@ class Plan:
         rows = self.table()[["effect", "change", "decision", "reason"]].to_dict("records")
         return [{str(key): value for key, value in row.items()} for row in rows]
 
+    @property
+    def error_record(self) -> dict[str, Any]:
+        """For the provenance: what is left out, what that changes, and how well the model is known."""
+        return {
+            "left_out": list(self.left_out),
+            "expected_errors": dict(self.expected_errors),
+            "model_errors": dict(self.model_error.errors),
+            "model_errors_from": self.model_error.source,
+        }
+
     def table(self) -> pd.DataFrame:
         """One row per effect: the schema `contactimg.tables.EFFECTS`."""
         rows = [
-            asdict(d) | {"load_N": self.load, "decision": "on" if d.on else "off"} for d in self.decisions
+            {name: value for name, value in asdict(d).items() if name in EFFECTS.columns}
+            | {f"change_{output}": value for output, value in d.changes.items()}
+            | {"load_N": self.load, "decision": "on" if d.on else "off"}
+            for d in self.decisions
         ]
-        return EFFECTS.conform(pd.DataFrame(rows, columns=[*EFFECTS.columns, "on"]).drop(columns="on"))
+        return EFFECTS.conform(pd.DataFrame(rows, columns=list(EFFECTS.columns)))
 
 
 def decide(
-    estimates: Sequence[EffectEstimate], switches: Effects, *, tolerance: float
+    estimates: Sequence[EffectEstimate], switches: Effects, *, tolerance: float, output: str = "all"
 ) -> tuple[tuple[Decision, ...], tuple[str, ...]]:
-    """Drop the smallest effects, as long as their changes add up to less than the tolerance.
+    """Drop the smallest effects, as long as their changes of each output add up to less than the tolerance.
 
     Parameters
     ----------
@@ -143,6 +187,8 @@ def decide(
         Of the scene. Effects that it switches "on" or "off" stay so and do not count in the sum.
     tolerance : float
         Relative change that is allowed.
+    output : str
+        The output that must be accurate.
 
     Returns
     -------
@@ -160,10 +206,11 @@ def decide(
     """
     switch = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
     required = {base for effect, base in REQUIRES.items() if switch.get(effect) == "on"}
-    on = _kept_effects(estimates, switch, required, tolerance)
+    limits = _Limits(requested_outputs(output), tolerance)
+    on = _kept_effects(estimates, switch, required, limits)
     also_required = {base for effect, base in REQUIRES.items() if effect in on - set(INCLUDED)}
     if not also_required <= on:
-        on = _kept_effects(estimates, switch, required | also_required, tolerance)
+        on = _kept_effects(estimates, switch, required | also_required, limits)
     inactive = {effect: base for effect, base in REQUIRES.items() if base in switch and base not in on}
     on -= set(inactive)
     decisions = tuple(
@@ -175,6 +222,7 @@ def decide(
             switch[e.effect],
             f"acts through {inactive[e.effect]}, which is left out" if e.effect in inactive else e.reason,
             e.cost,
+            dict.fromkeys(e.changes, 0.0) if e.effect in inactive else e.changes,
         )
         for e in estimates
     )
@@ -193,24 +241,48 @@ def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
             )
 
 
+@dataclass(frozen=True)
+class _Limits:
+    """The requested outputs and the tolerance of each."""
+
+    outputs: tuple[str, ...]
+    tolerance: float
+
+    def allow(self, dropped: Sequence[EffectEstimate]) -> bool:
+        """Whether these effects together change every output by less than the tolerance."""
+        return all(self._bound(dropped, output) < self.tolerance for output in self.outputs)
+
+    @staticmethod
+    def _bound(dropped: Sequence[EffectEstimate], output: str) -> float:
+        """Upper limit of the change of one output."""
+        expected = SAFETY_FACTOR * sum(estimate.change_of(output) for estimate in dropped)
+        if output == "area":
+            expected += AREA_ERROR * sum(e.changes.get("force", 0.0) for e in dropped)
+        return max(expected, sum(e.doubtful.get(output, 0.0) for e in dropped))
+
+
 def _kept_effects(
-    estimates: Sequence[EffectEstimate], switch: dict[str, str], required: set[str], tolerance: float
+    estimates: Sequence[EffectEstimate], switch: dict[str, str], required: set[str], limits: _Limits
 ) -> set[str]:
     """Effects that are switched on, that others require, or that change the output too much to be dropped."""
     free = [e for e in estimates if switch[e.effect] == "auto" and e.effect not in required]
-    dropped = _dropped_effects(free, tolerance)
+    dropped = _dropped_effects(free, limits)
     return {effect for effect in switch if switch[effect] != "off" and effect not in dropped}
 
 
-def _dropped_effects(estimates: Iterable[EffectEstimate], tolerance: float) -> set[str]:
+def _dropped_effects(estimates: Iterable[EffectEstimate], limits: _Limits) -> set[str]:
     """The smallest effects whose changes add up to less than the tolerance."""
-    dropped: dict[str, float] = {}
+    dropped: dict[str, EffectEstimate] = {}
     for estimate in sorted(estimates, key=lambda e: (e.change, -e.cost, e.effect)):
         included = {effect for effect, base in INCLUDED.items() if base == estimate.effect}
-        others = sum(change for effect, change in dropped.items() if effect not in included)
-        change = 0.0 if INCLUDED.get(estimate.effect) in dropped else estimate.change
-        if SAFETY_FACTOR * (others + change) < tolerance:
-            dropped |= {estimate.effect: change} | dict.fromkeys(included & set(dropped), 0.0)
+        others = [e for effect, e in dropped.items() if effect not in included]
+        counted = [] if INCLUDED.get(estimate.effect) in dropped else [estimate]
+        if limits.allow([*others, *counted]):
+            nothing = {
+                e: replace(dropped[e], change=0.0, changes={}, doubtful={}) for e in included & set(dropped)
+            }
+            own = estimate if counted else replace(estimate, change=0.0, changes={}, doubtful={})
+            dropped |= {estimate.effect: own} | nothing
     return set(dropped)
 
 
@@ -253,12 +325,18 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     mechanics = estimate_mechanics(scene, asperities, load=load)
     optics = estimate_optics(scene, mechanics.contacts()) if scene.simulate is not None else ()
     estimates = (*mechanics.estimates, *optics)
-    decisions, messages = decide(estimates, scene.effects, tolerance=scene.tolerance.relative)
+    tolerance = scene.tolerance
+    decisions, messages = decide(
+        estimates, scene.effects, tolerance=tolerance.relative, output=tolerance.output
+    )
+    dropped = [d.effect for d in decisions if not d.on]
     return Plan(
         decisions,
-        output=scene.tolerance.output,
-        relative=scene.tolerance.relative,
+        output=tolerance.output,
+        relative=tolerance.relative,
         load=float(load),
         messages=messages,
         limits=mechanics.limits,
+        expected_errors=mechanics.left_out(dropped),
+        model_error=mechanics.model_error,
     )

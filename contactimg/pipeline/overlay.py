@@ -1,13 +1,14 @@
 """Compare a run with the predictions of the models: pairs and scores, frame by frame."""
 
 from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from contactimg.effects.plan import Plan
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
 from contactimg.matching import match_contacts
@@ -15,7 +16,14 @@ from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted, picture_name
 from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
-from contactimg.prediction import MODEL_COUPLINGS, hertz_circle, predict_contacts, see_contacts
+from contactimg.prediction import (
+    COMPARED_MODELS,
+    Prediction,
+    hertz_circle,
+    predict_contacts,
+    scene_of_model,
+    see_contacts,
+)
 from contactimg.scene import Scene
 from contactimg.tables import FAILED, MATCHES, SCORES
 from contactimg.timings import stage
@@ -35,12 +43,15 @@ class Comparison:
         Frame -> model -> contacts table, restricted to the field of view.
     left_out : dict
         Frame -> which model has no solution for it, and why.
+    plans : dict
+        Frame -> plan of the coupled model; absent where every switch is set.
     """
 
     matches: pd.DataFrame
     scores: pd.DataFrame
     predicted: dict[str, dict[str, pd.DataFrame]]
     left_out: dict[str, str]
+    plans: dict[str, Plan] = field(default_factory=dict)
 
 
 def compare_run(
@@ -81,12 +92,18 @@ def compare_run(
     scores: list[dict[str, Any]] = []
     predicted: dict[str, dict[str, pd.DataFrame]] = {}
     left_out: dict[str, str] = {}
+    plans: dict[str, Plan] = {}
     for row in _comparable(run.frames).to_dict("records"):
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
-        predicted[frame], reasons = _predicted(
-            run.scene, asperities, row, pose, frame_shift(run.frames, frame)
-        )
+        found, reasons = _predicted(run.scene, asperities, row)
+        shift_px = frame_shift(run.frames, frame)
+        predicted[frame] = {
+            model: _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
+            for model, prediction in found.items()
+        }
+        if "coupled" in found and found["coupled"].plan is not None:
+            plans[frame] = found["coupled"].plan
         if reasons:
             left_out[frame] = "; ".join(f"{model}: {reason}" for model, reason in reasons.items())
         for model, contacts in predicted[frame].items():
@@ -99,7 +116,8 @@ def compare_run(
         if advance is not None:
             advance()
     table = SCORES.conform(pd.DataFrame(scores)) if scores else SCORES.empty()
-    return Comparison(MATCHES.conform(pd.concat(matches, ignore_index=True)), table, predicted, left_out)
+    pairs = MATCHES.conform(pd.concat(matches, ignore_index=True))
+    return Comparison(pairs, table, predicted, left_out, plans)
 
 
 def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
@@ -117,24 +135,18 @@ def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
 
 
 def _predicted(
-    scene: Scene,
-    asperities: pd.DataFrame,
-    row: dict[Hashable, Any],
-    pose: Pose,
-    shift_px: tuple[float, float],
-) -> tuple[dict[str, pd.DataFrame], dict[str, str]]:
-    """The contacts that each model predicts in the field of view, and why a model has no solution."""
-    predictions: dict[str, pd.DataFrame] = {}
+    scene: Scene, asperities: pd.DataFrame, row: dict[Hashable, Any]
+) -> tuple[dict[str, Prediction], dict[str, str]]:
+    """What each model predicts for a frame, and why a model has no solution."""
+    predictions: dict[str, Prediction] = {}
     reasons: dict[str, str] = {}
-    for model, coupling in MODEL_COUPLINGS.items():
+    for model in COMPARED_MODELS:
         try:
-            prediction = predict_contacts(
-                scene, asperities, load=row["load_N"], coupling=coupling, frame=row["frame"]
+            predictions[model] = predict_contacts(
+                scene_of_model(scene, model), asperities, load=row["load_N"], frame=row["frame"]
             )
         except ContactimgError as error:
             reasons[model] = str(error)
-            continue
-        predictions[model] = _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
     return predictions, reasons
 
 

@@ -1,6 +1,6 @@
 """Predictions of a scene at several loads, and their files."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -8,8 +8,6 @@ from typing import Any
 
 import pandas as pd
 
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
-from contactimg.effects.plan import Decision, make_plan
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
@@ -17,9 +15,11 @@ from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
+    make_mechanical_plan,
     predict_average,
     predict_contacts,
     see_contacts,
+    with_coupling,
 )
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
@@ -27,10 +27,6 @@ from contactimg.tables import CONTACTS, FRAMES, PROFILE
 SOLVER_SHARE = 0.01
 """Fraction of a tolerance that the residual of the solver may use up; the effects that are left out have the
 rest. Chosen by hand; sensitivity not measured."""
-
-MODEL_ERROR = 2.5e-4
-"""Relative difference between the area with full coupling and that of boundary elements, measured on the
-pattern SA+ at 0.5 N."""
 
 BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
 """Effects that the statistical models cannot represent."""
@@ -124,32 +120,21 @@ def solver_tolerance(relative: float) -> float:
     return max(SOLVER_SHARE * relative, MIN_RESIDUAL)
 
 
-def choice_sentence(prediction: Prediction, *, relative: float) -> str:
-    """One sentence on a planned prediction: level of coupling, effects left out and their changes."""
-    plan = prediction.plan
+def choice_sentence(prediction: Prediction, *, relative: float | None = None) -> str:
+    """One sentence on a prediction: level of coupling, effects left out and what that changes.
+
+    ``relative`` is the tolerance of the solver, where one was asked for.
+    """
+    plan, row = prediction.plan, prediction.frames.iloc[0]
     if plan is None:
-        return str(prediction.frames["message"].iloc[0])
-    off = [d for d in plan.decisions if d.effect in MECHANICAL_EFFECTS and not d.on and d.change > 0]
+        return f"{row['frame']}: {row['message'] or 'averages over random patterns'}"
     level = {"none": "no coupling", "asymptotic": "coupling by point forces", "full": "full coupling"}
-    beyond = (
-        f"; full coupling itself is within about {100 * MODEL_ERROR:g} % of boundary elements "
-        "(area of SA+ at 0.5 N)"
-        if plan.coupling == "full" and relative < MODEL_ERROR
-        else ""
-    )
+    what = {"all": "every output"}.get(plan.output, f"the {plan.output}")
+    solver = "" if relative is None else f", to a residual of {solver_tolerance(relative):.0e}"
     return (
-        f"{prediction.frames['frame'].iloc[0]}: {level[plan.coupling]} for {100 * relative:g} % of the "
-        f"{plan.output}, to a residual of {solver_tolerance(relative):.0e}"
-        + _listed("left out", (d for d in off if d.switch == "auto"))
-        + _listed("off by order", (d for d in off if d.switch == "off"))
-        + beyond
+        f"{row['frame']}: {level[plan.coupling]}, law {row['law']}, for {100 * plan.relative:g} % of {what}"
+        f"{solver}; {plan.sentence()}"
     )
-
-
-def _listed(why: str, decisions: Iterable[Decision]) -> str:
-    """Effects with the change each would make; empty without effects."""
-    effects = ", ".join(f"{d.effect} ({100 * d.change:.2g} %)" for d in decisions)
-    return f"; {why}: {effects}" if effects else ""
 
 
 def _predict_planned(
@@ -162,9 +147,8 @@ def _predict_planned(
     tolerance: float | None,
 ) -> Prediction:
     """Plan the effects at a load and predict the contacts with them."""
-    scene = _with_coupling(scene, coupling)
-    mechanical = scene.model_copy(update={"simulate": None})  # no frames are rendered
-    plan = make_plan(mechanical, asperities, load=load)
+    scene = with_coupling(scene, coupling)
+    plan = make_mechanical_plan(scene, asperities, load=load)
     level: Coupling = "hertz" if coupling == "hertz" else "auto"
     prediction = predict_contacts(
         plan.apply(scene), asperities, load=load, coupling=level, annulus=annulus, tolerance=tolerance
@@ -173,23 +157,14 @@ def _predict_planned(
     return replace(prediction, frames=prediction.frames.assign(message="; ".join(notes)), plan=plan)
 
 
-def _with_coupling(scene: Scene, coupling: Coupling) -> Scene:
-    """The scene with the switches that correspond to a level of coupling given as an option."""
-    if coupling == "auto":
-        return scene
-    switches: dict[str, str] = {
-        name: "off" for name in MECHANICAL_EFFECTS if getattr(scene.effects, name) == "auto"
-    }
-    switches |= {
-        "coupling": "off" if coupling == "none" else "on",
-        "full_coupling": "on" if coupling == "full" else "off",
-    }
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
-
-
 def plan_records(predictions: Sequence[Prediction]) -> dict[str, list[dict[str, Any]]]:
     """The plans for the provenance: name of the load -> effect, change, decision, reason."""
     return {p.frames["frame"].iloc[0]: p.plan.record for p in predictions if p.plan is not None}
+
+
+def error_records(predictions: Sequence[Prediction]) -> dict[str, dict[str, Any]]:
+    """Name of the load -> what its plan leaves out, and the expected errors, for the provenance."""
+    return {p.frames["frame"].iloc[0]: p.plan.error_record for p in predictions if p.plan is not None}
 
 
 def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: Path) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.prediction import predict_contacts
+from contactimg.prediction import make_mechanical_plan, predict_contacts
 from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
@@ -29,19 +29,21 @@ class SimulationPlan:
     scene : Scene
         With every switch "on" or "off".
     plans : tuple of Plan
-        Of its smallest and its largest load; empty for a smooth contact, which shows every effect that the
-        scene states.
+        Of its smallest and its largest load; empty for a smooth contact.
     """
 
     scene: Scene
     plans: tuple[Plan, ...]
 
 
-def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> SimulationPlan:
+def plan_simulation(
+    scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False
+) -> SimulationPlan:
     """Decide which effects the frames of a series show.
 
-    An effect is shown if the plan of the smallest or of the largest load calls for it: small contacts are
-    lost in noise and blur, large ones saturate and touch each other.
+    A mechanical effect is computed if the plan of the smallest or of the largest load calls for it. Optics
+    and sensor are rendered as ``[simulate]`` states them; with ``optics`` they too follow the plan: small
+    contacts are lost in noise and blur, large ones saturate and touch each other.
 
     Parameters
     ----------
@@ -49,6 +51,8 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
         Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
     asperities : DataFrame or None
         Asperity table; None for a smooth flat.
+    optics : bool
+        Whether the plan decides on optics and sensor too.
 
     Raises
     ------
@@ -64,7 +68,8 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None) -> Simulation
     if asperities is None or not simulate.loads:
         return SimulationPlan(explicit_switches(scene), ())
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
-    plans = tuple(make_plan(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
+    make = make_plan if optics else make_mechanical_plan
+    plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
     return SimulationPlan(explicit_switches(_with_effects_of(scene, plans)), plans)
 
 
@@ -77,10 +82,10 @@ def _with_effects_of(scene: Scene, plans: Sequence[Plan]) -> Scene:
 
 
 def explicit_switches(scene: Scene) -> Scene:
-    """The scene with its "auto" switches replaced by what the solver and the renderer do under "auto".
+    """The scene with its "auto" switches replaced by what it states.
 
-    Coupling is on where there are asperities, its refinements are off; an effect of optics or sensor is on
-    when its parameter is not zero; the air film is off.
+    An effect of optics or sensor is on when its parameter is not zero; the air film is off. Of the mechanical
+    effects, which `plan_simulation` sets before, coupling is on where there are asperities.
 
     Examples
     --------
@@ -90,7 +95,7 @@ def explicit_switches(scene: Scene) -> Scene:
     ('on', 'off', 'on', 'off')
     """
     shown = read_render_settings(scene).effects | ({"coupling"} if scene.asperities is not None else set())
-    stated = scene.effects.model_dump()
+    stated = scene.effects.switches()
     switches = {name: "on" if name in shown else "off" for name in stated if stated[name] == "auto"}
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
 
@@ -166,14 +171,13 @@ def write_simulation(
     Parameters
     ----------
     scene, asperities
-        As for `simulate_series`; switches at "auto" are resolved as there and written as resolved.
-        `plan_simulation` sets them by what each effect changes.
+        As for `simulate_series`; switches at "auto" are set by `plan_simulation` and written as set.
     folder : Path
         Exists.
     advance : callable, optional
         Called once a frame.
     """
-    scene = explicit_switches(scene)
+    scene = plan_simulation(scene, asperities).scene
     loads, truth = [], [CONTACTS.empty()]
     for simulated in simulate_series(scene, asperities):
         write_frame(simulated.frame, folder / simulated.frame.name)
@@ -198,7 +202,8 @@ def _measured_scene(scene: Scene) -> dict[str, Any]:
         data["asperities"] = kept | {"file": "asperities.csv"}
     images = {"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"}
     data["images"] = data.get("images", {}) | images
-    data["effects"] = scene.effects.model_dump()
+    paper = {"model": "paper"} if scene.effects.model == "paper" else {}
+    data["effects"] = paper | scene.effects.switches()
     # synthetic frames are those of a linear camera
     camera = data.get("camera", {})
     data["camera"] = {key: value for key, value in camera.items() if key not in ("gamma", "response")}

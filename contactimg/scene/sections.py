@@ -290,15 +290,32 @@ class Measure(Section):
 class Tolerance(Section):
     """Which output must be accurate, and how accurate."""
 
-    output: Literal["area", "force", "radius"] = Field(
-        "area", description="The output that must be accurate: area, forces or contact radii."
+    output: Literal["all", "area", "force", "radius", "profile"] = Field(
+        "all",
+        description="The output that must be accurate: every one that is written, or only the area, the "
+        "forces, the contact radii or the profiles.",
     )
     relative: Positive = Field(0.01, description="Largest relative error that may be tolerated.")
+
+
+PAPER_MODEL: dict[str, Switch] = {
+    "coupling": "on",
+    "full_coupling": "off",
+    "adhesion": "off",
+    "layer": "off",
+    "sphere_profile": "off",
+}
+"""Switches of the paper's model."""
 
 
 class Effects(Section):
     """One switch per effect: "auto" leaves the decision to the plan of the effects."""
 
+    model: Literal["planned", "paper"] = Field(
+        "planned",
+        description='"planned": the plan decides on mechanical effects that are "auto"; "paper": these are '
+        "the paper's, coupling by point forces and Hertz's law.",
+    )
     coupling: Switch = Field("auto", description="Elastic interaction of the contacts (point forces).")
     full_coupling: Switch = Field(
         "auto", description="Interaction with the finite size of the contacts; needs coupling."
@@ -320,6 +337,18 @@ class Effects(Section):
     supersampling: Switch = Field(
         "auto", description='Depth of rendering: "on" as [simulate] states, "off" no deeper than blur needs.'
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _paper(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or data.get("model") != "paper":
+            return data
+        auto = {name: switch for name, switch in PAPER_MODEL.items() if data.get(name, "auto") == "auto"}
+        return data | auto
+
+    def switches(self) -> dict[str, Switch]:
+        """Effect -> its switch, in order."""
+        return {name: getattr(self, name) for name in type(self).model_fields if name != "model"}
 
     def switched_off(self, *names: str) -> frozenset[str]:
         """Those of the named effects that are "off"."""

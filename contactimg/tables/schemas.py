@@ -110,6 +110,10 @@ CONTACTS = Schema(
             "float64",
             "change of radius_px, px, if the blur is one standard uncertainty wider at the same contrast",
         ),
+        "force_hertz_N": (
+            "float64",
+            "local force by Hertz's formula, K a^3/R, whatever law force_N follows, N",
+        ),
     },
     "One row per contact that was measured on a frame or predicted at a load.",
 )
@@ -145,6 +149,8 @@ FRAMES = Schema(
         "indentation_m": ("float64", "indentation from first touch in the model, m; empty if measured"),
         "message": MESSAGE,
         "smallest_px": ("float64", "radius of the smallest contact that can be detected, px"),
+        "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
+        "law": ("str", "law that the local forces follow: hertz or sphere, with adhesion +jkr"),
     },
     "One row per frame or load, in order.",
 )
@@ -377,12 +383,22 @@ EFFECTS = Schema(
     {
         "load_N": ("float64", "load that the plan is for, N"),
         "effect": ("str", "name of the effect, as in [effects]"),
-        "change": ("float64", "estimated relative change of the requested output if the effect is left out"),
+        "change": (
+            "float64",
+            "estimated relative change of the requested outputs if the effect is left out: the largest",
+        ),
         "tolerance": ("float64", "limit on the sum of the changes of all effects that are left out"),
         "decision": ("str", "on or off"),
         "switch": ("str", "switch of the effect in the scene: auto, on or off"),
         "cost": ("float64", "computing time of its stage with the effect over the time without it"),
         "reason": ("str", "the numbers behind the decision"),
+        "change_area": ("float64", "change of the total contact area; empty where not estimated"),
+        "change_force": ("float64", "change of the local forces, sum |dp|/sum |p|"),
+        "change_radius": ("float64", "change of the contact radii, root mean square over that of the radii"),
+        "change_hertz": ("float64", "change of the forces by Hertz's formula, sum |dp|/sum p"),
+        "change_contacts": ("float64", "contacts that form or vanish, over their number"),
+        "change_profile": ("float64", "change of p(r) over its maximum, or of the counts of eta(r)"),
+        "change_indentation": ("float64", "change of the indentation"),
     },
     "Which effects a scene calls for, one row per effect.",
 )

@@ -14,6 +14,9 @@ class Status(enum.StrEnum):
     """The frame was measured, or the load solved, without reservation."""
     FAILED = "failed"
     """No result: the frame could not be read or measured, or the model has no solution at this load."""
+    APPROXIMATE = "approximate"
+    """The model's equations hold only within the tolerance that was asked for, or contacts broke on the way
+    to an adhesive solution."""
     NO_CONTACT = "no contact"
     """The frame was measured and no contact stands out of the noise."""
     LIGHT_CHANGED = "light changed"

@@ -41,11 +41,15 @@ def average_change(output: str, *, answer: Average, reference: Average) -> float
 
     Parameters
     ----------
-    output : {"area", "force", "radius"}
+    output : {"area", "force", "radius", "profile", "all"}
+        ``"profile"``: as the force; ``"all"``: the largest of the three.
     answer, reference : Average
         With the same rings.
     """
-    if output == "force":
+    if output == "all":
+        outputs = ("area", "force", "radius")
+        return max(average_change(name, answer=answer, reference=reference) for name in outputs)
+    if output in ("force", "profile"):
         return float(np.abs(answer.loads - reference.loads).sum() / reference.loads.sum())
     name = {"area": "area", "radius": "mean_radius"}[output]
     return abs(getattr(answer, name) / getattr(reference, name) - 1)

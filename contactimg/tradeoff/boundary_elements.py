@@ -16,7 +16,7 @@ Values = NDArray[np.float64]
 GRIDS = (128, 256, 512, 1024)
 """Points per side of the grids."""
 
-RESOLUTION = {"force": 1e-5, "area": 5e-4, "radius": 2.5e-4}
+RESOLUTION = {"force": 1e-5, "area": 5e-4, "radius": 2.5e-4, "profile": 1e-5, "all": 5e-4}
 """Relative error of the stored solution on a grid of ``h`` = 1 um.
 
 Forces: from the differences between grids. Areas: the pixel size adds ``5 h^2/12`` to a mean ``a^2`` of 880

@@ -6,7 +6,14 @@ import pandas as pd
 
 DIGIT = 10.0  # factor on the error of one more digit
 
-OUTPUTS = {"area": "A", "force": "the forces", "radius": "the radii", "displacement": "a sum"}
+OUTPUTS = {
+    "all": "every output",
+    "profile": "the forces",
+    "area": "A",
+    "force": "the forces",
+    "radius": "the radii",
+    "displacement": "a sum",
+}
 
 NEGLIGIBLE_TIME_FRACTION = 0.02
 """Relative extra time that is called none. Chosen by hand."""

@@ -34,7 +34,7 @@ def on(decisions):
 
 def test_what_is_dropped_stays_below_the_tolerance_as_a_sum():
     rng = np.random.default_rng(5)
-    names = [n for n in Effects.model_fields if n not in {"full_coupling", "layer", "adhesion"}]
+    names = [n for n in Effects().switches() if n not in {"full_coupling", "layer", "adhesion"}]
     for _ in range(200):
         estimates = [EffectEstimate(n, 10 ** rng.uniform(-5, -1), "", 1 + rng.exponential()) for n in names]
         decisions, _ = decide(estimates, Effects(), tolerance=0.01)
@@ -325,6 +325,12 @@ def test_a_level_given_by_option_is_an_order(folder, coupling, level):
 
 
 def test_pairs_and_lattices_take_full_coupling_where_it_matters():
-    scene = scene_from_dict({"indenter": {"radius_m": 1e6}, "elastic": {"young_modulus_Pa": 3e6}})
+    scene = scene_from_dict(
+        {
+            "indenter": {"radius_m": 1e6},
+            "elastic": {"young_modulus_Pa": 3e6},
+            "tolerance": {"output": "area"},
+        }
+    )
     assert make_plan(scene, hexagon(7e-5), load=4e-3).coupling == "full"
     assert make_plan(scene, hexagon(1e-3), load=4e-3).coupling == "none"

@@ -49,7 +49,7 @@ def adhesive_response(
         touching = reached
     contact_radius, force = np.zeros_like(gap), np.zeros_like(gap)
     contact_radius[touching], force[touching] = a, law.force(a, radius[touching])
-    return Response(force, contact_radius, depth - gap)
+    return Response(force, contact_radius, depth - gap, depth)
 
 
 def _balance_load(

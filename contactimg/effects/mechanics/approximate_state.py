@@ -54,11 +54,13 @@ class Response:
     ----------
     force, contact_radius, penetration : ndarray
         One value per asperity, dimensionless.
+    indentation : float
     """
 
     force: Values
     contact_radius: Values
     penetration: Values
+    indentation: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +111,15 @@ class CandidateSample:
         """Response of the sample without coupling."""
         p = self.problem
         system = ContactSystem(p.gap, p.radius, law, NoCoupling(), float(p.load or 0.0) / self.stride)
-        penetration = solve_uncoupled(system, np.zeros_like(p.gap), float(system.load or 0.0)) - p.gap
-        return Response(*law.respond(penetration, p.radius), penetration)
+        depth = solve_uncoupled(system, np.zeros_like(p.gap), float(system.load or 0.0))
+        penetration = depth - p.gap
+        return Response(*law.respond(penetration, p.radius), penetration, depth)
 
     def uncoupled_candidates(self, law: AsperityLaw) -> Response:
         """Response of all candidates without coupling."""
         penetration = self.indentation - self.candidates.gap
-        return Response(*law.respond(penetration, self.candidates.radius), penetration)
+        response = law.respond(penetration, self.candidates.radius)
+        return Response(*response, penetration, self.indentation)
 
     def coupling(self, kernel: Kernel) -> DenseCoupling:
         """The coupling between the candidates or between the cells."""
@@ -201,7 +205,7 @@ class CoupledState:
         """Response of all candidates."""
         p = self.sample.candidates
         penetration = self.iterate.indentation - p.gap - self.sample.at_all(self.iterate.displacement)
-        return Response(*self.law.respond(penetration, p.radius), penetration)
+        return Response(*self.law.respond(penetration, p.radius), penetration, self.iterate.indentation)
 
     def changed(
         self,
@@ -233,4 +237,4 @@ class CoupledState:
     def _response(self, iterate: Iterate, law: AsperityLaw, gap: Values, radius: Values) -> Response:
         """Response of the sample in an iterate."""
         penetration = iterate.indentation - gap - self.sample.at_sample(iterate.displacement)
-        return Response(*law.respond(penetration, radius), penetration)
+        return Response(*law.respond(penetration, radius), penetration, iterate.indentation)

@@ -1,7 +1,7 @@
 """A scene at one load: the approximate contact state and the ranges of validity that it exceeds."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contactimg.effects.mechanics.adhesive_contacts import adhesive_response
 from contactimg.effects.mechanics.approximate_state import CandidateSample, CoupledState, Response
 from contactimg.effects.mechanics.neighbour_field import field_terms
-from contactimg.effects.output_change import relative_change
+from contactimg.effects.output_change import Answer, Asperities, output_changes
 from contactimg.errors import ModelRangeError
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.asperity_laws import HertzLaw
@@ -104,13 +104,14 @@ class LoadedScene:
         self, response: Response, radius: Values, *, stride: int = 1, aspect: float = 0.0
     ) -> Response:
         """The contacts of a response with the JKR law; it holds one in ``stride`` of all asperities."""
-        return adhesive_response(
+        adhered = adhesive_response(
             -response.penetration,
             radius,
             law=AdhesiveLaw(self.adhesion, aspect),
             load=float(self.problem.load or 0.0) / stride,
             indentation=0.0,
         )
+        return replace(adhered, indentation=response.indentation + adhered.indentation)
 
     def answer(self, response: Response, *, radius: Values | None = None) -> Response:
         """A response of the sample, with adhesion if the contacts adhere."""
@@ -122,12 +123,19 @@ class LoadedScene:
         """The base state, with adhesion if the contacts adhere."""
         return self.answer(self.base)
 
-    def change(self, without: Response, complete: Response) -> float:
-        """Relative change of the requested output between two responses."""
-        return relative_change(
-            self.scene.tolerance.output,
-            without=(without.force, without.contact_radius),
-            complete=(complete.force, complete.contact_radius),
+    @cached_property
+    def asperities(self) -> Asperities:
+        """The sampled asperities with their annuli about the apex of the indenter."""
+        p, (x0, y0) = self.sample.problem, self.scene.need("indenter", PURPOSE).apex
+        distance = np.hypot(p.x * self.problem.length - x0, p.y * self.problem.length - y0)
+        return Asperities.about(distance, p.radius)
+
+    def changes(self, without: Response, complete: Response) -> dict[str, float]:
+        """Relative change of every output between two responses."""
+        return output_changes(
+            self.asperities,
+            without=Answer(without.force, without.contact_radius, without.indentation),
+            complete=Answer(complete.force, complete.contact_radius, complete.indentation),
         )
 
     @cached_property

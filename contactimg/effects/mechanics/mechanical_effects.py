@@ -5,15 +5,20 @@ forces, with the JKR law where they adhere. The change of an effect is the diffe
 the effect and without.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 
 from contactimg.effects.effect_estimate import EffectEstimate
+from contactimg.effects.mechanics.approximate_state import Response
+from contactimg.effects.mechanics.left_out import EffectChanges, Pair
 from contactimg.effects.mechanics.loaded_scene import PURPOSE, LoadedScene
+from contactimg.effects.mechanics.model_error import ModelError, estimate_model_error
 from contactimg.effects.mechanics.solve_cost import solve_cost
+from contactimg.effects.output_change import WRITTEN, requested_outputs
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
 from contactimg.models.asperity_laws import SphereLaw
@@ -43,11 +48,17 @@ class MechanicalEstimates:
     contacts : callable
         Returns the contacts of the approximate state, with the columns `CONTACTS` in metres; radii are good
         to some per cent.
+    left_out : callable
+        Takes effects and returns by how much each output changes if all of them are left out together.
+    model_error : ModelError
+        Of the complete model.
     """
 
     estimates: tuple[EffectEstimate, ...]
     limits: tuple[str, ...]
     contacts: Callable[[], pd.DataFrame]
+    left_out: Callable[[Collection[str]], dict[str, float]]
+    model_error: ModelError
 
 
 def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> MechanicalEstimates:
@@ -114,65 +125,91 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     if not problem.touches:
         reason = f"at {load:g} N there is no contact"
         none = tuple(EffectEstimate(name, 0.0, reason) for name in MECHANICAL_EFFECTS)
-        return MechanicalEstimates(none, (), CONTACTS.empty)
+        return MechanicalEstimates(none, (), CONTACTS.empty, _nothing, ModelError({}, ""))
     loaded = LoadedScene(scene, problem)
     loaded.check_engulfed()
     loaded.check_plane_gap()
-    estimates = _estimates(loaded)
+    answers = {name: pair(loaded) for name, pair in PAIRS.items()}
+    changes = EffectChanges.between(loaded, {name: pair for name, (pair, _) in answers.items()})
+    estimates = _estimates(loaded, changes, {name: reason for name, (_, reason) in answers.items()})
+    left_out = changes.together
     if load <= 0:
         reason = "without adhesion there is no contact at this load"
+        everything = dict.fromkeys(WRITTEN, 1.0)
         estimates = tuple(
-            replace(e, change=1.0, reason=reason) if e.effect == "adhesion" else e for e in estimates
+            replace(e, change=1.0, reason=reason, changes=everything) if e.effect == "adhesion" else e
+            for e in estimates
         )
-    return MechanicalEstimates(estimates, tuple(loaded.limits()), loaded.contacts)
+        left_out = partial(_unloaded, changes)
+    limits = tuple(loaded.limits())
+    return MechanicalEstimates(estimates, limits, loaded.contacts, left_out, estimate_model_error(loaded))
 
 
-def _estimates(loaded: LoadedScene) -> tuple[EffectEstimate, ...]:
+def _nothing(_: Collection[str]) -> dict[str, float]:
+    """The changes without a contact."""
+    return dict.fromkeys(WRITTEN, 0.0)
+
+
+def _unloaded(changes: EffectChanges, dropped: Collection[str]) -> dict[str, float]:
+    """The changes where only adhesion makes contacts."""
+    return dict.fromkeys(WRITTEN, 1.0) if "adhesion" in dropped else changes.together(dropped)
+
+
+def _estimates(
+    loaded: LoadedScene, changes: EffectChanges, reasons: dict[str, str]
+) -> tuple[EffectEstimate, ...]:
     """The estimates of all mechanical effects."""
-    changes = {
-        "coupling": _coupling,
-        "full_coupling": _full_coupling,
-        "adhesion": _adhesion,
-        "layer": _layer,
-        "sphere_profile": _sphere_profile,
-    }
     asperities = loaded.problem.height.size
     contacts = loaded.sample.stride * int(np.count_nonzero(loaded.base.contact_radius))
+    requested = requested_outputs(loaded.scene.tolerance.output)
     return tuple(
         EffectEstimate(
-            name, *changes[name](loaded), cost=solve_cost(name, asperities=asperities, contacts=contacts)
+            name,
+            max(changes.alone[name][output] for output in requested),
+            reasons[name],
+            cost=solve_cost(name, asperities=asperities, contacts=contacts),
+            changes=changes.alone[name],
+            doubtful=changes.doubtful(name),
         )
         for name in MECHANICAL_EFFECTS
     )
 
 
-def _coupling(loaded: LoadedScene) -> tuple[float, str]:
-    """Difference between independent contacts and fully coupled ones."""
+Answered = tuple[Pair | None, str]
+"""The responses without and with an effect, None where it does nothing, and the numbers that decide."""
+
+
+def _coupling(loaded: LoadedScene) -> Answered:
+    """Independent contacts and fully coupled ones."""
     if loaded.engulfed_pair is not None:
-        return 1.0, "contacts lie inside each other: with coupling there is no single solution"
+        nothing = np.zeros_like(loaded.sample.problem.gap)
+        pair = (loaded.answer(loaded.uncoupled), Response(nothing, nothing, nothing, 0.0))
+        return pair, "contacts lie inside each other: with coupling there is no single solution"
     response, radius, _ = loaded.fully_coupled
-    change = loaded.change(loaded.answer(loaded.uncoupled), loaded.answer(response, radius=radius))
+    pair = (loaded.answer(loaded.uncoupled), loaded.answer(response, radius=radius))
     lowered, state = loaded.sample.at_sample(loaded.state.iterate.displacement), loaded.state.response
     total = float(state.force.sum())
     mean = float(state.force @ lowered) / total
     spread = np.sqrt(float(state.force @ (lowered - mean) ** 2) / total)
     unequal = spread * total / float(state.force @ state.penetration)
-    return change, f"the displacement by the neighbours varies by {unequal:.2g} of the mean indentation"
+    return pair, f"the displacement by the neighbours varies by {unequal:.2g} of the mean indentation"
 
 
-def _full_coupling(loaded: LoadedScene) -> tuple[float, str]:
-    """Difference between coupling by point forces and full coupling."""
+def _full_coupling(loaded: LoadedScene) -> Answered:
+    """Coupling by point forces and full coupling."""
     if not loaded.coupled:
-        return 0.0, "coupling is switched off"
+        return None, "coupling is switched off"
     response, radius, bent = loaded.fully_coupled
-    change = loaded.change(loaded.with_adhesion, loaded.answer(response, radius=radius))
-    return change, f"the neighbours change the radii of curvature by up to {bent:.2g}"
+    return (
+        (loaded.with_adhesion, loaded.answer(response, radius=radius)),
+        f"the neighbours change the radii of curvature by up to {bent:.2g}",
+    )
 
 
-def _adhesion(loaded: LoadedScene) -> tuple[float, str]:
-    """Difference between Hertz and JKR contacts."""
+def _adhesion(loaded: LoadedScene) -> Answered:
+    """Hertz and JKR contacts."""
     if not loaded.adhesion > 0:
-        return 0.0, "no work of adhesion is stated"
+        return None, "no work of adhesion is stated"
     base, radius = loaded.base, loaded.sample.problem.radius
     touching = base.force > 0
     p = float(base.force[touching].mean())
@@ -181,29 +218,28 @@ def _adhesion(loaded: LoadedScene) -> tuple[float, str]:
     adhered = (
         loaded.with_adhesion if loaded.adheres else loaded.adhered(base, radius, stride=loaded.sample.stride)
     )
-    change = loaded.change(base, adhered)
-    return change, f"it adds {gain:.0%} to a^3 of a contact of {p * loaded.problem.force_unit:.2g} N"
+    return (base, adhered), f"it adds {gain:.0%} to a^3 of a contact of {p * loaded.problem.force_unit:.2g} N"
 
 
-def _layer(loaded: LoadedScene) -> tuple[float, str]:
-    """Difference between a half-space and a layer on a rigid support."""
+def _layer(loaded: LoadedScene) -> Answered:
+    """A half-space and a layer on a rigid support."""
     thickness = loaded.scene.need("elastic", PURPOSE).thickness
     if thickness is None:
-        return 0.0, "no thickness is stated, so the body is a half-space"
+        return None, "no thickness is stated, so the body is a half-space"
     if not loaded.coupled:
-        return 0.0, "coupling, through which the support acts, is switched off"
+        return None, "coupling, through which the support acts, is switched off"
     on_layer = loaded.scene.effects.layer != "off"
     other = loaded.state.changed(coupling=loaded.sample.coupling(loaded.kernel(layer=not on_layer)))
-    pair = (loaded.answer(other), loaded.with_adhesion)
-    change = loaded.change(*(pair if on_layer else pair[::-1]))
+    other = loaded.answer(other)
+    pair = (other, loaded.with_adhesion) if on_layer else (loaded.with_adhesion, other)
     p, touching = loaded.sample.problem, loaded.state.response.force > 0
     x, y = p.x[touching], p.y[touching]
     extent = float(np.hypot(x - x.mean(), y - y.mean()).max()) * p.length
-    return change, f"the loaded region's radius is {extent / thickness:.2g} of the thickness"
+    return pair, f"the loaded region's radius is {extent / thickness:.2g} of the thickness"
 
 
-def _sphere_profile(loaded: LoadedScene) -> tuple[float, str]:
-    """Difference between parabolic and spherical caps."""
+def _sphere_profile(loaded: LoadedScene) -> Answered:
+    """Parabolic and spherical caps."""
     base, radius = loaded.with_adhesion, loaded.sample.problem.radius
     strain = loaded.aspect * float((base.contact_radius / radius).max())
     law = SphereLaw(loaded.aspect)
@@ -211,4 +247,14 @@ def _sphere_profile(loaded: LoadedScene) -> tuple[float, str]:
         exact = loaded.adhered(loaded.base, radius, stride=loaded.sample.stride, aspect=loaded.aspect)
     else:
         exact = loaded.state.changed(law=law) if loaded.coupled else loaded.sample.uncoupled(law)
-    return loaded.change(base, exact), f"a/R up to {strain:.2f}"
+    return (base, exact), f"a/R up to {strain:.2f}"
+
+
+PAIRS: dict[str, Callable[[LoadedScene], Answered]] = {
+    "coupling": _coupling,
+    "full_coupling": _full_coupling,
+    "adhesion": _adhesion,
+    "layer": _layer,
+    "sphere_profile": _sphere_profile,
+}
+"""Effect -> function that returns the responses without it and with it."""

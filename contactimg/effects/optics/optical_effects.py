@@ -1,6 +1,7 @@
 """Estimates of the effects of optics and sensor on the output measured on synthetic frames."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import pandas as pd
@@ -24,7 +25,7 @@ from contactimg.effects.optics.sample_comparison import SampleComparison
 from contactimg.effects.optics.sample_image import arrange_sample
 from contactimg.effects.optics.sample_measurement import SampleMeasurer
 from contactimg.effects.optics.sensor_effects import noise_change, quantisation_change, saturation_change
-from contactimg.effects.output_change import POWER
+from contactimg.effects.output_change import OUTPUTS, POWER
 from contactimg.optics.render_settings import PARAMETER, read_render_settings
 from contactimg.scene import Scene
 
@@ -50,10 +51,11 @@ NEEDS_ELECTRONS = ("shot_noise", "read_noise")
 
 
 def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimate, ...]:
-    """EffectEstimate what leaving out each effect of optics and sensor would change.
+    """Estimate what leaving out each effect of optics and sensor would change.
 
-    The output is the one that ``[tolerance]`` names, measured as ``[measure]`` says: the sum of the areas,
-    the sum of the forces (a^3/R), or the root mean square of the radii. For a systematic effect the change is
+    The outputs are those that ``[tolerance]`` names, measured as ``[measure]`` says: the sum of the areas,
+    the sum of the forces (a^3/R; for the profile too), or the root mean square of the radii; with ``"all"``
+    each of the three. For a systematic effect the change is
     its expectation, for noise the root mean square over realisations, including contacts that are lost.
 
     Parameters
@@ -79,8 +81,27 @@ def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimat
     """
     if scene.simulate is None or scene.camera is None:
         return ()
+    output = scene.tolerance.output
+    outputs = OUTPUTS if output == "all" else ("force" if output == "profile" else output,)
+    alone = [_estimates(_requesting(scene, output), contacts) for output in outputs]
+    return tuple(_worst(dict(zip(outputs, estimates, strict=True))) for estimates in zip(*alone, strict=True))
+
+
+def _requesting(scene: Scene, output: str) -> Scene:
+    """The scene with one requested output."""
+    return scene.model_copy(update={"tolerance": scene.tolerance.model_copy(update={"output": output})})
+
+
+def _estimates(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimate, ...]:
+    """The estimates of all effects for the one output that a scene requests."""
     comparison = _compare(scene, contacts)
     return tuple(_estimate(effect, scene, comparison) for effect in OPTICS)
+
+
+def _worst(estimates: dict[str, EffectEstimate]) -> EffectEstimate:
+    """The estimate of one effect, from those for each output: that of the largest change."""
+    changes = {output: estimate.change for output, estimate in estimates.items()}
+    return replace(max(estimates.values(), key=lambda e: e.change), changes=changes)
 
 
 def _compare(scene: Scene, contacts: pd.DataFrame) -> SampleComparison | None:

@@ -19,7 +19,7 @@ from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, a
 from contactimg.pipeline.analyse.group_by_load import group_frames, joined, usable_frames
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.analyse.predicted_places import has_models, predict_places
-from contactimg.prediction import MODEL_COUPLINGS
+from contactimg.prediction import COMPARED_MODELS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
 Fit = TypeVar("Fit")
@@ -206,7 +206,7 @@ def _predicted_places(
         notes.append("no model curves: the scene lacks the lens, the rubber or the asperities")
         return {}
     places_of = {}
-    for model in MODEL_COUPLINGS:
+    for model in COMPARED_MODELS:
         places_of[model], left_out = predict_places(places, model, workers=workers, advance=advance)
         notes += left_out
     return places_of

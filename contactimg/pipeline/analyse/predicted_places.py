@@ -10,7 +10,7 @@ from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.pipeline.analyse.group_by_load import usable_frames
 from contactimg.pipeline.analyse.places import Place, radius_ratios
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.prediction import MODEL_COUPLINGS, predict_contacts
+from contactimg.prediction import predict_contacts, scene_of_model
 from contactimg.tables import CONTACTS
 
 
@@ -74,10 +74,9 @@ def _solve(place: Place, row: dict[Hashable, Any], model: str) -> pd.DataFrame |
     """The contacts of one frame in its field of view, or why there are none."""
     try:
         prediction = predict_contacts(
-            place.scene,
+            scene_of_model(place.scene, model),
             cast("pd.DataFrame", place.asperities),
             load=float(row["load_N"]),
-            coupling=MODEL_COUPLINGS[model],
             frame=str(row["frame"]),
         )
     except (ModelRangeError, ConvergenceError) as error:
