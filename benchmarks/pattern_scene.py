@@ -36,7 +36,7 @@ def pattern_scene(
             "elastic": {"young_modulus_Pa": modulus},
             "asperities": {"generate": "SA", "coverage": coverage, "side_m": side, "seed": seed},
             "camera": {"pixel_size_m": PIXEL},
-            "effects": effects or {},
+            "effects": {"model": "paper"} | (effects or {}),
             "simulate": FAULTS | {"seed": seed} | simulate,
         }
     )

@@ -7,20 +7,18 @@ and of the pixel size, which are common to everything.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from contactimg.effects.local_law import law_name
 from contactimg.errors import InputError
-from contactimg.mechanics import hertz, sphere
+from contactimg.mechanics import sphere
+from contactimg.mechanics.contact_force import ForceLaw, adhesive_pull, pressing_force
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, Flag
-
-ForceLaw = Literal["hertz", "sphere"]
-"""Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
 
 HERTZ_EXPONENT = 3.0
 """Theory: p ~ a^3 (Hertz)."""
@@ -46,7 +44,7 @@ def assign_forces(
     law: ForceLaw = "hertz",
     work_of_adhesion: float = 0.0,
 ) -> pd.DataFrame:
-    """Fill ``force_N`` and ``force_std_N``; flag ``BEYOND_HERTZ``.
+    """Fill ``force_N``, ``force_std_N`` and ``force_hertz_N``; flag ``BEYOND_HERTZ``.
 
     Hertz: ``p = 4 E* a^3/(3 R)``; sphere: ``p = E* [(a^2 + R^2)/2 ln((R + a)/(R - a)) - a R]``; a contact
     that adheres (JKR) bears ``sqrt(8 pi w E* a^3)`` less.
@@ -97,12 +95,7 @@ def assign_forces(
     a = contacts["radius_m"].to_numpy(float)
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
     exponent = force_exponents(a, R, law=law)
-    known = np.isfinite(exponent)
-    pressed = np.full(a.shape, np.nan)
-    if law == "sphere":
-        pressed[known] = contact_modulus * R[known] ** 2 * sphere.scaled_load(a[known] / R[known])
-    else:
-        pressed[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
+    pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
     slope = exponent * pressed - ADHESION_EXPONENT * pulled
     beyond = np.zeros(a.shape, bool)
@@ -112,27 +105,9 @@ def assign_forces(
     return contacts.assign(
         force_N=pressed - pulled,
         force_std_N=np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed),
+        force_hertz_N=pressing_force(a, R, contact_modulus=contact_modulus),
         flags=flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0),
     )
-
-
-def adhesive_pull(
-    radius: ArrayLike, *, contact_modulus: float, work_of_adhesion: float
-) -> NDArray[np.float64]:
-    """Force (N) by which adhesion reduces the load on a contact: ``sqrt(8 pi w E* a^3)`` (JKR).
-
-    Parameters
-    ----------
-    radius : array_like, m
-    contact_modulus : float, Pa
-    work_of_adhesion : float, J/m^2
-
-    Examples
-    --------
-    >>> adhesive_pull([2e-5], contact_modulus=4e6, work_of_adhesion=0.05).round(7)
-    array([0.0002005])
-    """
-    return np.sqrt(8 * np.pi * work_of_adhesion * contact_modulus * np.asarray(radius, float) ** 3)
 
 
 def force_exponents(
@@ -289,7 +264,8 @@ def fill_forces(
     ----------
     scene : Scene
         With ``[effects] sphere_profile = "on"`` the sphere's exact law replaces Hertz's; with
-        ``adhesion = "on"`` contacts adhere. Without ``[elastic]`` there are no forces.
+        ``adhesion = "on"`` contacts adhere (`contactimg.effects.local_law.plan_law` sets both). Without
+        ``[elastic]`` there are no forces.
     contacts, frames : DataFrame
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.
     sites : DataFrame or None
@@ -304,47 +280,75 @@ def fill_forces(
     -----
     The uncertainties of the sums allow for one contact that is just too small to be detected.
     """
-    relative, exponent = 0.0, np.full(len(contacts), HERTZ_EXPONENT)
+    exponent = np.full(len(contacts), HERTZ_EXPONENT)
     if scene.elastic is not None:
-        relative = scene.elastic.young_modulus_std / scene.elastic.young_modulus
-        contacts, exponent = _with_local_forces(scene, contacts, sites, relative)
-    groups = contacts.groupby("frame").indices
-    rows = []
+        contacts, exponent = local_forces(scene, contacts, sites)
+    groups, rows = contacts.groupby("frame").indices, []
     for row in frames.to_dict("records"):
+        sums = {}
         if pd.notna(row["n_contacts"]):
             which = groups.get(row["frame"], np.empty(0, np.intp))
-            part = contacts.iloc[which]
-            # without a contact, an area of zero is known no better than the smallest contact that would show
-            show_limit = row["smallest_px"] > 0 or not len(part)
-            unseen = row["smallest_px"] * scale.pixel_size if show_limit else 0.0
-            area = total_area(part, unseen_radius=unseen, length_relative_std=scale.relative_std)
-            row |= {"area_m2": area.value, "area_std_m2": area.std}
-            if scene.elastic is not None:
-                force = total_force(
-                    part,
-                    exponent=exponent[which],
-                    unseen_radius=unseen,
-                    modulus_relative_std=relative,
-                    length_relative_std=scale.relative_std,
-                )
-                row |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
-        rows.append(row)
+            smallest = row["smallest_px"] * scale.pixel_size
+            sums = _sums(scene, contacts.iloc[which], exponent[which], smallest, scale)
+        rows.append(row | sums)
     return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
 
 
-def _with_local_forces(
-    scene: Scene, contacts: pd.DataFrame, sites: pd.DataFrame | None, modulus_relative_std: float
+def _sums(
+    scene: Scene,
+    contacts: pd.DataFrame,
+    exponent: NDArray[np.float64],
+    smallest: float,
+    scale: LengthScale,
+) -> dict[str, float | str]:
+    """Area and forces of one frame for its row; ``smallest`` is the radius (m) of a detectable contact."""
+    # without a contact, an area of zero is known no better than the smallest contact that would show
+    unseen = smallest if smallest > 0 or not len(contacts) else 0.0
+    area = total_area(contacts, unseen_radius=unseen, length_relative_std=scale.relative_std)
+    sums: dict[str, float | str] = {"area_m2": area.value, "area_std_m2": area.std}
+    if scene.elastic is None:
+        return sums
+    force = total_force(
+        contacts,
+        exponent=exponent,
+        unseen_radius=unseen,
+        modulus_relative_std=scene.elastic.young_modulus_std / scene.elastic.young_modulus,
+        length_relative_std=scale.relative_std,
+    )
+    law = law_name(scene) if np.isfinite(force.value) else ""
+    sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std, "law": law}
+    return sums | _hertz_sum(contacts)
+
+
+def _hertz_sum(contacts: pd.DataFrame) -> dict[str, float]:
+    """Sum of the forces by Hertz's formula; NaN if there are contacts but none has one."""
+    forces = contacts["force_hertz_N"].to_numpy(float)
+    known = np.isfinite(forces)
+    return {"force_hertz_sum_N": float(forces[known].sum()) if known.any() or not known.size else np.nan}
+
+
+def local_forces(
+    scene: Scene, contacts: pd.DataFrame, sites: pd.DataFrame | None
 ) -> tuple[pd.DataFrame, NDArray[np.float64]]:
-    """The contacts with their forces, and the exponent d ln p/d ln a of each force."""
+    """The contacts with their forces by the law of the scene's switches, and ``d ln p/d ln a`` of each.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``[elastic]``; see `fill_forces`.
+    contacts : DataFrame
+    sites : DataFrame or None
+        Composite summits of the asperities.
+    """
     elastic = scene.need("elastic", "local forces")
     law: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
     work = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
-    radii = _sphere_radii(contacts, scene, sites)
+    radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(
         contacts,
         radii,
         contact_modulus=elastic.contact_modulus,
-        modulus_relative_std=modulus_relative_std,
+        modulus_relative_std=elastic.young_modulus_std / elastic.young_modulus,
         law=law,
         work_of_adhesion=work,
     )
@@ -356,7 +360,7 @@ def _with_local_forces(
     return contacts, pressed_exponent * (1 + share) - ADHESION_EXPONENT * share
 
 
-def _sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
+def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
     """Composite radius of each contact's asperity, or the one radius common to all, or NaN."""
     radii = np.full(len(contacts), common_radius(scene, sites))
     if sites is not None:

@@ -10,6 +10,7 @@ import pandas as pd
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
+from contactimg.effects.local_law import law_name
 from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, coupling_level, make_plan
@@ -138,7 +139,7 @@ def predict_contacts(
     contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
     row = _row(name, load, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
-    row = row.assign(**_judgement(solution), law=law_of(scene))
+    row = row.assign(**_judgement(solution), law=law_name(scene))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -178,19 +179,6 @@ def scene_level(scene: Scene, coupling: str) -> str:
         return coupling
     effects = scene.effects
     return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
-
-
-def law_of(scene: Scene) -> str:
-    """What tables call the law of the local forces of a scene whose switches are set.
-
-    Examples
-    --------
-    >>> from contactimg.scene import scene_from_dict
-    >>> law_of(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
-    'sphere+jkr'
-    """
-    profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
 
 
 def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, scene: Scene) -> pd.DataFrame:

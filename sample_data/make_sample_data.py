@@ -39,7 +39,7 @@ def make_sa_plus() -> None:
 def _free_mechanics(made: dict[str, Any]) -> dict[str, Any]:
     """A scene that says what its frames show, and leaves the mechanics to who asks."""
     shown = {name: switch for name, switch in made["effects"].items() if name not in MECHANICAL_EFFECTS}
-    return made | {"effects": shown}
+    return made | {"effects": {"model": "paper"} | shown}
 
 
 PLACES_M = [(3.5e-3, 3.5e-3), (6.5e-3, 3.5e-3), (3.5e-3, 6.5e-3), (6.5e-3, 6.5e-3)]

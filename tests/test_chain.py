@@ -149,6 +149,7 @@ SCENE = {
     "elastic": {"young_modulus_Pa": 3.0e6},
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.01, "seed": 77},
     "camera": {"pixel_size_m": PIXEL},
+    "effects": {"model": "paper"},
     "simulate": {
         "loads_N": [0.2],
         "shape": [820, 1000],
@@ -175,11 +176,13 @@ FOREIGN = {
 @pytest.mark.parametrize("name", FOREIGN)
 def test_frames_foreign_to_the_estimator(name, tmp_path):
     optics, effects, area_limit, force_limit = FOREIGN[name]
-    scene = scene_from_dict(SCENE | {"simulate": SCENE["simulate"] | optics, "effects": effects})
+    scene = scene_from_dict(
+        SCENE | {"simulate": SCENE["simulate"] | optics, "effects": SCENE["effects"] | effects}
+    )
     write_simulation(scene, need_asperities(scene, "a test"), tmp_path)
     if name == "film":
         source = read_scene(tmp_path).source
-        write_scene(source | {"effects": {"film": "off"}}, tmp_path / "scene.toml")
+        write_scene(source | {"effects": {"model": "paper", "film": "off"}}, tmp_path / "scene.toml")
     run = measure_series(read_scene(tmp_path), workers=1)
     truth = pd.read_csv(tmp_path / "truth.csv")
     _, true, _, j = pairs_with_truth(run, truth, "frame_1.tif")

@@ -224,10 +224,11 @@ def test_hertz_circle_of_the_lens():
 
 def test_a_level_of_coupling_asks_for_the_papers_model():
     """At 0.2 N a/R reaches 0.4: the plan takes the sphere's profile; a level given by hand does not."""
+    planned = {"model": "planned"}
     pattern = {"generate": "SA", "coverage": 0.4, "side_m": 0.004, "seed": 5}
 
     def areas(coupling, **effects):
-        scene = scene_with(asperities=pattern, effects=effects)
+        scene = scene_with(asperities=pattern, effects=planned | effects)
         found = predict_loads(scene, [0.2], model="interacting", coupling=coupling, annulus=2.5e-4)
         return found[0].frames["area_m2"][0]
 

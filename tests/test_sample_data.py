@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
 from contactimg.files import read_frames, read_scene
 from contactimg.tables import ASPERITIES, CONTACTS
 
@@ -66,9 +65,8 @@ def test_sa_plus_was_made_from_its_recipe():
     made, recipe = read_scene(SA_PLUS), read_scene(SAMPLE_DATA / "sa_plus.toml")
     for section in ("indenter", "elastic", "camera", "simulate"):
         assert getattr(made, section) == getattr(recipe, section)
-    # what the frames show is written beside them; the mechanics is left to who asks
-    free = dict.fromkeys(MECHANICAL_EFFECTS, "auto")
-    assert made.effects == recipe.effects.model_copy(update=free)
+    # what the frames show is written beside them; their contacts follow the paper's model
+    assert made.effects == recipe.effects.model_copy(update={"model": "paper"})
     assert "auto" not in recipe.effects.model_dump().values()
     assert made.simulate.loads == LOADS
     assert pd.read_csv(SA_PLUS / "loads.csv")["load_N"].to_list() == LOADS

@@ -53,9 +53,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         with progress("predicting contacts", count, quiet=quiet) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
         write_comparison(comparison, out.folder)
-        out.record["expected_errors"] = {
-            frame: plan.error_record for frame, plan in comparison.plans.items()
-        }
+        out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         with progress("drawing overlays", count, quiet=quiet) as advance:
             draw_comparison(
                 comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance

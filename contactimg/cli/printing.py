@@ -106,7 +106,8 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
             ]
             for row in part.to_dict("records")
         ]
-        title = f"{knob}: error of the {part['output'].iloc[0]} against {reference}"
+        output = {"all": "worst output"}.get(part["output"].iloc[0], part["output"].iloc[0])
+        title = f"{knob}: error of the {output} against {reference}"
         _echo_table(title, ("setting", "", "error", "time", "ratio"), rows, left=2)
 
 

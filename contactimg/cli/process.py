@@ -118,6 +118,8 @@ def process(
                 draw_overlays(run, experiment, out.folder / "overlays", workers=workers, advance=advance)
     if not quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, tolerance)}")
+        if run.law is not None:
+            click.echo(run.law.sentence())
         click.echo(f"results in {target}")
     nothing = run.frames["area_m2"].isna().all() and run.frames["n_contacts"].isna().all()
     return int(nothing or (run.frames["status"] == FAILED).any())

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     "--plan",
     "optics",
     is_flag=True,
-    help="Render an effect of optics or sensor only if leaving it out would change a requested output by more "
-    "than allowed, instead of all that [simulate] states.",
+    help="Render an effect of optics or sensor only if leaving it out would change a requested output by "
+    "more than allowed, instead of all that [simulate] states.",
 )
 @shared.quiet
 @shared.verbose

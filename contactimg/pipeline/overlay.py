@@ -11,11 +11,12 @@ import pandas as pd
 from contactimg.effects.plan import Plan
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_figure, write_table
+from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
+from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.pictures import draw_predicted, picture_name
 from contactimg.pipeline.run import Run, frame_shift
-from contactimg.pose import Pose
 from contactimg.prediction import (
     COMPARED_MODELS,
     Prediction,
@@ -97,6 +98,7 @@ def compare_run(
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         found, reasons = _predicted(run.scene, asperities, row)
+        measured = _with_law_of(found.get("coupled"), measured, run.scene, asperities)
         shift_px = frame_shift(run.frames, frame)
         predicted[frame] = {
             model: _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
@@ -132,6 +134,16 @@ def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
     if not good.any():
         raise InputError("there is nothing to compare: no frame with a load could be measured")
     return frames[good]
+
+
+def _with_law_of(
+    prediction: Prediction | None, measured: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
+) -> pd.DataFrame:
+    """The measured contacts with forces by the law of the prediction, so that both sides follow one law."""
+    if prediction is None or not measured["force_N"].notna().any():
+        return measured
+    planned = scene if prediction.plan is None else prediction.plan.apply(scene)
+    return local_forces(planned, measured, contact_sites(asperities, scene))[0]
 
 
 def _predicted(

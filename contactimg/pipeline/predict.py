@@ -132,8 +132,8 @@ def choice_sentence(prediction: Prediction, *, relative: float | None = None) ->
     what = {"all": "every output"}.get(plan.output, f"the {plan.output}")
     solver = "" if relative is None else f", to a residual of {solver_tolerance(relative):.0e}"
     return (
-        f"{row['frame']}: {level[plan.coupling]}, law {row['law']}, for {100 * plan.relative:g} % of {what}"
-        f"{solver}; {plan.sentence()}"
+        f"{row['frame']}: {level[plan.coupling]} for {100 * plan.relative:g} % of {what}, "
+        f"law {row['law']}{solver}; {plan.sentence()}"
     )
 
 

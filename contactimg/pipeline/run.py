@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
 from contactimg.files import RunFolder, write_table
 from contactimg.pose import Pose
@@ -31,6 +32,8 @@ class Run:
         Pose of the camera over the reference frame; None without a pixel size.
     choices : dict
         Frame -> how it was measured and why, where that was chosen for a tolerance.
+    law : LawPlan or None
+        Law of the local forces and what it leaves out; None without forces.
     """
 
     scene: Scene
@@ -39,6 +42,7 @@ class Run:
     frames: pd.DataFrame
     pose: PoseFit | None
     choices: dict[str, Choice] = field(default_factory=dict)
+    law: LawPlan | None = None
 
     def need_pose(self) -> Pose:
         """The pose of the camera, or an `InputError` that says how to get one."""
@@ -60,6 +64,8 @@ def write_run(run: Run, folder: Path) -> dict[str, Any]:
     write_table(run.frames, FRAMES, folder / "frames.csv")
     write_table(run.rejected, REJECTED, folder / "rejected.csv")
     record = {} if run.pose is None else {"pose": _pose_record(run.pose)}
+    if run.law is not None:
+        record["law"] = run.law.sentence()
     if run.choices:
         record["methods"] = {frame: asdict(choice) for frame, choice in run.choices.items()}
     return record

@@ -10,9 +10,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.effects.local_law import LawPlan, plan_law
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameStore, open_experiment
-from contactimg.forces import LengthScale, fill_forces
+from contactimg.forces import LengthScale, fill_forces, sphere_radii
 from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.effects import film_rim, resolve_measurement
@@ -261,8 +262,20 @@ def with_forces(run: Run, sites: pd.DataFrame | None) -> Run:
         scale = LengthScale(run.scene.need("camera", "forces").pixel_size, relative_std=0.0)
     else:
         scale = LengthScale(run.pose.pose.pixel_size, run.pose.length_relative_std)
-    contacts, frames = fill_forces(run.scene, run.contacts, run.frames, sites, scale)
-    return replace(run, contacts=contacts, frames=_with_notes(frames, _missing_force_notes(contacts)))
+    law = local_law(run, sites)
+    contacts, frames = fill_forces(
+        run.scene if law is None else law.scene, run.contacts, run.frames, sites, scale
+    )
+    frames = _with_notes(frames, _missing_force_notes(contacts))
+    forces = contacts["force_N"].notna().any()
+    return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
+
+
+def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
+    """The law of the local forces of a run, and what it leaves out; None without an elastic body."""
+    if run.scene.elastic is None:
+        return None
+    return plan_law(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
 
 
 def _missing_force_notes(contacts: pd.DataFrame) -> dict[str, str]:

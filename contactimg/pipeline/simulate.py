@@ -36,9 +36,7 @@ class SimulationPlan:
     plans: tuple[Plan, ...]
 
 
-def plan_simulation(
-    scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False
-) -> SimulationPlan:
+def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bool = False) -> SimulationPlan:
     """Decide which effects the frames of a series show.
 
     A mechanical effect is computed if the plan of the smallest or of the largest load calls for it. Optics

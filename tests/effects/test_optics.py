@@ -134,7 +134,7 @@ def test_drift_of_position_counts_what_crosses_the_border():
     # one contact 3 px inside the left border, one in the middle: drifts of 3 px RMS take the first out with
     # the probability of one standard deviation and more, 0.1587 (3.5 px: the border is half a pixel out)
     keys = {"shape": [101, 201], "position_drift_px": 3.5}
-    scene = scene_from_dict({"camera": {"pixel_size_m": 1e-6}, "simulate": keys})
+    scene = scene_from_dict({"camera": {"pixel_size_m": 1e-6}, "simulate": keys, "tolerance": {"output": "area"}})
     contacts = pd.DataFrame({"x_m": [-97e-6, 0.0], "y_m": [0.0, 0.0], "radius_m": [5e-6, 5e-6]})
     found = estimates_of(scene, CONTACTS.conform(contacts))["position_drift"]
     assert found.change == pytest.approx(0.1587 / 2, rel=1e-3)
@@ -223,17 +223,31 @@ def small_scene(**effects):
     return scene_from_dict(data | {"effects": effects} if effects else data)
 
 
+def of_area(scene, relative=0.01):
+    """The scene with a tolerance of the area alone."""
+    tolerance = scene.tolerance.model_copy(update={"output": "area", "relative": relative})
+    return scene.model_copy(update={"tolerance": tolerance})
+
+
+def test_a_series_shows_all_that_the_scene_states_unless_the_plan_is_asked():
+    scene = of_area(small_scene(read_noise="off"))
+    shown = plan_simulation(scene, need_asperities(scene, "a test")).scene.effects
+    stated = ("blur", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation")
+    assert {getattr(shown, name) for name in stated} == {"on"}
+    assert (shown.read_noise, shown.dust, shown.sphere_profile) == ("off", "off", "on")
+
+
 def test_every_switch_is_explicit_and_orders_are_obeyed():
-    scene = small_scene(shot_noise="on", coupling="off")
-    planned = plan_simulation(scene, need_asperities(scene, "a test"))
-    switches = planned.scene.effects.model_dump()
+    scene = of_area(small_scene(shot_noise="on", coupling="off"))
+    planned = plan_simulation(scene, need_asperities(scene, "a test"), optics=True)
+    switches = planned.scene.effects.switches()
     assert set(switches.values()) == {"on", "off"}
     assert (switches["shot_noise"], switches["coupling"]) == ("on", "off")
     # no more than the tolerance of 1 % is at stake in any of these
     assert {switches[name] for name in ("light_drift", "position_drift", "quantisation", "dust")} == {"off"}
     assert sorted(plan.load for plan in planned.plans) == [0.005, 0.05]
-    tight = scene.model_copy(update={"tolerance": scene.tolerance.model_copy(update={"relative": 1e-5})})
-    kept = plan_simulation(tight, need_asperities(scene, "a test")).scene.effects
+    tight = of_area(scene, 1e-5)
+    kept = plan_simulation(tight, need_asperities(scene, "a test"), optics=True).scene.effects
     assert (kept.shot_noise, kept.read_noise) == ("on", "on")
 
 
@@ -254,8 +268,9 @@ def test_an_effect_without_its_parameter_stops_before_the_first_frame(tmp_path, 
 
 def test_simulate_writes_what_the_frames_show(tmp_path):
     write_scene(small_scene(shot_noise="on").source, tmp_path / "scene.toml")
-    assert main(["simulate", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out"), "--quiet"]) == 0
-    written = read_scene(tmp_path / "out").effects.model_dump()
+    arguments = ["simulate", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "out")]
+    assert main([*arguments, "--plan", "--quiet"]) == 0
+    written = read_scene(tmp_path / "out").effects.switches()
     assert written["shot_noise"] == "on"
     assert "auto" not in written.values()
     record = json.loads((tmp_path / "out" / "provenance.json").read_text(encoding="utf-8"))

@@ -5,6 +5,8 @@ from typing import Any
 from contactimg.scene import Scene, scene_from_dict
 
 BASE: dict[str, dict[str, Any]] = {
+    "tolerance": {"output": "area"},
+    "effects": {"model": "paper"},
     "indenter": {"radius_m": 0.1288, "apex_m": [0.0012, 0.0012]},
     "elastic": {"young_modulus_Pa": 3.0e6},
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.0024, "seed": 5},

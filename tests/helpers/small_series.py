@@ -15,6 +15,8 @@ SCENE = {
     "elastic": {"young_modulus_Pa": 3.0e6, "young_modulus_std_Pa": 0.03e6},
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.002, "seed": 3},
     "camera": {"pixel_size_m": 6.0e-6},
+    "effects": {"model": "paper"},
+    "tolerance": {"output": "area"},
     "simulate": {
         "loads_N": [0.005, 0.02, 0.05],
         "shape": [340, 360],

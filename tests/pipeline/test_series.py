@@ -152,7 +152,8 @@ def test_a_frame_that_shows_nothing_has_no_area_and_one_without_contact_has_none
 
 def simulated(folder, effects, **simulate):
     """The small series with some effects rendered, and its truth."""
-    data = {section: dict(keys) for section, keys in SCENE.items()} | {"effects": effects}
+    data = {section: dict(keys) for section, keys in SCENE.items()}
+    data["effects"] |= effects
     data["simulate"] |= simulate
     scene = scene_from_dict(data)
     folder.mkdir()
@@ -163,7 +164,7 @@ def simulated(folder, effects, **simulate):
 def switched(folder, **effects):
     """The sums of a folder's frames with other switches."""
     data = {section: dict(keys) for section, keys in read_scene(folder).source.items()}
-    data["effects"] = effects
+    data["effects"] = {"model": "paper"} | effects
     run = measure_series(scene_from_dict(data, folder=str(folder)), workers=1)
     return run.frames.set_index("frame")
 
@@ -193,11 +194,13 @@ def test_film_switched_on_takes_its_rim_out_of_the_radii(tmp_path):
 
 
 def test_adhesion_switched_on_gives_the_forces_of_contacts_that_adhere(tmp_path):
-    data = {section: dict(keys) for section, keys in SCENE.items()} | {"effects": {"adhesion": "on"}}
+    data = {section: dict(keys) for section, keys in SCENE.items()} | {
+        "effects": {"model": "paper", "adhesion": "on"}
+    }
     data["elastic"] |= {"work_of_adhesion_J_m2": 0.03}
     scene = scene_from_dict(data)
     write_simulation(scene, need_asperities(scene, "a test"), tmp_path)
-    adhering, hertzian = (switched(tmp_path, adhesion=switch) for switch in ("on", "auto"))
+    adhering, hertzian = (switched(tmp_path, adhesion=switch) for switch in ("on", "off"))
     error = adhering["force_sum_N"] - adhering["load_N"]
     assert (error.abs() < 3 * adhering["force_sum_std_N"]).all()
     # Hertz takes no account of the pull, sqrt(8 pi w E* a^3) a contact, and reads that much more
@@ -229,7 +232,7 @@ def test_sphere_profile_switched_on_gives_the_forces_of_spheres(tmp_path):
         contact_modulus=scene.elastic.contact_modulus,
     )
     share = pd.Series(true).groupby(truth["frame"]).sum() / truth.groupby("frame")["force_N"].sum()
-    exact, parabola = (switched(tmp_path / "sphere", sphere_profile=switch) for switch in ("on", "auto"))
+    exact, parabola = (switched(tmp_path / "sphere", sphere_profile=switch) for switch in ("on", "off"))
     # Hertz misses 2/5 (a/R)^2 of a force and more
     assert share.iloc[-1] < 0.97
     ratio = parabola["force_sum_N"] / exact["force_sum_N"]

@@ -17,7 +17,7 @@ from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.run import Run, frame_shift
-from contactimg.pipeline.series import locate_frame, series_pose, with_forces
+from contactimg.pipeline.series import local_law, locate_frame, series_pose, with_forces
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
@@ -180,12 +180,15 @@ def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresh
     pose = scene.pose(parts[0].shape)
     if targets is not None and scene.measure.pose == "fit" and len(middle):
         pose = series_pose(run, pose, targets).pose
-    runs = []
-    for contacts in counted:
-        located = [
+
+    def located(contacts: pd.DataFrame) -> Run:
+        parts = [
             locate_frame(part, pose, frame_shift(frames, str(name)), targets)
             for name, part in contacts.groupby("frame", sort=False)
         ]
-        table = pd.concat(located, ignore_index=True) if located else contacts
-        runs.append(with_forces(replace(run, contacts=CONTACTS.conform(table)), sites))
-    return runs
+        table = pd.concat(parts, ignore_index=True) if parts else contacts
+        return replace(run, contacts=CONTACTS.conform(table))
+
+    law = local_law(located(middle), sites)  # one for all thresholds
+    run = run if law is None else replace(run, scene=law.scene)
+    return [with_forces(located(contacts), sites) for contacts in counted]

@@ -33,6 +33,7 @@ SERIES = {
     "elastic": {"young_modulus_Pa": 3.0e6},
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": SIDE, "seed": 5},
     "camera": {"pixel_size_m": 6.0e-6},
+    "effects": {"model": "paper"},
     "simulate": {
         "loads_N": [1e-5, 1e-4, 1e-3, 1e-2, 0.1],
         "shape": [680, 700],

@@ -1,0 +1,146 @@
+"""The law of local force for measured contacts: what Hertz's formula would leave out decides.
+
+The same switches as for a prediction, ``sphere_profile`` and ``adhesion``, and the same tolerance; here the
+radii are measured, so that each change is known without solving anything.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.effects.effect_estimate import EffectEstimate
+from contactimg.effects.plan import decide
+from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
+from contactimg.scene import Scene
+
+Values = NDArray[np.float64]
+
+LAW_EFFECTS = ("sphere_profile", "adhesion")
+"""Effects that change the force on a contact of a given radius."""
+
+SUPPORT_RATIO = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8)
+SUPPORT_ERROR = (0.0, 3e-4, 2e-3, 7e-3, 2.6e-2, 7.8e-2)
+"""Contact radius over thickness of the layer, and the relative error of the radius at a given force because
+the support under the contact itself is left out. Computed for a single contact on a bonded incompressible
+layer."""
+
+
+def support_error(radius_over_thickness: float) -> float:
+    """Relative error of a contact radius by the support under the contact itself, interpolated.
+
+    Examples
+    --------
+    >>> support_error(0.2), support_error(0.001) < 1e-5
+    (0.002, True)
+    """
+    return float(np.interp(radius_over_thickness, SUPPORT_RATIO, SUPPORT_ERROR))
+
+
+def law_name(scene: Scene) -> str:
+    """What tables call the law of the local forces of a scene whose switches are set.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> law_name(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
+    'sphere+jkr'
+    """
+    profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
+
+
+@dataclass(frozen=True)
+class LawPlan:
+    """The law of the local forces of a run.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``sphere_profile`` and ``adhesion`` "on" or "off".
+    left_out : dict
+        Effect that is left out -> relative change of the forces by it, in the worst frame.
+    messages : tuple of str
+        One sentence for each switch that contradicts the estimates, and for a layer too thin.
+    """
+
+    scene: Scene
+    left_out: dict[str, float]
+    messages: tuple[str, ...] = ()
+
+    def sentence(self) -> str:
+        """The law, and what it leaves out."""
+        lost = [f"{name} ({100 * change:.2g} % of the forces)" for name, change in self.left_out.items()]
+        left = f"; left out: {', '.join(lost)}" if lost else "; nothing that acts on it is left out"
+        return "; ".join([f"local forces by the law {law_name(self.scene)}{left}", *self.messages])
+
+
+def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> LawPlan:
+    """Decide on the law of the local forces.
+
+    Parameters
+    ----------
+    scene : Scene
+        With ``[elastic]``.
+    contacts : DataFrame
+        Contacts tables of all frames, with ``frame`` and ``radius_m``.
+    sphere_radius : ndarray, shape (n,), m
+        Composite radius of each contact's asperity; NaN where it is not known.
+
+    Returns
+    -------
+    LawPlan
+        One law for all frames: that which the worst of them calls for.
+    """
+    elastic = scene.need("elastic", "local forces")
+    a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
+    parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
+    sphere = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
+    pull = adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=elastic.work_of_adhesion)
+    complete = sphere - (0.0 if scene.effects.adhesion == "off" else pull)
+    groups = [np.asarray(rows) for rows in contacts.groupby("frame").indices.values()]
+    changes = {
+        "sphere_profile": _largest_change(sphere - parabola, complete, groups),
+        "adhesion": _largest_change(pull, complete, groups),
+    }
+    estimates = [
+        EffectEstimate(name, change, "from the measured radii", changes={"force": change, "profile": change})
+        for name, change in changes.items()
+    ]
+    tolerance = scene.tolerance
+    decisions, messages = decide(
+        estimates, scene.effects, tolerance=tolerance.relative, output=tolerance.output
+    )
+    switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
+    effects = scene.effects.model_copy(update=switches)
+    left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
+    sentences = (*messages, *_support_messages(a, elastic.thickness, tolerance.relative))
+    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, sentences)
+
+
+def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[np.intp]]) -> float:
+    """Largest of ``sum |change| / sum |complete|`` over the frames, of contacts with a force."""
+    ratios = [0.0]
+    for rows in groups:
+        known = rows[np.isfinite(complete[rows]) & np.isfinite(change[rows])]
+        total = float(np.abs(complete[known]).sum())
+        if total > 0:
+            ratios.append(float(np.abs(change[known]).sum()) / total)
+    return max(ratios)
+
+
+def _support_messages(radius: Values, thickness: float | None, tolerance: float) -> tuple[str, ...]:
+    """A sentence if the layer is so thin that its support acts on a single contact."""
+    if thickness is None or not np.isfinite(radius).any():
+        return ()
+    ratio = float(np.nanmax(radius)) / thickness
+    error = 3 * support_error(ratio)  # of a force ~ a^3
+    if error <= tolerance:
+        return ()
+    sentence = (
+        f"contact radii reach {ratio:.2g} of the layer's thickness: the support under a contact itself is "
+        f"not in the law, and forces are low by up to about {100 * error:.2g} %"
+    )
+    return (sentence,)
