@@ -60,6 +60,7 @@ INNER_ROOMS = {
         "effects",
         "frame",
         "run",
+        "background",
         "series",
         "pictures",
         "calibrate",

@@ -17,7 +17,12 @@ if TYPE_CHECKING:
 @click.argument("folder", type=click.Path(exists=True))
 @shared.output("FOLDER")
 @shared.scene
-@click.option("--reference", type=click.Path(), help="Frame without contact; it is subtracted.")
+@click.option(
+    "--reference",
+    type=click.Path(),
+    multiple=True,
+    help="Frame without contact; it is subtracted. Given several times, the frames are averaged.",
+)
 @click.option(
     "--frames", help='Pattern for the names of the frames in FOLDER, for example "frame_*.tif" (with quotes).'
 )

@@ -49,7 +49,7 @@ def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
-    given = {key: value for key, value in asdict(options).items() if value is not None}
+    given = {key: value for key, value in asdict(options).items() if value not in (None, ())}
     data, base = _base_scene(folder, given.pop("scene", None))
     if given.pop("calibration", None) is not None:
         record = read_calibration(str(options.calibration))
@@ -122,9 +122,18 @@ def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
     keys = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask")]
     for section, key in (*keys, ("asperities", "file")):
         named = data.get(section, {}).get(key)
-        if isinstance(named, str) and not named_file(named, folder).exists():
-            data[section][key] = str((Path(scene.folder) / named).resolve())
+        if named is not None and (isinstance(named, str) or key == "reference"):
+            entries = [named] if isinstance(named, str) else named
+            found = [_beside(name, folder, Path(scene.folder)) for name in entries]
+            data[section][key] = found[0] if isinstance(named, str) else found
     return data
+
+
+def _beside(name: str, folder: Path, scene_folder: Path) -> str:
+    """The name if the folder has such files, else the path beside the scene file."""
+    relative = not Path(name).is_absolute()
+    there = named_file(name, folder).exists() or (relative and any(folder.glob(name)))
+    return name if there else str((scene_folder / name).resolve())
 
 
 def _copied(scene: Scene) -> dict[str, Any]:
@@ -135,7 +144,8 @@ def _copied(scene: Scene) -> dict[str, Any]:
 def _plain(option: str, value: Any) -> Any:
     """The value as a scene holds it: paths absolute, the threshold as a number unless it is a word."""
     if option in PATHS:
-        return str(Path(value).resolve())
+        paths = [str(Path(name).resolve()) for name in ([value] if isinstance(value, str) else value)]
+        return paths[0] if len(paths) == 1 else paths
     if option != "threshold":
         return value
     try:

@@ -41,7 +41,7 @@ class SceneOptions:
 
     scene: str | None = None
     calibration: str | None = None
-    reference: str | None = None
+    reference: tuple[str, ...] = ()
     frames: str | None = None
     loads: str | None = None
     polarity: str | None = None

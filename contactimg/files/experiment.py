@@ -1,5 +1,6 @@
 """A scene file and the files it names: reference, frames, loads and asperities of one experiment."""
 
+import glob
 import logging
 import math
 import re
@@ -41,8 +42,8 @@ class Experiment:
     ----------
     scene : Scene
         The description of the experiment.
-    reference : FrameSource or None
-        The non-contact frame; None if the scene names none.
+    references : tuple of FrameSource
+        The non-contact frames, usually one; empty if the scene names none.
     frames : tuple of FrameSource
         The frames in order, without the reference.
     loads : DataFrame
@@ -56,12 +57,17 @@ class Experiment:
     """
 
     scene: Scene
-    reference: FrameSource | None
+    references: tuple[FrameSource, ...]
     frames: tuple[FrameSource, ...]
     loads: pd.DataFrame
     asperities: pd.DataFrame | None
     inputs: tuple[Path, ...]
     corrections: PixelCorrections = field(default_factory=PixelCorrections)
+
+    @property
+    def reference(self) -> FrameSource | None:
+        """The first of the references; None without one."""
+        return self.references[0] if self.references else None
 
     def load_of(self, name: str) -> float:
         """Load P (N) of the frame with this name, NaN without one."""
@@ -170,19 +176,19 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     InputError
         If a named file is missing or not valid, there is no frame, or no load belongs to a frame.
     """
-    reference = _find_reference(scene)
-    frames = _find_frames(scene, reference)
+    references = tuple(_find_references(scene))
+    frames = _find_frames(scene, list(references))
     tables = [_loads_file(scene), _asperities_file(scene)]
     loads = _align_loads(tables[0], frames, pulled=pulled)
-    sources = [*([reference] if reference is not None else []), *frames]
+    sources = [*references, *frames]
     corrections = _find_corrections(scene, frames)
     files = [source.path for source in sources] + [table for table in tables if table is not None]
     inputs = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
         frames = [replace(frame, correct=corrections) for frame in frames]
-        reference = None if reference is None else replace(reference, correct=corrections.of_reference)
+        references = tuple(replace(one, correct=corrections.of_reference) for one in references)
     return Experiment(
-        scene, reference, tuple(frames), loads, read_scene_asperities(scene), inputs, corrections
+        scene, references, tuple(frames), loads, read_scene_asperities(scene), inputs, corrections
     )
 
 
@@ -235,32 +241,39 @@ def _list_frames(
     return [replace(source, response=response) for source in sources]
 
 
-def _find_reference(scene: Scene) -> FrameSource | None:
-    """The reference frame: a file with one image, or ``name[k]`` for one of several."""
+def _find_references(scene: Scene) -> list[FrameSource]:
+    """The reference frames: files, globs, all images of a file, or ``name[k]`` for one of them."""
     named = scene.images.reference
-    if named is None:
-        return None
+    found: list[FrameSource] = []
+    for entry in [named] if isinstance(named, str) else named or []:
+        found += _list_reference(entry, scene)
+    return list(dict.fromkeys(found))
+
+
+def _list_reference(named: str, scene: Scene) -> list[FrameSource]:
+    """The reference frames of one entry."""
     path = Path(scene.folder) / named
     file = named_file(named, Path(scene.folder))
+    if glob.has_magic(named) and not file.exists():
+        return _list_frames(named, scene, folder=scene.folder)
     if not file.is_file():
         raise InputError(f"{path}: the scene names this reference, but there is no such file")
     sources = _list_frames(file, scene)
     matches = [source for source in sources if source.name == path.name] if file != path else sources
-    if len(matches) != 1:
+    if not matches:
         first, last = sources[0].name, sources[-1].name
-        raise InputError(f"{path}: the reference must be one image; name one of {first} ... {last}")
-    return matches[0]
+        raise InputError(f"{path}: there is no such reference; name one of {first} ... {last}")
+    return matches
 
 
-def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSource]:
-    """The frames of a scene, without the reference."""
+def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSource]:
+    """The frames of a scene, without the references."""
     folder, named = Path(scene.folder), scene.images.frames
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
     frames = _list_frames(named, scene, folder=folder)
-    if reference is not None:
-        place = reference.path.resolve(), reference.index
-        frames = [frame for frame in frames if (frame.path.resolve(), frame.index) != place]
+    places = {(reference.path.resolve(), reference.index) for reference in references}
+    frames = [frame for frame in frames if (frame.path.resolve(), frame.index) not in places]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
     used = set(_find_corrections(scene, frames).files)
     frames = [frame for frame in frames if frame.path not in used]
@@ -269,7 +282,7 @@ def _find_frames(scene: Scene, reference: FrameSource | None) -> list[FrameSourc
     dropped = [frame.name for frame in frames if is_reference(frame.path) and frame.path not in chosen]
     frames = [frame for frame in frames if frame.name not in dropped]
     if not frames:
-        besides = scene.images.reference or _some(dropped)
+        besides = _some([reference.name for reference in references] or dropped)
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
     if dropped:
         logger.warning(

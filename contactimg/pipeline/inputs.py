@@ -1,12 +1,52 @@
-"""What a scene provides to a computation: its asperities and its loads."""
+"""What a scene provides to a computation: its reference, its asperities and its loads."""
+
+import logging
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.files import read_scene_asperities, read_scene_loads
+from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
+from contactimg.frame import Frame
+from contactimg.imaging.background.pooled.references import average_references
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
+
+logger = logging.getLogger(__name__)
+
+
+@lru_cache(maxsize=1)
+def read_reference(experiment: Experiment) -> Frame | None:
+    """The reference of an experiment; several are registered and averaged.
+
+    Returns
+    -------
+    Frame or None
+        None if the scene names no reference. One reference is returned as it was read; the mean of several
+        has single precision and lies where the first of them does.
+
+    Raises
+    ------
+    FrameError
+        If one cannot be read.
+    InputError
+        If they differ in size.
+    """
+    sources = experiment.references
+    if len(sources) < 2:
+        return sources[0].read() if sources else None
+    frames = [source.read() for source in sources]
+    shapes = {frame.shape for frame in frames}
+    if len(shapes) > 1:
+        sizes = ", ".join(sorted(f"{columns} x {rows}" for rows, columns in shapes))
+        raise InputError(f"the references differ in size ({sizes} pixels); they must show the same field")
+    average = average_references([frame.image for frame in frames])
+    for number in average.left_out:
+        logger.warning(
+            "%s: left out of the mean of the references; it differs from the others", sources[number].name
+        )
+    return Frame(average.image, frames[0].name, frames[0].full_scale)
 
 
 def scene_asperities(scene: Scene) -> pd.DataFrame | None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, FrameStore
+from contactimg.pipeline.inputs import read_reference
 from contactimg.pipeline.worker_life import live_with_parent
 from contactimg.tables import Status
 from contactimg.timings import collect_call, gather, is_collecting
@@ -161,8 +162,8 @@ def _measure_jobs(
     """Measure jobs in several processes."""
     if not jobs:
         return iter(())
-    reference = experiment.reference.read().image if experiment.reference is not None else None
-    call = partial(_measure_source, measure, reference)
+    reference = read_reference(experiment)
+    call = partial(_measure_source, measure, None if reference is None else reference.image)
     return in_parallel(call, jobs, count=len(jobs), workers=workers)
 
 
@@ -172,15 +173,16 @@ def _store_keys(
     """The key of each job in the store."""
     call = measure if isinstance(measure, partial) else partial(measure)
     function = f"{call.func.__module__}:{call.func.__qualname__}"
-    settings = [function, call.args, call.keywords, _without_folder(experiment.reference)]
+    references = [_without_folder(source) for source in experiment.references]
+    settings = [function, call.args, call.keywords, references]
     frames = {source.path for source in experiment.frames}
     common = store.common(settings, [path for path in experiment.inputs if path not in frames])
     return [store.key(common, job[0].path, [_without_folder(job[0]), *job[1:]]) for job in jobs]
 
 
-def _without_folder(source: FrameSource | None) -> FrameSource | None:
+def _without_folder(source: FrameSource) -> FrameSource:
     """The source with the name of its file only."""
-    return None if source is None else replace(source, path=Path(source.path.name))
+    return replace(source, path=Path(source.path.name))
 
 
 def _measure_source(

@@ -16,6 +16,7 @@ from contactimg.files import Experiment, FrameStore, open_experiment
 from contactimg.forces import LengthScale, fill_forces, sphere_radii
 from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline.background.second_pass import measure_on_background
 from contactimg.pipeline.effects import film_rim, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, locate_contacts, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
@@ -129,6 +130,7 @@ def _measure_frames(
         logger.info("%s", part.summary())
         parts.append(part)
     parts, shape = _same_size(parts)
+    parts, background = measure_on_background(experiment, options, parts, workers=workers)
     method = options.scene.measure.method
     # a pixel count takes each frame's own plateau
     fitted = [(part.choice.method if part.choice else method) == "disk" for part in parts]
@@ -138,6 +140,9 @@ def _measure_frames(
         return parts, shape
     again = [k for k, part in enumerate(parts) if fitted[k] and _gains_by_pooling(part, pooled)]
     jobs = [(experiment.frames[k], pooled.scaled(parts[k].level or 1.0)) for k in again]
+    if background is not None:
+        measure, store = background.measure, None
+        jobs = [background.job(*job) for job in jobs]
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured

@@ -10,7 +10,7 @@ import numpy as np
 
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, read_asperities, read_table, write_figure, write_table
-from contactimg.pipeline.inputs import largest_load, scene_asperities
+from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF
@@ -141,8 +141,7 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
     loads = experiment.loads["load_N"].to_numpy(float)
     known = np.isfinite(loads) & np.isfinite(load)
     row = int(np.argmin(np.where(known, np.abs(loads - load), inf))) if known.any() else len(loads) - 1
-    reference = None if experiment.reference is None else experiment.reference.read()
-    return OwnFrame(experiment.frames[row].read(), reference, float(loads[row]))
+    return OwnFrame(experiment.frames[row].read(), read_reference(experiment), float(loads[row]))
 
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:

@@ -199,8 +199,16 @@ class FilmLight(Section):
 class Images(Section):
     """The frames of the experiment, by paths relative to the scene file."""
 
-    reference: FilePath | None = Field(
-        None, description="The non-contact frame; if not given, the background is estimated from each frame."
+    reference: str | list[str] | None = Field(
+        None,
+        description="The non-contact frame, or several of them (a glob, a list, a multi-page file), which "
+        "are averaged; if not given, the background is estimated from each frame.",
+    )
+    background: Literal["auto", "reference", "pooled"] = Field(
+        "auto",
+        description="What is subtracted from each frame: the reference, or the background pooled from all "
+        'frames of the series together. "auto": pooled for the method "disk" and five frames or more, where '
+        "that lowers the noise.",
     )
     frames: str | list[str] | None = Field(
         None,
@@ -250,7 +258,7 @@ class Images(Section):
                 f"these by frame, got {value!r}"
             ) from None
 
-    @field_validator("frames", mode="before")
+    @field_validator("frames", "reference", mode="before")
     @classmethod
     def _frames(cls, value: Any) -> Any:
         entries = value if isinstance(value, list) else [value]
