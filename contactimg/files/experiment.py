@@ -254,7 +254,7 @@ def _list_reference(named: str, scene: Scene) -> list[FrameSource]:
     """The reference frames of one entry."""
     path = Path(scene.folder) / named
     file = named_file(named, Path(scene.folder))
-    if glob.has_magic(named) and not file.exists():
+    if glob.has_magic(named) and file == path and not file.exists():
         return _list_frames(named, scene, folder=scene.folder)
     if not file.is_file():
         raise InputError(f"{path}: the scene names this reference, but there is no such file")

@@ -196,9 +196,31 @@ def test_page_of_a_stack_as_reference(folder):
     assert experiment.reference.read().image[0, 0] == 0
     assert names(experiment) == ["s.tif[1]", "s.tif[2]"]
     assert experiment.inputs == (with_pages,)
-    for reference in ("s.tif", "s.tif[3]"):
-        sentence = f"{folder / reference}: the reference must be one image; name one of s.tif[0] ... s.tif[2]"
-        assert refusal(folder, images={"reference": reference, "frames": "s.tif"}) == sentence
+    sentence = f"{folder / 's.tif[3]'}: there is no such reference; name one of s.tif[0] ... s.tif[2]"
+    assert refusal(folder, images={"reference": "s.tif[3]", "frames": "s.tif"}) == sentence
+    sentence = f"{folder}: there is no frame besides the reference s.tif[0], s.tif[1], s.tif[2]"
+    assert refusal(folder, images={"reference": "s.tif", "frames": "s.tif"}) == sentence
+
+
+@pytest.mark.parametrize(
+    ("reference", "expected"),
+    [
+        (["reference.tif", "frame_1.tif"], ["reference.tif", "frame_1.tif"]),
+        (["reference.tif", "reference.tif"], ["reference.tif"]),
+        ("frame_1*.tif", ["frame_1.tif", "frame_10.tif"]),
+    ],
+)
+def test_several_references(folder, reference, expected):
+    (folder / "loads.csv").unlink(missing_ok=True)
+    experiment = experiment_of(folder, images={"reference": reference})
+    assert [source.name for source in experiment.references] == expected
+    assert not set(expected) & set(names(experiment))
+    assert {source.path for source in experiment.references} <= set(experiment.inputs)
+
+
+def test_missing_reference_among_several(folder):
+    sentence = f"{folder / 'other.tif'}: the scene names this reference, but there is no such file"
+    assert refusal(folder, images={"reference": ["reference.tif", "other.tif"]}) == sentence
 
 
 def test_absolute_paths(folder, tmp_path_factory):
