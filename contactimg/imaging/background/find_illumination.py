@@ -98,7 +98,7 @@ def _scatter_inside(squares: NDArray) -> NDArray[np.float64]:
 
 
 def find_background_level(
-    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float | None = None
+    blocks: NDArray, *, background_is: BackgroundLevel, scatter: float | None = None, least: float = 1e-9
 ) -> tuple[float, float]:
     """Most likely level of the background among block means, and the scatter of a block.
 
@@ -110,6 +110,8 @@ def find_background_level(
         Which peak of the histogram is the background.
     scatter : float or None
         Standard deviation of a background block; None: measured on the differences of neighbours.
+    least : float
+        Lower bound of that.
 
     Returns
     -------
@@ -119,7 +121,7 @@ def find_background_level(
     if not len(values):
         return 1.0, SMALLEST_SCATTER_FRACTION
     low, high = float(values.min()), float(values.max())
-    least = max(SMALLEST_SCATTER_FRACTION * max(abs(low), abs(high)), 1e-9)
+    least = max(SMALLEST_SCATTER_FRACTION * max(abs(low), abs(high)), least)
     scatter = max(neighbour_scatter(blocks) if scatter is None else scatter, least)
     bins = int(np.clip((high - low) / scatter, 1, MOST_BINS)) + 4
     edges = np.linspace(low - 2 * scatter, high + 2 * scatter, bins + 1)

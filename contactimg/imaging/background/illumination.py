@@ -108,7 +108,7 @@ class Illumination:
 
 
 def fit_illumination(
-    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float
+    blocks: NDArray, shape: tuple[int, int], *, level: float, scatter: float, least_scatter: float = 1e-9
 ) -> Illumination:
     """Fit a polynomial to the blocks that are background: least squares with clipping, iterated.
 
@@ -121,6 +121,8 @@ def fit_illumination(
     level, scatter : float
         Level of the background and scatter of its blocks to start from; the polynomial and the scatter are
         then refined in turn.
+    least_scatter : float
+        Scatter below which blocks are equal: an image without noise has none of its own.
 
     Returns
     -------
@@ -133,7 +135,7 @@ def fit_illumination(
     data = np.where(finite, data - level, 0.0)
     deviation = data
     coefficients = np.zeros(len(TERMS))
-    keep = finite
+    keep, least = finite, max(SMALLEST_SCATTER_FRACTION * abs(level), least_scatter)
     for _ in range(FIT_ITERATIONS):
         keep, previous = finite & (np.abs(deviation) < FIT_CLIP_SIGMA * scatter), keep
         orders = _orders_supported(int(np.count_nonzero(keep)))
@@ -141,9 +143,7 @@ def fit_illumination(
             break
         coefficients = _solve(basis, data, keep, orders)
         deviation = data - coefficients @ basis
-        scatter = max(
-            min(one_sided_scatter(deviation[finite]), scatter), SMALLEST_SCATTER_FRACTION * abs(level), 1e-9
-        )
+        scatter = max(min(one_sided_scatter(deviation[finite]), scatter), least)
         if np.count_nonzero(keep != previous) < SETTLED_FRACTION * len(data):
             break
     grid = np.zeros((POLYNOMIAL_ORDER + 1, POLYNOMIAL_ORDER + 1))

@@ -14,8 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.find_illumination import find_background_level
-from contactimg.imaging.background.illumination import Illumination, fit_illumination
+from contactimg.imaging.background.find_illumination import find_background_level, neighbour_scatter
+from contactimg.imaging.background.illumination import (
+    SMALLEST_SCATTER_FRACTION,
+    Illumination,
+    fit_illumination,
+)
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.plateau import measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
@@ -30,6 +34,7 @@ CROWDED_FRACTION = 0.5  # of the blocks: if fewer are background, contacts hide 
 FAINTEST_FRACTION = 0.2  # of the median level: a background that is darker anywhere is not divided by
 GAP_FRACTION = 0.15  # of the height of the contacts: darker blocks lie between them
 LOWEST_HEIGHT_FRACTION = 0.3  # of the median height of the contacts: where it is less, the field of view ends
+ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
 ENVELOPE_SMOOTHING = 0.15  # standard deviation of the Gaussian that smooths the envelopes, of the window
 
 
@@ -65,8 +70,11 @@ def estimate_background(
     finite = np.isfinite(blocks)
     envelope = _fit_envelope(blocks, frame.shape)
     flat = blocks - envelope.at_blocks(blocks.shape, frame.shape)
-    start, scatter = find_background_level(flat, background_is="lowest")
-    rest = fit_illumination(flat, frame.shape, level=start, scatter=scatter)
+    least = _least_scatter(flat, blocks[finite])
+    start, scatter = find_background_level(flat, background_is="lowest", least=least)
+    rest = fit_illumination(
+        flat, frame.shape, level=start, scatter=max(scatter, least), least_scatter=max(least, 1e-9)
+    )
     total = sign * (envelope.coefficients + rest.coefficients)
     illumination = Illumination(total, rest.background, rest.scatter)
     level = float(np.median(np.abs(blocks[rest.background]))) if rest.background.any() else abs(start)
@@ -76,6 +84,15 @@ def estimate_background(
     gaps = np.abs(block_means(image)) < GAP_FRACTION * np.percentile(np.abs(image[::8, ::8]), 90)
     illumination = Illumination(total, gaps, rest.scatter)
     return DifferenceImage(image, level, np.ones_like(blocks), illumination, None)
+
+
+def _least_scatter(flat: NDArray, blocks: NDArray) -> float:
+    """Scatter below which blocks are equal: more where most are exactly equal, as compression leaves them."""
+    if not len(blocks):
+        return 0.0
+    level = float(np.median(np.abs(blocks)))
+    equal = neighbour_scatter(flat) < SMALLEST_SCATTER_FRACTION * level
+    return (ROUGHEST_STEP_FRACTION if equal else SMALLEST_SCATTER_FRACTION) * level
 
 
 def estimate_either_background(

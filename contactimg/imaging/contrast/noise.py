@@ -11,11 +11,11 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from contactimg.imaging.pixels.blocks import sample_background, side_of
-from contactimg.imaging.pixels.robust import MAD_TO_STD, median, robust_std
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, noise_std
 from contactimg.timings import stage
 
 LARGEST_LAG = 10
@@ -46,7 +46,9 @@ noise)."""
 
 @dataclass(frozen=True)
 class Noise:
-    """Variance of a pixel: ``variance (1 + slope m/contrast) / brightness`` at contact level m.
+    """Variance of a pixel at the fraction p of the contrast.
+
+    It is ``variance (1 + slope p + rim 4 p (1-p)) / brightness``.
 
     Parameters
     ----------
@@ -54,10 +56,19 @@ class Noise:
         Of a background pixel, squared grey levels.
     slope : float
         Relative increase at full contrast: shot noise, and texture that a contact makes brighter.
+    rim : float
+        Relative increase at half height: what pixels of a sharp edge differ from its profile. Theory: a pixel
+        that is 0 with the probability ``1-p`` and else 1 has the variance ``p (1-p)``.
     """
 
     variance: float
     slope: float = 0.0
+    rim: float = 0.0
+
+    def at(self, height: ArrayLike) -> NDArray:
+        """Variance at a fraction of the contrast, relative to that of the background."""
+        p = np.asarray(height)
+        return 1.0 + self.slope * p + self.rim * 4.0 * p * (1.0 - p)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +120,7 @@ class NoiseCorrelation:
         covariance = np.interp(unique, np.arange(LARGEST_LAG + 1), self.covariance) * counts
         shared = np.array([np.interp(unique / blur, LAGS, row) @ covariance for row in autocorrelation])
         excess = (1.0 + level * (gain - 1.0)) ** 2 * shared
-        factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * (1.0 + level * noise.slope))
+        factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * noise.at(level))
         return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
 
 
@@ -151,7 +162,7 @@ def estimate_noise(image: NDArray[np.float32], background: NDArray[np.bool_]) ->
         # no background: neighbouring pixels differ by the noise of both
         difference = np.abs(np.diff(image[::every], axis=1))
         return float(MAD_TO_STD * median(difference) / np.sqrt(2)) if difference.size else 0.0
-    return robust_std(sample)
+    return noise_std(sample)
 
 
 def measure_correlation(

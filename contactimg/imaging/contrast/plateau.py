@@ -3,7 +3,7 @@
 A threshold is a fraction of it: level = background + threshold x (plateau - background), one plateau a frame.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -64,6 +64,10 @@ class Contrast:
     plateau: float
     resolved: bool
     std: float = float("nan")
+
+    def within(self, largest: float) -> "Contrast":
+        """With a plateau that does not exceed the largest possible one."""
+        return replace(self, plateau=min(self.plateau, largest))
 
 
 @stage("contrast")

@@ -7,7 +7,7 @@ the wide contacts of the frame. The radius and contrast of a small disk are dege
 determines its contrast; a wide disk determines its own.
 """
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.settings import (
     ASSUMED_SPREAD_FRACTION,
+    BRIGHTEST_RATIO,
     CONTRAST_OUTLIER_SIGMA,
     FEWEST_WIDE_DISKS,
     LEAST_SPREAD_FRACTION,
@@ -196,11 +197,11 @@ def fit_disks(
     start = start or ModelImage.blank(problem.image.shape, n)
     fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score = iterate(
         problem.image,
-        for_kernel(problem.valid),
+        for_kernel(problem.valid, problem.saturated),
         np.array(disks, float),
         float(blur),
-        np.array([problem.noise.variance, problem.noise.slope]),
-        np.stack([np.full(n, problem.prior.mean), np.full(n, problem.prior.std)]),
+        np.array(astuple(problem.noise)),
+        _contrast_bounds(problem, brightness),
         np.ascontiguousarray(brightness, float),
         control.free_blur,
         control.robust,
@@ -218,6 +219,13 @@ def fit_disks(
     return FittedDisks(
         fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, brightness
     )
+
+
+def _contrast_bounds(problem: FitProblem, brightness: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean and width of the prior of each contrast, and its upper bound, which is higher in dim light."""
+    prior, possible = problem.prior, problem.largest_contrast / np.minimum(brightness, 1.0)
+    brightest = np.minimum(BRIGHTEST_RATIO * prior.mean, possible)
+    return np.stack([np.full_like(brightest, prior.mean), np.full_like(brightest, prior.std), brightest])
 
 
 def wide_disks(fit: FittedDisks) -> NDArray[np.bool_]:

@@ -83,14 +83,14 @@ class GroupWindow:
         return self._misfits[key]
 
     def _squared_residuals(self, disks: NDArray) -> NDArray[np.float32]:
-        noise, model = self.problem.noise, self.model(disks)
-        variance = np.maximum(model, np.float32(0.0))
-        variance *= np.float32(noise.variance * noise.slope / self.problem.contrast)
-        variance += np.float32(noise.variance)
-        squares = np.square(np.subtract(self.problem.image, model, out=model), out=model)
-        squares /= variance
-        if self.problem.valid is not None:
-            squares[self.problem.valid == 0] = 0.0
+        problem, model = self.problem, self.model(disks)
+        height = np.clip(model / np.float32(problem.contrast), np.float32(0.0), np.float32(1.0))
+        residual = problem.image - model
+        squares = np.square(residual) / (np.float32(problem.noise.variance) * problem.noise.at(height))
+        if problem.valid is not None:
+            squares[problem.valid == 0] = 0.0
+        if problem.saturated is not None:
+            squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
         return squares
 
     def highest_residual(self, disks: NDArray) -> NDArray[np.float64] | None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
+from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -43,7 +44,7 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.foreground import Foreground
-from contactimg.imaging.shapes.rim_blur import estimate_blur
+from contactimg.imaging.shapes.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.timings import stage
 
 
@@ -69,7 +70,7 @@ def measure_by_fit(
     prior = foreground.prior_optics
     given = _Given(
         prior,
-        OpticsPrior.of(prior, contrast=start.contrast, blur=start.blur, binning=start.problem.binning),
+        OpticsPrior.of(prior, start.problem, blur=start.blur),
         max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
         film,
     )
@@ -136,6 +137,8 @@ def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
     given_blur = foreground.prior_optics.blur_px
     free_blur = not np.isfinite(given_blur)
     blur = estimate_blur(image, contrast) if free_blur else float(np.hypot(given_blur, PIXEL_VARIANCE**0.5))
+    if free_blur and not foreground.contrast.resolved:
+        blur = min(blur, widest_spot_blur(image, contrast))
     binning = int(blur / BINNED_BLUR_PX) if blur > WIDEST_UNBINNED_BLUR_PX else 1
     problem = FitProblem.of(foreground, difference, binning=binning)
     noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
@@ -166,6 +169,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         problem, free_blur = replace(problem, profile=rim_table(film, blur)), False
     detected = assemble_disks(problem, blur=blur, free_blur=free_blur)
     fit, halo, dropped = detected.fit, None, detected.dropped
+    problem = allow_for_coarse_rims(detected.problem, fit, share=0.5)
     if not len(fit.disks):
         return FrameFit(problem, fit, dropped, detected.smallest, None, None)
     means = BlockMeans(problem.image, fit.model)

@@ -11,23 +11,24 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims, noise_near_contacts, rim_noise
 from contactimg.imaging.fit.covers import find_better_covers
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.settings import (
     INSCRIBED_GROWTH_RATIO,
+    LARGEST_USUAL_CHI_SQUARE,
     LEAST_PEAK_FRACTION,
     NEIGHBOUR_GAP_BLUR_WIDTHS,
-    PEAK_ROUNDS,
     REPLACED_GROWTH_RATIO,
     RIM_REACH_BLUR_WIDTHS,
+    RINGING_REACH_PX,
     SMOOTHED_CONTRAST_TO_NOISE,
-    SUSPICIOUS_CHI_SQUARE,
 )
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.shapes.inscribed_disks import find_inscribed
-from contactimg.imaging.shapes.peaks import find_peaks, find_peaks_near
+from contactimg.imaging.shapes.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.timings import stage
 
 
@@ -37,6 +38,8 @@ class DetectedDisks:
 
     Parameters
     ----------
+    problem : FitProblem
+        With the noise that the disks show at their rims and beside them.
     fit : FittedDisks
     dropped : ndarray, shape (m, 3)
         x, y, radius (px) of disks that were tried and found insignificant.
@@ -44,6 +47,7 @@ class DetectedDisks:
         Radius of the smallest isolated disk that stands out of the noise.
     """
 
+    problem: FitProblem
     fit: FittedDisks
     dropped: NDArray[np.float64]
     smallest: float
@@ -74,25 +78,23 @@ def assemble_disks(
     disks, largest = _inscribed_disks(problem, blur)
     assembly = _Assembly(problem, disks, largest, blur=blur, free_blur=free_blur)
     assembly.drop_insignificant()
-    fit = assembly.fit
+    fit, problem = assembly.fit, assembly.problem
     peaks, lowest = find_peaks(image, fit.model, width=fit.blur, height=0.0, background=problem.background)
     smallest = float(_disks_from_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
-    lowest = max(lowest, LEAST_PEAK_FRACTION * contrast)
-    peaks = peaks[(peaks[:, 2] > lowest) | ~_near_a_rim(peaks, fit.disks, RIM_REACH_BLUR_WIDTHS * fit.blur)]
-    for _ in range(PEAK_ROUNDS):
-        if not len(peaks):
-            break
-        count = len(assembly.fit.disks)
-        assembly.add(_disks_from_peaks(peaks, assembly.fit.blur, contrast))
-        fit = assembly.fit
-        if len(fit.disks) <= count:
-            break
-        suspicious = fit.disks[fit.chi_square > SUSPICIOUS_CHI_SQUARE]
-        peaks = find_peaks_near(image, fit.model, suspicious, width=fit.blur, lowest=lowest)
+    lowest_at_rim = max(LEAST_PEAK_FRACTION * contrast, FALSE_ALARM_SIGMA * _rim_noise(problem, fit.blur))
+    at_rim = _near_a_rim(peaks, fit.disks, RIM_REACH_BLUR_WIDTHS * fit.blur)
+    peaks = peaks[(peaks[:, 2] > max(lowest, lowest_at_rim)) | ~at_rim]
+    if assembly.ringing > 1.0:
+        beside = _near_a_rim(peaks, fit.disks, RINGING_REACH_PX)
+        peaks = peaks[(peaks[:, 2] > assembly.ringing * lowest) | ~beside]
+    if len(peaks):
+        assembly.add(_disks_from_peaks(peaks, fit.blur, contrast))
+    if free_blur and not len(disks):
+        assembly.free_blur()
     if try_covers:
         assembly.improve_covers()
     assembly.drop_insignificant(final=True)
-    return DetectedDisks(assembly.fit, np.vstack(assembly.dropped), smallest)
+    return DetectedDisks(assembly.problem, assembly.fit, np.vstack(assembly.dropped), smallest)
 
 
 def _inscribed_disks(problem: FitProblem, blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -119,14 +121,24 @@ class _Assembly:
         Upper bounds of the radii.
     dropped : list of ndarray, shape (m, 3)
         x, y, radius of the disks dropped so far.
+    problem : FitProblem
+        With the noise that the first disks show at their rims and beside them.
+    ringing : float
+        Noise beside the disks over that elsewhere.
     """
 
     def __init__(
         self, problem: FitProblem, disks: NDArray, largest: NDArray, *, blur: float, free_blur: bool
     ):
         control = FitControl(free_blur and len(disks) > 0, robust=False, iterations=3)
-        self.problem = problem
-        self.fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        self.ringing = noise_near_contacts(problem, fit)
+        problem = problem.with_noise(self.ringing**2 * problem.noise.variance)
+        self.problem = allow_for_coarse_rims(problem, fit)
+        if self.problem.noise.rim > 0.0:
+            fit = fit_disks(self.problem, disks, blur=fit.blur, control=control, largest=largest)
+            self.problem = allow_for_coarse_rims(problem, fit)
+        self.fit = fit
         self.largest = largest
         self.dropped = [np.empty((0, 3))]
 
@@ -148,6 +160,19 @@ class _Assembly:
         active = _near(self.fit.disks, dropped, self.fit.blur)[~dropped]
         self.largest = self.largest[~dropped]
         self._refit(self.fit.disks[~dropped], np.flatnonzero(~dropped), 4, active)
+
+    def free_blur(self) -> None:
+        """Fit the blur too, after a start without wide disks, if that explains far more."""
+        control, fit, problem = FitControl(robust=False, iterations=4), self.fit, self.problem
+        misfit = float(np.median(fit.chi_square)) if len(fit.disks) else 0.0
+        if misfit < LARGEST_USUAL_CHI_SQUARE:
+            return
+        for _ in range(2):
+            fit = fit_disks(problem, fit.disks, blur=fit.blur, control=control, largest=self.largest)
+            misfit_now = float(np.median(fit.chi_square))
+            problem = allow_for_coarse_rims(problem, fit)
+        if misfit_now < 0.5 * misfit:
+            self.fit, self.problem = fit, problem
 
     def improve_covers(self) -> None:
         """Replace the disks of groups that fit badly by better covers of the same pixels."""
@@ -184,6 +209,13 @@ class _Assembly:
         chi_square[fixed] = old.chi_square[source]
         self.fit = replace(fit, std=std, chi_square=chi_square, pixels=pixels)
         return active
+
+
+def _rim_noise(problem: FitProblem, blur: float) -> float:
+    """Noise of a rim behind a filter of the blur's shape, where it exceeds that of the background."""
+    if not problem.noise.rim > 0.0:
+        return 0.0
+    return rim_noise(problem.noise) * min(1.0 / (2.0 * np.sqrt(np.pi) * blur), 1.0)
 
 
 def _append(rows: NDArray[np.int64], value: int, count: int) -> NDArray[np.int64]:

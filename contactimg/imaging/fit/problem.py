@@ -12,7 +12,7 @@ from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.settings import LOOSE_CONTRAST_FRACTION
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
-from contactimg.imaging.pixels.masks import Mask, exclude
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.reject.foreground import Foreground
 
@@ -54,7 +54,8 @@ class FitProblem:
     valid : Mask
         0 for pixels to leave out.
     saturated : Mask
-        1 for pixels at full scale.
+        1 for pixels at full scale of contacts that are brighter than the background: their light is at least
+        what they show.
     profile : EdgeTable
         Of a contact; with a film it holds for one blur.
     background : ndarray of bool
@@ -65,6 +66,8 @@ class FitProblem:
         Pixels of the frame in one pixel of the image, each way.
     corner : (int, int)
         Column and row of the image's first pixel, where it is a window of a larger one.
+    largest_contrast : float
+        That the grey levels can show.
     removed_background : ndarray, shape (4, 4)
         Polynomial subtracted from the image so far, as the coefficients of an
         `contactimg.imaging.background.illumination.Illumination`.
@@ -80,6 +83,7 @@ class FitProblem:
     brightness: NDArray[np.float32] = field(default_factory=lambda: np.ones((1, 1), np.float32))
     binning: int = 1
     corner: tuple[int, int] = (0, 0)
+    largest_contrast: float = float("inf")
     removed_background: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
 
     @classmethod
@@ -89,7 +93,8 @@ class FitProblem:
         The noise is that of a pixel of the frame, and the prior of the contrasts is loose.
         """
         image, frame_pair = foreground.image, foreground.frame_pair
-        valid, saturated = exclude(frame_pair.valid, frame_pair.saturated), frame_pair.saturated
+        # a saturated background is as dark contacts see it
+        valid, saturated = frame_pair.valid, frame_pair.saturated if foreground.sign > 0 else None
         background = difference.illumination.background
         if binning > 1:
             rows, columns = (max(size // binning, 1) for size in image.shape)
@@ -103,18 +108,21 @@ class FitProblem:
         return cls(
             image, Noise(foreground.noise**2), ContrastPrior.loose(foreground.contrast.plateau), valid=valid,
             saturated=saturated, background=background, brightness=difference.brightness, binning=binning,
+            largest_contrast=max(foreground.largest_contrast, foreground.contrast.plateau),
         )  # fmt: skip
 
     def window(self, box: tuple[slice, slice], image: NDArray[np.float32], brightness: float) -> "FitProblem":
         """A part of the image, with other pixels there and one illumination for all its disks."""
         return FitProblem(
             image,
-            Noise(self.noise.variance / brightness, self.noise.slope),
+            replace(self.noise, variance=self.noise.variance / brightness),
             self.prior,
             valid=None if self.valid is None else self.valid[box],
+            saturated=None if self.saturated is None else self.saturated[box],
             profile=self.profile,
             binning=self.binning,
             corner=(box[1].start, box[0].start),
+            largest_contrast=self.largest_contrast,
         )
 
     @property
@@ -126,6 +134,10 @@ class FitProblem:
     def pixel_noise(self) -> float:
         """Standard deviation of a background pixel."""
         return float(np.sqrt(self.noise.variance))
+
+    def with_noise(self, variance: float) -> "FitProblem":
+        """With another variance of a background pixel."""
+        return replace(self, noise=replace(self.noise, variance=variance))
 
     def with_contrast(self, contrast: float) -> "FitProblem":
         """With a loose prior about another contrast."""

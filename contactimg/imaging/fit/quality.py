@@ -120,12 +120,8 @@ def _flags(result: FrameFit, gap: NDArray, light: NDArray) -> NDArray[np.int64]:
     """Flags of all disks, from their distance to the border and their light over its uncertainty."""
     problem, fit, disks = result.problem, result.fit, result.fit.disks
     radius, reach = disks[:, RADIUS], disks[:, RADIUS] + EDGE_GAP_BLUR_WIDTHS * fit.blur
-    # saturated pixels are not valid, but do not cut a contact
-    holes = problem.valid
-    if holes is not None and problem.saturated is not None:
-        holes = holes | problem.saturated
     conditions = {
-        Flag.EDGE: (gap < reach) | touches(holes, 0, disks, reach),
+        Flag.EDGE: (gap < reach) | touches(problem.valid, 0, disks, reach),
         Flag.MERGED: count_touching(disks, fit.blur) > 0,
         Flag.SATURATED: touches(problem.saturated, 1, disks, radius),
         Flag.TOO_SMALL: radius - combine_errors(fit.std[:, RADIUS], result.radius_shifts) < fit.blur,

@@ -23,7 +23,7 @@ from contactimg.imaging.fit.settings import (
     ILLUMINATION_ROUNDS,
     LARGEST_BACKGROUND_FRACTION,
     LARGEST_GAP_FRACTION,
-    LEAST_SCATTER_LEVELS,
+    LEAST_SCATTER_FRACTION,
     LEAST_UNTOUCHED_SHARE,
     LONGEST_SECANT_RATIO,
     UNTOUCHED_FRACTION,
@@ -154,4 +154,7 @@ def _remaining_illumination(problem: FitProblem, fit: FittedDisks, means: BlockM
         return None
     blocks = np.where(dark, image - model, np.float32(np.nan))
     spread = MAD_TO_STD * median(np.abs(blocks[dark]))
-    return fit_illumination(blocks, problem.image.shape, level=0.0, scatter=max(spread, LEAST_SCATTER_LEVELS))
+    least = LEAST_SCATTER_FRACTION * problem.contrast
+    return fit_illumination(
+        blocks, problem.image.shape, level=0.0, scatter=max(spread, least), least_scatter=least
+    )

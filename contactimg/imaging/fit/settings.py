@@ -34,6 +34,8 @@ FEWEST_WIDE_DISKS = 3
 """Wide contacts needed to measure contrast and spread. By hand."""
 ASSUMED_SPREAD_FRACTION = 0.03
 """Spread of the contrasts if fewer contacts are wide. By hand."""
+BRIGHTEST_RATIO = 5.0
+"""Largest contrast of a contact over the expected one. By hand."""
 LEAST_SPREAD_FRACTION = 1e-4
 """Smallest spread of the contrasts. Accuracy: keeps the prior finite."""
 CONTRAST_OUTLIER_SIGMA = 5.0
@@ -60,8 +62,18 @@ REPLACED_GROWTH_RATIO = 1.1
 """Largest fitted radius over that in a better cover. By hand."""
 NEIGHBOUR_GAP_BLUR_WIDTHS = 3.0
 """Gap within which an added or dropped disk changes its neighbours. By hand."""
-PEAK_ROUNDS = 4
-"""Rounds of adding disks at most. By hand."""
+
+# Sharp rims (`coarse_rims`)
+RIM_BAND = (0.2, 0.8)
+"""Fractions of the contrast between which a pixel is at the rim. By hand."""
+RIM_SAMPLE_PIXELS = 250_000
+"""Pixels of an image that are looked at. Accuracy: a thousand at rims give their scatter to 4 %."""
+RINGING_RATIO = 1.5
+"""Noise beside contacts over that elsewhere from which the fit uses it. By hand."""
+RINGING_REACH_PX = 12.0
+"""Distance from a rim up to which the noise is then larger. By hand: JPEG works in blocks of 8 px."""
+FEWEST_RIM_PIXELS = 10
+"""Pixels at rims that give their scatter. By hand: half the rim of one contact of 2 px."""
 
 # Covers of badly fitted groups (`covers`, `group_window`)
 GROUP_GAP_BLUR_WIDTHS = 2.0
@@ -194,8 +206,8 @@ LONGEST_SECANT_RATIO = 4.0
 """Longest secant step over the remaining illumination. By hand."""
 LARGEST_BACKGROUND_FRACTION = 0.5
 """Largest remaining illumination that is removed. By hand: more would remove contacts."""
-LEAST_SCATTER_LEVELS = 1e-3
-"""Smallest scatter of the blocks, grey levels. Accuracy: keeps the fit finite."""
+LEAST_SCATTER_FRACTION = 1e-3
+"""Smallest scatter of the blocks. Accuracy: below `FLAT_FRACTION`; an image without noise has none."""
 
 # Frames of a series (`pooling`)
 RESOLVED_CONTRAST_FRACTION = 0.1

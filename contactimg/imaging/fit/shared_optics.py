@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.settings import (
@@ -37,6 +36,7 @@ from contactimg.imaging.fit.settings import (
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
+NARROWEST = PIXEL_VARIANCE**0.5
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=FINE_TOLERANCE_SIGMA)
 
 
@@ -98,15 +98,19 @@ class OpticsPrior:
     information: NDArray[np.float64]
 
     @classmethod
-    def of(cls, optics: SharedOptics, *, contrast: float, blur: float, binning: int) -> "OpticsPrior":
-        """From prior optics, for a fit to pixels binned ``binning`` by ``binning``.
+    def of(cls, optics: SharedOptics, start: FitProblem, *, blur: float) -> "OpticsPrior":
+        """From prior optics, for the problem to start from.
 
-        Where the optics are not known, ``contrast`` is the brightest light in the image, which blur may have
-        reduced by up to `LARGEST_CONTRAST_RATIO` (uniform in the logarithm), and ``blur`` a guess.
+        Where the optics are not known, the contrast of the problem is the brightest light in the image, which
+        blur may have reduced by up to `LARGEST_CONTRAST_RATIO` (uniform in the logarithm), as far as the grey
+        levels go, and ``blur`` is a guess.
         """
+        contrast, binning = start.contrast, start.binning
+        ratio = float(np.log(np.clip(start.largest_contrast / contrast, 1.0, LARGEST_CONTRAST_RATIO)))
+        ratio = max(ratio, PLATEAU_STD_FRACTION)
         given = np.isfinite([optics.contrast, optics.blur_px])
-        mean = np.array([np.log(contrast) + 0.5 * np.log(LARGEST_CONTRAST_RATIO), blur])
-        std = np.array([np.log(LARGEST_CONTRAST_RATIO) / np.sqrt(12.0), BLUR_GUESS_FRACTION * blur])
+        mean = np.array([np.log(contrast) + 0.5 * ratio, blur])
+        std = np.array([ratio / np.sqrt(12.0), BLUR_GUESS_FRACTION * blur])
         if given[0]:
             mean[0] = np.log(optics.contrast)
             std[0] = max(optics.contrast_relative_std, EXACT_FRACTION)
@@ -161,6 +165,8 @@ def settle_optics(
         gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
+        bounds = np.array([np.log(problem.largest_contrast / contrast), NARROWEST - fit.blur])
+        step = _within_bounds(step, gradient, own + optics_prior.information, bounds)
         if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
@@ -172,7 +178,7 @@ def settle_optics(
             break
         stepped = replace(
             problem,
-            noise=Noise(problem.noise.variance, noise_slope * contrast),
+            noise=replace(problem.noise, slope=noise_slope * contrast),
             prior=ContrastPrior(contrast, spread * contrast),
         )
         fit = fit_disks(
@@ -186,6 +192,17 @@ def settle_optics(
         fit, contrast, spread * contrast, wide_contrast, covariance, own_covariance,
         radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance),
     )  # fmt: skip
+
+
+def _within_bounds(step: NDArray, gradient: NDArray, information: NDArray, bounds: NDArray) -> NDArray:
+    """The Newton step of (ln contrast, blur) up to an upper and a lower bound, the other one following."""
+    for k, beyond in ((0, step[0] > bounds[0]), (1, step[1] < bounds[1])):
+        if beyond:
+            other = 1 - k
+            step = step.copy()
+            step[k] = bounds[k]
+            step[other] = (gradient[other] - information[0, 1] * step[k]) / information[other, other]
+    return np.array([min(step[0], bounds[0]), max(step[1], bounds[1])])
 
 
 def _follow(disks: NDArray, scores: "_DiskScores", step: NDArray) -> NDArray[np.float64]:

@@ -14,6 +14,7 @@ from contactimg.imaging.kernels.normal_equations import (
     CROSS,
     GRADIENT,
     PIXEL_COUNT,
+    SATURATED,
     SUMS,
     add_disk,
     sum_disk,
@@ -22,16 +23,17 @@ from contactimg.imaging.kernels.normal_equations import (
 )
 from contactimg.imaging.kernels.pairs import find_pairs, list_neighbours, select_close
 from contactimg.imaging.kernels.solve import invert_4x4, marginal_variances, solve_coupled
-from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE
 
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
 ISOLATION_GAP_BLUR_WIDTHS = 5.5  # gap of isolated disks; theory: nearer, one changes the other by 1e-4
 COUPLING_REACH_BLUR_WIDTHS = 2.6  # reach of a rim within which disks are solved for together; by hand
 BLUR_TOLERANCE = 2e-3  # relative step of the blur at which it is held fixed; accuracy
 ROUGH_BLUR_TOLERANCE = 1e-2  # the same of a rough fit that only provides a start; accuracy
-FAINTEST_FRACTION, BRIGHTEST_FRACTION = 0.05, 5.0  # bounds of the contrasts over the expected one; by hand
+FAINTEST_FRACTION = 0.05  # lower bound of the contrasts over the expected one; by hand
 MOST_SWEEPS = 40  # of the Gauss-Seidel iteration, which stops at 1e-4 px; accuracy
 SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accuracy
+NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
 WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
 
 
@@ -53,7 +55,7 @@ def iterate(
     gradient, cross, steps = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 4))
     blurs = np.zeros((n, 2))
     chi_square, pixels = np.ones(n), np.zeros(n, np.int64)
-    started = moving.copy()
+    started, saturated = moving.copy(), bool(np.any(weight == SATURATED))
     near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
     pairs = np.empty((0, 2), np.int64)
     blocks = np.zeros((0, 4, 4))
@@ -63,15 +65,16 @@ def iterate(
         if s > 1.1 * paired_blur or _largest_move(disks, paired) > PAIR_MARGIN_PX:
             near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
         isolated = _find_isolated(n, select_close(near_pairs, disks, 0.5 * _isolation_gap(table) * s))
+        isolated &= not saturated
         draw_disks(model, disks, s, drawn, ~(isolated & moving), near_pairs, table)
         pairs = select_close(near_pairs, disks, coupling * s)
         blocks = np.zeros((len(pairs), 4, 4))
         row_step = 1 if robust else (4 if iteration == 0 else 2)
         for i in range(n):
             if moving[i]:
-                level = np.array([noise[0] / brightness[i], noise[1] / prior[0, i], prior[0, i], prior[1, i]])
+                level, expected = _noise_of(noise, brightness, prior, i), prior[:, i]
                 _build_normal_equations(
-                    image, model, weight, disks[i], s, level, isolated[i], robust, row_step, table,
+                    image, model, weight, disks[i], s, level, expected, isolated[i], robust, row_step, table,
                     normals[i], inverse[i], gradient[i], cross[i], blurs[i], chi_square, pixels, i,
                 )  # fmt: skip
         _build_pair_blocks(model, weight, disks, s, noise, prior, brightness, started, pairs, table, blocks)
@@ -80,7 +83,7 @@ def iterate(
             change = _step_blur(disks, s, moving, inverse, cross, gradient, blurs, chi_square, iteration)
         _solve_steps(inverse, gradient, cross, change, moving, pairs, blocks, steps)
         draw_disks(model, disks, s, drawn, ~moving & (change == 0.0), near_pairs, table)
-        s += change
+        s = max(s + change, NARROWEST_BLUR_PX)
         blur_tolerance = BLUR_TOLERANCE if robust else ROUGH_BLUR_TOLERANCE
         steady = abs(change) < blur_tolerance * s and (robust or iteration >= 1)
         free_blur = free_blur and not steady
@@ -103,6 +106,12 @@ def iterate(
         _with_blur(normals, cross, blurs),
         blurs[:, 1].copy(),
     )
+
+
+@njit(cache=True)
+def _noise_of(noise, brightness, prior, i):
+    """Variance of a background pixel at a disk, its slope with the model level, and its excess at the rim."""
+    return noise[0] / brightness[i], noise[1] / prior[0, i], noise[2]
 
 
 @njit(cache=True)
@@ -161,17 +170,17 @@ def _find_isolated(n, pairs):
 
 @njit(cache=True)
 def _build_normal_equations(
-    image, model, weight, disk, s, level, isolated, robust, row_step, table,
+    image, model, weight, disk, s, noise, prior, isolated, robust, row_step, table,
     normal, inverse, gradient, cross, blur, chi_square, pixels, i,
 ):  # fmt: skip
     """Normal equations of one disk with its prior, and the inverse of the normal matrix.
 
-    ``level`` holds the variance of a background pixel, its slope, and mean and width of the contrast prior.
+    ``prior`` holds mean, width and upper bound of the contrast.
     Every ``row_step``-th row of a wide disk is used.
     """
-    variance, slope, expected, spread = level
+    expected, spread = prior[0], prior[1]
     out = np.empty(SUMS)
-    sum_disk(image, model, weight, disk, s, variance, slope, isolated, robust, row_step, table, out)
+    sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, table, out)
     unpack_sums(out, normal, gradient)
     normal[3, 3] += 1.0 / spread**2
     gradient[3] += (expected - disk[3]) / spread**2
@@ -181,7 +190,7 @@ def _build_normal_equations(
     chi_square[i] = out[CHI_SQUARE] / max(out[PIXEL_COUNT] - 3.0, 1.0)
     damped = normal.copy()
     # a disk much smaller than the blur, or outside the image, has little information: keep its steps finite
-    floor = 1e-3 * expected**2 / variance
+    floor = 1e-3 * expected**2 / noise[0]
     for u in range(3):
         damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
     invert_4x4(damped, inverse)
@@ -193,8 +202,8 @@ def _build_pair_blocks(model, weight, disks, s, noise, prior, brightness, starte
     for p in range(len(pairs)):
         i, j = pairs[p]
         if started[i] and started[j]:
-            variance, slope = noise[0] / brightness[i], noise[1] / prior[0, i]
-            sum_pair(model, weight, disks[i], disks[j], s, variance, slope, table, blocks[p])
+            level = _noise_of(noise, brightness, prior, i)
+            sum_pair(model, weight, disks[i], disks[j], s, level, table, blocks[p])
 
 
 @njit(cache=True)
@@ -244,8 +253,7 @@ def _take_steps(disks, steps, s, prior, inverse, largest, moving, steady, tolera
         disk[1] += min(max(step[1], -limit), limit)
         wider = a + min(max(step[2], -0.4 * a), max(0.4 * a, 0.5 * s))
         disk[2] = min(max(wider, SMALLEST_BLUR_WIDTHS * s), largest[i])
-        faintest, brightest = FAINTEST_FRACTION * prior[0, i], BRIGHTEST_FRACTION * prior[0, i]
-        disk[3] = min(max(disk[3] + step[3], faintest), brightest)
+        disk[3] = min(max(disk[3] + step[3], FAINTEST_FRACTION * prior[0, i]), prior[2, i])
         # quadratic convergence: the next step is of the order of this one squared over the blur
         longest = max(abs(step[0]), abs(step[1]), abs(step[2]))
         settled = longest * longest < tolerance * np.sqrt(inverse[i, 2, 2]) * s

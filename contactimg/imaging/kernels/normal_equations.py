@@ -34,6 +34,7 @@ REACH_BLUR_WIDTHS = 3.6  # pixels about the rim in the fit; theory: beyond, the 
 THINNING_RADIUS_PX = 4.0  # radius for each row that a rough fit may skip; by hand
 OUTLIER_SIGMA = 5.0  # residual beyond which a pixel loses weight; false-alarm rate 6e-7 of a normal deviate
 LARGEST_TERM = 4.0 * OUTLIER_SIGMA**2  # largest term of chi-square, that of 10 sigma; by hand
+SATURATED = 2  # in the mask: the light is at least what the pixel shows
 RINGS_PER_BLUR_WIDTH = 4  # rings over which the expected information of a rim is summed; accuracy
 
 SUMS = 22
@@ -94,13 +95,15 @@ def _add_flat(model, block, height):
 
 
 @njit(cache=True, error_model="numpy")
-def sum_disk(image, model, weight, disk, s, variance, slope, isolated, robust, row_step, table, out):
+def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, table, out):
     """Normal matrix, gradient and chi-square of one disk into ``out`` (see `SUMS`).
 
-    ``variance (1 + slope m)`` is the variance of a pixel of model level m. An ``isolated`` disk is its own
-    model, and the model image is not used. Of a wide disk only every ``row_step``-th row is used, which is
-    enough far from the solution. The normal matrix of a disk whose window lies inside the image and has no
-    masked pixel follows from its profile; only the gradient needs the pixels.
+    ``noise`` holds variance, slope and rim: ``variance (1 + slope m + rim q)`` is the variance of a pixel of
+    model level m, with ``q = 4 P (1 - P)`` at the height P of the disk's profile. An ``isolated`` disk is its
+    own model, and the model image is not used; no pixel of it is saturated. Of a wide disk only every
+    ``row_step``-th row is used, which is enough far from the solution. The normal matrix of a disk whose
+    window lies inside the image and has no masked pixel follows from its profile; only the gradient needs the
+    pixels.
     """
     out[:] = 0.0
     x, y, a, c = disk
@@ -111,34 +114,34 @@ def sum_disk(image, model, weight, disk, s, variance, slope, isolated, robust, r
     row, pixels, n = interpolate_row(table, a, s), allocate_pixels(half), 0
     masked = _has_masked_pixel(weight, image.shape, j, bottom + 1, x, half)
     whole = not masked and x > half and x + half < columns - 1 and y > half and y + half < rows - 1
-    flat = np.float32(1.0 / (variance * (1.0 + slope * c)))
+    flat = np.float32(1.0 / (noise[0] * (1.0 + noise[1] * c)))
     step = min(row_step, 1 + int(a / THINNING_RADIUS_PX))
     while j <= bottom:
         left, right = next_blocks(j, bottom, step, half, 0.0 if masked else inner, x, y, columns)
         if n + left[1] * (left[4] + right[4]) > pixels.shape[1]:
-            _add_rim(pixels, n, disk, s, row, variance, slope, reach, isolated, robust, whole, out)
+            _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out)
             n = 0
         n = _gather(pixels, n, left, image, model, weight, x, y, isolated, masked)
         n = _gather(pixels, n, right, image, model, weight, x, y, isolated, masked)
         _add_plateau(image, model, block_between(left, right), c, flat, isolated, robust, whole, out)
         j += left[1] * step
-    _add_rim(pixels, n, disk, s, row, variance, slope, reach, isolated, robust, whole, out)
+    _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out)
     out[:CHI_SQUARE] *= step
     if whole:
-        _add_expected(pixels, disk, s, row, max(inner, 0.0), half, variance, slope, reach, out)
+        _add_expected(pixels, disk, s, row, max(inner, 0.0), half, noise, reach, out)
 
 
 @njit(cache=True)
 def _has_masked_pixel(weight, shape, top, end, x, half):
-    """Whether a window contains a masked pixel."""
+    """Whether a window contains a pixel that is masked or saturated."""
     if weight.shape != shape:
         return False
     first, last = max(int(x - half), 0), min(int(x + half) + 2, shape[1])
     for j in range(top, end):
-        least = np.uint8(1)
+        usual = True
         for i in range(first, last):
-            least = min(least, weight[j, i])
-        if least == 0:
+            usual &= weight[j, i] == 1
+        if not usual:
             return True
     return False
 
@@ -169,12 +172,12 @@ def _take_difference(pixels, n, block, image, model):
 
 @njit(cache=True)
 def _mask_pixels(pixels, n, block, weight):
-    """Set level and weight of masked pixels to 0."""
+    """Set level and weight of masked pixels to 0, and of saturated ones that the model exceeds."""
     for k in range(block[1]):
         line, levels = row_of_block(block, k, weight, pixels[DATA], n)
         _, weights = row_of_block(block, k, weight, pixels[WEIGHT], n)
         for i in range(len(line)):
-            if line[i] == 0:
+            if line[i] == 0 or (line[i] == SATURATED and levels[i] < 0.0):
                 levels[i] = weights[i] = 0.0
 
 
@@ -202,12 +205,16 @@ def _sum_residuals(line, modelled, height, flat, cut, isolated):
 
 
 @njit(cache=True)
-def _add_rim(pixels, n, disk, s, row, variance, slope, reach, isolated, robust, whole, out):
+def _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out):
     """Add the gathered pixels to gradient, chi-square, count and information."""
     n = pad_pixels(pixels, n)
     evaluate_derivatives(pixels, n, disk[2], disk[3], s, row)
-    plain, growth = np.float32(1.0 / variance), np.float32(slope * disk[3])
-    _weight_pixels(pixels, n, plain, growth, np.float32(reach / END_BLUR_WIDTHS))
+    plain, growth, rim = (
+        np.float32(1.0 / noise[0]),
+        np.float32(noise[1] * disk[3]),
+        np.float32(4.0 * noise[2]),
+    )
+    _weight_pixels(pixels, n, plain, growth, rim, np.float32(reach / END_BLUR_WIDTHS))
     if not whole:
         _add_information(pixels, n, out)
     height = np.float32(disk[3] if isolated else 0.0)
@@ -215,13 +222,14 @@ def _add_rim(pixels, n, disk, s, row, variance, slope, reach, isolated, robust, 
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _weight_pixels(pixels, n, plain, growth, reach):
+def _weight_pixels(pixels, n, plain, growth, rim, reach):
     """Inverse variances of pixels; 0 beyond the reach of a disk."""
     level, weight, place = pixels[BY_C, :n], pixels[WEIGHT, :n], pixels[PLACE, :n]
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(n):
         near = one if place[i] <= reach else zero
-        weight[i] *= near * plain / (one + growth * max(level[i], zero))
+        p = max(level[i], zero)
+        weight[i] *= near * plain / (one + growth * p + rim * p * max(one - p, zero))
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -272,7 +280,6 @@ def _add_information(pixels, n, out):
 @njit(cache=True, fastmath=FAST, forceinline=True)
 def _product(weight, one, other):
     """Weighted sum of products."""
-    """Weighted sum of products."""
     total = np.float32(0.0)
     for i in range(len(weight)):
         total += weight[i] * one[i] * other[i]
@@ -280,7 +287,7 @@ def _product(weight, one, other):
 
 
 @njit(cache=True)
-def _add_expected(pixels, disk, s, row, inner, half, variance, slope, reach, out):
+def _add_expected(pixels, disk, s, row, inner, half, noise, reach, out):
     """Expected information of a whole disk, ring by ring."""
     n = int(RINGS_PER_BLUR_WIDTH * (half - inner) / s) + 1
     width = (half - inner) / n
@@ -289,11 +296,15 @@ def _add_expected(pixels, disk, s, row, inner, half, variance, slope, reach, out
         pixels[BY_X, k], pixels[BY_Y, k], pixels[WEIGHT, k] = r, 0.0, 2.0 * np.pi * width * r
     n = pad_pixels(pixels, n)
     evaluate_derivatives(pixels, n, disk[2], disk[3], s, row)
-    plain, growth = np.float32(1.0 / variance), np.float32(slope * disk[3])
-    _weight_pixels(pixels, n, plain, growth, np.float32(reach / END_BLUR_WIDTHS))
+    plain, growth, rim = (
+        np.float32(1.0 / noise[0]),
+        np.float32(noise[1] * disk[3]),
+        np.float32(4.0 * noise[2]),
+    )
+    _weight_pixels(pixels, n, plain, growth, rim, np.float32(reach / END_BLUR_WIDTHS))
     weight, by_x, by_a = pixels[WEIGHT, :n], pixels[BY_X, :n], pixels[BY_A, :n]
     by_c, by_s = pixels[BY_C, :n], pixels[BY_S, :n]
-    inside = np.pi * inner * inner / (variance * (1.0 + slope * disk[3]))
+    inside = np.pi * inner * inner / (noise[0] * (1.0 + noise[1] * disk[3]))
     out[0] = out[4] = 0.5 * _product(weight, by_x, by_x)
     out[7] = _product(weight, by_a, by_a)
     out[8] = _product(weight, by_a, by_c)
@@ -316,7 +327,7 @@ def unpack_sums(out, normal, gradient):
 
 
 @njit(cache=True, error_model="numpy")
-def sum_pair(model, weight, one, two, s, variance, slope, table, out):
+def sum_pair(model, weight, one, two, s, noise, table, out):
     """The 4 x 4 block of the normal matrix between two disks, from the pixels in the windows of both."""
     out[:] = 0.0
     row1, row2 = interpolate_row(table, one[2], s), interpolate_row(table, two[2], s)
@@ -341,22 +352,24 @@ def sum_pair(model, weight, one, two, s, variance, slope, table, out):
         add_block(second, 0, block, two[0], two[1])
         pad_pixels(second, n)
         n = pad_pixels(first, n)
-        _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, reach, out)
+        _add_pair(first, second, n, one, two, s, row1, row2, noise, reach, out)
         j += block[1]
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _add_pair(first, second, n, one, two, s, row1, row2, variance, slope, reach, out):
+def _add_pair(first, second, n, one, two, s, row1, row2, noise, reach, out):
     """Add weighted products of the derivatives with respect to the parameters of the two disks."""
     evaluate_derivatives(first, n, one[2], one[3], s, row1)
     evaluate_derivatives(second, n, two[2], two[3], s, row2)
-    plain, growth, limit = np.float32(1.0 / variance), np.float32(slope), np.float32(reach / END_BLUR_WIDTHS)
-    level, weight = first[DATA, :n], first[WEIGHT, :n]
+    plain, growth, rim = np.float32(1.0 / noise[0]), np.float32(noise[1]), np.float32(4.0 * noise[2])
+    level, weight, limit = first[DATA, :n], first[WEIGHT, :n], np.float32(reach / END_BLUR_WIDTHS)
     place, other = first[PLACE, :n], second[PLACE, :n]
+    p, q = first[BY_C, :n], second[BY_C, :n]
     full, zero = np.float32(1.0), np.float32(0.0)
     for i in range(n):
         near = full if (place[i] <= limit) & (other[i] <= limit) else zero
-        weight[i] *= near * plain / (full + growth * max(level[i], zero))
+        slants = max(p[i] * (full - p[i]) + q[i] * (full - q[i]), zero)
+        weight[i] *= near * plain / (full + growth * max(level[i], zero) + rim * slants)
     for u in range(4):
         for v in range(4):
             out[u, v] += _product(weight, first[u, :n], second[v, :n])

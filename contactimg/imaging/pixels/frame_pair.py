@@ -13,6 +13,8 @@ from contactimg.tables import Status
 Levels = NDArray[np.float32] | NDArray[np.uint8]
 """Grey levels of an image."""
 SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
+ROUNDING_STD = 12.0**-0.5
+"""Standard deviation of the rounding error of whole numbers (theory)."""
 SAMPLED_ROWS = 200  # rows that the range is measured on
 MESSAGES: dict[str, str] = {
     Status.BLACK: "the frame is black: no light reached the sensor",
@@ -46,6 +48,12 @@ class FramePair:
         Grey levels of the input for one internal level.
     defect : str
         What is wrong with the frame, a key of ``MESSAGES``; empty if nothing is.
+    full_scale : float
+        Level at which the sensor saturates, in units of ``unit``; infinite if it is not known.
+    black : float
+        Level of no light; minus infinity if negative levels show that it is not known.
+    whole_levels : bool
+        Whether the frame has whole grey levels.
     """
 
     frame: Levels
@@ -54,6 +62,23 @@ class FramePair:
     saturated: Mask
     unit: float
     defect: str
+    full_scale: float = float("inf")
+    black: float = 0.0
+    whole_levels: bool = False
+
+    @property
+    def least_noise(self) -> float:
+        """Standard deviation that rounding to whole grey levels makes, in units of ``unit``; 0 for floats."""
+        return ROUNDING_STD / self.unit if self.whole_levels else 0.0
+
+    def largest_contrast(self, level: float, sign: int) -> float:
+        """Largest contrast that the levels can show above (``sign`` 1) or below (-1) a background level.
+
+        A level of 0 stands for a background that had been subtracted before: then there is no limit below.
+        """
+        if sign < 0:
+            return level - self.black if level > 0 else float("inf")
+        return self.full_scale - level if self.full_scale > level else self.full_scale
 
     @property
     def trivial(self) -> bool:
@@ -100,7 +125,9 @@ class FramePair:
         if unit != 1.0:
             frame = np.divide(frame, np.float32(unit), out=frame)
             other = None if other is None else (other / np.float32(unit)).astype(np.float32, copy=False)
-        return cls(frame, other, valid, saturated, unit, defect)
+        whole = image.dtype.kind == "u"
+        black = 0.0 if whole or float(frame.min()) >= 0 else -np.inf
+        return cls(frame, other, valid, saturated, unit, defect, scale / unit, black, whole)
 
 
 def _is_saturated(image: NDArray, frame: NDArray, scale: float) -> bool:

@@ -12,9 +12,14 @@ UNIT_DISK = np.sqrt((np.arange(POINTS) + 0.5) / POINTS) * np.exp(1j * GOLDEN_ANG
 """Points that fill the unit disk evenly, x + iy (Vogel, doi:10.1016/0025-5564(79)90080-4)."""
 
 
-def for_kernel(mask: Mask) -> NDArray[np.uint8]:
-    """The mask as compiled functions take it: an array of another shape than the image masks nothing."""
-    return np.zeros((1, 1), np.uint8) if mask is None else mask
+def for_kernel(mask: Mask, saturated: Mask = None) -> NDArray[np.uint8]:
+    """The mask as compiled functions take it: an array of another shape than the image masks nothing.
+
+    Saturated pixels that are not masked have the value 2.
+    """
+    if saturated is None:
+        return np.zeros((1, 1), np.uint8) if mask is None else mask
+    return 1 + saturated if mask is None else mask * (1 + saturated)
 
 
 def exclude(valid: Mask, marked: Mask) -> Mask:

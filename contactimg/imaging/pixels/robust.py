@@ -11,6 +11,13 @@ MAD_TO_STD = 1.4826
 """Standard deviation of normal deviates over their median absolute deviation: 1/Phi^-1(3/4)."""
 
 
+DECILE_TO_STD = 0.60790
+"""The same over the ninth decile of the absolute deviations: 1/Phi^-1(0.95)."""
+DEGENERATE_RATIO = 6.0
+"""Ratio of the two above which most of the values are equal. By hand: 1 for normal values, 3 among contacts
+that leave no block free of their light, 10 or more where values are clipped."""
+
+
 def quantile(values: NDArray, share: float) -> float:
     """The value below which a fraction ``share`` of the others lie; not interpolated.
 
@@ -45,3 +52,20 @@ def robust_std(values: NDArray, centre: float | None = None) -> float:
     """
     middle = median(values) if centre is None else centre
     return MAD_TO_STD * median(np.abs(values - np.asarray(middle, values.dtype)))
+
+
+def noise_std(values: NDArray) -> float:
+    """`robust_std` of noise, also where a camera or a compression has made most of the values equal.
+
+    Clipped at full scale, half of the pixels of a white background are equal; compressed as JPEG, most of any
+    flat one. The median deviation is then next to 0, and the ninth decile tells.
+
+    Examples
+    --------
+    >>> noise_std(np.array([0.0] * 16 + [-3.3, 3.3, -3.3, 3.3])), noise_std(np.array([-1.0, 0.0, 1.0]))
+    (2.0060790273556233, 1.4826)
+    """
+    middle = median(values)
+    deviation = np.abs(values - np.asarray(middle, values.dtype))
+    usual, tail = MAD_TO_STD * median(deviation), DECILE_TO_STD * quantile(deviation, 0.9)
+    return tail if tail > DEGENERATE_RATIO * usual else usual

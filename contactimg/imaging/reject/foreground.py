@@ -41,6 +41,8 @@ class Foreground:
     refused_contrast : float
         Prior contrast that the frame contradicts; NaN if there is none.
     foreign : ForeignObjects
+    largest_contrast : float
+        That the grey levels can show.
     """
 
     image: NDArray[np.float32]
@@ -52,6 +54,7 @@ class Foreground:
     prior_optics: SharedOptics
     refused_contrast: float
     foreign: ForeignObjects
+    largest_contrast: float = float("inf")
 
     @property
     def remark(self) -> str:
@@ -84,9 +87,11 @@ def find_foreground(
     Foreground
     """
     image = difference.image if sign > 0 else -difference.image
-    noise = estimate_noise(image, difference.illumination.background)
-    coarse = BinnedImage.of(image)
-    measured = Contrast(0.0, resolved=False) if frame_pair.trivial else measure_contrast(coarse, noise)
+    noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
+    coarse, largest = BinnedImage.of(image), frame_pair.largest_contrast(difference.level, sign)
+    measured = Contrast(0.0, resolved=False)
+    if not frame_pair.trivial:
+        measured = measure_contrast(coarse, noise).within(largest)
     contradicted = _contradicts(measured, prior)
     contrast = _select_contrast(measured, SharedOptics() if contradicted or frame_pair.trivial else prior)
     foreign = NO_FOREIGN_OBJECTS
@@ -100,12 +105,12 @@ def find_foreground(
     refused = np.nan
     if contradicted:
         # the brightest objects may have been foreign: measure again without them
-        measured = measure_contrast(BinnedImage.of(image), noise)
+        measured = measure_contrast(BinnedImage.of(image), noise).within(largest)
         if _contradicts(measured, prior):
             refused = prior.contrast
             prior = replace(prior, contrast=np.nan, contrast_std=0.0, correlation=0.0)
         contrast = _select_contrast(measured, prior)
-    return Foreground(image, sign, frame_pair, noise, measured, contrast, prior, refused, foreign)
+    return Foreground(image, sign, frame_pair, noise, measured, contrast, prior, refused, foreign, largest)
 
 
 def _select_contrast(measured: Contrast, prior: SharedOptics) -> Contrast:

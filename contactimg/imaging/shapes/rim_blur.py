@@ -5,6 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.robust import median
+from contactimg.imaging.shapes.components import label_components
 
 MOST_SLOPES = 8000
 """Pixels at half height that are read: their median is good to 1.4 % of the scatter."""
@@ -37,6 +38,18 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
         return DEFAULT_BLUR_PX
     width = plateau / max(median(slopes), 1e-6 * plateau) / np.sqrt(2 * np.pi)
     return float(np.sqrt(max(width**2 - SMOOTHING_VARIANCE_PX2, LEAST_VARIANCE_PX2)))
+
+
+def widest_spot_blur(image: NDArray[np.float32], plateau: float) -> float:
+    """Blur of the median region above half of ``plateau`` if it were a point, pixel included, px.
+
+    Notes
+    -----
+    At half of its height a Gaussian is ``sqrt(2 ln 2)`` times as wide as its standard deviation; a disk makes
+    it wider.
+    """
+    area = label_components(image, 0.5 * plateau)["area"]
+    return float(np.sqrt(median(area) / (2.0 * np.pi * np.log(2.0)))) if len(area) else np.inf
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import blurred_disk, disk_table
 
 SHAPE = (90, 120)
-S, VARIANCE, SLOPE = 1.43, 4.0, 0.004
+S, VARIANCE, SLOPE, RIM = 1.43, 4.0, 0.004, 0.7
 DISKS = {
     "small": (40.3, 31.8, 0.7, 100.0),
     "usual": (60.2, 45.6, 5.3, 90.0),
@@ -49,7 +49,8 @@ def written_out(image, disk, weight):
     """Normal matrix with the blur as fifth parameter, right side, chi-square and count."""
     slopes, r = derivatives(disk)
     usable = (r <= disk[2] + REACH_BLUR_WIDTHS * S) & (weight > 0)
-    w = usable / (VARIANCE * (1 + SLOPE * disk[3] * slopes[3]))
+    rim = RIM * 4 * slopes[3] * (1 - slopes[3])
+    w = usable / (VARIANCE * (1 + SLOPE * disk[3] * slopes[3] + rim))
     residual = np.where(usable, image, 0.0)
     information = np.einsum("uij,ij,vij->uv", slopes, w, slopes)
     rim = usable & (r >= disk[2] - REACH_BLUR_WIDTHS * S)
@@ -60,7 +61,17 @@ def written_out(image, disk, weight):
 def summed(image, model, disk, weight, *, isolated, every=1):
     out = np.zeros(SUMS)
     sum_disk(
-        image, model, weight, np.array(disk), S, VARIANCE, SLOPE, isolated, False, every, disk_table(), out
+        image,
+        model,
+        weight,
+        np.array(disk),
+        S,
+        (VARIANCE, SLOPE, RIM),
+        isolated,
+        False,
+        every,
+        disk_table(),
+        out,
     )
     normal, right = np.zeros((4, 4)), np.zeros(4)
     unpack_sums(out, normal, right)
@@ -104,7 +115,9 @@ def test_a_disk_far_wider_than_its_rim_stays_finite(masked, residual):
     weight = np.ones(SHAPE, np.uint8)
     weight[0, 0] = not masked
     out = np.zeros(SUMS)
-    sum_disk(residual + model, model, weight, disk, s, VARIANCE, 0.0, False, False, 1, disk_table(), out)
+    sum_disk(
+        residual + model, model, weight, disk, s, (VARIANCE, 0.0, RIM), False, False, 1, disk_table(), out
+    )
     assert np.all(np.isfinite(out))
     assert out[9] == pytest.approx(np.count_nonzero(weight) / VARIANCE, rel=1e-5)
     assert out[GRADIENT + 3] == pytest.approx(residual[weight > 0].sum() / VARIANCE, rel=1e-4)
@@ -130,7 +143,7 @@ def test_sums_of_a_pair(one, two, rng):
     both = (r1 <= one[2] + REACH_BLUR_WIDTHS * S) & (r2 <= two[2] + REACH_BLUR_WIDTHS * S) & (weight > 0)
     expected = np.einsum("uij,ij,vij->uv", first[:4], both / VARIANCE, second[:4])
     block = np.full((4, 4), np.nan)
-    sum_pair(model, weight, np.array(one), np.array(two), S, VARIANCE, SLOPE, disk_table(), block)
+    sum_pair(model, weight, np.array(one), np.array(two), S, (VARIANCE, SLOPE, 0.0), disk_table(), block)
     sizes = [np.sqrt(np.diag(written_out(model, disk, weight)[0]))[:4] for disk in (one, two)]
     np.testing.assert_allclose(block / np.outer(*sizes), expected / np.outer(*sizes), atol=3e-3)
 
