@@ -30,6 +30,7 @@ from contactimg.imaging.fit.settings import (
     FEWEST_WIDE_DISKS,
     FILM_BLUR_RATIO,
     FILM_BLUR_STEPS,
+    FULL_CONTRAST_RATIO,
     LEAST_LEVEL_FRACTION,
     LEAST_NOISE_FRACTION,
     LEAST_NOISE_LEVELS,
@@ -137,8 +138,9 @@ def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
     given_blur = foreground.prior_optics.blur_px
     free_blur = not np.isfinite(given_blur)
     blur = estimate_blur(image, contrast) if free_blur else float(np.hypot(given_blur, PIXEL_VARIANCE**0.5))
-    if free_blur and not foreground.contrast.resolved:
-        blur = min(blur, widest_spot_blur(image, contrast))
+    full = contrast > FULL_CONTRAST_RATIO * foreground.largest_contrast
+    if free_blur and full and not foreground.contrast.resolved:
+        blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
     binning = int(blur / BINNED_BLUR_PX) if blur > WIDEST_UNBINNED_BLUR_PX else 1
     problem = FitProblem.of(foreground, difference, binning=binning)
     noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)

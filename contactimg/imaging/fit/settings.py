@@ -136,6 +136,8 @@ DISAGREEMENT_RATIO = 2.0
 """Variance over its expectation above which edges are not those assumed. By hand."""
 FEWEST_SCORES = 10
 """Contacts needed to measure that variance. Theory: 20 deviates give it to a third, sqrt(2/20)."""
+FULL_CONTRAST_RATIO = 0.9
+"""Brightest light over the largest possible contrast from which spots show their contrast. By hand."""
 LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over brightest light, without prior knowledge. By hand."""
 BLUR_GUESS_FRACTION = 0.5
