@@ -1,9 +1,9 @@
 """From contact radii to local forces, contact by contact, and the sums over a frame.
 
 The uncertainty of a sum has three parts: the independent uncertainties of the contacts, which add in
-quadrature; those of contrast and blur, which all contacts of a frame share (``contrast_shift_px`` and
-``blur_shift_px`` state how each radius changes with them) and which add linearly; and those of the modulus
-and of the pixel size, which are common to everything.
+quadrature; those of contrast, blur and edges, which all contacts of a frame share (``contrast_shift_px``,
+``blur_shift_px`` and ``edge_shift_px`` state how each radius changes with them) and which add linearly; and
+those of the modulus and of the pixel size, which are common to everything.
 """
 
 from dataclasses import dataclass
@@ -25,6 +25,10 @@ HERTZ_EXPONENT = 3.0
 
 ADHESION_EXPONENT = 1.5
 """Theory: adhesion takes sqrt(8 pi w E* a^3) ~ a^(3/2) from the force (JKR)."""
+
+
+SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
+"""Columns of the errors that all contacts of a frame share."""
 
 
 @dataclass(frozen=True)
@@ -230,8 +234,8 @@ def _relative_radius_std(contacts: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
-    """Relative change of the radii with the two errors that a frame's contacts share; 0 where not stated."""
-    columns = [name for name in ("contrast_shift_px", "blur_shift_px") if name in contacts]
+    """Relative change of the radii with the errors that a frame's contacts share; 0 where not stated."""
+    columns = [name for name in SHARED_SHIFTS if name in contacts]
     shift = contacts[columns].to_numpy(float) / contacts[["radius_px"] * len(columns)].to_numpy(float)
     return np.nan_to_num(shift, nan=0.0)
 

@@ -1,7 +1,7 @@
 """Measure the contacts of one frame.
 
 The steps: check the input, pair frame and reference, subtract the background, find the foreground, measure
-its contacts by one of the two methods, judge the frame, tabulate.
+its contacts by one of the two methods, look at them once more, judge the frame, tabulate.
 """
 
 from collections.abc import Collection
@@ -20,6 +20,7 @@ from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.fit.method import measure_by_fit
+from contactimg.imaging.judge.review import review
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
@@ -51,7 +52,8 @@ class ImageMeasurement:
     ----------
     disks : DataFrame
         One row an asserted contact: label, x_px, y_px, radius_px, radius_std_px, flags
-        (`contactimg.tables.Flag`), contrast_shift_px, blur_shift_px (`contactimg.tables.CONTACTS`).
+        (`contactimg.tables.Flag`), contrast_shift_px, blur_shift_px, edge_shift_px
+        (`contactimg.tables.CONTACTS`).
     rejected : DataFrame
         Candidates that are no contact: x_px, y_px, radius_px, reason (`contactimg.tables.Reason`).
     contrast : float
@@ -191,9 +193,10 @@ def measure_image(
         detections = measure_by_count(foreground, difference, fraction=fraction)
     else:
         detections = measure_by_fit(foreground, difference, film=film)
-    verdict = judge(foreground, difference, detections)
+    seen = review(foreground, difference, detections)
+    verdict = judge(foreground, difference, seen)
     used_fraction = fraction if method == "threshold" else float("nan")
-    return _tabulate(foreground, difference, detections, verdict, used_fraction)
+    return _tabulate(foreground, difference, seen.detections, verdict, used_fraction)
 
 
 def _tabulate(

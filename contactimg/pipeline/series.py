@@ -165,7 +165,8 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     contacts = part.contacts
     slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
     shifts = contacts[["contrast_shift_px", "blur_shift_px"]].to_numpy(float)
-    alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)
+    shared = np.sum(shifts**2, axis=1) + contacts["edge_shift_px"].to_numpy(float) ** 2
+    alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - shared, 0.0)
     gain = gain_of_pooling(slope @ shifts, float(np.sqrt(slope**2 @ alone)), own, pooled)
     return gain > POOLING_GAIN
 

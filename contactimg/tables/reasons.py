@@ -22,5 +22,10 @@ class Reason(enum.StrEnum):
     """Too little of its area is visible to call it a disk."""
     NO_RIM = "no rim: the brightness hardly falls across its edge"
     """A wide disk without an edge: uneven illumination."""
+    INVISIBLE = "not seen: hardly brighter inside than around it"
+    """The mean inside exceeds the median of its surroundings by less than 1.5 times their scatter (for dark
+    contacts: falls short of it)."""
+    SCRATCH = "piece of a scratch"
+    """One of a chain of small disks between which the image does not fall: a line or an arc."""
     UNNECESSARY = "not needed to explain the pixels"
     """The fit describes the pixels as well without it."""

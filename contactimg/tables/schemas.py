@@ -110,6 +110,10 @@ CONTACTS = Schema(
             "float64",
             "change of radius_px, px, if the blur is one standard uncertainty wider at the same contrast",
         ),
+        "edge_shift_px": (
+            "float64",
+            "change of radius_px, px, by one standard uncertainty of the edges that all contacts share",
+        ),
         "force_hertz_N": (
             "float64",
             "local force by Hertz's formula, K a^3/R, whatever law force_N follows, N",

@@ -38,6 +38,25 @@ class Status(enum.StrEnum):
     """The frame is identical to its reference, so no contact can show."""
     BAD_REFERENCE = "reference without light"
     """The reference is black or at full scale everywhere; the background was estimated from the frame."""
+    POOR_FIT = "poor fit"
+    """More than a fifth of the contacts are not the disks that were fitted: their pixels differ by more than
+    the noise allows."""
+    DISAGREES = "areas disagree"
+    """The areas of many contacts, or of all together, differ from those measured without a model of the edge,
+    by more than the errors. The uncertainties cover both."""
+    FALSE_CANDIDATES = "false candidates"
+    """Much of what was measured proved to be no contact that can be seen, or a piece of a scratch; others may
+    be left among the contacts."""
+    UNRESOLVED = "unresolved"
+    """Part of the light belongs to no contact that was found: groups of contacts were not resolved, or
+    something that is no contact stands out."""
+    WRONG_REFERENCE = "wrong reference"
+    """The reference does not belong to the frame: it is brighter in patches (contacts, another place), or
+    parts of it are at full scale."""
+    LIGHT_NOT_FOLLOWED = "light not followed"
+    """The background is uneven by more than noise after all corrections: changes of the light are left."""
+    LITTLE_BACKGROUND = "little background"
+    """Next to no background was found that the light could be followed on, although contacts leave room."""
 
 
 FAILED = Status.FAILED

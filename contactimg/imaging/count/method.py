@@ -107,7 +107,11 @@ def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fra
     contacts = {name: values[~dust] for name, values in contacts.items()}
     shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / slope)
     contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], shift[:, None])
-    contacts |= {"contrast_shift_px": shift, "blur_shift_px": np.zeros(len(shift))}
+    contacts |= {
+        "contrast_shift_px": shift,
+        "blur_shift_px": np.zeros(len(shift)),
+        "edge_shift_px": np.zeros(len(shift)),
+    }
     measured = foreground.measured_contrast
     return Detections(
         contacts,

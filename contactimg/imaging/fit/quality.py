@@ -108,6 +108,7 @@ def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:
         "radius_std_px": combine_errors(std, shifts) * binning,
         "contrast_shift_px": shifts[:, 0] * binning,
         "blur_shift_px": shifts[:, 1] * binning,
+        "edge_shift_px": np.zeros(len(disks)),
         "flags": _flags(result, gap, light),
     }
     finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)

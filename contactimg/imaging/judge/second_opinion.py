@@ -21,22 +21,19 @@ from contactimg.imaging.kernels.contact_light import (
     COLUMNS,
     CORE_LIGHT,
     CORE_SEEN,
-    INSIDE_LIGHT,
-    INSIDE_SEEN,
     LIGHT,
     MISSING,
     RING_LIGHT,
-    RING_MEDIAN,
-    RING_SCATTER,
     RING_SEEN,
     SEEN,
     area_above,
+    stand_out,
     sum_light,
 )
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask, for_kernel
-from contactimg.imaging.pixels.robust import MAD_TO_STD, robust_std
+from contactimg.imaging.pixels.robust import robust_std
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -165,9 +162,6 @@ class SecondOpinion:
         Used for each contact: its own, weighted against the mean of all.
     common_contrast, common_contrast_std : float, grey levels
         Of the contacts with a core; NaN for fewer than three.
-    prominence : ndarray, shape (n,)
-        Mean inside the contact minus the median of its surroundings, in units of their scatter (robust
-        standard deviation); NaN where no surroundings are seen.
     """
 
     light_area: Values
@@ -178,7 +172,6 @@ class SecondOpinion:
     contrast_std: Values
     common_contrast: float
     common_contrast_std: float
-    prominence: Values
 
 
 @stage("second opinion")
@@ -234,12 +227,38 @@ def measure_again(scenery: Scenery, disks: Values, *, blur_px: float) -> SecondO
     rim = 2.0 * np.pi * disks[:, 2]
     noise = scenery.noise.variance_of_mean(2.0 * blur * rim) * scenery.gain(0.5 * contrast.value) ** 2
     half_std = _half_area_std(rim, contrast, background, blur, noise)
-    scatter = MAD_TO_STD * sums[:, RING_SCATTER]
-    inside, _ = _mean_and_variance(sums[:, INSIDE_LIGHT], sums[:, INSIDE_SEEN], scenery.noise)
     return SecondOpinion(
         light, light_std, half, half_std, contrast.value, contrast.std, contrast.common, contrast.common_std,
-        prominence=(inside - sums[:, RING_MEDIAN]) / np.maximum(scatter, 1e-9),
     )  # fmt: skip
+
+
+def measure_rise(
+    image: NDArray[np.float32], valid: Mask, disks: Values, *, blur_px: float
+) -> tuple[Values, Values]:
+    """How far each contact stands out of its surroundings, and what these scatter.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, contacts positive, 0 at holes.
+    valid : Mask
+        0 at holes.
+    disks : ndarray, shape (n, >= 3)
+        x, y, radius (px).
+    blur_px : float
+        Standard deviation of the blurred edge.
+
+    Returns
+    -------
+    rise, scatter : ndarray, shape (n,), grey levels
+        Mean inside the contact minus the median of its surroundings, and their robust standard deviation; NaN
+        where no surroundings are seen.
+    """
+    blur = max(blur_px, LEAST_BLUR_PX)
+    near, far = SURROUNDINGS_BLUR_WIDTHS * blur, REGION_BLUR_WIDTHS * blur + RING_PX
+    places = np.ascontiguousarray(disks[:, :3], float)
+    rise, scatter = stand_out(image, for_kernel(valid), places, near, far).T
+    return rise, scatter
 
 
 def _sum_pixels(scenery: Scenery, disks: Values, blur: float) -> Values:
@@ -247,7 +266,7 @@ def _sum_pixels(scenery: Scenery, disks: Values, blur: float) -> Values:
     core = np.maximum(disks[:, 2] - CORE_BLUR_WIDTHS * blur, 0.0)
     core[core < LEAST_CORE_BLUR_WIDTHS * blur] = 0.0
     region = REGION_BLUR_WIDTHS * blur
-    limits = np.array([SURROUNDINGS_BLUR_WIDTHS * blur, region, region + RING_PX])
+    limits = np.array([region, region + RING_PX])
     sums = np.zeros((len(disks), COLUMNS))
     sum_light(scenery.image, for_kernel(scenery.valid), disks, core, limits, sums)
     return sums

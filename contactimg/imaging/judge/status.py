@@ -6,6 +6,7 @@ import numpy as np
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import measure_contrast
+from contactimg.imaging.judge.review import Review
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.reject.detections import Detections
 from contactimg.imaging.reject.foreground import Foreground
@@ -19,10 +20,28 @@ LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. Chosen by
 hand; sensitivity not measured."""
 
-POOR_FIT_FRACTION = 1 / 3
-"""Fraction of poor fits above which the frame is remarked on, and ..."""
+POOR_FIT_FRACTION = 0.2
+"""Fraction of poor fits above which the disks do not describe the frame. Chosen."""
 POOR_FIT_LEAST_CONTACTS = 3
-"""... the least number of contacts for that. Both chosen by hand; they only decide on a remark."""
+"""Least number of contacts for that. Chosen: one odd contact of two says nothing about a frame."""
+FALSE_FRACTION, FALSE_LEAST = 0.05, 3
+"""Fraction of what was measured and number of candidates that prove to be no contact, above which others may
+be among the contacts. Chosen: frames as assumed have none."""
+UNEXPLAINED_FRACTION = 0.05
+"""Share of the bright pixels that belong to nothing, above which contacts are missing. Chosen: frames as
+assumed have 1e-3 at most."""
+LARGEST_DARK_SHARE = 0.004
+"""Share of dark blocks above which the reference is that of another place. Chosen: 0 on frames as assumed,
+0.013 with fifteen contacts in the reference."""
+LARGEST_UNEVENNESS = 0.02
+"""Unevenness of the background over the contrast above which the light was not followed. Chosen: it moves the
+radius of a contact of two blur widths by 1 %; 0.007 at most on frames as assumed."""
+LEAST_FOUND_SHARE = 0.85
+"""Share of the free background on which the light was followed, at least. Chosen: 0.97 at least on frames as
+assumed, 0.71 and less where a change of the light was not followed."""
+LEAST_FREE_SHARE = 0.02
+"""Share of the frame that contacts must leave free for a statement on the background. Chosen: 600 blocks of
+1600 x 1200 pixels."""
 
 
 @dataclass(frozen=True)
@@ -44,34 +63,82 @@ class Verdict:
     measurable: bool
 
 
-def judge(foreground: Foreground, difference: DifferenceImage, detections: Detections) -> Verdict:
+def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> Verdict:
     """Status, remarks and measurability of a frame."""
-    frame_pair = foreground.frame_pair
+    frame_pair, detections = foreground.frame_pair, seen.detections
     if frame_pair.trivial:
         # a frame equal to its reference does show that there is no contact; the others show nothing
         return Verdict(
             frame_pair.defect, frame_pair.message, measurable=frame_pair.defect == Status.IDENTICAL
         )
-    count, status = len(detections.contacts["x_px"]), frame_pair.defect
-    remarks = [frame_pair.message, difference.remark]
-    if frame_pair.reference is None and not frame_pair.defect:
-        remarks.append("no reference: the background was estimated from the frame")
+    count = len(detections.contacts["x_px"])
     ratio = float(difference.illumination.coefficients[0, 0])
-    light_changed = difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE
+    light_changed = bool(difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE)
+    defects: list[tuple[str, str]] = [(frame_pair.defect, frame_pair.message)]
     if light_changed:
-        status = status or Status.LIGHT_CHANGED
         contacts = "contacts fill" if count else "one contact fills"
-        remarks.append(
-            f"the background is {ratio:.2g} times the reference: the light changed or {contacts} the frame"
-        )
+        text = f"the background is {ratio:.2g} times the reference: the light changed or {contacts} the frame"
+        defects.append((Status.LIGHT_CHANGED, text))
     elif not count:
-        status = status or Status.NO_CONTACT
-        remarks.append(_explain_no_contact(foreground))
+        defects.append((Status.NO_CONTACT, _explain_no_contact(foreground)))
     elif difference.registration_failed:
-        status = status or Status.NOT_REGISTERED
-    remarks += [foreground.remark, _remark_poor_fits(detections), _remark_contrast(foreground, detections)]
-    message = "; ".join(remark for remark in remarks if remark)
-    return Verdict(status or Status.OK, message, measurable=bool(count or not light_changed))
+        defects.append((Status.NOT_REGISTERED, ""))
+    defects += _background_defects(difference, seen) + _contact_defects(seen)
+    remarks = [difference.remark, foreground.remark, _remark_contrast(foreground, detections)]
+    if frame_pair.reference is None and not frame_pair.defect:
+        remarks.insert(0, "no reference: the background was estimated from the frame")
+    message = "; ".join(text for text in [*(text for _, text in defects), *remarks] if text)
+    status = next((status for status, _ in defects if status), Status.OK)
+    return Verdict(status, message, measurable=bool(count or not light_changed))
+
+
+def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple[str, str]]:
+    """What is wrong with the background: statuses with their sentences, gravest first."""
+    left, defects = seen.background, list[tuple[str, str]]()
+    if left.free_share < LEAST_FREE_SHARE:
+        return []
+    if difference.ratio and left.dark_share > LARGEST_DARK_SHARE:
+        text = (
+            f"{100 * left.dark_share:.2g} % of the background stand out of the reference the wrong way, by a "
+            "fifth of the contrast and more: does the reference show contacts, or another place?"
+        )
+        defects.append((Status.WRONG_REFERENCE, text))
+    if left.found_share < LEAST_FOUND_SHARE:
+        text = (
+            f"the light was followed on {100 * left.found_share:.0f} % only of the background that contacts "
+            "leave free: it changed in a way that was not followed"
+        )
+        defects.append((Status.LITTLE_BACKGROUND, text))
+    if left.uneven > LARGEST_UNEVENNESS:
+        text = f"the background is uneven by {100 * left.uneven:.2g} % of the contrast after all corrections"
+        defects.append((Status.LIGHT_NOT_FOLLOWED, text))
+    return defects
+
+
+def _contact_defects(seen: Review) -> list[tuple[str, str]]:
+    """What is wrong with the contacts: statuses with their sentences, gravest first."""
+    defects: list[tuple[str, str]] = []
+    false = seen.invisible + seen.scratched
+    flags = np.asarray(seen.detections.contacts["flags"], np.int64)
+    if false >= FALSE_LEAST and false > FALSE_FRACTION * (flags.size + false):
+        text = (
+            f"{false} of {flags.size + false} candidates proved to be no contacts ({seen.invisible} do not "
+            f"stand out of their surroundings, {seen.scratched} are pieces of scratches); others may be left"
+        )
+        defects.append((Status.FALSE_CANDIDATES, text))
+    if seen.unexplained > UNEXPLAINED_FRACTION:
+        text = (
+            f"{100 * seen.unexplained:.2g} % of the pixels that stand out belong to no contact that was found"
+        )
+        defects.append((Status.UNRESOLVED, text))
+    poor = int(np.count_nonzero(flags & int(Flag.POOR_FIT)))
+    if flags.size >= POOR_FIT_LEAST_CONTACTS and poor > POOR_FIT_FRACTION * flags.size:
+        blur = seen.detections.optics.blur_px
+        text = f"{poor} of {flags.size} contacts do not look like disks behind a blur of {blur:.2g} px"
+        defects.append((Status.POOR_FIT, text))
+    if seen.agreement is not None and (text := seen.agreement.remark(seen.detections.contacts["radius_px"])):
+        defects.append((Status.DISAGREES, text))
+    return defects
 
 
 def _explain_no_contact(foreground: Foreground) -> str:
@@ -85,16 +152,6 @@ def _explain_no_contact(foreground: Foreground) -> str:
     return (
         f"nothing {expected} than the background stands out, but something {opposite}: is the polarity right?"
     )
-
-
-def _remark_poor_fits(detections: Detections) -> str:
-    """Remark if many contacts are not disks."""
-    flags = np.asarray(detections.contacts["flags"], np.int64)
-    poor = np.count_nonzero(flags & int(Flag.POOR_FIT))
-    if flags.size < POOR_FIT_LEAST_CONTACTS or poor <= POOR_FIT_FRACTION * flags.size:
-        return ""
-    blur = detections.optics.blur_px
-    return f"{poor} of {flags.size} contacts do not look like disks behind a blur of {blur:.2g} px"
 
 
 def _remark_contrast(foreground: Foreground, detections: Detections) -> str:

@@ -12,17 +12,19 @@ from contactimg.imaging.kernels.pairs import find_pairs, list_neighbours
 DIRECTIONS, DISTANCES = 24, 3
 """The surroundings are sampled in so many directions and at so many distances from the rim: their scatter is
 then known to a tenth (theory: 72 pixels)."""
+QUARTILES_TO_STD = 0.7413
+"""Standard deviation of normal deviates over the distance of their quartiles. Theory."""
+FEWEST_AROUND = 8
+"""Pixels of them that must be seen: they give the scatter to a third."""
 ANGLES = 2.0 * np.pi * (np.arange(DIRECTIONS) + 0.25) / DIRECTIONS
 COSINES, SINES = np.cos(ANGLES), np.sin(ANGLES)
 
 LEAST_INSIDE_PX = 0.75
 """Smallest radius of the inside of a contact: a pixel centre lies in such a circle anywhere."""
-SEEN, MISSING, LIGHT, CORE_SEEN, CORE_LIGHT, RING_SEEN, RING_LIGHT, INSIDE_SEEN, INSIDE_LIGHT = range(9)
+SEEN, MISSING, LIGHT, CORE_SEEN, CORE_LIGHT, RING_SEEN, RING_LIGHT = range(7)
 """Columns of `sum_light`: pixels of the region that are seen and that are not, their light; pixels of the
-core, the ring and the inside of the contact that are seen, with their light."""
-RING_MEDIAN, RING_SCATTER = 9, 10
-"""Median of the surroundings, and half the distance of their quartiles; NaN where none are seen."""
-COLUMNS = 11
+core and of the ring that are seen, with their light."""
+COLUMNS = 7
 
 
 @njit(cache=True)
@@ -39,29 +41,25 @@ def sum_light(image, valid, disks, core_px, limits_px, out):
         x, y, radius, px.
     core_px : ndarray, shape (n,)
         Radius of each core; 0 for none.
-    limits_px : ndarray, shape (3,)
-        Distance from the rim at which the surroundings, the ring and the space beyond it begin.
+    limits_px : ndarray, shape (2,)
+        Distance from the rim at which the ring and the space beyond it begin.
     out : ndarray of zeros, shape (n, COLUMNS)
     """
-    start, link = list_neighbours(len(disks), find_pairs(disks, limits_px[2]))
+    start, link = list_neighbours(len(disks), find_pairs(disks, limits_px[1]))
     for i in range(len(disks)):
         neighbours = disks[link[start[i] : start[i + 1], 2]]
         _sum_contact(image, valid, disks[i], neighbours, core_px[i], limits_px, out[i])
-        _sample_surroundings(image, valid, disks[i], neighbours, limits_px, out[i])
 
 
 @njit(cache=True)
 def _sum_contact(image, valid, disk, neighbours, core, limits, out):
     """Pixels and light of one contact, row by row: whole runs where no neighbour can be nearer."""
     x, y, a = disk
-    region, far = a + limits[1], a + limits[2]
+    region, far = a + limits[0], a + limits[1]
     inner = min(region, a + _free_distance(disk, neighbours))
     for row in range(int(np.ceil(y - far)), int(np.floor(y + far)) + 1):
         square = (row - y) ** 2
         _add_run(image, valid, row, x, core * core - square, out[CORE_SEEN : CORE_LIGHT + 1])
-        _add_run(
-            image, valid, row, x, max(a, LEAST_INSIDE_PX) ** 2 - square, out[INSIDE_SEEN : INSIDE_LIGHT + 1]
-        )
         seen = out[SEEN]
         wanted = _add_run(image, valid, row, x, inner * inner - square, out[SEEN : LIGHT + 1 : LIGHT])
         out[MISSING] += wanted - (out[SEEN] - seen)
@@ -70,8 +68,8 @@ def _sum_contact(image, valid, disk, neighbours, core, limits, out):
         left, right = int(np.ceil(x - outer)), int(np.floor(x + outer))
         resume = int(np.floor(x + inside)) + 1 if inside >= 0.0 else left
         stop = int(np.ceil(x - inside)) - 1 if inside >= 0.0 else left - 1
-        _add_pixels(image, valid, (row, left, stop), disk, neighbours, limits[1], out)
-        _add_pixels(image, valid, (row, max(resume, stop + 1), right), disk, neighbours, limits[1], out)
+        _add_pixels(image, valid, (row, left, stop), disk, neighbours, limits[0], out)
+        _add_pixels(image, valid, (row, max(resume, stop + 1), right), disk, neighbours, limits[0], out)
 
 
 @njit(cache=True, forceinline=True)
@@ -144,26 +142,46 @@ def _free_distance(disk, neighbours):
 
 
 @njit(cache=True)
-def _sample_surroundings(image, valid, disk, neighbours, limits, out):
-    """Median and scatter of pixels around one contact that lie in the surroundings of no other."""
+def stand_out(image, valid, disks, near_px, far_px):
+    """Mean inside each contact minus the median of its surroundings, and their robust scatter: shape (n, 2).
+
+    The surroundings lie between two distances from the rim, in those of no other contact. NaN where either is
+    not seen. Parameters as for `sum_light`.
+    """
+    out = np.full((len(disks), 2), np.nan)
+    start, link = list_neighbours(len(disks), find_pairs(disks, far_px))
+    sums = np.zeros(2)
+    for i in range(len(disks)):
+        x, y, a = disks[i]
+        sums[:] = 0.0
+        a = max(a, LEAST_INSIDE_PX)
+        for row in range(int(np.ceil(y - a)), int(np.floor(y + a)) + 1):
+            _add_run(image, valid, row, x, a * a - (row - y) ** 2, sums)
+        neighbours = disks[link[start[i] : start[i + 1], 2]]
+        around = _sample_surroundings(image, valid, disks[i], neighbours, (near_px, far_px))
+        count = len(around)
+        if count >= FEWEST_AROUND and sums[0] > 0:
+            out[i, 0] = sums[1] / sums[0] - around[count // 2]
+            out[i, 1] = QUARTILES_TO_STD * (around[(3 * count) // 4] - around[count // 4])
+    return out
+
+
+@njit(cache=True)
+def _sample_surroundings(image, valid, disk, neighbours, limits):
+    """Pixels around one contact that lie in the surroundings of no other, sorted."""
     sample = np.empty(DIRECTIONS * DISTANCES, np.float32)
     count = 0
     for k in range(DIRECTIONS):
         for j in range(DISTANCES):
-            r = disk[2] + limits[0] + (limits[2] - limits[0]) * j / (DISTANCES - 1.0)
+            r = disk[2] + limits[0] + (limits[1] - limits[0]) * j / (DISTANCES - 1.0)
             column = int(np.floor(disk[0] + r * COSINES[k] + 0.5))
             row = int(np.floor(disk[1] + r * SINES[k] + 0.5))
-            if (
-                _is_seen(valid, row, column, image.shape)
-                and _nearest_rim(neighbours, column, row) >= limits[0]
-            ):
+            if not _is_seen(valid, row, column, image.shape):
+                continue
+            if _nearest_rim(neighbours, column, row) >= limits[0]:
                 sample[count] = image[row, column]
                 count += 1
-    out[RING_MEDIAN] = out[RING_SCATTER] = np.nan
-    if count:
-        sample = np.sort(sample[:count])
-        out[RING_MEDIAN] = sample[count // 2]
-        out[RING_SCATTER] = 0.5 * (sample[(3 * count) // 4] - sample[count // 4])
+    return np.sort(sample[:count])
 
 
 @njit(cache=True)

@@ -19,6 +19,7 @@ CONTACT_COLUMNS = {
     "flags": "int64",
     "contrast_shift_px": "float64",
     "blur_shift_px": "float64",
+    "edge_shift_px": "float64",
 }
 """Columns of the contacts, with their types."""
 

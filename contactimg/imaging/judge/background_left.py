@@ -1,0 +1,104 @@
+"""What is left of the background where no contact was found: unevenness, dark patches, or no background."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.pixels.blocks import BLOCK, block_means
+from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import robust_std
+
+DARK_FRACTION = 0.2
+"""Depth of a dark patch, of the contrast, at least. Chosen: dust of 3 px leaves less in a block of 8 px."""
+BLOCK_SIGMA = 6.0
+"""Depth of a dark patch, in standard deviations of block means. False-alarm rate 1e-9 a block."""
+COARSE = 4
+"""Blocks of 8 px in one side of the patches over which unevenness is measured."""
+FEWEST_PATCHES = 6
+"""Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
+
+
+@dataclass(frozen=True)
+class BackgroundLeft:
+    """What is left of the background after all corrections, where no contact was found.
+
+    Parameters
+    ----------
+    uneven : float
+        Scatter of its means over patches of 32 px in excess of the noise, over the contrast.
+    dark_share : float
+        Share of the free blocks that are darker than the background by a fifth of the contrast.
+    free_share : float
+        Share of the frame that contacts leave free.
+    found_share : float
+        Share of that on which the light was followed.
+    """
+
+    uneven: float = 0.0
+    dark_share: float = 0.0
+    free_share: float = 1.0
+    found_share: float = 1.0
+
+
+def inspect_background(
+    image: NDArray[np.float32],
+    valid: Mask,
+    background: NDArray[np.bool_],
+    disks: NDArray[np.float64],
+    *,
+    reach_px: float,
+    contrast: float,
+) -> BackgroundLeft:
+    """Inspect the background of a difference image.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Contacts positive.
+    valid : Mask
+    background : ndarray of bool
+        Blocks on which the light was followed.
+    disks : ndarray, shape (n, 3)
+        x, y, radius (px) of contacts and rejected objects.
+    reach_px : float
+        Distance from their rims up to which they reach.
+    contrast : float
+        Grey levels.
+    """
+    means = block_means(image, valid)
+    free = np.isfinite(means).astype(np.uint8)
+    if valid is not None:
+        free &= (block_means(valid.astype(np.float32)) == 1.0).astype(np.uint8)
+    seen = max(int(np.count_nonzero(free)), 1)
+    for x, y, radius in disks:
+        centre = (round((x + 0.5) / BLOCK - 0.5), round((y + 0.5) / BLOCK - 0.5))
+        cv2.circle(free, centre, int(np.ceil((radius + reach_px) / BLOCK)), 0, cv2.FILLED)
+    left = means[free > 0]
+    if not left.size or not contrast > 0:
+        return BackgroundLeft(free_share=left.size / seen)
+    noise = robust_std(left)
+    dark = left < -max(DARK_FRACTION * contrast, BLOCK_SIGMA * noise)
+    found = np.count_nonzero(background & (free > 0)) / left.size if background.shape == free.shape else 1.0
+    return BackgroundLeft(
+        uneven=_unevenness(means, free, noise) / contrast,
+        dark_share=float(np.mean(dark)),
+        free_share=left.size / seen,
+        found_share=found,
+    )
+
+
+def _unevenness(means: NDArray[np.float32], free: NDArray[np.uint8], noise: float) -> float:
+    """Scatter of the means over patches in excess of what blocks of this scatter explain, grey levels."""
+    rows, columns = (size // COARSE * COARSE for size in means.shape)
+    shape = (rows // COARSE, COARSE, columns // COARSE, COARSE)
+    weight = free[:rows, :columns].reshape(shape).sum(axis=(1, 3), dtype=float)
+    filled = np.where(free > 0, means, np.float32(0.0))[:rows, :columns]
+    total = filled.reshape(shape).sum(axis=(1, 3), dtype=float)
+    used = weight >= COARSE
+    if np.count_nonzero(used) < FEWEST_PATCHES:
+        return 0.0
+    patches = total[used] / weight[used]
+    expected = noise**2 * float(np.mean(1.0 / weight[used]))
+    return float(np.sqrt(max(np.var(patches) - expected, 0.0)))

@@ -1,0 +1,183 @@
+"""A second look at the detections of either method: reject what is not seen, flag what disagrees."""
+
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.fit.quality import FittedDetections
+from contactimg.imaging.judge.agreement import Agreement, compare
+from contactimg.imaging.judge.background_left import BackgroundLeft, inspect_background
+from contactimg.imaging.judge.second_opinion import (
+    REGION_BLUR_WIDTHS,
+    Scenery,
+    measure_again,
+    measure_rise,
+)
+from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.optics import combine_errors
+from contactimg.imaging.reject.detections import PLACE, Columns, Detections
+from contactimg.imaging.reject.foreground import Foreground
+from contactimg.imaging.reject.scratches import find_scratches
+from contactimg.tables import Flag, Reason
+from contactimg.timings import stage
+
+LEAST_PROMINENCE = 1.5
+"""Mean inside over the median of the surroundings, in units of their scatter, of a contact that is seen.
+Chosen: 1.7 is the least on frames with 14 levels of contrast and noise of 2, where contacts are just
+detected."""
+CLEAR_RISE_FRACTION, CLEAR_RISE_PROMINENCE = 0.5, 0.5
+"""A contact that rises by this fraction of the contrast need exceed the scatter of its surroundings less:
+neighbours, cut contacts and rests of uneven light scatter more than noise. Chosen on touching beads."""
+USUAL_BLUR_PX = 1.4
+"""Blur assumed where none was determined: that of the paper's frames."""
+BRIGHT_FRACTION = 0.5
+"""Of the contrast, above which a pixel must belong to a contact. As for the threshold."""
+BRIGHT_SIGMA = 5.0
+"""Standard deviations of the noise that it must exceed as well. False-alarm rate 3e-7 a pixel."""
+SAMPLE_STEP = 4
+"""Pixels between those that are looked at, each way; affects the time alone."""
+RIM_BLUR_WIDTHS = 2.0
+"""Distance from the rim up to which a contact explains light. Theory: 2 % of the edge's height is left."""
+
+
+@dataclass(frozen=True, eq=False)
+class Review:
+    """What a second look found.
+
+    Parameters
+    ----------
+    detections : Detections
+        With what is not seen among the rejected, flags of disagreement, and uncertainties that cover it.
+    agreement : Agreement or None
+        Between fit and second opinion; None for the method "threshold" and without contacts.
+    invisible, scratched : int
+        Contacts rejected because they are not seen, or as pieces of scratches.
+    unexplained : float
+        Share of the bright pixels that belong to no contact and no rejected object.
+    background : BackgroundLeft
+    """
+
+    detections: Detections
+    agreement: Agreement | None = None
+    invisible: int = 0
+    scratched: int = 0
+    unexplained: float = 0.0
+    background: BackgroundLeft = field(default_factory=BackgroundLeft)
+
+
+@stage("second look")
+def review(foreground: Foreground, difference: DifferenceImage, detections: Detections) -> Review:
+    """Look at the pixels of the detections once more."""
+    places = _places(detections)
+    if not len(places):
+        left = _inspect(foreground, difference, detections)
+        return Review(detections, unexplained=_unexplained(foreground, detections), background=left)
+    blur = _edge_blur(detections)
+    unseen = _is_unseen(foreground, places, blur)
+    scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen
+    reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
+    detections = _without(detections, unseen | scratch, reasons)
+    agreement = None
+    if isinstance(detections, FittedDetections) and len(_places(detections)):
+        agreement = _compare(foreground, difference, detections, blur)
+        detections = _with_disagreement(detections, agreement)
+    return Review(
+        detections,
+        agreement,
+        int(np.count_nonzero(unseen)),
+        int(np.count_nonzero(scratch)),
+        _unexplained(foreground, detections),
+        _inspect(foreground, difference, detections),
+    )
+
+
+def _inspect(foreground: Foreground, difference: DifferenceImage, detections: Detections) -> BackgroundLeft:
+    """The background that contacts and rejected objects leave free."""
+    rejected = np.column_stack([np.asarray(detections.rejected[name], float) for name in PLACE])
+    return inspect_background(
+        foreground.image,
+        foreground.frame_pair.valid,
+        difference.illumination.background,
+        np.vstack([_places(detections), rejected]),
+        reach_px=REGION_BLUR_WIDTHS * _edge_blur(detections),
+        contrast=foreground.contrast.plateau,
+    )
+
+
+def _is_unseen(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np.bool_]:
+    """Which contacts do not stand out of their surroundings."""
+    rise, scatter = measure_rise(foreground.image, foreground.frame_pair.valid, places, blur_px=blur)
+    high = rise > CLEAR_RISE_FRACTION * foreground.contrast.plateau
+    least = np.where(high, CLEAR_RISE_PROMINENCE, LEAST_PROMINENCE)
+    return np.asarray((rise <= 0.0) | (rise < least * scatter))
+
+
+def _places(detections: Detections) -> NDArray[np.float64]:
+    """x, y, radius of the contacts, px."""
+    return np.column_stack([np.asarray(detections.contacts[name], float) for name in PLACE])
+
+
+def _edge_blur(detections: Detections) -> float:
+    """Standard deviation of the blurred edge, pixel included."""
+    blur = detections.optics.blur_px
+    return float(np.hypot(blur if np.isfinite(blur) else USUAL_BLUR_PX, PIXEL_VARIANCE**0.5))
+
+
+def _without(detections: Detections, bad: NDArray[np.bool_], reasons: NDArray) -> Detections:
+    """The detections with some contacts among the rejected."""
+    if not bad.any():
+        return detections
+    rejected: Columns = {
+        name: np.append(detections.rejected[name], detections.contacts[name][bad]) for name in PLACE
+    }
+    rejected["reason"] = np.append(detections.rejected["reason"].astype(object), reasons[bad])
+    contacts = {name: values[~bad] for name, values in detections.contacts.items()}
+    if isinstance(detections, FittedDetections):
+        return replace(detections, contacts=contacts, rejected=rejected, rows=detections.rows[~bad])
+    return replace(detections, contacts=contacts, rejected=rejected)
+
+
+def _compare(
+    foreground: Foreground, difference: DifferenceImage, detections: FittedDetections, blur: float
+) -> Agreement:
+    """Second opinion and fit, on the image that was fitted: without halo and remaining illumination."""
+    image, fit = foreground.image, detections.frame_fit
+    if fit is not None and fit.problem.binning == 1:
+        image = fit.problem.image
+    valid: Mask = foreground.frame_pair.valid
+    scenery = Scenery.of(
+        image, valid=valid, background=difference.illumination.background, level=difference.level
+    )
+    places = _places(detections)
+    return compare(measure_again(scenery, places, blur_px=blur), places[:, 2], blur_px=blur)
+
+
+def _with_disagreement(detections: Detections, agreement: Agreement) -> Detections:
+    """Flags, and uncertainties that cover fit and second opinion."""
+    contacts = dict(detections.contacts)
+    own = np.where(agreement.disagrees, agreement.difference_px, 0.0)
+    shared = agreement.shared_px
+    contacts["flags"] = contacts["flags"] | np.where(agreement.disagrees, int(Flag.DISAGREES), 0)
+    contacts["edge_shift_px"] = np.hypot(contacts["edge_shift_px"], shared)
+    contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], np.stack([own, shared], axis=1))
+    return replace(detections, contacts=contacts)
+
+
+def _unexplained(foreground: Foreground, detections: Detections) -> float:
+    """Share of the bright pixels, of a sample, that lie in no contact and in no rejected object."""
+    level = np.float32(max(BRIGHT_FRACTION * foreground.contrast.plateau, BRIGHT_SIGMA * foreground.noise))
+    image = foreground.image[::SAMPLE_STEP, ::SAMPLE_STEP]
+    bright = (image > level).view(np.uint8)
+    total = int(np.count_nonzero(bright))
+    if not total or not level > 0:
+        return 0.0
+    reach = RIM_BLUR_WIDTHS * _edge_blur(detections)
+    for table in (detections.contacts, detections.rejected):
+        for x, y, radius in zip(*(table[name] for name in PLACE), strict=True):
+            centre = (round(x / SAMPLE_STEP), round(y / SAMPLE_STEP))
+            cv2.circle(bright, centre, int(np.ceil((radius + reach) / SAMPLE_STEP)), 0, cv2.FILLED)
+    return np.count_nonzero(bright) / total
