@@ -33,12 +33,15 @@ class Series:
     parts : list of MeasuredFrame
     workers : int or None
         As for `contactimg.pipeline.parallel.in_parallel`.
+    reference_fault : str
+        Why the reference is not used; empty if it is, or if there is none.
     """
 
     experiment: Experiment
     options: FrameOptions
     parts: list[MeasuredFrame]
     workers: int | None
+    reference_fault: str = ""
 
     @property
     def sign(self) -> int:
@@ -80,7 +83,7 @@ class Anchor:
     @classmethod
     def of(cls, series: Series, numbers: list[int]) -> "Anchor":
         """The reference if there is one that shows anything, else one of some frames."""
-        frame = read_reference(series.experiment)
+        frame = None if series.reference_fault else read_reference(series.experiment)
         if frame is None or not np.ptp(frame.image[np.isfinite(frame.image)]) > 0:
             return cls.of_frames(series, numbers)
         return cls(frame.image, len(series.experiment.references), *_known(series))

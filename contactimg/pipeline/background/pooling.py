@@ -59,12 +59,15 @@ class SeriesBackground:
         Frame -> how it was measured with the reference.
     remarks : dict
         Frame -> what to say of it; under the empty name, what to say of each.
+    ghosts : int
+        Spots of the reference that look like contacts and that no frame confirms.
     """
 
     measure: Callable[..., MeasuredFrame]
     own: dict[str, OwnView]
     first: dict[str, MeasuredFrame]
     remarks: dict[str, str]
+    ghosts: int = 0
 
     def job(self, source: FrameSource, optics: SharedOptics | None = None) -> tuple[Any, ...]:
         """What `measure` needs for a frame, beside its pixels and the reference."""
@@ -146,6 +149,7 @@ class _Pooling:
             {source.name: one for source, one in own.items()},
             {str(part.row["frame"]): part for part in self.series.parts},
             self._remarks(agreement, good),
+            agreement.spots_of(0, sign=self.series.sign) if self.anchor.is_reference else 0,
         )
 
     def _compare(self) -> Agreement:
@@ -200,11 +204,10 @@ class _Pooling:
         left_out = "differs from the other frames: left out of the pooled background"
         remarks = {source.name: left_out for source in self.prepared if source not in good}
         if self.anchor.is_reference:
-            spots = agreement.spots_of(0)
             if agreement.left_out[0]:
                 remarks[""] = "the reference differs from all frames: left out of the pooled background"
-            elif spots:
-                remarks[""] = f"the reference shows {spots} spots that no frame confirms: not used there"
+        elif self.series.reference_fault:
+            remarks[""] = f"{self.series.reference_fault}: not used"
         elif self.series.experiment.references:
             remarks[""] = "the reference does not show the surface of the frames: not used"
         return remarks

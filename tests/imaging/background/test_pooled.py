@@ -90,8 +90,9 @@ def test_what_one_view_alone_shows_is_left_out(rng):
     place = (slice(97, 104), slice(147, 154))
     assert pooled.count[place].max() == 6
     np.testing.assert_allclose(pooled.mean()[place].mean(), surface()[place].mean(), atol=0.5)
-    assert agreement.spots_of(0) == 1
-    assert agreement.spots_of(1) == 0
+    assert agreement.spots_of(0, sign=1) == 1
+    assert agreement.spots_of(0, sign=-1) == 0
+    assert agreement.spots_of(1, sign=1) == 0
 
 
 def test_overlooked_contacts_do_not_outvote_the_background(rng):

@@ -79,10 +79,10 @@ class Agreement:
         """Shape of the image, filled up to whole squares."""
         return self.used.shape[1] * SQUARE_PX, self.used.shape[2] * SQUARE_PX
 
-    def spots_of(self, view: int) -> int:
-        """Places of more than one square where a view differs from all others that agree."""
+    def spots_of(self, view: int, *, sign: int) -> int:
+        """Places of more than one square where a view is brighter (sign -1: darker) than all that agree."""
         others = np.delete(self.used, view, axis=0).sum(axis=0) >= FEWEST_WITNESSES
-        differs = (~self.used[view] & others & np.isfinite(self.deviation[view])).astype(np.uint8)
+        differs = (~self.used[view] & others & (sign * self.deviation[view] > 0)).astype(np.uint8)
         areas = cv2.connectedComponentsWithStats(differs)[2][1:, cv2.CC_STAT_AREA]
         return int(np.count_nonzero(areas > 1))
 

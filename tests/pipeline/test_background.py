@@ -1,0 +1,140 @@
+"""The background of a series, pooled from its frames: what it gains, and when it is used."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+from small_series import SCENE, copy_of
+
+from contactimg.files import FrameSource, open_experiment, read_scene, write_frame
+from contactimg.frame import Frame
+from contactimg.imaging.fit.disks import render_disks
+from contactimg.pipeline.inputs import need_asperities, read_reference
+from contactimg.pipeline.series import measure_series
+from contactimg.pipeline.simulate import write_simulation
+from contactimg.scene import scene_from_dict
+
+SHAPE = (300, 320)
+
+
+@pytest.fixture(scope="module")
+def series(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pooled") / "series"
+    folder.mkdir()
+    loads = [0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09]
+    simulate = SCENE["simulate"] | {"loads_N": loads, "shape": list(SHAPE), "seed": 23}
+    scene = scene_from_dict(SCENE | {"simulate": simulate})
+    write_simulation(scene, need_asperities(scene, "a test"), folder)
+    return folder
+
+
+def measured(folder, *, workers=1, **images):
+    data = {section: dict(keys) for section, keys in read_scene(folder).source.items()}
+    named = {key: value for key, value in (data["images"] | images).items() if value is not None}
+    return measure_series(scene_from_dict(data | {"images": named}, folder=str(folder)), workers=workers)
+
+
+@pytest.fixture(scope="module")
+def single(series):
+    return measured(series, background="reference")
+
+
+@pytest.fixture(scope="module")
+def pooled(series):
+    return measured(series)
+
+
+def errors(run, folder):
+    """Error over stated uncertainty, and error, of the contacts inside the field."""
+    truth, rows = pd.read_csv(folder / "truth.csv"), []
+    for name, part in run.contacts.groupby("frame"):
+        there = truth[truth["frame"] == name]
+        gap = np.hypot(*(part[k].to_numpy()[:, None] - there[k].to_numpy() for k in ("x_px", "y_px")))
+        near, inside = gap.argmin(axis=1), gap.min(axis=1) < 1.0
+        for axis, size in (("x_px", SHAPE[1]), ("y_px", SHAPE[0])):
+            inside &= (part[axis] > 10) & (part[axis] < size - 11)
+        error = part["radius_px"].to_numpy() - there["radius_px"].to_numpy()[near]
+        rows.append(np.column_stack([error, part["radius_std_px"]])[inside])
+    error, std = np.concatenate(rows).T
+    return error, error / std
+
+
+def test_series_of_five_frames_gains_by_pooling(series, single, pooled):
+    assert pooled.frames["noise"].median() < 0.98 * single.frames["noise"].median()
+    assert pooled.frames["message"].str.contains("background pooled from 7 images: noise").all()
+    before, after = errors(single, series)[0], errors(pooled, series)[0]
+    # one view among eight instead of one of one: the background's share of the variance, about a half, falls
+    # to about a fifth of it for contacts that grow; 200 radii give the ratio of the RMS to 7 %
+    assert len(after) > 100
+    assert np.sqrt(np.mean(after**2)) < 0.9 * np.sqrt(np.mean(before**2))
+
+
+def test_stated_uncertainty_falls_with_the_error(series, pooled):
+    pull = np.abs(errors(pooled, series)[1])
+    # binomial: 3 standard deviations of a fraction of 0.68 of 200
+    assert 0.58 < np.mean(pull < 1) < 0.8
+    assert np.mean(pull < 2) > 0.9
+
+
+def test_reference_can_be_asked_for_and_short_series_keep_it(series, single, tmp_path):
+    assert (single.frames["message"] == "").all()
+    names = [f"frame_{k}.tif" for k in (1, 2, 3, 4)]
+    short = measured(series, frames=names)
+    alone = measured(series, frames=names, background="reference")
+    pd.testing.assert_frame_equal(short.contacts, alone.contacts)
+    asked = measured(series, frames=names, background="pooled")
+    assert asked.frames["message"].str.contains("pooled from 4 images").all()
+
+
+def test_any_number_of_processes_gives_the_same_pooled_run(series, pooled):
+    other = measured(series, workers=2)
+    pd.testing.assert_frame_equal(other.contacts, pooled.contacts)
+    pd.testing.assert_frame_equal(other.frames, pooled.frames)
+
+
+def test_without_reference_the_frames_give_it(series, single):
+    alone = measured(series, reference=None, background="reference")
+    pooled = measured(series, reference=None)
+    assert pooled.frames["message"].str.contains("in the coordinates of frame_").all()
+    before, after = (np.sqrt(np.mean(errors(run, series)[0] ** 2)) for run in (alone, pooled))
+    assert after < 0.6 * before
+    assert after < 1.1 * np.sqrt(np.mean(errors(single, series)[0] ** 2))
+
+
+def test_reference_in_contact_is_seen_through(series, pooled, tmp_path):
+    folder = copy_of(series, tmp_path / "ghosts")
+    truth = pd.read_csv(folder / "truth.csv").query("frame == 'frame_5.tif' and radius_px > 3").iloc[::2]
+    image = FrameSource("reference.tif", folder / "reference.tif").read().image
+    disks = np.column_stack([truth[["x_px", "y_px", "radius_px"]], np.full(len(truth), 1.25)])
+    ghosts = image * (1 + render_disks(disks, 1.43, SHAPE))
+    write_frame(Frame(np.clip(np.rint(ghosts), 0, 255).astype(np.uint8)), folder / "reference.tif")
+    run = measured(folder)
+    assert run.frames["message"].str.contains("spots like contacts that no frame confirms: not used").all()
+    assert run.contacts["area_m2"].sum() == pytest.approx(pooled.contacts["area_m2"].sum(), rel=0.005)
+
+
+def test_bad_and_copied_frames_do_no_harm(series, pooled, tmp_path):
+    folder = copy_of(series, tmp_path / "bad")
+    write_frame(Frame(np.zeros(SHAPE, np.uint8)), folder / "frame_2.tif")
+    shutil.copy(folder / "frame_5.tif", folder / "frame_6.tif")
+    run = measured(folder)
+    assert run.frames["status"].tolist()[1] == "black"
+    assert run.frames["message"].str.contains("pooled from 5 images").sum() == 5
+    good = [f"frame_{k}.tif" for k in (1, 3, 4, 5, 7)]
+    areas = [part.frames.set_index("frame")["area_m2"][good] for part in (run, pooled)]
+    np.testing.assert_allclose(*areas, rtol=0.01)
+
+
+def test_several_references_are_one_with_less_noise(series, tmp_path):
+    folder = copy_of(series, tmp_path / "several")
+    image = FrameSource("reference.tif", folder / "reference.tif").read().image.astype(float)
+    for k in range(3):
+        noisy = np.random.default_rng(k).normal(image, 2.0)
+        write_frame(Frame(np.clip(np.rint(noisy), 0, 255).astype(np.uint8)), folder / f"empty_{k}.tif")
+    data = read_scene(folder).source | {"images": {"reference": "empty_*.tif", "frames": "frame_*.tif"}}
+    mean = read_reference(open_experiment(scene_from_dict(data, folder=str(folder))))
+    assert mean.image.dtype == np.float32
+    error = (mean.image - image)[8:-8, 8:-8]
+    # rounding adds 1/12 to the variance of 4; the mean of three has a third of it
+    assert np.std(error) == pytest.approx(np.sqrt((4 + 1 / 12) / 3), rel=0.1)
