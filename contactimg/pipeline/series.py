@@ -123,7 +123,7 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    measure = partial(measure_scene_frame, options=options)
+    measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
     parts = []
     for measured in for_each_frame(experiment, measure, workers=workers, advance=advance, store=store):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured

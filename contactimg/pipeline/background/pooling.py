@@ -193,8 +193,8 @@ class _Pooling:
         corrections = correct_radii(
             sums, pooled.mean(), pooled.count, self.brightness, noise=agreement.pixel_noise
         )
-        for part, correction in zip(sums, corrections, strict=True):
-            pooled = pooled.changed_by(-part.change(correction, self.shape))
+        for equations, correction in zip(sums, corrections, strict=True):
+            pooled = pooled.changed_by(-equations.change(correction, self.shape))
         corrected = zip(own.items(), corrections, strict=True)
         return pooled, {source: replace(one, correction=change) for (source, one), change in corrected}
 

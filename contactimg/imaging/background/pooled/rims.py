@@ -63,7 +63,7 @@ class Rims:
         r = np.hypot(px - self.x[contact], py - self.y[contact])
         a, s = self.radius[contact], self.blur
         near = (np.abs(r - a) < REACH * s) & used[py, px]
-        contact, px, py, r, a = (part[near] for part in (contact, px, py, r, a))
+        contact, px, py, r, a = contact[near], px[near], py[near], r[near], a[near]
         slope = a / s**2 * np.exp(-((r - a) ** 2) / (2 * s**2)) * special.i0e(r * a / s**2)
         covered = special.ndtr((a - r) / s)
         value = brightness[py, px] * self.contrast * slope / (1.0 + self.contrast * covered)

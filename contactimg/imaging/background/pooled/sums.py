@@ -57,7 +57,7 @@ class PooledBackground:
     def mean(self) -> NDArray[np.float32]:
         """The background; where no view shows it, what surrounds the place."""
         known = self.count > 0
-        image = self.total / np.maximum(self.count, 1).astype(np.float32)
+        image = np.asarray(self.total / np.maximum(self.count, 1), np.float32)
         return image if known.all() else _fill(image, known)
 
     def views_at(self, x: NDArray, y: NDArray, radius: NDArray) -> NDArray[np.float64]:
