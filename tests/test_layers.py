@@ -57,6 +57,7 @@ INNER_ROOMS = {
         "inputs",
         "worker_life",
         "parallel",
+        "edits",
         "effects",
         "frame",
         "run",

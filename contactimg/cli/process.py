@@ -96,6 +96,7 @@ def process(
     with stage("loading"):
         from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
+        from contactimg.pipeline.edits import edits_record
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import measure_experiment
@@ -117,7 +118,7 @@ def process(
             run = measure_experiment(
                 experiment, relative=tolerance, workers=workers, advance=advance, store=out.frame_store()
             )
-        out.record |= write_run(run, out.folder)
+        out.record |= write_run(run, out.folder) | edits_record(experiment.edits)
         if pictures:
             with progress("drawing overlays", count, quiet=quiet) as advance:
                 draw_overlays(run, experiment, out.folder / "overlays", workers=workers, advance=advance)

@@ -119,7 +119,7 @@ def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], P
 def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
     """The sections of a scene file that lies elsewhere; files missing in the folder are those beside it."""
     data = _copied(scene)
-    keys = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask")]
+    keys = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")]
     for section, key in (*keys, ("asperities", "file")):
         named = data.get(section, {}).get(key)
         if named is not None and (isinstance(named, str) or key == "reference"):

@@ -18,6 +18,7 @@ from contactimg.files.csv_tables import (
     read_topography,
     write_table,
 )
+from contactimg.files.edits import EDITS_FILE, edit_points, read_edits, write_edits
 from contactimg.files.experiment import (
     SCENE_FILE,
     Experiment,
@@ -38,6 +39,7 @@ from contactimg.files.tiff import write_frame
 
 __all__ = [
     "CALIBRATION_FILE",
+    "EDITS_FILE",
     "PROVENANCE_FILE",
     "SCENE_FILE",
     "Experiment",
@@ -46,6 +48,7 @@ __all__ = [
     "FrameStore",
     "OutputFolder",
     "RunFolder",
+    "edit_points",
     "finish_commit",
     "is_reference",
     "list_frames",
@@ -54,6 +57,7 @@ __all__ = [
     "provenance",
     "read_asperities",
     "read_calibration",
+    "read_edits",
     "read_frames",
     "read_loads",
     "read_records",
@@ -66,6 +70,7 @@ __all__ = [
     "remove_leftovers",
     "replacing",
     "shares_frames",
+    "write_edits",
     "write_figure",
     "write_frame",
     "write_json",

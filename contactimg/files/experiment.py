@@ -17,10 +17,11 @@ from contactimg.files.atomic import write_text
 from contactimg.files.commit import finish_commit
 from contactimg.files.corrections import PixelCorrections, find_areas
 from contactimg.files.csv_tables import read_asperities, read_loads
+from contactimg.files.edits import EDITS_FILE, masked_areas, read_edits
 from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import LOADS
+from contactimg.tables import EDITS, LOADS
 from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
@@ -52,6 +53,8 @@ class Experiment:
         Columns of `contactimg.tables.ASPERITIES`; None if the scene names no table.
     inputs : tuple of Path
         Every file that a result depends on.
+    edits : DataFrame
+        Corrections by hand, columns of `contactimg.tables.EDITS`; those that mask act on the pixels.
     corrections : PixelCorrections
         What is done to the pixels of each frame when it is read.
     """
@@ -62,6 +65,7 @@ class Experiment:
     loads: pd.DataFrame
     asperities: pd.DataFrame | None
     inputs: tuple[Path, ...]
+    edits: pd.DataFrame = field(default_factory=EDITS.empty)
     corrections: PixelCorrections = field(default_factory=PixelCorrections)
 
     @property
@@ -178,17 +182,19 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     """
     references = tuple(_find_references(scene))
     frames = _find_frames(scene, list(references))
-    tables = [_loads_file(scene), _asperities_file(scene)]
+    tables = [_loads_file(scene), _asperities_file(scene), _edits_file(scene)]
+    edits = EDITS.empty() if tables[2] is None else read_edits(tables[2])
     loads = _align_loads(tables[0], frames, pulled=pulled)
     sources = [*references, *frames]
     corrections = _find_corrections(scene, frames)
+    corrections = replace(corrections, areas=corrections.areas + masked_areas(edits))
     files = [source.path for source in sources] + [table for table in tables if table is not None]
     inputs = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
         frames = [replace(frame, correct=corrections) for frame in frames]
         references = tuple(replace(one, correct=corrections.of_reference) for one in references)
     return Experiment(
-        scene, references, tuple(frames), loads, read_scene_asperities(scene), inputs, corrections
+        scene, references, tuple(frames), loads, read_scene_asperities(scene), inputs, edits, corrections
     )
 
 
@@ -304,6 +310,14 @@ def _loads_file(scene: Scene) -> Path | None:
     if scene.images.loads is not None:
         return Path(scene.folder) / scene.images.loads
     path = Path(scene.folder) / _LOADS_FILE
+    return path if path.is_file() else None
+
+
+def _edits_file(scene: Scene) -> Path | None:
+    """Path of the corrections by hand; without one in the scene, edits.csv if it is there."""
+    if scene.images.edits is not None:
+        return Path(scene.folder) / scene.images.edits
+    path = Path(scene.folder) / EDITS_FILE
     return path if path.is_file() else None
 
 

@@ -4,7 +4,7 @@ The steps: check the input, pair frame and reference, subtract the background, f
 its contacts by one of the two methods, look at them once more, judge the frame, tabulate.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -35,6 +35,7 @@ from contactimg.imaging.reject.detections import (
     no_detections,
 )
 from contactimg.imaging.reject.foreground import Foreground, find_foreground
+from contactimg.imaging.shapes.hand_edits import HandEdit, remark_on
 from contactimg.tables import Flag
 
 CORRECTIONS = ("position_drift", "dust")
@@ -131,6 +132,7 @@ def measure_image(
     optics: SharedOptics | None = None,
     film: Rim | None = None,
     absent: Collection[str] = (),
+    edits: Sequence[HandEdit] = (),
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
 
@@ -159,6 +161,9 @@ def measure_image(
     absent : collection of str
         Those of `CORRECTIONS` to leave out because their cause is absent: ``"position_drift"`` (the reference
         is not registered), ``"dust"`` (nothing is rejected as dirt).
+    edits : sequence of HandEdit
+        Corrections by hand (`contactimg.imaging.shapes.hand_edits`); those that meet no contact are named in
+        the message.
 
     Returns
     -------
@@ -188,11 +193,11 @@ def measure_image(
     foreground = find_foreground(frame_pair, difference, sign, prior.scaled(1.0 / frame_pair.unit))
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
     if not foreground.contrast.plateau > 0:
-        detections = no_detections(foreground.prior_optics)
+        detections = replace(no_detections(foreground.prior_optics), unmatched=edits)
     elif method == "threshold":
-        detections = measure_by_count(foreground, difference, fraction=fraction)
+        detections = measure_by_count(foreground, difference, fraction=fraction, edits=edits)
     else:
-        detections = measure_by_fit(foreground, difference, film=film)
+        detections = measure_by_fit(foreground, difference, film=film, edits=edits)
     seen = review(foreground, difference, detections)
     verdict = judge(foreground, difference, seen)
     used_fraction = fraction if method == "threshold" else float("nan")
@@ -219,7 +224,7 @@ def _tabulate(
         shift_y_px=difference.alignment.y_px if difference.alignment else float("nan"),
         polarity="bright" if foreground.sign > 0 else "dark",
         status=verdict.status,
-        message=verdict.message,
+        message="; ".join(filter(None, (verdict.message, remark_on(detections.unmatched)))),
         difference=difference.image if unit == 1.0 else difference.image * np.float32(unit),
         optics=optics.scaled(unit),
         own_optics=detections.own_optics.scaled(unit),

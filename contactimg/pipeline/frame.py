@@ -1,6 +1,7 @@
 """Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any, Literal
 
@@ -13,6 +14,7 @@ from contactimg.frame import Frame
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmRim
 from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene
@@ -123,11 +125,14 @@ class FrameOptions:
         Rim that the air film draws around the contacts.
     relative : float or None
         Tolerance of the scene's output, for which each frame's method is chosen; None for the scene's method.
+    edits : dict
+        Name of a frame -> corrections by hand to its contacts.
     """
 
     scene: Scene
     film: FilmRim | None = None
     relative: float | None = None
+    edits: dict[str, tuple[HandEdit, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +224,7 @@ def measure_scene_frame(
             blur_px=scene.measure.blur_px,
             optics=optics,
             film=options.film,
+            edits=options.edits.get(frame.name, ()),
         )
     return MeasuredFrame(
         contacts_table(measurement, frame.name),
@@ -240,6 +246,7 @@ def measure_prepared(
     blur_px: float | None = None,
     optics: SharedOptics | None = None,
     film: FilmRim | None = None,
+    edits: Sequence[HandEdit] = (),
 ) -> ImageMeasurement:
     """Measure a frame with the polarity, the full scale and the corrections of its scene.
 
@@ -257,6 +264,7 @@ def measure_prepared(
         optics=optics,
         film=film,
         absent=scene.effects.switched_off(*CORRECTIONS),
+        edits=edits,
     )
 
 

@@ -17,6 +17,7 @@ from contactimg.forces import LengthScale, fill_forces, sphere_radii
 from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background.second_pass import measure_on_background
+from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_rim, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, locate_contacts, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
@@ -89,7 +90,8 @@ def measure_experiment(
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
     resolved = resolve_measurement(scene, sites)
-    options = FrameOptions(resolved, film_rim(resolved, sites), relative)
+    edits = edits_by_frame(experiment, relative=relative)
+    options = FrameOptions(resolved, film_rim(resolved, sites), relative, edits)
     parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance, store=store)
     frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
         load_N=[experiment.load_of(part.row["frame"]) for part in parts]

@@ -240,6 +240,12 @@ class Images(Section):
         "after the dark frame was subtracted: a file or a glob, of which the mean is taken.",
     )
 
+    edits: FilePath | None = Field(
+        None,
+        description="CSV table of corrections by hand: frame, action, x_px, y_px, radius_px, points; if not "
+        "given, edits.csv where it exists.",
+    )
+
     @property
     def masks(self) -> dict[str, "MaskArea"]:
         """Name of a frame, or ``*`` for all, and what to leave out of it."""

@@ -32,6 +32,8 @@ class Flag(enum.IntFlag):
     DISAGREES = enum.auto()
     """Its area by light or at half height, free of the model of the edge, differs from that of the fit by
     more than the errors; its uncertainty covers both."""
+    MANUAL = enum.auto()
+    """Added, split or merged by hand (edits.csv), then measured from the pixels like the others."""
 
 
 def flag_names(flags: Iterable[int]) -> list[str]:

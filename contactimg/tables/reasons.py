@@ -29,3 +29,5 @@ class Reason(enum.StrEnum):
     """One of a chain of small disks between which the image does not fall: a line or an arc."""
     UNNECESSARY = "not needed to explain the pixels"
     """The fit describes the pixels as well without it."""
+    BY_HAND = "excluded by hand"
+    """A line of edits.csv says that it is no contact; its light is still taken into account."""

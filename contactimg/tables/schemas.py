@@ -170,6 +170,25 @@ LOADS = Schema(
     "Loads of the frames, given by the experimenter or written by simulate.",
 )
 
+EDITS = Schema(
+    "edits",
+    {
+        "frame": ("str", "file name of the frame as in contacts.csv, or * for all frames"),
+        "action": ("str", "what is done: exclude, add, split, merge or mask"),
+        "x_px": ("float64", "column of the contact that is meant, or of the centre of the masked disk, px"),
+        "y_px": ("float64", "row of the same, px"),
+        "radius_px": ("float64", "radius of the contact to add, or of the masked disk, px"),
+        "points": (
+            "str",
+            "x y;x y;... in px: centres of the parts (split), contacts to merge, or corners of the mask",
+        ),
+        "author": ("str", "who made the edit"),
+        "time": ("str", "when it was made"),
+        "reason": ("str", "why it was made"),
+    },
+    "Corrections by hand, applied in order; one row per correction.",
+)
+
 ASPERITIES = Schema(
     "asperities",
     {

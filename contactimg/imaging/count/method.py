@@ -25,11 +25,14 @@ constant                              value   meaning                           
 the others stands beside them.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -37,6 +40,7 @@ from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.reference_dust import find_reference_dust
+from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
@@ -63,7 +67,13 @@ HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
 cut contact make too small a radius. Chosen by hand."""
 
 
-def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fraction: float) -> Detections:
+def measure_by_count(
+    foreground: Foreground,
+    difference: DifferenceImage,
+    *,
+    fraction: float,
+    edits: Sequence[HandEdit] = (),
+) -> Detections:
     """Count the pixels of the contacts of a frame.
 
     Parameters
@@ -73,6 +83,8 @@ def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fra
         From which the foreground comes.
     fraction : float
         Threshold as a fraction of the contrast.
+    edits : sequence of HandEdit
+        Corrections by hand to what was found.
 
     Returns
     -------
@@ -94,15 +106,21 @@ def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fra
         noise=foreground.noise,
         saturated=frame_pair.saturated,
     )
+    unmatched: list[HandEdit] = []
+    by_hand = {name: np.empty(0) for name in (*PLACE, "reason")}
+    if edits:
+        contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     contacts["radius_std_px"] = counting_std(contacts["radius_px"], foreground.noise / slope)
     reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
     cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     places = np.column_stack([contacts[name] for name in PLACE])
     dust = find_reference_dust(frame_pair.frame, image, difference, places)
+    dust &= (contacts["flags"] & int(Flag.MANUAL)) == 0
+    reasons = [rejected["reason"], np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST), by_hand["reason"]]
     rejected = {
-        "reason": np.append(rejected["reason"], np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)),
-        **{name: np.append(rejected[name], contacts[name][dust]) for name in PLACE},
+        "reason": np.concatenate([part.astype(object) for part in reasons]),
+        **{name: np.concatenate([rejected[name], contacts[name][dust], by_hand[name]]) for name in PLACE},
     }
     contacts = {name: values[~dust] for name, values in contacts.items()}
     shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / slope)
@@ -120,6 +138,7 @@ def measure_by_count(foreground: Foreground, difference: DifferenceImage, *, fra
         own_optics=SharedOptics(max(measured.plateau, 1e-9), measured.std, blur_std_px=np.nan),
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
+        unmatched=unmatched,
     )
 
 

@@ -4,12 +4,14 @@ The order of the steps is that of `_attempt`. Disks are detected at an assumed c
 another one, they are detected anew.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
+from contactimg.imaging.fit.by_hand import fit_edited
 from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
@@ -45,13 +47,18 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.foreground import Foreground
+from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.imaging.shapes.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.timings import stage
 
 
 @stage("quality")
 def measure_by_fit(
-    foreground: Foreground, difference: DifferenceImage, *, film: Rim | None
+    foreground: Foreground,
+    difference: DifferenceImage,
+    *,
+    film: Rim | None,
+    edits: Sequence[HandEdit] = (),
 ) -> FittedDetections:
     """Find the contacts of a frame and fit a blurred disk to each.
 
@@ -62,6 +69,8 @@ def measure_by_fit(
         From which the foreground comes.
     film : Rim or None
         Bright rim that the air film draws around the contacts; None: the edge is sharp.
+    edits : sequence of HandEdit
+        Corrections by hand to what was found; the changed disks are fitted with the others.
 
     Returns
     -------
@@ -74,6 +83,7 @@ def measure_by_fit(
         OpticsPrior.of(prior, start.problem, blur=start.blur),
         max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
         film,
+        edits,
     )
     best: FrameFit | None = None
     for _ in range(MOST_ATTEMPTS):
@@ -99,12 +109,14 @@ class _Given:
     level : float
         Background level, grey levels.
     film : Rim or None
+    edits : sequence of HandEdit
     """
 
     prior_optics: SharedOptics
     optics_prior: OpticsPrior
     level: float
     film: Rim | None
+    edits: Sequence[HandEdit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +183,11 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         problem, free_blur = replace(problem, profile=rim_table(film, blur)), False
     detected = assemble_disks(problem, blur=blur, free_blur=free_blur)
     fit, halo, dropped = detected.fit, None, detected.dropped
-    problem = allow_for_coarse_rims(detected.problem, fit, share=0.5)
+    problem, edited = allow_for_coarse_rims(detected.problem, fit, share=0.5), None
+    if given.edits and not len(fit.disks):
+        fit, edited = fit_edited(problem, fit, given.edits)
     if not len(fit.disks):
-        return FrameFit(problem, fit, dropped, detected.smallest, None, None)
+        return FrameFit(problem, fit, dropped, detected.smallest, None, None, edited)
     means = BlockMeans(problem.image, fit.model)
     if film is None:
         problem, fit, halo, vanished = remove_halo(
@@ -184,9 +198,11 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     else:
         prior = prior.with_exact_blur(fit.blur)  # the table of a film holds for one blur
     problem, fit = remove_illumination(problem, fit, means, free_blur=free_blur)
+    if given.edits and edited is None:
+        fit, edited = fit_edited(problem, fit, given.edits)
     start = replace(start, problem=problem, free_blur=free_blur)
     joint = _refine(start, fit, prior, given.prior_optics.spread)
-    return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint)
+    return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited)
 
 
 def _find_film_blur(film: Rim, problem: FitProblem, guess: float) -> float:

@@ -19,6 +19,7 @@ from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.implausible_disks import reject_disks
+from contactimg.imaging.shapes.hand_edits import EditedDisks, HandEdit
 from contactimg.imaging.shapes.overlap import count_touching
 from contactimg.tables import Flag, Reason
 
@@ -39,6 +40,8 @@ class FrameFit:
     halo : Halo or None
     joint : JointFit or None
         Of contrast and blur; None if there is no disk.
+    edited : EditedDisks or None
+        Which disks were changed by hand; None if none was.
     """
 
     problem: FitProblem
@@ -47,6 +50,7 @@ class FrameFit:
     smallest: float
     halo: Halo | None
     joint: JointFit | None
+    edited: EditedDisks | None = None
 
     @property
     def radius_shifts(self) -> NDArray[np.float64]:
@@ -80,6 +84,9 @@ def report_contacts(
     reasons = reject_disks(
         foreground.frame_pair, foreground.image, difference, disks, blur=blur, contrast=contrast
     )
+    unmatched: list[HandEdit] = []
+    if result.edited is not None:
+        reasons, unmatched = _decide_by_hand(result.edited, rows, contacts, reasons)
     bad = reasons != ""
     unnecessary = result.dropped
     places = np.column_stack([problem.in_frame(unnecessary[:, [X, Y]]), unnecessary[:, RADIUS] * binning])
@@ -93,7 +100,19 @@ def report_contacts(
             for covariance in (result.joint.covariance, result.joint.own_covariance)
         )
     accepted = {name: values[~bad] for name, values in contacts.items()}
-    return FittedDetections(accepted, rejected, optics, own, result.smallest * binning, result, rows[~bad])
+    return FittedDetections(
+        accepted, rejected, optics, own, result.smallest * binning, unmatched, result, rows[~bad]
+    )
+
+
+def _decide_by_hand(
+    edited: EditedDisks, rows: NDArray[np.intp], contacts: Columns, reasons: NDArray[np.str_]
+) -> tuple[NDArray[np.str_], list[HandEdit]]:
+    """Reasons of rejection as the hand decides, and corrections without a contact; sets flags in place."""
+    new = edited.new[rows]
+    contacts["flags"] = contacts["flags"] | np.where(new, int(Flag.MANUAL), 0)
+    by_hand = np.where(edited.excluded[rows], str(Reason.BY_HAND), np.where(new, "", reasons))
+    return by_hand, edited.unmatched + edited.vanished(rows)
 
 
 def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:

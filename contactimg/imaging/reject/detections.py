@@ -1,11 +1,13 @@
 """The result of both methods: contacts, rejected candidates with the reason, and the optics they share."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.shapes.hand_edits import HandEdit
 
 Columns = dict[str, NDArray]
 """Columns of a table, arrays of the same length."""
@@ -40,6 +42,8 @@ class Detections:
         The same with the uncertainties that this frame alone gives, without prior knowledge.
     smallest_px : float
         Radius of the smallest contact that the method detects; NaN if that is not known.
+    unmatched : sequence of HandEdit
+        Corrections by hand that meet no contact.
     """
 
     contacts: Columns
@@ -47,6 +51,7 @@ class Detections:
     optics: SharedOptics
     own_optics: SharedOptics
     smallest_px: float = float("nan")
+    unmatched: Sequence[HandEdit] = ()
 
 
 def no_detections(optics: SharedOptics) -> Detections:

@@ -1,0 +1,95 @@
+"""Corrections by hand in the pixel count: the pixels around a changed contact are shared out anew."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.reject.detections import PLACE, Columns
+from contactimg.imaging.shapes.hand_edits import HandEdit, edit_disks
+from contactimg.tables import Flag, Reason
+
+ROUNDS = 8
+"""In which contacts drawn by hand share the pixels anew, from the disks of the round before. By hand."""
+
+
+def edit_counts(
+    contacts: Columns, edits: Sequence[HandEdit], image: NDArray[np.float32], level: float
+) -> tuple[Columns, Columns, list[HandEdit]]:
+    """Contacts after the corrections, the excluded ones, and corrections that meet no contact.
+
+    Parameters
+    ----------
+    contacts : dict of arrays
+        Columns x_px, y_px, radius_px, flags.
+    edits : sequence of HandEdit
+    image : ndarray, shape (rows, columns)
+        Difference image, contacts positive.
+    level : float
+        Pixels above it are counted.
+    """
+    places = np.column_stack([contacts[name] for name in PLACE])
+    edited = edit_disks(places, edits, image)
+    components = _Components.of(image > level)
+    for _ in range(ROUNDS):
+        for row in np.flatnonzero(edited.new).tolist():
+            edited.places[row] = _count_around(edited.places, row, components)
+    filled = edited.places[:, 2] > 0
+    flags = np.append(contacts["flags"], int(Flag.MANUAL))[edited.source]  # -1 takes the last
+    kept = ~edited.excluded & filled
+    after = dict(zip(PLACE, edited.places[kept].T, strict=True)) | {"flags": flags[kept].astype(np.int64)}
+    excluded = dict(zip(PLACE, edited.places[edited.excluded].T, strict=True))
+    excluded["reason"] = np.full(int(edited.excluded.sum()), Reason.BY_HAND)
+    return after, excluded, edited.unmatched + edited.vanished(np.flatnonzero(filled))
+
+
+@dataclass(frozen=True, eq=False)
+class _Components:
+    """Connected pixels above the level: their labels, and left, top, width and height of each."""
+
+    labels: NDArray[np.int32]
+    boxes: NDArray[np.int32]
+
+    @classmethod
+    def of(cls, above: NDArray[np.bool_]) -> "_Components":
+        """Of an image."""
+        _, labels, boxes, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8), connectivity=8)
+        return cls(np.asarray(labels, np.int32), np.asarray(boxes, np.int32))
+
+    def inside(self, x: float, y: float, radius: float) -> NDArray[np.int32]:
+        """Labels of the components that lie in a disk, at least with one pixel."""
+        shape = self.labels.shape
+        rows = np.arange(max(int(y - radius), 0), min(int(y + radius) + 2, shape[0]))
+        columns = np.arange(max(int(x - radius), 0), min(int(x + radius) + 2, shape[1]))
+        near = np.hypot(columns - x, (rows - y)[:, None]) <= max(radius, 1.0)
+        found = np.unique(self.labels[np.ix_(rows, columns)][near])
+        return found[found > 0]
+
+
+def _count_around(
+    places: NDArray[np.float64], row: int, components: _Components
+) -> tuple[float, float, float]:
+    """Centroid and radius of the connected pixels that are closer to this contact than to any other.
+
+    Distances are powers ``d^2 - a^2``: two contacts share along the line through the crossings of their rims.
+    """
+    x, y, radius = places[row].tolist()
+    found = components.inside(x, y, radius) if radius > 0 else np.empty(0, np.int32)
+    if not len(found):
+        return x, y, 0.0
+    left, top, width, height = components.boxes[found, :4].T
+    rows = np.arange(top.min(), (top + height).max())
+    columns = np.arange(left.min(), (left + width).max())
+    grid_x, grid_y = np.meshgrid(columns, rows)
+    mine = np.isin(components.labels[np.ix_(rows, columns)], found)
+    power = (grid_x - x) ** 2 + (grid_y - y) ** 2 - radius**2
+    others = np.delete(places, row, axis=0)
+    gap = np.hypot(others[:, 0] - x, others[:, 1] - y) - others[:, 2]
+    for other in others[gap < max(len(rows), len(columns))]:
+        mine &= power <= (grid_x - other[0]) ** 2 + (grid_y - other[1]) ** 2 - other[2] ** 2
+    area = int(mine.sum())
+    if not area:
+        return x, y, 0.0
+    return float(grid_x[mine].mean()), float(grid_y[mine].mean()), float(np.sqrt(area / np.pi))
