@@ -29,6 +29,7 @@ from .errors import InputError as InputError
 from .errors import ModelRangeError as ModelRangeError
 from .files import open_experiment as open_experiment
 from .files import read_frames as read_frames
+from .files import read_run as read_run
 from .files import read_scene as read_scene
 from .forces import assign_forces as assign_forces
 from .frame import Frame as Frame

@@ -70,6 +70,8 @@ INNER_ROOMS = {
         "overlay",
         "analyse",
         "tradeoff",
+        "export",
+        "import_regions",
     ],
 }
 

@@ -15,6 +15,8 @@ from contactimg.cli import shared_options as shared
 from contactimg.cli.analyse import analyse
 from contactimg.cli.calibrate import calibrate
 from contactimg.cli.effects import effects
+from contactimg.cli.export import export
+from contactimg.cli.import_rois import import_rois
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
@@ -50,7 +52,19 @@ def commands() -> None:
     """
 
 
-for command in (process, calibrate, predict, overlay, simulate, effects, tradeoff, analyse, report):
+for command in (
+    process,
+    calibrate,
+    predict,
+    overlay,
+    simulate,
+    effects,
+    tradeoff,
+    analyse,
+    report,
+    export,
+    import_rois,
+):
     commands.add_command(command)
     for leaf in command.commands.values() if isinstance(command, click.Group) else (command,):
         shared.timings(leaf)

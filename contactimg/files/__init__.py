@@ -22,6 +22,7 @@ from contactimg.files.edits import EDITS_FILE, edit_points, read_edits, write_ed
 from contactimg.files.experiment import (
     SCENE_FILE,
     Experiment,
+    edits_file,
     is_reference,
     named_file,
     open_experiment,
@@ -49,6 +50,7 @@ __all__ = [
     "OutputFolder",
     "RunFolder",
     "edit_points",
+    "edits_file",
     "finish_commit",
     "is_reference",
     "list_frames",

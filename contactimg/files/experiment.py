@@ -315,10 +315,15 @@ def _loads_file(scene: Scene) -> Path | None:
 
 def _edits_file(scene: Scene) -> Path | None:
     """Path of the corrections by hand; without one in the scene, edits.csv if it is there."""
-    if scene.images.edits is not None:
-        return Path(scene.folder) / scene.images.edits
-    path = Path(scene.folder) / EDITS_FILE
-    return path if path.is_file() else None
+    path = edits_file(scene, scene.folder)
+    return path if scene.images.edits is not None or path.is_file() else None
+
+
+def edits_file(scene: Scene | None, folder: str | Path) -> Path:
+    """The table of corrections that a scene names, or edits.csv beside it; of a folder without a scene."""
+    if scene is None:
+        return Path(folder) / EDITS_FILE
+    return Path(scene.folder) / (scene.images.edits or EDITS_FILE)
 
 
 def _align_loads(path: Path | None, frames: list[FrameSource], *, pulled: bool) -> pd.DataFrame:

@@ -7,8 +7,10 @@ import zipfile
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
@@ -163,6 +165,24 @@ def polygon_region(name: str, corners: NDArray[np.float64], *, image: int = 0) -
     return Region(name, float(centre_x), float(centre_y), radius, radius, points, image)
 
 
-def overlay_bytes(regions: Iterable[Region]) -> list[bytes]:
-    """Each region as ImageJ stores it in the overlay of a TIFF."""
-    return [imagej_roi(region).tobytes() for region in regions]
+def write_overlay_tiff(
+    image: NDArray, regions: Iterable[Region], path: str | Path, *, pixel_size: float | None
+) -> None:
+    """Write a frame as a TIFF that ImageJ opens with the regions as its overlay, whole or not at all.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Grey levels.
+    regions : iterable of Region
+    path : str or Path
+    pixel_size : float or None
+        Sample length per pixel, m: ImageJ then measures in um.
+    """
+    image = image if image.dtype in (np.uint8, np.uint16) else np.asarray(image, np.float32)
+    metadata: dict[str, Any] = {"Overlays": [imagej_roi(region).tobytes() for region in regions]}
+    resolution = None if pixel_size is None else (1e-6 / pixel_size, 1e-6 / pixel_size)
+    if resolution is not None:
+        metadata["unit"] = "um"
+    with replacing(path) as part:
+        tifffile.imwrite(part, image, imagej=True, metadata=metadata, resolution=resolution)

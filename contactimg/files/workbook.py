@@ -1,0 +1,163 @@
+"""A run as an Excel workbook: one sheet a table, units in the headers, in units that people use."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from openpyxl import Workbook
+from openpyxl.cell import WriteOnlyCell
+from openpyxl.cell.cell import ILLEGAL_CHARACTERS_RE
+from openpyxl.styles import Alignment, Font
+from openpyxl.utils import get_column_letter
+from openpyxl.worksheet._write_only import WriteOnlyWorksheet
+
+from contactimg.errors import InputError
+from contactimg.files.atomic import replacing
+from contactimg.tables import Schema, flag_names
+
+MOST_ROWS = 1_048_576
+"""Of a sheet, header included (theory: the limit of Excel)."""
+WIDEST_COLUMN, NARROWEST_COLUMN = 40, 9  # characters
+SAMPLED_ROWS = 200  # from which the width of a column is taken
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of a column: its name, and how many of it are one of the unit in the column's name."""
+
+    name: str
+    factor: float
+
+
+_FORCE, _STRESS = Unit("mN", 1e3), Unit("MPa", 1e-6)
+UNITS: dict[str, dict[str, Unit]] = {
+    "um": {"_m": Unit("µm", 1e6), "_m2": Unit("µm²", 1e12), "_N": _FORCE, "_Pa": _STRESS},
+    "mm": {"_m": Unit("mm", 1e3), "_m2": Unit("mm²", 1e6), "_N": _FORCE, "_Pa": _STRESS},
+    "m": {"_m": Unit("m", 1.0), "_m2": Unit("m²", 1.0), "_N": Unit("N", 1.0), "_Pa": Unit("Pa", 1.0)},
+}
+"""Name of a system of units -> ending of a column's name -> unit in the workbook."""
+_SAME = {"_px": "px", "_px2": "px²", "_rad": "rad"}
+
+
+def heading(column: str, units: str) -> tuple[str, float]:
+    """Header of a column, and the factor of its values.
+
+    Examples
+    --------
+    >>> heading("radius_std_m", "um"), heading("x_px", "um"), heading("flags", "um")
+    (('radius std (µm)', 1000000.0), ('x (px)', 1.0), ('flags', 1.0))
+    """
+    for ending, unit in UNITS[units].items():
+        if column.endswith(ending):
+            return f"{column.removesuffix(ending).replace('_', ' ')} ({unit.name})", unit.factor
+    for ending, name in _SAME.items():
+        if column.endswith(ending):
+            return f"{column.removesuffix(ending).replace('_', ' ')} ({name})", 1.0
+    return column.replace("_", " "), 1.0
+
+
+def write_workbook(
+    tables: Sequence[tuple[Schema, pd.DataFrame]], about: Mapping[str, str], path: Path, *, units: str
+) -> None:
+    """Write tables as a workbook, whole or not at all.
+
+    Parameters
+    ----------
+    tables : sequence of (Schema, DataFrame)
+        One sheet each, in order, then a sheet that explains the columns.
+    about : mapping
+        What the first sheet says of the run.
+    path : Path
+        The file, with the extension .xlsx.
+    units : {"um", "mm", "m"}
+        Units of lengths, areas and forces.
+
+    Raises
+    ------
+    InputError
+        If a table has more rows than a sheet can hold.
+    """
+    book = Workbook(write_only=True)
+    _write_rows(book.create_sheet("about"), ["", ""], [list(row) for row in about.items()], [1.0, 1.0])
+    for schema, table in tables:
+        if len(table) >= MOST_ROWS:
+            raise InputError(
+                f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
+            )
+        headings = [heading(name, units) for name in schema.columns]
+        _write_rows(
+            book.create_sheet(schema.name),
+            [name for name, _ in headings],
+            _cells(schema.conform(table)),
+            [factor for _, factor in headings],
+        )
+    rows = [
+        [schema.name, heading(name, units)[0], name, meaning]
+        for schema, _ in tables
+        for name, (_, meaning) in schema.columns.items()
+    ]
+    _write_rows(
+        book.create_sheet("columns"), ["sheet", "column", "name in the CSV", "meaning"], rows, [1.0] * 4
+    )
+    with replacing(path) as part, part.open("wb") as file:
+        book.save(file)
+
+
+def _cells(table: pd.DataFrame) -> list[list[Any]]:
+    """Rows of Python values; None where there is none, flags as names."""
+    if "flags" in table:
+        table = table.assign(flags=flag_names(table["flags"]))
+    return table.astype(object).where(table.notna(), None).to_numpy().tolist()
+
+
+def _write_rows(
+    sheet: WriteOnlyWorksheet, header: list[str], rows: list[list[Any]], factors: list[float]
+) -> None:
+    """Write a header that stays in view, and rows below it."""
+    sheet.freeze_panes = "A2"
+    for number, name in enumerate(header):
+        lengths = [len(_shown(row[number])) for row in rows[:SAMPLED_ROWS]] + [len(name)]
+        width = min(max(*lengths, NARROWEST_COLUMN), WIDEST_COLUMN) + 2
+        sheet.column_dimensions[get_column_letter(number + 1)].width = width
+    sheet.append([_header_cell(sheet, name) for name in header])
+    for row in rows:
+        sheet.append([_cell(sheet, value, factor) for value, factor in zip(row, factors, strict=True)])
+    if rows and all(header):
+        sheet.auto_filter.ref = f"A1:{get_column_letter(len(header))}{len(rows) + 1}"
+
+
+def _header_cell(sheet: WriteOnlyWorksheet, name: str) -> WriteOnlyCell:
+    cell = WriteOnlyCell(sheet, name)
+    cell.font, cell.alignment = Font(bold=True), Alignment(wrap_text=True, vertical="top")
+    return cell
+
+
+def _cell(sheet: WriteOnlyWorksheet, value: Any, factor: float) -> Any:
+    """A cell: numbers in the unit of the header, text as text even if it looks like a formula."""
+    if isinstance(value, float):
+        cell = WriteOnlyCell(sheet, value * factor)
+        cell.number_format = _format(value * factor)
+        return cell
+    if not isinstance(value, str):
+        return value
+    text = ILLEGAL_CHARACTERS_RE.sub("\ufffd", value.encode("utf-8", "replace").decode())
+    cell = WriteOnlyCell(sheet, text)
+    cell.data_type = "s"
+    return cell
+
+
+def _format(value: float) -> str:
+    """Four to five digits to look at; the cell holds all of them."""
+    size = abs(value)
+    if size == 0:
+        return "0"
+    if size >= 1e6 or size < 1e-3:
+        return "0.000E+00"
+    return "0" if size >= 1e4 else "0.0" if size >= 1e3 else "0.00" if size >= 10 else "0.0000"
+
+
+def _shown(value: Any) -> str:
+    """About what a cell shows."""
+    return "" if value is None else "12345.678" if isinstance(value, float) else str(value)
