@@ -77,8 +77,9 @@ def review(foreground: Foreground, difference: DifferenceImage, detections: Dete
         left = _inspect(foreground, difference, detections)
         return Review(detections, unexplained=_unexplained(foreground, detections), background=left)
     blur = _edge_blur(detections)
-    unseen = _is_unseen(foreground, places, blur)
-    scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen
+    by_hand = (np.asarray(detections.contacts["flags"], np.int64) & int(Flag.MANUAL)) > 0
+    unseen = _is_unseen(foreground, places, blur) & ~by_hand
+    scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
     agreement = None
