@@ -1,6 +1,5 @@
 """Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any, Literal
@@ -223,8 +222,7 @@ def measure_scene_frame(
             threshold=scene.measure.threshold,
             blur_px=scene.measure.blur_px,
             optics=optics,
-            film=options.film,
-            edits=options.edits.get(frame.name, ()),
+            options=options,
         )
     return MeasuredFrame(
         contacts_table(measurement, frame.name),
@@ -245,8 +243,7 @@ def measure_prepared(
     threshold: float | str | None = None,
     blur_px: float | None = None,
     optics: SharedOptics | None = None,
-    film: FilmRim | None = None,
-    edits: Sequence[HandEdit] = (),
+    options: FrameOptions | None = None,
 ) -> ImageMeasurement:
     """Measure a frame with the polarity, the full scale and the corrections of its scene.
 
@@ -262,9 +259,9 @@ def measure_prepared(
         full_scale=full_scale(frame, scene),
         blur_px=blur_px,
         optics=optics,
-        film=film,
+        film=None if options is None else options.film,
         absent=scene.effects.switched_off(*CORRECTIONS),
-        edits=edits,
+        edits=() if options is None else options.edits.get(frame.name, ()),
     )
 
 

@@ -30,6 +30,8 @@ def edit_counts(
     level : float
         Pixels above it are counted.
     """
+    if not edits:
+        return contacts, dict.fromkeys(PLACE, np.empty(0)) | {"reason": np.empty(0, "U1")}, []
     places = np.column_stack([contacts[name] for name in PLACE])
     edited = edit_disks(places, edits, image)
     components = _Components.of(image > level)

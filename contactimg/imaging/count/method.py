@@ -106,10 +106,7 @@ def measure_by_count(
         noise=foreground.noise,
         saturated=frame_pair.saturated,
     )
-    unmatched: list[HandEdit] = []
-    by_hand = {name: np.empty(0) for name in (*PLACE, "reason")}
-    if edits:
-        contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
+    contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     contacts["radius_std_px"] = counting_std(contacts["radius_px"], foreground.noise / slope)
     reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
     cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
@@ -117,11 +114,9 @@ def measure_by_count(
     places = np.column_stack([contacts[name] for name in PLACE])
     dust = find_reference_dust(frame_pair.frame, image, difference, places)
     dust &= (contacts["flags"] & int(Flag.MANUAL)) == 0
-    reasons = [rejected["reason"], np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST), by_hand["reason"]]
-    rejected = {
-        "reason": np.concatenate([part.astype(object) for part in reasons]),
-        **{name: np.concatenate([rejected[name], contacts[name][dust], by_hand[name]]) for name in PLACE},
-    }
+    dusty = {name: contacts[name][dust] for name in PLACE}
+    dusty["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
+    rejected = {name: np.concatenate([part[name] for part in (rejected, dusty, by_hand)]) for name in dusty}
     contacts = {name: values[~dust] for name, values in contacts.items()}
     shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / slope)
     contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], shift[:, None])
