@@ -19,6 +19,7 @@ ROOMS = [
     "mechanics",
     "optics",
     "surfaces",
+    "plausibility",
     "imaging",
     "models",
     "effects",

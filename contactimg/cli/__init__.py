@@ -68,6 +68,8 @@ for command in (
     commands.add_command(command)
     for leaf in command.commands.values() if isinstance(command, click.Group) else (command,):
         shared.timings(leaf)
+        if command not in (analyse, report):
+            shared.no_plausibility(leaf)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

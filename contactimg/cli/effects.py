@@ -58,12 +58,12 @@ def effects(
       contactimg effects sample_data/sa_plus --output force --tolerance 0.0001 -o plan
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, with_tolerance
+        from contactimg.cli.scenes import model_inputs, plausible, with_tolerance
         from contactimg.files import OutputFolder, provenance, read_scene, write_table
         from contactimg.pipeline.effects import plan_effects
         from contactimg.tables import EFFECTS
 
-    description = with_tolerance(read_scene(scene), output=output, relative=tolerance)
+    description = with_tolerance(plausible(read_scene(scene)), output=output, relative=tolerance)
     plan = plan_effects(description, load=load)
     if folder is not None:
         record = provenance(

@@ -33,13 +33,14 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
       contactimg overlay results
     """
     with stage("loading"):
+        from contactimg.cli.scenes import plausible
         from contactimg.files import OutputFolder, open_experiment, provenance, read_run
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
         from contactimg.pipeline.run import run_of_folder
 
     measured = run_of_folder(read_run(run))
-    experiment = open_experiment(measured.scene)
+    experiment = open_experiment(plausible(measured.scene))
     asperities = need_asperities(measured.scene, "predicting contacts")
     target = shared.output_path(output, run)
     record = provenance(

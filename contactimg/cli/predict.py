@@ -72,7 +72,7 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, with_tolerance
+        from contactimg.cli.scenes import model_inputs, plausible, with_tolerance
         from contactimg.files import OutputFolder, provenance, read_scene
         from contactimg.pipeline.predict import (
             choice_sentence,
@@ -83,7 +83,7 @@ def predict(
         )
         from contactimg.tables import FAILED
 
-    description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
+    description = with_tolerance(plausible(read_scene(scene)), output=None, relative=tolerance)
     target = shared.output_path(output, description.folder)
     options = {"loads_N": list(loads), "model": model, "coupling": coupling, "annulus_mm": annulus_mm}
     record = provenance(

@@ -1,6 +1,7 @@
 """From a folder and options to a scene: options replace keys of the scene file."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,10 @@ from contactimg.files import (
     named_file,
     read_calibration,
     read_scene,
+    read_scene_asperities,
+    read_scene_loads,
 )
+from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene, scene_from_dict
 
 SCENE_KEYS = {
@@ -59,7 +63,23 @@ def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     for option, value in given.items():
         section, key = SCENE_KEYS[option]
         data.setdefault(section, {})[key] = _plain(option, value)
-    return scene_from_dict(data, name="the options and the scene", folder=str(base))
+    return plausible(scene_from_dict(data, name="the options and the scene", folder=str(base)))
+
+
+def plausible(scene: Scene) -> Scene:
+    """The scene, unless physics makes one of its values doubtful.
+
+    Raises
+    ------
+    InputError
+        For a value that is probably a slip (`contactimg.plausibility`), without ``--no-plausibility``.
+    """
+    asperities, loads = None, list[float]()
+    with suppress(InputError):  # a file that cannot be read: the command itself says so
+        asperities = read_scene_asperities(scene)
+        loads = read_scene_loads(scene)
+    settle(doubts_about_scene(scene, asperities, loads), str(Path(scene.folder)))
+    return scene
 
 
 def _apply_calibration(data: dict[str, Any], record: Mapping[str, Any], *, sets_method: bool) -> None:

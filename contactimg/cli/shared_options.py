@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from contactimg.cli.printing import echo_timings
-from contactimg.timings import collect
+from contactimg.timings import collect, stage
 
 DEFAULT_FOLDER = "contactimg_out"
 
@@ -100,6 +100,23 @@ timings = click.option(
     help="Print a table at the end: how long each stage took, in seconds.",
 )
 """Of every command: `contactimg.cli` adds it."""
+
+
+def _doubt_as_warning(context: click.Context, _parameter: click.Parameter, value: bool) -> None:  # noqa: FBT001
+    """Print doubts about the scene as warnings."""
+    if value:
+        with stage("loading"):
+            from contactimg.plausibility import doubts_as_warnings
+        context.with_resource(doubts_as_warnings())
+
+
+no_plausibility = click.option(
+    "--no-plausibility",
+    is_flag=True,
+    expose_value=False,
+    callback=_doubt_as_warning,
+    help="Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
+)
 
 workers = click.option(
     "--workers",

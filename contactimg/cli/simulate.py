@@ -46,13 +46,13 @@ def simulate(*, scene: str, output: str | None, optics: bool, quiet: bool) -> No
       contactimg process frames
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs
+        from contactimg.cli.scenes import model_inputs, plausible
         from contactimg.files import OutputFolder, provenance, read_scene
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.simulate import plan_simulation, write_simulation
         from contactimg.prediction import load_name
 
-    description = read_scene(scene)
+    description = plausible(read_scene(scene))
     smooth = description.asperities is None
     asperities = None if smooth else need_asperities(description, "simulating frames")
     target = shared.output_path(output, description.folder)

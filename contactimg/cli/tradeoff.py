@@ -55,12 +55,12 @@ def tradeoff(
       contactimg tradeoff sample_data/sa_plus --knob model --load-N 0.1 -o tradeoff
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, with_tolerance
+        from contactimg.cli.scenes import model_inputs, plausible, with_tolerance
         from contactimg.files import OutputFolder, provenance, read_scene
         from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
         from contactimg.tradeoff.measure import run_knobs
 
-    description = with_tolerance(read_scene(scene), output=None, relative=tolerance)
+    description = with_tolerance(plausible(read_scene(scene)), output=None, relative=tolerance)
     chosen, left_out = prepare_tradeoff(description, load=load, knobs=knobs, fine=fine)
     target = shared.output_path(output, description.folder)
     record = provenance(

@@ -50,12 +50,41 @@ def read_calibration(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path}: is not JSON ({error}); give the calibration.json of `calibrate`") from None
     if not isinstance(record, dict):
         raise InputError(f"{path}: must hold an object; give the calibration.json of `calibrate`")
-    for name, entry in record.items():
-        if isinstance(entry, dict) and {"value", "unit"} <= set(entry):
-            value = entry["value"]
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise InputError(f"{path}: the value of {name} must be a number, got {value!r}")
+    check_calibration(record, str(path))
     return record
+
+
+NUMBERS = (
+    "young_modulus",
+    "work_of_adhesion",
+    "centre_x",
+    "centre_y",
+    "threshold",
+    "slope",
+    "threshold_low",
+    "threshold_high",
+)
+"""Names of the numbers that a calibration may hold."""
+
+
+def check_calibration(record: Mapping[str, Any], place: str) -> None:
+    """Raise an `InputError` if a number of a calibration is none, or has no value."""
+    for name, entry in record.items():
+        numbers = isinstance(entry, dict) and {"value", "unit"} <= set(entry)
+        if name in NUMBERS and not (isinstance(entry, dict) and "value" in entry):
+            raise InputError(f"{place}: {name} must hold a value, got {entry!r}")
+        if not (numbers or name in NUMBERS):
+            continue
+        if not _is_number(entry["value"]):
+            raise InputError(f"{place}: the value of {name} must be a number, got {entry['value']!r}")
+        std = entry.get("std")
+        if std is not None and not (_is_number(std) and std >= 0):
+            raise InputError(f"{place}: the std of {name} must be a number that is not negative, got {std!r}")
+
+
+def _is_number(value: object) -> bool:
+    """Whether a value of JSON is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def shares_frames(record: Mapping[str, Any], inputs: list[dict[str, Any]]) -> bool:

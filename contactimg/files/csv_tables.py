@@ -18,6 +18,8 @@ from contactimg.timings import stage
 
 _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about twenty times that of numbers
 _SEPARATORS = (",", ";", "\t")
+_LARGEST_COUNT = 2**63 - 1  # of an int64
+_LONGEST_COUNT = 40  # characters; longer ones are read as floats, which are too large
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 
 MAX_ASPERITY_HEIGHT = 0.01
@@ -177,11 +179,12 @@ def _parse_count(cell: str) -> object:
     """An integer, also if written with decimals; an empty cell is NA."""
     if not cell.strip():
         return pd.NA
-    if cell.strip().lstrip("+-").isdecimal():
-        return int(cell)
-    value = _parse_number(cell, infinite=False)
-    if not value.is_integer():
+    whole = cell.strip().lstrip("+-").isdecimal() and len(cell) < _LONGEST_COUNT
+    value = int(cell) if whole else _parse_number(cell, infinite=False)
+    if not float(value).is_integer():
         raise ValueError("must be a whole number")
+    if not -_LARGEST_COUNT - 1 <= value <= _LARGEST_COUNT:
+        raise ValueError(f"must be a whole number of at most {_LARGEST_COUNT}")
     return int(value)
 
 

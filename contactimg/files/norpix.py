@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
+from contactimg.files.limits import check_size
 
 # magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
 _HEADER = struct.Struct("<L24sll512s9Ld8L")
@@ -59,10 +60,12 @@ def _read_layout(path: Path) -> _Layout:
     _check_kind(kind, bits, fields[-1])
     # from version 5 on the images begin on a sector of 8192 bytes, before at 1024
     first = 8192 if version >= 5 else 1024
-    if step <= 0 or image_bytes < rows * columns * bits // 8:
+    check_size(columns, rows)
+    if step <= 0 or used_bits > bits or image_bytes < rows * columns * bits // 8:
         raise ValueError("the header of the Norpix sequence contradicts itself")
-    if count == 0:  # a recording that was not closed properly
-        count = (path.stat().st_size - first) // step
+    held = max((path.stat().st_size - first) // step, 0)
+    # 0: a recording that was not closed properly; one number beyond the end stands for all that are lost
+    count = min(count, held + 1) if count else held
     dtype = np.dtype(f"<u{bits // 8}")
     return _Layout(rows, columns, dtype, float(2 ** (used_bits or bits) - 1), first, step, count)
 

@@ -19,6 +19,7 @@ from contactimg import __version__
 from contactimg.errors import InputError
 from contactimg.files.commit import PROVENANCE_FILE, read_settled
 from contactimg.files.csv_tables import read_table
+from contactimg.files.run_record import check_record
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
 from contactimg.timings import stage
@@ -182,21 +183,45 @@ def _read_run(folder: Path) -> RunFolder:
     """The run in a folder; see `read_run`."""
     try:
         records = read_records(folder)
-        record = next(
-            (record for record in records if "contacts.csv" in record.get("outputs", [])), records[0]
-        )
-        version, configuration = int(record["schema_version"]), dict(record["configuration"])
     except OSError:
         raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, RecursionError):
         raise InputError(f"{folder / PROVENANCE_FILE}: is damaged; repeat the run") from None
-    if version > SCHEMA_VERSION:
+    record = _record_of_contacts(records)
+    version = record.get("schema_version")
+    if isinstance(version, int) and version > SCHEMA_VERSION:
         raise InputError(
             f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
         )
+    record = check_record(record, folder / PROVENANCE_FILE)
     contacts = read_table(folder / "contacts.csv", CONTACTS, infinite=True)
     frames = read_table(folder / "frames.csv", FRAMES, infinite=True)
-    return RunFolder(folder, contacts, frames, _scene_of_run(folder, configuration), record)
+    _check_tables(folder, contacts, frames)
+    return RunFolder(folder, contacts, frames, _scene_of_run(folder, record["configuration"]), record)
+
+
+def _record_of_contacts(records: list[dict[str, Any]]) -> dict[str, Any]:
+    """The record of the command that wrote contacts.csv; the last one if none says so."""
+    for record in records:
+        outputs = record.get("outputs")
+        if isinstance(outputs, list) and "contacts.csv" in outputs:
+            return record
+    return records[0]
+
+
+def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
+    """Raise if the tables of a run do not belong together."""
+    repeated = frames["frame"][frames["frame"].duplicated()]
+    if len(repeated):
+        raise InputError(f"{folder / 'frames.csv'}: names frame {repeated.iloc[0]!r} more than once")
+    unknown = contacts["frame"][~contacts["frame"].isin(frames["frame"])]
+    if len(unknown):
+        raise InputError(
+            f"{folder / 'contacts.csv'}: names frame {unknown.iloc[0]!r}, which frames.csv does not; "
+            "repeat the run"
+        )
+    if (contacts["asperity"] < 0).any():
+        raise InputError(f"{folder / 'contacts.csv'}: column asperity must not be negative; repeat the run")
 
 
 def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene | None:

@@ -1,6 +1,7 @@
 """Read PNG, JPEG and BMP, one image per file, recognised by the first bytes."""
 
 import io
+import struct
 from pathlib import Path
 
 import imagecodecs
@@ -9,8 +10,12 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
+from contactimg.files.limits import check_size
 
 _PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_SIZE = struct.Struct(">LL")  # at byte 16, in the chunk that every PNG begins with
+
+Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
 
 
 def list_images(path: Path) -> range:  # noqa: ARG001 (every decoder has the same two functions)
@@ -27,6 +32,7 @@ def read_image(path: Path, index: int) -> Pixels:  # noqa: ARG001
 
 def _decode_png(data: bytes) -> NDArray:
     """Grey or red-green-blue of a PNG, 8 or 16 bits; palettes are expanded."""
+    check_size(*_PNG_SIZE.unpack(data[16:24].ljust(8, b"\0")))
     array = imagecodecs.png_decode(data)
     if array.ndim == 2:
         return array
@@ -37,6 +43,7 @@ def _decode_other(data: bytes) -> NDArray:
     """Grey or red-green-blue of a JPEG or BMP, 8 bits."""
     try:
         with Image.open(io.BytesIO(data), formats=("JPEG", "BMP")) as image:
+            check_size(*image.size)
             if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
                 raise UnsupportedPixelsError(f"colours of type {image.mode} are not supported")
             return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))

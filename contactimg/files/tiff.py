@@ -5,6 +5,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from itertools import islice
 from pathlib import Path
 from typing import cast
 
@@ -14,10 +15,12 @@ from numpy.typing import NDArray
 
 from contactimg.files.atomic import replacing
 from contactimg.files.grey import Pixels, UnsupportedPixelsError
+from contactimg.files.limits import check_size
 from contactimg.frame import Frame
 from contactimg.timings import stage
 
 _MAX_SAMPLE_VALUE = 281  # TIFF 6.0, section 8
+_SMALLEST_PAGE = 18  # bytes of a page header with one tag (TIFF 6.0, section 2)
 _PHOTOMETRIC = tifffile.PHOTOMETRIC
 _SIGNATURES = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")  # little and big endian, classic and BigTIFF
 _complaints: ContextVar[list[str] | None] = ContextVar("complaints", default=None)
@@ -53,24 +56,28 @@ def _opened(path: Path) -> Iterator[tuple[tifffile.TiffFile, list[str]]]:
 def list_images(path: Path) -> list[int]:
     """Numbers of the pages that are images, not thumbnails or masks.
 
-    If the chain of pages is broken, one more number stands for the lost pages.
+    If the chain of pages is broken or a ring, one more number stands for the lost pages.
     """
     with _opened(path) as (tif, complaints):
         if _undivided(tif) > 1:
             return list(range(_undivided(tif)))
-        pages = [k for k, page in enumerate(_pages(tif)) if not (page.is_reduced or page.is_mask)]
+        most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
+        numbered = enumerate(islice(_pages(tif), most + 1))
+        pages = [k for k, page in numbered if k == most or not (page.is_reduced or page.is_mask)]
         lost = any("TiffPages" in complaint for complaint in complaints)
-        return [*pages, len(tif.pages)] if lost else pages
+        return [*pages, len(tif.pages)] if lost and most not in pages else pages
 
 
 def read_image(path: Path, index: int) -> Pixels:
     """Pixels of page number ``index``, from 0, of a TIFF file."""
     with _opened(path) as (tif, _):
         if _undivided(tif) > 1:
+            _check_page_size(_pages(tif)[0])
             return _interpret(_pages(tif)[0], _read_undivided(tif, index))
-        if not _has_page(tif, index):
+        if index > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, index):
             raise ValueError(f"the file is truncated or damaged after page {index - 1}")
         page = _pages(tif)[index]
+        _check_page_size(page)
         _check_complete(page, tif.filehandle.size)
         array = page.asarray()
         return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
@@ -93,7 +100,9 @@ def _undivided(tif: tifffile.TiffFile) -> int:
     """Images of a stack that has one page header for all (ImageJ beyond 4 GB); else 1."""
     if not tif.is_imagej or not tif.pages[0].is_contiguous or _has_page(tif, 1):
         return 1
-    return int((tif.imagej_metadata or {}).get("images", 1))
+    stated, page = int((tif.imagej_metadata or {}).get("images", 1)), tif.pages[0]
+    # one number beyond the end of the file stands for all that are lost
+    return min(stated, max(tif.filehandle.size // max(page.nbytes, 1), 1) + 1)
 
 
 def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
@@ -106,6 +115,14 @@ def _read_undivided(tif: tifffile.TiffFile, index: int) -> NDArray:
     return file.read_array(cast("np.dtype", page.dtype).newbyteorder(tif.byteorder), page.size).reshape(
         page.shape
     )
+
+
+def _check_page_size(page: tifffile.TiffPage) -> None:
+    """Raise if the page, or a tile of it, is beyond the limit."""
+    samples = max(page.samplesperpixel, 1) * max(page.imagedepth, 1)
+    check_size(page.imagewidth, page.imagelength, samples)
+    if page.is_tiled:
+        check_size(page.tilewidth, page.tilelength, max(page.samplesperpixel, 1) * max(page.tiledepth, 1))
 
 
 def _check_complete(page: tifffile.TiffPage, size: int) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 
 from contactimg.files.grey import Pixels
+from contactimg.files.limits import check_size
 
 _lock = threading.Lock()  # stderr belongs to the whole process
 
@@ -18,7 +19,7 @@ def list_images(path: Path) -> range:
     with _opened(path) as video:
         count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
         if count > 0:
-            return range(count)
+            return range(min(count, path.stat().st_size))  # an image takes a byte or more
         count = 0
         while video.grab():
             count += 1
@@ -28,6 +29,7 @@ def list_images(path: Path) -> range:
 def read_image(path: Path, index: int) -> Pixels:
     """Image number ``index``, from 0, in red, green and blue."""
     with _opened(path) as video:
+        check_size(int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
         if index:
             video.set(cv2.CAP_PROP_POS_FRAMES, index)
         read, image = video.read()

@@ -220,6 +220,9 @@ def draw_comparison(
     """Draw measured and predicted contacts on each compared frame, as PNG files."""
     folder.mkdir()
     sources = {source.name: source for source in experiment.frames}
+    lost = [frame for frame in comparison.predicted if frame not in sources]
+    if lost:
+        raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
     jobs = (
         (sources[frame], run, predicted, experiment.load_of(frame), folder)
         for frame, predicted in comparison.predicted.items()

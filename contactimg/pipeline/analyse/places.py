@@ -165,6 +165,11 @@ def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
     radii = np.full(len(contacts), np.nan if section is None or section.radius is None else section.radius)
     if asperities is not None:
         known = contacts["asperity"].notna().to_numpy()
+        last = contacts["asperity"].max()
+        if known.any() and last >= len(asperities):
+            raise InputError(
+                f"contacts.csv names asperity {last}, but their table has {len(asperities)} rows"
+            )
         radii[known] = asperities["radius_m"].to_numpy(float)[contacts["asperity"][known].to_numpy(int)]
     return contacts["radius_m"] / radii
 

@@ -14,6 +14,7 @@ from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
 from contactimg.pipeline.calibrate.circles import CircleSeries, mean_centre, measure_circles
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
 from contactimg.tables import CIRCLES, Status
 
@@ -58,6 +59,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         )
 
     calibration = calibrate(part)
+    _check_plausible(calibration, part, sphere_radius)
     if series.rival is not None:
         rival_part = series.rival[chosen & np.isfinite(series.rival["radius_m"])]
         calibration = _widened(calibration, calibrate(rival_part), series.doubt)
@@ -76,6 +78,16 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     figures = _jkr_figures(calibration, sphere_radius, modulus)
     failed = bool((table["status"] == Status.FAILED).any())
     return Calibrated(record, {"circles.csv": (CIRCLES, table)}, figures, notes, failed=failed)
+
+
+def _check_plausible(calibration: JkrCalibration, circles: pd.DataFrame, sphere_radius: float) -> None:
+    """Raise if the result is that of no material; see `contactimg.plausibility`."""
+    doubts = doubts_about_calibration(
+        young_modulus=calibration.young_modulus.value,
+        work_of_adhesion=calibration.work_of_adhesion.value,
+        contact_over_radius=float(circles["radius_m"].max()) / sphere_radius,
+    )
+    settle(doubts, "the calibration")
 
 
 def _widened(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:

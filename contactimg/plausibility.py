@@ -1,0 +1,301 @@
+"""Slips that physics can tell: a value in another unit, columns that were swapped, a sign.
+
+Every command checks its scene before it computes. A doubt is an error that names the value, the plausible
+range and the unit that was probably meant; within `doubts_as_warnings` it is a warning.
+"""
+
+import logging
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+from contactimg.mechanics import hertz
+from contactimg.scene import Scene
+
+logger = logging.getLogger(__name__)
+
+MAX_CONTACT_OVER_RADIUS = 0.5
+"""Contact radius over radius of curvature above which no model here describes a contact. Chosen: small-strain
+contact mechanics holds to about 0.1, and nothing of it is left at 0.5."""
+
+MAX_CONTACT_OVER_SAMPLE = 1.5
+"""Radius of the smooth sphere's contact over half the diagonal of the asperity table above which the load,
+the modulus or the radius is doubted. Chosen; a contact beyond the table would lose its forces anyway."""
+
+MAX_APEX_DISTANCE = 0.5
+"""Distance of the apex from the box of the asperities, as a fraction of the longer side. Chosen: an indenter
+that stands beside its sample touches it in a corner at most."""
+
+MAX_RADIUS_OVER_SPACING = 30.0
+"""Radius of the asperities over their mean distance. Chosen: shallow caps reach a few."""
+
+MAX_SPACING_OVER_RADIUS = 1000.0
+"""Mean distance of the asperities over their radius. Chosen: sparse samples reach some tens."""
+
+OPPOSITE_SHARE = 0.05
+"""Share of the asperities up to which those on the other side of zero are doubted if they stand alone."""
+
+ALONE_SPACINGS = 4.0
+"""Distance to the next asperity, in mean spacings, from which one stands alone. Chosen: in a random pattern
+of 10^4 points the largest such distance is below 2 (theory: exp(-pi x^2) per point)."""
+
+_FACTORS = {1e-3: "mm", 1e-6: "µm", 1e-9: "nm", 1e-2: "cm"}
+
+
+@dataclass(frozen=True)
+class PlausibleRange:
+    """The range in which a quantity of an experiment lies.
+
+    Parameters
+    ----------
+    low, high : float
+        In the unit.
+    unit : str
+    below, above : str
+        The slip that probably gave a value outside.
+    """
+
+    low: float
+    high: float
+    unit: str
+    below: str
+    above: str
+
+    def doubt(self, name: str, value: float) -> Iterator[str]:
+        """A sentence about a value outside the range."""
+        if not self.low <= value <= self.high:
+            hint = self.below if value < self.low else self.above
+            yield (
+                f"{name} = {value:g} {self.unit}".rstrip()
+                + f" is outside the plausible range {self.low:g} ... {self.high:g}"
+                + (f"; {hint}" if hint else "")
+            )
+
+
+# chosen, a decade beyond what is made or used: from gels to diamond, microspheres to optical flats
+YOUNG_MODULUS = PlausibleRange(
+    1e3, 1.3e12, "Pa", "was it given in MPa or GPa?", "is a length in another unit?"
+)
+POISSON_RATIO = PlausibleRange(0.2, 0.5, "", "rubber has 0.5; was it given in another unit?", "")
+INDENTER_RADIUS = PlausibleRange(1e-7, 5.0, "m", "", "was it given in mm or µm?")
+PIXEL_SIZE = PlausibleRange(5e-9, 5e-4, "m", "", "was it given in µm or mm?")
+THICKNESS = PlausibleRange(1e-7, 1.0, "m", "", "was it given in mm or µm?")
+WORK_OF_ADHESION = PlausibleRange(0.0, 10.0, "J/m^2", "", "was it given in mJ/m^2, or are loads in mN?")
+LOAD = PlausibleRange(-1e3, 1e5, "N", "were loads given in mN?", "were loads given in mN or µN?")
+ASPERITY_RADIUS = PlausibleRange(1e-9, 0.05, "m", "", "was it given in mm or µm?")
+
+_warn_only: ContextVar[bool] = ContextVar("warn_only", default=False)
+
+
+@contextmanager
+def doubts_as_warnings() -> Iterator[None]:
+    """Log doubts as warnings instead of raising them."""
+    token = _warn_only.set(True)
+    try:
+        yield
+    finally:
+        _warn_only.reset(token)
+
+
+def settle(doubts: Iterable[str], place: str) -> None:
+    """Raise or log doubts.
+
+    Parameters
+    ----------
+    doubts : iterable of str
+    place : str
+        The file or the result that they are about.
+
+    Raises
+    ------
+    InputError
+        With the first doubt, unless inside `doubts_as_warnings`.
+    """
+    doubts = list(doubts)
+    if not doubts:
+        return
+    if _warn_only.get():
+        for doubt in doubts:
+            logger.warning("%s: %s", place, doubt)
+        return
+    more = f" (and {len(doubts) - 1} more of this kind)" if len(doubts) > 1 else ""
+    raise InputError(f"{place}: {doubts[0]}{more}; correct it, or give --no-plausibility if it is right")
+
+
+def doubts_about_scene(
+    scene: Scene, asperities: pd.DataFrame | None = None, loads: Sequence[float] = ()
+) -> Iterator[str]:
+    """Sentences about values of a scene that are probably slips.
+
+    Parameters
+    ----------
+    scene : Scene
+    asperities : DataFrame, optional
+        Its asperity table.
+    loads : sequence of float
+        Its loads, N.
+
+    Yields
+    ------
+    str
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> list(doubts_about_scene(scene_from_dict({"elastic": {"young_modulus_Pa": 3.0}})))
+    ['young_modulus_Pa = 3 Pa is outside the plausible range 1000 ... 1.3e+12; was it given in MPa or GPa?']
+    """
+    if scene.elastic is not None:
+        yield from YOUNG_MODULUS.doubt("young_modulus_Pa", scene.elastic.young_modulus)
+        yield from POISSON_RATIO.doubt("poisson_ratio", scene.elastic.poisson_ratio)
+        yield from WORK_OF_ADHESION.doubt("work_of_adhesion_J_m2", scene.elastic.work_of_adhesion)
+        if scene.elastic.thickness is not None:
+            yield from THICKNESS.doubt("thickness_m", scene.elastic.thickness)
+    if scene.camera is not None:
+        yield from PIXEL_SIZE.doubt("pixel_size_m", scene.camera.pixel_size)
+    if scene.indenter is not None:
+        yield from INDENTER_RADIUS.doubt("[indenter] radius_m", scene.indenter.radius)
+    loads = [*loads, *(scene.simulate.loads if scene.simulate is not None else [])]
+    for load in sorted({min(loads), max(loads)}) if loads else ():
+        yield from LOAD.doubt("load_N", load)
+    half_diagonal = np.inf
+    if asperities is not None and len(asperities) > 1:
+        yield from _doubts_about_asperities(asperities)
+        yield from _doubts_about_places(scene, asperities)
+        half_diagonal = float(np.hypot(*np.ptp(_points(asperities), axis=0))) / 2
+    if loads and max(loads) > 0:
+        yield from _doubts_about_strain(scene, max(loads), half_diagonal)
+
+
+def doubts_about_calibration(
+    *, young_modulus: float, work_of_adhesion: float, contact_over_radius: float
+) -> Iterator[str]:
+    """Sentences about the result of a JKR calibration.
+
+    Parameters
+    ----------
+    young_modulus : float
+        Pa.
+    work_of_adhesion : float
+        J/m^2.
+    contact_over_radius : float
+        Largest contact radius over the radius of the sphere.
+
+    Yields
+    ------
+    str
+    """
+    if contact_over_radius > MAX_CONTACT_OVER_RADIUS:
+        yield (
+            f"the largest contact radius is {contact_over_radius:.2g} of the radius of the sphere, beyond "
+            f"{MAX_CONTACT_OVER_RADIUS:g} no model holds; are pixel_size_m and radius_m in metres?"
+        )
+    hint = "are loads in N, and pixel_size_m and radius_m in metres?"
+    modulus = PlausibleRange(YOUNG_MODULUS.low, YOUNG_MODULUS.high, "Pa", hint, hint)
+    yield from modulus.doubt("the fitted young_modulus", young_modulus)
+    adhesion = PlausibleRange(WORK_OF_ADHESION.low, WORK_OF_ADHESION.high, "J/m^2", hint, hint)
+    yield from adhesion.doubt("the fitted work_of_adhesion", max(work_of_adhesion, 0.0))
+
+
+def _points(asperities: pd.DataFrame) -> NDArray[np.float64]:
+    """Positions, m."""
+    return asperities[["x_m", "y_m"]].to_numpy(float)
+
+
+def _doubts_about_asperities(asperities: pd.DataFrame) -> Iterator[str]:
+    """Heights against radii, radii against distances, and single asperities on the other side of zero."""
+    height, radius = (float(asperities[name].abs().median()) for name in ("height_m", "radius_m"))
+    yield from ASPERITY_RADIUS.doubt("the median of radius_m of the asperities", radius)
+    if height > radius:
+        yield (
+            f"the asperities are taller (median of height_m {height:g} m) than their radius of curvature "
+            f"({radius:g} m), more than a hemisphere; are the columns swapped, or in different units?"
+        )
+    points = _points(asperities)
+    area = float(np.prod(np.ptp(points, axis=0)))
+    spacing = float(np.sqrt(area / len(points)))
+    if spacing > 0 and radius > MAX_RADIUS_OVER_SPACING * spacing:
+        yield (
+            f"the radius of the asperities ({radius:g} m) is {radius / spacing:.3g} times their distance "
+            f"({spacing:g} m), plausible are at most {MAX_RADIUS_OVER_SPACING:g}; are x_m and y_m in metres?"
+        )
+    if radius * MAX_SPACING_OVER_RADIUS < spacing:
+        yield (
+            f"the mean distance of the asperities ({spacing:g} m) is {spacing / radius:.3g} times their "
+            f"radius ({radius:g} m), plausible at most {MAX_SPACING_OVER_RADIUS:g}; are they in metres?"
+        )
+    yield from _doubts_about_signs(points, spacing)
+
+
+def _doubts_about_signs(points: NDArray[np.float64], spacing: float) -> Iterator[str]:
+    """Few asperities on the other side of zero that stand alone."""
+    for axis, name in enumerate(("x_m", "y_m")):
+        values = points[:, axis]
+        for sign in (-1.0, 1.0):
+            rows = np.flatnonzero(sign * values > 0)
+            if not 0 < len(rows) <= OPPOSITE_SHARE * len(points):
+                continue
+            others = np.delete(points, rows, axis=0)
+            apart = [float(np.min(np.hypot(*(others - points[row]).T))) for row in rows]
+            alone = rows[int(np.argmax(apart))]
+            if max(apart) > ALONE_SPACINGS * spacing:
+                yield (
+                    f"asperities: row {alone}, {name} = {values[alone]:g} m lies {max(apart):g} m from the "
+                    "next asperity and has the opposite sign; is the sign right?"
+                )
+
+
+def _doubts_about_places(scene: Scene, asperities: pd.DataFrame) -> Iterator[str]:
+    """Apex and camera outside the sample."""
+    points = _points(asperities)
+    low, high = points.min(axis=0), points.max(axis=0)
+    side = float(np.max(high - low))
+    places = {}
+    if scene.indenter is not None and "apex" in scene.indenter.model_fields_set:
+        places["[indenter] apex_m"] = scene.indenter.apex
+    if scene.camera is not None and scene.camera.centre is not None:
+        places["[camera] centre_m"] = scene.camera.centre
+    for name, place in places.items():
+        if _distance(np.array(place), low, high) > MAX_APEX_DISTANCE * side:
+            likely = [
+                f"; was it given in {unit}?"
+                for factor, unit in _FACTORS.items()
+                if _distance(np.array(place) * factor, low, high) == 0
+            ]
+            yield (
+                f"{name} = ({place[0]:g}, {place[1]:g}) lies outside the asperities, which reach from "
+                f"({low[0]:g}, {low[1]:g}) to ({high[0]:g}, {high[1]:g}) m" + (likely or [""])[0]
+            )
+
+
+def _distance(point: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Distance of a point from a box."""
+    return float(np.hypot(*np.maximum(np.maximum(low - point, point - high), 0.0)))
+
+
+def _doubts_about_strain(scene: Scene, load: float, half_diagonal: float) -> Iterator[str]:
+    """The contact of the smooth sphere against its radius and the sample."""
+    if scene.indenter is None or scene.elastic is None:
+        return
+    radius = scene.indenter.radius
+    modulus = scene.elastic.contact_modulus
+    contact = float(hertz.radius(load, sphere_radius=radius, contact_modulus=modulus))
+    young = scene.elastic.young_modulus
+    given = f"load_N = {load:g}, [indenter] radius_m = {radius:g}, young_modulus_Pa = {young:g}"
+    hint = "is one of them in another unit (mN, mm, MPa)?"
+    if contact > MAX_CONTACT_OVER_RADIUS * radius:
+        yield (
+            f"{given}: a smooth sphere would touch over {contact / radius:.2g} of its radius, beyond "
+            f"{MAX_CONTACT_OVER_RADIUS:g} no model holds; {hint}"
+        )
+    elif contact > MAX_CONTACT_OVER_SAMPLE * half_diagonal:
+        yield (
+            f"{given}: a smooth sphere would touch over a radius of {contact:g} m, wider than the sample "
+            f"({half_diagonal:g} m to its corners); {hint}"
+        )

@@ -1,0 +1,122 @@
+"""Slips in a scene, its tables and a calibration: each is refused with value, range and likely unit."""
+
+from pathlib import Path
+
+import pytest
+from small_series import SCENE
+
+from contactimg.cli import main
+from contactimg.errors import InputError
+from contactimg.files import read_asperities, read_scene, read_scene_asperities, read_scene_loads
+from contactimg.plausibility import doubts_about_calibration, doubts_about_scene, doubts_as_warnings, settle
+from contactimg.scene import scene_from_dict
+
+SAMPLES = sorted((Path(__file__).parents[1] / "sample_data").glob("*/scene.toml"))
+
+
+@pytest.fixture(scope="module")
+def asperities(small_series):
+    return read_asperities(small_series / "asperities.csv")
+
+
+def changed(**sections):
+    return scene_from_dict(SCENE | {name: SCENE.get(name, {}) | keys for name, keys in sections.items()})
+
+
+def first_doubt(scene, asperities=None, loads=()):
+    return next(iter(doubts_about_scene(scene, asperities, loads)), "")
+
+
+def test_the_sound_scene_and_all_samples_are_plausible(asperities):
+    assert list(doubts_about_scene(changed(), asperities, [0.005])) == []
+    assert SAMPLES
+    for path in SAMPLES:
+        scene = read_scene(path)
+        assert list(doubts_about_scene(scene, read_scene_asperities(scene), read_scene_loads(scene))) == [], (
+            path
+        )
+
+
+@pytest.mark.parametrize(
+    ("sections", "said"),
+    [
+        ({"elastic": {"young_modulus_Pa": 3.0}}, "young_modulus_Pa = 3 Pa .* was it given in MPa or GPa"),
+        ({"elastic": {"young_modulus_Pa": 0.003}}, "young_modulus_Pa = 0.003 Pa .* 1000 .*MPa or GPa"),
+        ({"elastic": {"poisson_ratio": 0.0005}}, r"poisson_ratio = 0\.0005 is outside .* 0\.2 \.\.\. 0\.5"),
+        ({"elastic": {"thickness_m": 15.0}}, "thickness_m = 15 m .* mm"),
+        ({"elastic": {"work_of_adhesion_J_m2": 30.0}}, "work_of_adhesion_J_m2 = 30 .* mJ"),
+        ({"indenter": {"radius_m": 128.8}}, "radius_m = 128.8 m .* was it given in mm"),
+        ({"indenter": {"apex_m": [1.0, 1.0]}}, r"apex_m = \(1, 1\) lies outside .* was it given in mm"),
+        ({"indenter": {"apex_m": [1000.0, 1000.0]}}, r"apex_m = .* was it given in µm"),
+        ({"camera": {"centre_m": [-0.01, 0.001]}}, r"centre_m = \(-0.01, 0.001\) lies outside"),
+        ({"camera": {"pixel_size_m": 6.0}}, "pixel_size_m = 6 m .* µm or mm"),
+        ({"camera": {"pixel_size_m": 0.006}}, "pixel_size_m = 0.006 m"),
+        ({"simulate": {"loads_N": [5.0, 20.0, 50.0]}}, "wider than the sample .* another unit"),
+        ({"indenter": {"radius_m": 0.0001}}, "of its radius, beyond 0.5 no model holds"),
+    ],
+)
+def test_a_slip_in_a_scene_is_named_with_its_likely_unit(asperities, sections, said):
+    with pytest.raises(InputError, match=f"scene.toml: .*{said}.*--no-plausibility"):
+        settle(doubts_about_scene(changed(**sections), asperities), "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            lambda t: t.rename(columns={"height_m": "radius_m", "radius_m": "height_m"}),
+            "are the columns swapped",
+        ),
+        (lambda t: t.rename(columns={"height_m": "x_m", "x_m": "height_m"}), "are the columns swapped"),
+        (lambda t: t.assign(radius_m=1e3 * t["radius_m"]), "median of radius_m .* mm"),
+        (lambda t: t.assign(x_m=1e-3 * t["x_m"], y_m=1e-3 * t["y_m"]), "are x_m and y_m in metres"),
+        (lambda t: t.assign(height_m=1e3 * t["height_m"].abs()), "taller .* different units"),
+        (lambda t: t.assign(y_m=-t["y_m"]), "lies outside the asperities"),
+        (lambda t: t.assign(y_m=t["y_m"].where(t.index != 5, -0.0015)), "row 5, y_m = -0.0015 .* sign right"),
+        (lambda t: t.assign(x_m=1e3 * t["x_m"], y_m=1e3 * t["y_m"]), "times their radius .* in metres"),
+    ],
+)
+def test_a_slip_in_the_asperity_table_is_named(asperities, change, said):
+    table = change(asperities)
+    with pytest.raises(InputError, match=said):
+        settle(doubts_about_scene(changed(), table, [0.05]), "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((3.0, 0.03, 0.01), "fitted young_modulus = 3 Pa .* loads in N"),
+        ((3e6, 40.0, 0.01), "fitted work_of_adhesion = 40 J/m.2 .* loads in N"),
+        ((3e6, 0.03, 1.3), "largest contact radius is 1.3 of the radius"),
+    ],
+)
+def test_a_slip_in_the_result_of_a_calibration(values, said):
+    modulus, adhesion, ratio = values
+    doubts = doubts_about_calibration(
+        young_modulus=modulus, work_of_adhesion=adhesion, contact_over_radius=ratio
+    )
+    with pytest.raises(InputError, match=said):
+        settle(doubts, "the calibration")
+    assert not list(
+        doubts_about_calibration(young_modulus=3e6, work_of_adhesion=-0.01, contact_over_radius=0.1)
+    )
+
+
+def test_doubts_can_be_warnings(caplog):
+    with doubts_as_warnings():
+        settle(["x is odd", "y is odd"], "a.toml")
+    assert caplog.messages == ["a.toml: x is odd", "a.toml: y is odd"]
+    with pytest.raises(InputError, match="and 1 more of this kind"):
+        settle(["x is odd", "y is odd"], "a.toml")
+
+
+def test_commands_refuse_a_slip_unless_told_not_to(tmp_path, capfd):
+    (tmp_path / "scene.toml").write_text(
+        "[indenter]\nradius_m = 0.1\n[elastic]\nyoung_modulus_Pa = 3.0\n"
+        "[asperities]\ngenerate = 'SA'\ncoverage = 0.4\nside_m = 0.0005\n"
+    )
+    for command in (["predict", "--load-N", "1e-9"], ["simulate"], ["effects"], ["tradeoff"]):
+        assert main([command[0], str(tmp_path), *command[1:]]) == 2
+        assert "was it given in MPa or GPa" in capfd.readouterr().err
+    assert main(["predict", str(tmp_path), "--load-N", "1e-9", "--no-plausibility", "--quiet"]) == 0
+    assert "young_modulus_Pa = 3 Pa" in capfd.readouterr().err
