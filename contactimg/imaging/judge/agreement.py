@@ -146,7 +146,9 @@ class _Comparison:
             slope = (2.0 * np.pi * radius_px * shape)[known]
             weight = slope / own**2
             total = float(weight @ slope)
-            amplitude = float(weight @ np.clip(difference, -CLIP_SIGMA * own, CLIP_SIGMA * own)) / total
+            middle = float(np.median(difference / slope)) * slope
+            rest = np.clip(difference - middle, -CLIP_SIGMA * own, CLIP_SIGMA * own)
+            amplitude = float(weight @ (middle + rest)) / total
             std_amplitude = np.hypot(1.0 / np.sqrt(total), float(weight @ shared) / total)
             floor = UNEXPLAINED_SUM * float(np.sum(np.pi * radius_px[known] ** 2)) / float(slope.sum())
             tests.append((abs(amplitude) / float(np.hypot(std_amplitude, floor)), amplitude * shape))
@@ -154,4 +156,4 @@ class _Comparison:
 
 
 CLIP_SIGMA = 6.0
-"""Standard uncertainties beyond which a single contact does not move the shift of all. Chosen."""
+"""Standard uncertainties from the median beyond which a contact moves the shift of all no further. Chosen."""

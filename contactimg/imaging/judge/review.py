@@ -32,6 +32,8 @@ detected."""
 CLEAR_RISE_FRACTION, CLEAR_RISE_PROMINENCE = 0.5, 0.5
 """A contact that rises by this fraction of the contrast need exceed the scatter of its surroundings less:
 neighbours, cut contacts and rests of uneven light scatter more than noise. Chosen on touching beads."""
+VISIBILITY_ROUNDS = 6
+"""Rounds of looking at the contacts that are left: a rejected one belongs to the surroundings of the next."""
 USUAL_BLUR_PX = 1.4
 """Blur assumed where none was determined: that of the paper's frames."""
 BRIGHT_FRACTION = 0.5
@@ -110,7 +112,19 @@ def _inspect(foreground: Foreground, difference: DifferenceImage, detections: De
 
 
 def _is_unseen(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np.bool_]:
-    """Which contacts do not stand out of their surroundings."""
+    """Which contacts do not stand out of their surroundings, those without what was rejected included."""
+    unseen = np.zeros(len(places), np.bool_)
+    for _ in range(VISIBILITY_ROUNDS):
+        kept = np.flatnonzero(~unseen)
+        more = _is_flat(foreground, places[kept], blur)
+        if not more.any():
+            break
+        unseen[kept[more]] = True
+    return unseen
+
+
+def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np.bool_]:
+    """Which contacts do not stand out of their surroundings, the other contacts left out."""
     rise, scatter = measure_rise(foreground.image, foreground.frame_pair.valid, places, blur_px=blur)
     high = rise > CLEAR_RISE_FRACTION * foreground.contrast.plateau
     least = np.where(high, CLEAR_RISE_PROMINENCE, LEAST_PROMINENCE)

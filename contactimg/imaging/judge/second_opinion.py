@@ -46,6 +46,8 @@ RING_PX = 3.0
 """Width of the ring beyond the region. Chosen: as many pixels as the region of a small contact has."""
 CORE_BLUR_WIDTHS = 3.0
 """Distance of the core from the rim. Theory: 0.13 % of the edge's height is missing there."""
+LARGEST_CORE_RADII = 0.5
+"""Largest core, radii of the contact. Chosen: it lies inside squares and ellipses of 1.5 : 1 as well."""
 LEAST_CORE_BLUR_WIDTHS = 0.5
 """Radius of the smallest core. Chosen: contacts from 3.5 blur widths on show their own contrast."""
 FEWEST_CORES = 3
@@ -221,7 +223,7 @@ def measure_again(scenery: Scenery, disks: Values, *, blur_px: float) -> SecondO
     shown &= contrast.value > HALF_HEIGHT_TO_NOISE * np.sqrt(scenery.noise.variance[0])
     shown[find_pairs(disks, ALONE_BLUR_WIDTHS / 2 * blur).ravel()] = False
     half = np.empty(len(disks))
-    reach = SURROUNDINGS_BLUR_WIDTHS * blur
+    reach = REGION_BLUR_WIDTHS * blur
     area_above(scenery.image, disks, np.where(shown, levels, np.nan), reach, half)
     half += np.pi * blur**2 + CHORD_DEFICIT_PX2
     rim = 2.0 * np.pi * disks[:, 2]
@@ -264,6 +266,7 @@ def measure_rise(
 def _sum_pixels(scenery: Scenery, disks: Values, blur: float) -> Values:
     """Rows of `contactimg.imaging.kernels.contact_light.sum_light`, laid out for a blur."""
     core = np.maximum(disks[:, 2] - CORE_BLUR_WIDTHS * blur, 0.0)
+    core = np.minimum(core, LARGEST_CORE_RADII * disks[:, 2])
     core[core < LEAST_CORE_BLUR_WIDTHS * blur] = 0.0
     region = REGION_BLUR_WIDTHS * blur
     limits = np.array([region, region + RING_PX])

@@ -1,0 +1,93 @@
+"""What a frame says of itself where it is not what the method assumes."""
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from contact_frames import Optics, expose, match, scatter
+from degraded_frames import degraded_pair
+
+from contactimg.forces import SHARED_SHIFTS
+from contactimg.imaging.measure import measure_image
+from contactimg.tables import Flag, Reason, Status
+
+OPTICS = Optics(shape=(360, 480), dust=4)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return scatter(60, OPTICS, np.random.default_rng(11), radii=(2, 20), pairs=0.1, touching=0.0)
+
+
+def sum_error(truth, disks):
+    """Error of the sum of the areas, in its stated standard uncertainties."""
+    a, slope = disks.radius_px.to_numpy(), 2 * np.pi * disks.radius_px.to_numpy()
+    shared = disks[list(SHARED_SHIFTS)].to_numpy()
+    own = np.maximum(disks.radius_std_px.to_numpy() ** 2 - (shared**2).sum(axis=1), 0)
+    std = np.sqrt(slope**2 @ own + np.sum((slope @ shared) ** 2))
+    return (np.pi * (a**2).sum() - np.pi * (truth.radius_px**2).sum()) / std
+
+
+@pytest.mark.parametrize("name", ["as assumed", "dim reference", "row noise"])
+def test_frames_as_assumed_are_ok_and_not_flagged(truth, name):
+    result = measure_image(*degraded_pair(name, truth, OPTICS, 5), polarity="bright")
+    assert result.status == "ok"
+    assert not (result.disks["flags"] & int(Flag.DISAGREES)).any()
+    assert not result.disks["edge_shift_px"].any()
+    assert len(match(truth, result.disks)) == len(result.disks) == len(truth)
+
+
+NOT_OK = {
+    "soft in proportion": {Status.POOR_FIT, Status.DISAGREES},
+    "small ones dim": {Status.POOR_FIT, Status.DISAGREES},
+    "dome": {Status.POOR_FIT, Status.DISAGREES},
+    "bowl": {Status.POOR_FIT, Status.DISAGREES},
+    "interlaced": {Status.POOR_FIT},
+    "ghosts": {Status.WRONG_REFERENCE},
+    "wrong reference": {Status.NOT_REGISTERED},
+}
+
+
+@pytest.mark.parametrize("name", NOT_OK)
+def test_a_wrong_sum_is_not_ok(truth, name):
+    result = measure_image(*degraded_pair(name, truth, OPTICS, 5), polarity="bright")
+    assert result.status in NOT_OK[name] or abs(sum_error(truth, result.disks)) < 3
+    assert result.message
+
+
+def test_uncertainties_cover_a_difference_that_all_contacts_share(truth):
+    result = measure_image(*degraded_pair("dome", truth, OPTICS, 5), polarity="bright")
+    if result.disks["edge_shift_px"].any():
+        assert (result.disks["radius_std_px"] >= result.disks["edge_shift_px"]).all()
+        assert abs(sum_error(truth, result.disks)) < 4
+
+
+def scratched(truth, *, fraction=0.42):
+    """A frame with a scratch across it, at a fraction of the contrast."""
+    rng = np.random.default_rng(8)
+    line = np.zeros((OPTICS.shape[0] * 4, OPTICS.shape[1] * 4), np.float32)
+    cv2.line(line, (60, 1100), (1800, 900), 1.0, 5)
+    line = (
+        cv2.GaussianBlur(line, (0, 0), 5.6).reshape(OPTICS.shape[0], 4, OPTICS.shape[1], 4).mean(axis=(1, 3))
+    )
+    far = np.abs(truth.y_px - (275 - 0.115 * (truth.x_px - 15))) > truth.radius_px + 10
+    kept = truth[far].reset_index(drop=True)
+    frame, reference = degraded_pair("as assumed", kept, OPTICS, 5)
+    light = frame + 80 * fraction * OPTICS.contrast * line / line.max()
+    return kept, expose(light, Optics(camera=(1e6, 0.0)), rng), reference
+
+
+def test_a_scratch_is_no_chain_of_contacts(truth):
+    kept, frame, reference = scratched(truth)
+    result = measure_image(frame, reference, polarity="bright")
+    wrong = len(result.disks) - len(match(kept, result.disks))
+    assert wrong <= 3 or result.status != "ok"
+    assert {Reason.SCRATCH, Reason.LONG, Reason.INVISIBLE} & set(result.rejected.reason) or not wrong
+
+
+def test_a_row_of_small_contacts_is_no_scratch():
+    y, x = np.mgrid[40:320:9, 60:420:60]
+    rows = pd.DataFrame({"x_px": x.ravel() * 1.0, "y_px": y.ravel() * 1.0, "radius_px": 2.5})
+    result = measure_image(*degraded_pair("as assumed", rows, OPTICS, 5), polarity="bright")
+    assert len(match(rows, result.disks)) == len(rows)
+    assert Reason.SCRATCH not in set(result.rejected.reason)
