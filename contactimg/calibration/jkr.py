@@ -11,7 +11,7 @@ average has the wide tails of Student's distribution, and it is valid whether th
 loads is noisy.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -43,6 +43,16 @@ MIN_OUTLIER_FRACTION = 1e-6
 hand."""
 OUTLIER_FALSE_ALARM_RATE = 1e-3
 """False-alarm rate: probability that a series without outliers loses a frame."""
+LOAD_ZERO_PROBABILITY = 0.95
+"""Probability from which the zero of the loads is fitted. Chosen; below it the uncertainties allow for it."""
+LOAD_ZERO_RANGE = 0.2
+"""Width of the range of zeros expected beforehand, in units of the rms load. Chosen: 10 % to either side;
+the probability changes as its inverse."""
+LEAST_LOAD_ZERO_DOUBT = 0.5
+"""Least probability that the zero is off by what the fit with it finds. Chosen: modulus and adhesion absorb
+most of a wrong zero, so that its absence cannot be told from the loads; 0 would state half the true error."""
+EXACT_CHI_SQUARE = 1e-18
+"""Chi-square of scaled loads below which residuals are rounding errors."""
 HYSTERESIS_FALSE_ALARM_RATE = 0.01
 """False-alarm rate: probability that a series without hysteresis gets two works of adhesion."""
 
@@ -60,6 +70,10 @@ class JkrCalibration:
         Of the unloading branch, where it differs.
     correlation : float
         Between modulus and work of adhesion.
+    load_zero : CoverageEstimate or None, N
+        What the load cell reads without load, where the data show it; it is taken off the loads.
+    load_zero_doubt : float
+        Probability that the zero is off although it was not fitted; the uncertainties allow for it.
     load_noise : float, N
         Root mean square of the loads' residuals, corrected for the fitted numbers.
     points : DataFrame
@@ -70,6 +84,8 @@ class JkrCalibration:
     work_of_adhesion: CoverageEstimate
     work_of_adhesion_unloading: CoverageEstimate | None
     correlation: float
+    load_zero: CoverageEstimate | None
+    load_zero_doubt: float
     load_noise: float
     points: pd.DataFrame
 
@@ -133,12 +149,16 @@ def calibrate_jkr(
     branch = classify_branches(data.load)
     used = _without_outliers(data)
     columns = _branch_columns(data, branch, used)
+    sphere = _Sphere(sphere_radius, poisson_ratio)
+    offset, doubt = replace(data, zero=True), _load_zero_probability(data, columns, used)
+    if doubt > LOAD_ZERO_PROBABILITY:
+        data, doubt = offset, 0.0
     fit = _average_noises(data.part(used), columns[used])
-    draws, centre = fit.draws(), fit.centre
-    K = draws[:, 0] * data.load_scale * sphere_radius / data.radius_scale**3
-    E = 0.75 * (1 - poisson_ratio**2) * K
-    S = np.maximum(draws[:, 1:] * data.load_scale / data.radius_scale**1.5, 0.0)
-    w = S**2 / (6 * np.pi * K[:, None])
+    centre = fit.centre
+    estimates = _estimates(data, fit, sphere)
+    if doubt:
+        other = _average_noises(offset.part(used), columns[used])
+        estimates = estimates.widened(_estimates(offset, other, sphere), doubt)
     fitted = data.design(data.radius, columns) @ centre
     freedom = max(int(used.sum()) - len(centre), 1)
     rest = data.load_scale * (data.scaled_load - fitted)
@@ -153,24 +173,73 @@ def calibrate_jkr(
         }
     )
     return JkrCalibration(
-        young_modulus=estimate_from_draws(E),
-        work_of_adhesion=estimate_from_draws(w[:, 0]),
-        work_of_adhesion_unloading=estimate_from_draws(w[:, 1]) if w.shape[1] > 1 else None,
-        correlation=_correlation(E, w[:, 0]),
+        young_modulus=estimates.modulus,
+        work_of_adhesion=estimates.work[0],
+        work_of_adhesion_unloading=estimates.work[1] if len(estimates.work) > 1 else None,
+        correlation=estimates.correlation,
+        load_zero=estimates.load_zero,
+        load_zero_doubt=doubt,
         load_noise=float(np.sqrt(np.sum(rest[used] ** 2) / freedom)),
         points=points,
     )
 
 
+@dataclass(frozen=True)
+class _Sphere:
+    """Radius of the smooth sphere (m) and Poisson's ratio of its partner."""
+
+    radius: float
+    poisson_ratio: float
+
+
+@dataclass(frozen=True)
+class _Estimates:
+    """Modulus (Pa), works of adhesion of the branches (J/m^2), and the zero of the loads (N) if fitted."""
+
+    modulus: CoverageEstimate
+    work: tuple[CoverageEstimate, ...]
+    load_zero: CoverageEstimate | None
+    correlation: float
+
+    def widened(self, other: "_Estimates", doubt: float) -> "_Estimates":
+        """With the uncertainty added by a rival of probability ``doubt``."""
+
+        def wide(estimate: CoverageEstimate, rival: CoverageEstimate) -> CoverageEstimate:
+            return estimate.widened(np.sqrt(doubt) * abs(rival.value - estimate.value))
+
+        work = tuple(wide(*pair) for pair in zip(self.work, other.work, strict=True))
+        return replace(self, modulus=wide(self.modulus, other.modulus), work=work)
+
+
+def _estimates(data: "_Data", fit: "_Fit", sphere: _Sphere) -> _Estimates:
+    """The physical quantities from the draws of a fit."""
+    draws = fit.draws()
+    K = draws[:, 0] * data.load_scale * sphere.radius / data.radius_scale**3
+    E = 0.75 * (1 - sphere.poisson_ratio**2) * K
+    adhesion = draws[:, 1:-1] if data.zero else draws[:, 1:]
+    S = np.maximum(adhesion * data.load_scale / data.radius_scale**1.5, 0.0)
+    w = S**2 / (6 * np.pi * K[:, None])
+    return _Estimates(
+        estimate_from_draws(E),
+        tuple(estimate_from_draws(column) for column in w.T),
+        estimate_from_draws(draws[:, -1] * data.load_scale) if data.zero else None,
+        _correlation(E, w[:, 0]),
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """Loads and radii with the scales that make the fit one of numbers of order one."""
+    """Loads and radii with the scales that make the fit one of numbers of order one.
+
+    With ``zero`` the loads have an unknown zero, which is fitted.
+    """
 
     load: Values
     radius: Values
     radius_std: Values
     load_scale: float
     radius_scale: float
+    zero: bool = False
 
     @classmethod
     def of(cls, load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike) -> "_Data":
@@ -192,29 +261,32 @@ class _Data:
         return self.load / self.load_scale
 
     def part(self, used: NDArray[np.bool_]) -> "_Data":
-        return _Data(
-            self.load[used], self.radius[used], self.radius_std[used], self.load_scale, self.radius_scale
-        )
+        return replace(self, load=self.load[used], radius=self.radius[used], radius_std=self.radius_std[used])
 
     def design(self, radius: Values, columns: Values) -> Values:
-        """Scaled load per unit of the stiffness and of each branch's adhesion."""
+        """Scaled load per unit of the stiffness, of each branch's adhesion, and of the zero if fitted."""
         x = radius / self.radius_scale
-        return np.column_stack([x**3, -(x**1.5)[:, None] * columns])
+        zero = np.ones((len(x), int(self.zero)))
+        return np.column_stack([x**3, -(x**1.5)[:, None] * columns, zero])
 
     def slope(self, radius: Values, columns: Values, theta: Values) -> Values:
         """Derivative of the scaled load by the radius, 1/m."""
-        x = radius / self.radius_scale
-        return (3 * theta[0] * x**2 - 1.5 * x**0.5 * (columns @ theta[1:])) / self.radius_scale
+        x, adhesion = radius / self.radius_scale, theta[1 : 1 + columns.shape[1]]
+        return (3 * theta[0] * x**2 - 1.5 * x**0.5 * (columns @ adhesion)) / self.radius_scale
 
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The fits for every noise model with their weights, and the variances of the most likely one."""
+    """The fits for every noise model with their weights.
+
+    ``variance`` is that of the most likely one, ``evidence`` the logarithm of their summed likelihoods.
+    """
 
     centres: Values
     covariances: Values
     weights: Values
     variance: Values
+    evidence: float
 
     @property
     def centre(self) -> Values:
@@ -286,6 +358,19 @@ def _branch_columns(data: _Data, branch: NDArray[np.str_], used: NDArray[np.bool
     return apart if differs else together
 
 
+def _load_zero_probability(data: _Data, columns: Values, used: NDArray[np.bool_]) -> float:
+    """Probability that the zero of the loads is off, against an even prior; 0 where too few frames tell."""
+    n, parameters = int(used.sum()), columns.shape[1] + 2
+    if n < parameters + 2 or len(np.unique(data.load[used])) < parameters + 1:
+        return 0.0
+    part, rival = data.part(used), replace(data, zero=True).part(used)
+    if _least_squares(part, columns[used]) < EXACT_CHI_SQUARE:
+        return 0.0
+    logs = [_average_noises(one, columns[used]).evidence for one in (rival, part)]
+    odds = logs[0] - logs[1] + 0.5 * np.log(2 * np.pi) - np.log(LOAD_ZERO_RANGE)
+    return max(float(special.expit(odds)), LEAST_LOAD_ZERO_DOUBT)
+
+
 def _least_squares(data: _Data, columns: Values) -> float:
     """Chi-square of the scaled residuals for noise with a constant and a growing part."""
     weight = 1 / np.sqrt(0.05 + data.scaled_load**2)
@@ -328,12 +413,14 @@ def _average_noises(data: _Data, columns: Values) -> _Fit:
         straight = y - slope * (data.radius - latent)
         own = (slope * data.radius_std) ** 2
         variances = _noise_variances(straight, design, theta, own)
-        centres, covariances, weights = _weighted_fits(straight, design, variances)
+        centres, covariances, logs = _weighted_fits(straight, design, variances)
+        evidence = float(special.logsumexp(logs))
+        weights = np.exp(logs - evidence)
         best = int(weights.argmax())
         theta = centres[best]
         moved = data.radius_std**2 * slope / variances[best] * (straight - design @ theta)
         latent = np.maximum(data.radius + moved, 0.5 * data.radius)
-    return _Fit(centres, covariances, weights, variances[best])
+    return _Fit(centres, covariances, weights, variances[best], evidence)
 
 
 def _noise_variances(y: Values, design: Values, theta: Values, own: Values) -> Values:
@@ -350,7 +437,7 @@ def _noise_variances(y: Values, design: Values, theta: Values, own: Values) -> V
 
 
 def _weighted_fits(y: Values, design: Values, variances: Values) -> tuple[Values, Values, Values]:
-    """Linear fits for every noise model, their covariances and weights (restricted likelihood)."""
+    """Linear fits for every noise model, their covariances and log weights (restricted likelihood)."""
     information = np.einsum("ni,mn,nj->mij", design, 1 / variances, design)
     covariances = np.linalg.inv(information)
     centres = np.einsum("mij,nj,mn->mi", covariances, design, y / variances)
@@ -359,7 +446,7 @@ def _weighted_fits(y: Values, design: Values, variances: Values) -> tuple[Values
         np.log(variances).sum(axis=1) + np.linalg.slogdet(information)[1] + (rest**2 / variances).sum(axis=1)
     )
     logs += np.repeat(np.log(SHARE_PRIORS), len(NOISE_SCALES))
-    return centres, covariances, np.exp(logs - special.logsumexp(logs))
+    return centres, covariances, logs
 
 
 def _draw(centres: Values, covariances: Values, weights: Values) -> Values:

@@ -58,6 +58,7 @@ def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     if given.pop("calibration", None) is not None:
         record = read_calibration(str(options.calibration))
         _apply_calibration(data, record, sets_method=options.method is None)
+        _refuse_idle(data, record, str(options.calibration), options.method)
     if options.pixel_size_um is not None:
         given["pixel_size_m"] = given.pop("pixel_size_um") * 1e-6
     for option, value in given.items():
@@ -88,11 +89,25 @@ def _apply_calibration(data: dict[str, Any], record: Mapping[str, Any], *, sets_
         entry = record["young_modulus"]
         data.setdefault("elastic", {})["young_modulus_Pa"] = entry["value"]
         data["elastic"]["young_modulus_std_Pa"] = entry.get("std") or 0.0
+    elif "young_modulus" in record.get("fixed", {}):  # a threshold holds at the modulus it was found with
+        entry = record["fixed"]["young_modulus"]
+        data.setdefault("elastic", {})["young_modulus_Pa"] = entry["value"]
+        data["elastic"]["young_modulus_std_Pa"] = entry.get("std") or 0.0
     if "threshold" in record:
         measure = data.setdefault("measure", {})
         measure["threshold"] = record["threshold"]["value"]
         if sets_method and record.get("method") != "disk":
             measure.setdefault("method", "threshold")
+
+
+def _refuse_idle(data: dict[str, Any], record: Mapping[str, Any], path: str, method: str | None) -> None:
+    """Refuse a calibration of the threshold where disks are fitted: it would change nothing."""
+    chosen = method or data.get("measure", {}).get("method", "disk")
+    if record.get("kind") in ("threshold", "plateau") and record.get("method") != "disk" and chosen == "disk":
+        raise InputError(
+            f'{path}: a threshold acts on the method "threshold" only, and the method here is "disk"; take '
+            "--method threshold, or a calibration of the modulus"
+        )
 
 
 def calibration_record(path: str | None) -> dict[str, Any]:

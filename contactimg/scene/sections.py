@@ -15,6 +15,8 @@ from pydantic import (
     model_validator,
 )
 
+from contactimg.errors import InputError
+
 # strict: text and true/false are not numbers
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=0)]
@@ -58,7 +60,11 @@ class Indenter(Section):
 class Elastic(Section):
     """The elastic body; its partner is rigid."""
 
-    young_modulus: Positive = Field(alias="young_modulus_Pa", description="Young's modulus E, Pa.")
+    stated_modulus: Positive | None = Field(
+        None,
+        alias="young_modulus_Pa",
+        description="Young's modulus E, Pa; needed wherever it is not what is sought.",
+    )
     young_modulus_std: NonNegative = Field(
         0.0, alias="young_modulus_std_Pa", description="Standard uncertainty of E, Pa."
     )
@@ -69,6 +75,13 @@ class Elastic(Section):
     work_of_adhesion: NonNegative = Field(
         0.0, alias="work_of_adhesion_J_m2", description="Work of adhesion w, J/m^2."
     )
+
+    @property
+    def young_modulus(self) -> float:
+        """Young's modulus E, Pa, or an `InputError` that says that it is missing."""
+        if self.stated_modulus is None:
+            raise InputError("[elastic] young_modulus_Pa is missing: Young's modulus in Pa; add it")
+        return self.stated_modulus
 
     @property
     def contact_modulus(self) -> float:

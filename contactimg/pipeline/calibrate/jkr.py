@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
+from contactimg.effects.local_law import support_error
 from contactimg.files import Experiment
 from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
@@ -16,7 +17,16 @@ from contactimg.pipeline.calibrate.circles import CircleSeries, mean_centre, mea
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
+from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, Status
+
+IF_OFF = {
+    "gain of the load cell, +1 %": {"young_modulus": 0.01, "work_of_adhesion": 0.01},
+    "pixel size, +1 %": {"young_modulus": -0.03, "work_of_adhesion": 0.0},
+    "radius of the sphere, +1 %": {"young_modulus": 0.01, "work_of_adhesion": -0.01},
+}
+"""Relative changes by errors that the fit cannot see. Theory: ``K ~ P R/a^3`` and ``w = S^2/K`` with ``S ~
+P/a^{3/2}``, so that ``w ~ P/R``."""
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
 
@@ -70,9 +80,17 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
         for name in part["frame"][~calibration.points["used"].to_numpy()]
     ]
+    if calibration.load_zero is not None:
+        zero = calibration.load_zero
+        notes.append(
+            f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
+            "and taken off; correct the loads of the other folders of this load cell too"
+        )
+    notes += _support_notes(scene, part)
     modulus = calibration.young_modulus.value / (1 - poisson**2)
     record = _jkr_record(calibration, series, modulus) | {
         "fixed": {"sphere_radius_m": sphere_radius, "poisson_ratio": poisson},
+        "if_off": IF_OFF,
         "notes": notes,
     }
     figures = _jkr_figures(calibration, sphere_radius, modulus)
@@ -88,6 +106,19 @@ def _check_plausible(calibration: JkrCalibration, circles: pd.DataFrame, sphere_
         contact_over_radius=float(circles["radius_m"].max()) / sphere_radius,
     )
     settle(doubts, "the calibration")
+
+
+def _support_notes(scene: Scene, circles: pd.DataFrame) -> list[str]:
+    """What a layer of finite thickness does to the modulus, which the law of a half-space leaves out."""
+    thickness = None if scene.elastic is None else scene.elastic.thickness
+    if thickness is None or not len(circles):
+        return []
+    ratio = float(circles["radius_m"].max()) / thickness
+    note = (
+        f"the contact reaches {ratio:.2g} of the layer's thickness, but the law is that of a half-space: the "
+        f"modulus comes out too high by up to about {100 * 3 * support_error(ratio):.2g} %"
+    )
+    return [note]
 
 
 def _widened(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
@@ -127,6 +158,10 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, contact_modul
             "contact_moves_with_sample": centre.moves_with_sample,
         },
     }
+    if calibration.load_zero is not None:
+        record["load_zero"] = calibration.load_zero.record("N")
+        record["fitted"].append("load_zero")
+    record["quality"]["load_zero_doubt"] = calibration.load_zero_doubt
     if calibration.work_of_adhesion_unloading is not None:
         record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
     return record
