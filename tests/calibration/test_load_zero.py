@@ -30,15 +30,15 @@ def test_a_zero_far_off_is_found_and_taken_off():
     assert np.mean([one.load_zero.value for one in fitted]) == pytest.approx(2e-2, rel=0.2)
 
 
-@pytest.mark.parametrize("count", [5, 8, 12])
-def test_the_modulus_is_held_with_a_zero_of_two_millinewtons(count):
-    loads = np.geomspace(0.02, 0.5, count)
-    found = [calibration(loads, zero=2e-3, seed=seed) for seed in range(20)]
-    held = [
-        abs(one.young_modulus.value - 3e6) < 2 * one.young_modulus.std or one.load_zero is not None
-        for one in found
-    ]
-    assert np.mean(held) >= 0.85
+def test_a_zero_that_is_hardly_off_is_allowed_for():
+    loads = np.linspace(0.02, 0.5, 12)
+    found = calibration(loads, zero=2e-3, seed=1)
+    assert found.load_zero is None
+    assert found.load_zero_doubt >= 0.5
+    # with exact data nothing is doubted
+    exact = calibrate_jkr(loads, jkr.radius(loads, **LAW), sphere_radius=0.1288, poisson_ratio=0.5)
+    assert exact.load_zero_doubt == 0.0
+    assert exact.young_modulus.std < 1e-6 * 3e6
 
 
 def test_a_true_zero_is_rarely_taken_for_one_that_is_off():

@@ -80,13 +80,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
         f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
         for name in part["frame"][~calibration.points["used"].to_numpy()]
     ]
-    if calibration.load_zero is not None:
-        zero = calibration.load_zero
-        notes.append(
-            f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted "
-            "and taken off; correct the loads of the other folders of this load cell too"
-        )
-    notes += _support_notes(scene, part)
+    notes += [*_zero_notes(calibration), *_support_notes(scene, part)]
     modulus = calibration.young_modulus.value / (1 - poisson**2)
     record = _jkr_record(calibration, series, modulus) | {
         "fixed": {"sphere_radius_m": sphere_radius, "poisson_ratio": poisson},
@@ -106,6 +100,18 @@ def _check_plausible(calibration: JkrCalibration, circles: pd.DataFrame, sphere_
         contact_over_radius=float(circles["radius_m"].max()) / sphere_radius,
     )
     settle(doubts, "the calibration")
+
+
+def _zero_notes(calibration: JkrCalibration) -> list[str]:
+    """What to say of a zero of the loads that was fitted."""
+    zero = calibration.load_zero
+    if zero is None:
+        return []
+    note = (
+        f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted and "
+        "taken off; correct the loads of the other folders of this load cell too"
+    )
+    return [note]
 
 
 def _support_notes(scene: Scene, circles: pd.DataFrame) -> list[str]:
