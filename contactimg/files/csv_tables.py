@@ -4,9 +4,11 @@ import csv
 import io
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -20,6 +22,17 @@ _BLOCK_ROWS = 50_000  # converted at once; chosen for memory: text takes about t
 _SEPARATORS = (",", ";", "\t")
 _LARGEST_COUNT = 2**63 - 1  # of an int64
 _LONGEST_COUNT = 40  # characters; longer ones are read as floats, which are too large
+_UNITS = {  # ending in another unit -> ending in the schema, how many make one of it
+    "_mm": ("_m", 1e3),
+    "_um": ("_m", 1e6),
+    "_µm": ("_m", 1e6),
+    "_μm": ("_m", 1e6),
+    "_nm": ("_m", 1e9),
+    "_mN": ("_N", 1e3),
+    "_uN": ("_N", 1e6),
+    "_mm_s": ("_m_s", 1e3),
+    "_um_s": ("_m_s", 1e6),
+}
 _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 
 MAX_ASPERITY_HEIGHT = 0.01
@@ -40,7 +53,8 @@ def read_table(
     ----------
     path : str or Path
         UTF-8 text with a header. Cells are separated by commas, semicolons or tabs, whichever the header has
-        most; with semicolons or tabs a decimal comma is accepted.
+        most; with semicolons or tabs a decimal comma is accepted. A column may be in another unit that its
+        name states: mm, um or nm for m, mN or uN for N (load_mN, x_um).
     schema : Schema
         The columns to read; others in the file are ignored, and blank lines are skipped.
     required : collection of str, optional
@@ -69,6 +83,7 @@ def read_table(
     blocks = [schema.empty()]
     try:
         header = [name.strip() for name in next(rows, (1, []))[1]]
+        rules, header = _in_si(rules, header)
         _check_header(rules, header)
         while block := list(islice(rows, _BLOCK_ROWS)):
             blocks.append(_convert(rules, header, block))
@@ -102,6 +117,26 @@ def _separator(text: str) -> str:
     """The separator of the cells in the header."""
     header = text.lstrip("\r\n").partition("\n")[0]
     return max(_SEPARATORS, key=header.count)
+
+
+def _in_si(rules: _Rules, header: list[str]) -> tuple[_Rules, list[str]]:
+    """The header with the names of the schema; columns in another unit (load_mN, x_um) are converted."""
+    parse, names = dict(rules.parse), []
+    for name in header:
+        for ending, (si, divisor) in _UNITS.items():
+            right = name.removesuffix(ending) + si
+            if name not in parse and name.endswith(ending) and right in parse:
+                parse[right] = partial(_divided, parse[right], divisor)
+                names.append(right)
+                break
+        else:
+            names.append(name)
+    return replace(rules, parse=parse), names
+
+
+def _divided(parse: Callable[[str], Any], divisor: float, cell: str) -> float:
+    """A number in another unit; divided, since 300 / 1e3 is 0.3 and 300 * 1e-3 need not be."""
+    return float(parse(cell) / divisor)
 
 
 def _check_header(rules: _Rules, header: list[str]) -> None:

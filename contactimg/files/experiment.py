@@ -5,6 +5,7 @@ import logging
 import math
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -331,7 +332,7 @@ def _align_loads(path: Path | None, frames: list[FrameSource], *, pulled: bool) 
     names = [frame.name for frame in frames]
     if path is None:
         return LOADS.conform({"frame": names})
-    loads = read_loads(path, pulled=pulled)
+    loads = _name_frames(path, read_loads(path, pulled=pulled), names)
     with_load, present = set(loads["frame"]), set(names)
     if not with_load & present:
         raise InputError(
@@ -344,6 +345,29 @@ def _align_loads(path: Path | None, frames: list[FrameSource], *, pulled: bool) 
         if missing:
             logger.warning("%s %s: %s", path, text, _some(missing))
     return LOADS.conform(loads.set_index("frame").reindex(names).reset_index())
+
+
+def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFrame:
+    """The loads by the names of the frames, which may be given with a path or without extension.
+
+    Raises
+    ------
+    InputError
+        If two rows mean the same frame.
+    """
+    stems = Counter(Path(name).stem for name in names)
+    by_stem = {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
+    meant = []
+    for given in loads["frame"]:
+        last = given if given in names else re.split(r"[/\\]", given)[-1]
+        meant.append(last if last in names else by_stem.get(last, given))
+    table = loads.assign(frame=meant)
+    repeated = table[table.duplicated(["frame"])]
+    if len(repeated):
+        raise InputError(
+            f"{path}: {len(repeated) + 1} rows mean the frame {repeated['frame'].iloc[0]}; keep one"
+        )
+    return table
 
 
 def _some(names: Iterable[str]) -> str:

@@ -287,3 +287,24 @@ def test_folder_that_is_not_there(tmp_path):
         write_table(LOADS.empty(), LOADS, tmp_path / "no" / "loads.csv")
     path = tmp_path / "no" / "loads.csv"
     assert str(caught.value) == f"{path}: cannot be written (No such file or directory)"
+
+
+def test_columns_in_other_units_are_converted(tmp_path):
+    loads = tmp_path / "loads.csv"
+    loads.write_text("frame,load_mN,velocity_um_s\na.tif,300,50\nb.tif,,\n", encoding="utf-8")
+    with pytest.raises(InputError, match="line 3, column load_N must have a value"):
+        read_loads(loads)
+    loads.write_text("frame,load_mN,velocity_um_s\na.tif,300,50\n", encoding="utf-8")
+    (row,) = read_loads(loads).to_dict("records")
+    assert (row["load_N"], row["velocity_m_s"]) == (0.3, 5e-5)
+    asperities = tmp_path / "asperities.csv"
+    asperities.write_text("x_um;y_mm;height_nm;radius_µm\n1000;2,5;3000;100\n", encoding="utf-8")
+    (row,) = read_asperities(asperities).to_dict("records")
+    assert list(row.values()) == [1e-3, 2.5e-3, 3e-6, 1e-4]
+
+
+def test_the_same_column_in_two_units_is_refused(tmp_path):
+    loads = tmp_path / "loads.csv"
+    loads.write_text("frame,load_mN,load_N\na.tif,300,0.3\n", encoding="utf-8")
+    with pytest.raises(InputError, match="column load_N occurs 2 times"):
+        read_loads(loads)

@@ -273,9 +273,9 @@ def test_frame_without_load_and_load_without_frame_are_told(folder, caplog):
 
 
 def test_loads_of_other_frames_altogether(folder):
-    (folder / "loads.csv").write_text("frame,load_N\nframe_1,0.1\n")
+    (folder / "loads.csv").write_text("frame,load_N\nframe_7,0.1\n")
     assert refusal(folder) == (
-        f"{folder / 'loads.csv'}: none of its frames (frame_1) is among the frames read "
+        f"{folder / 'loads.csv'}: none of its frames (frame_7) is among the frames read "
         "(frame_1.tif, frame_2.tif, frame_10.tif)"
     )
 
@@ -293,3 +293,15 @@ def test_relative_paths_are_those_of_the_scene_file(folder, monkeypatch, tmp_pat
     assert names(experiment) == ["frame_2.tif"]
     monkeypatch.chdir(folder.parent)
     assert names(open_experiment(read_scene(Path(folder.name)))) == ["frame_2.tif"]
+
+
+def test_loads_may_name_frames_by_path_or_without_extension(tmp_path):
+    for name in ("a_1.tif", "a_2.tif", "b.tif"):
+        write_frame(Frame(np.ones((4, 5), np.uint8)), tmp_path / name)
+    table = tmp_path / "loads.csv"
+    table.write_text("frame,load_mN\nC:\\data\\a_1.tif,10\na_2,20\nraw/b,30\n", encoding="utf-8")
+    experiment = open_experiment(scene_from_dict({}, folder=str(tmp_path)))
+    assert [experiment.load_of(name) for name in ("a_1.tif", "a_2.tif", "b.tif")] == [0.01, 0.02, 0.03]
+    table.write_text("frame,load_N\na_1,1\na_1.tif,2\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"2 rows mean the frame a_1\.tif"):
+        open_experiment(scene_from_dict({}, folder=str(tmp_path)))
