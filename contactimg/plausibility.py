@@ -152,7 +152,8 @@ def doubts_about_scene(
     ['young_modulus_Pa = 3 Pa is outside the plausible range 1000 ... 1.3e+12; was it given in MPa or GPa?']
     """
     if scene.elastic is not None:
-        yield from YOUNG_MODULUS.doubt("young_modulus_Pa", scene.elastic.young_modulus)
+        if scene.elastic.stated_modulus is not None:
+            yield from YOUNG_MODULUS.doubt("young_modulus_Pa", scene.elastic.stated_modulus)
         yield from POISSON_RATIO.doubt("poisson_ratio", scene.elastic.poisson_ratio)
         yield from WORK_OF_ADHESION.doubt("work_of_adhesion_J_m2", scene.elastic.work_of_adhesion)
         if scene.elastic.thickness is not None:

@@ -7,6 +7,7 @@ from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.cli.scenes import _apply_calibration, _refuse_idle
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
+from contactimg.plausibility import doubts_about_scene
 from contactimg.scene import scene_from_dict
 
 LAW = {"sphere_radius": 0.1288, "contact_modulus": 4e6, "work_of_adhesion": 0.05}
@@ -49,7 +50,9 @@ def test_a_true_zero_is_rarely_taken_for_one_that_is_off():
 
 
 def test_the_modulus_that_is_sought_need_not_be_stated():
-    elastic = scene_from_dict({"elastic": {"poisson_ratio": 0.49}}).elastic
+    scene = scene_from_dict({"elastic": {"poisson_ratio": 0.49}})
+    assert list(doubts_about_scene(scene)) == []
+    elastic = scene.elastic
     assert elastic.poisson_ratio == 0.49
     with pytest.raises(InputError, match="young_modulus_Pa is missing"):
         _ = elastic.young_modulus
