@@ -32,6 +32,7 @@ from contactimg.imaging.fit.settings import (
     LARGEST_GROUP,
     LARGEST_USUAL_CHI_SQUARE,
     MISSING_DISK_PEAK_FRACTION,
+    MOST_ARCS,
     NECK_LEVEL_FRACTION,
     NECK_SHRINKAGE_BLUR_WIDTHS,
     SMALLEST_ARC_BLUR_WIDTHS,
@@ -79,16 +80,21 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     usual = float(np.clip(median, 1.0, LARGEST_USUAL_CHI_SQUARE))
     limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
     bad = fit.chi_square > limit * usual
-    for members in _groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur):
+    # the smallest groups first: most of them are resolved if the work does not suffice for all
+    groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
+    for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
         usual_single = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
-        if usual_single or len(members) > LARGEST_GROUP:
+        if usual_single:
+            continue
+        if len(members) > LARGEST_GROUP or problem.work.no_more_covers:
+            problem.work.unresolved_groups += 1
             continue
         window = GroupWindow.about(problem, fit, members)
         if window is None:
             continue
         disks = fit.disks[members] - window.offset
-        better = _drop_rim_pieces(window, _find_cover(window, disks, usual), usual)
+        better = _find_cover(window, disks, usual)
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
@@ -116,7 +122,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     best = disks
     unsettled = first < UNSETTLED_CHI_SQUARE_RATIO * expected
     for number in range(-1 if unsettled else 0, COVER_ROUNDS):
-        if chi_square < expected + slack:
+        if chi_square < expected + slack or window.problem.work.no_more_covers:
             break
         covers = list(_other_covers(window, best, number, expected + slack))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
@@ -125,26 +131,6 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
         elif number > 0:
             break
     return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
-
-
-def _drop_rim_pieces(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64]:
-    """The disks without those that only describe the rim of a larger one; the same array if there are none.
-
-    Without a contact, most of the excess chi-square of its pixels would remain.
-    """
-    misfit = window.misfit(disks)
-    for disk in disks[np.argsort(disks[:, RADIUS])][:-1]:
-        pixels = window.pixels_of(disk)
-        expected = usual * np.count_nonzero(pixels)
-        excess = float(misfit[pixels].sum()) - expected
-        if excess < CHI_SQUARE_SLACK_SIGMA * usual * np.sqrt(2.0 * expected):
-            continue
-        others = disks[(disks != disk).any(axis=1)]
-        refitted, _ = window.fit(others, np.full(len(others), np.inf))
-        without = window.misfit(refitted)
-        if excess > EXCESS_LEFT_FRACTION * (float(without[pixels].sum()) - expected):
-            disks, misfit = refitted, without
-    return disks
 
 
 def _other_covers(window: GroupWindow, disks: NDArray, number: int, enough: float) -> Iterator[Cover]:
@@ -165,7 +151,7 @@ def _outline_covers(window: GroupWindow, enough: float) -> Iterator[Cover]:
         arcs = arcs[np.argsort(-arcs[:, 3], kind="stable")]
         arcs[:, RADIUS] += shrinkage * blur
         arcs[:, CONTRAST] = problem.contrast
-        if len(arcs):
+        if 0 < len(arcs) <= MOST_ARCS:
             cover = _completed(window, arcs[~hidden(arcs)])
             yield cover
             if cover[1] < enough:
@@ -181,7 +167,11 @@ def _completed(window: GroupWindow, disks: NDArray) -> Cover:
     fitted, chi_square = window.fit(disks, disks[:, RADIUS] + margin)
     for _ in range(LARGEST_GROUP):
         peak = window.highest_residual(fitted)
-        if peak is None or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast:
+        if (
+            window.problem.work.no_more_covers
+            or peak is None
+            or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast
+        ):
             break
         more = np.vstack([fitted, window.small_disk(peak[0], peak[1])])
         candidate, value = window.fit(more, np.append(fitted[:, RADIUS] + margin, np.inf))

@@ -63,7 +63,7 @@ class GroupWindow:
         while True:
             fit = fit_disks(self.problem, disks, blur=self.blur, control=CONTROL, largest=largest)
             kept = ~find_insignificant(fit, self.problem.contrast, final=True)
-            if kept.all() or not kept.any():
+            if kept.all() or not kept.any() or self.problem.work.is_done:
                 return fit.disks, self.chi_square(fit.disks)
             disks, largest = fit.disks[kept], largest[kept]
 

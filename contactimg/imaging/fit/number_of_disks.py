@@ -26,10 +26,16 @@ from contactimg.imaging.fit.settings import (
     SMOOTHED_CONTRAST_TO_NOISE,
 )
 from contactimg.imaging.fit.significance import find_insignificant
+from contactimg.imaging.kernels.normal_equations import REACH_BLUR_WIDTHS
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.shapes.inscribed_disks import find_inscribed
 from contactimg.imaging.shapes.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.timings import stage
+
+ADDING_ITERATIONS = 5
+"""Gauss-Newton steps at most when disks are added. Accuracy."""
+PEAK_PIXELS_BLUR_WIDTHS = np.pi * (2.0 + REACH_BLUR_WIDTHS) ** 2
+"""Pixels of the disk at a peak, about two blur widths in radius, squared blur widths (theory)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +93,7 @@ def assemble_disks(
     if assembly.ringing > 1.0:
         beside = _near_a_rim(peaks, fit.disks, RINGING_REACH_PX)
         peaks = peaks[(peaks[:, 2] > assembly.ringing * lowest) | ~beside]
+    peaks = peaks[: problem.work.most_disks(ADDING_ITERATIONS, pixels=PEAK_PIXELS_BLUR_WIDTHS * fit.blur**2)]
     if len(peaks):
         assembly.add(_disks_from_peaks(peaks, fit.blur, contrast))
     if free_blur and not len(disks):
@@ -146,7 +153,9 @@ class _Assembly:
         """Add disks, which are free to grow, and drop those near them that are not significant."""
         present = np.arange(len(self.fit.disks))
         self.largest = np.concatenate([self.largest, np.full(len(disks), np.inf)])
-        active = self._refit(np.vstack([self.fit.disks, disks]), _append(present, -1, len(disks)), 5)
+        active = self._refit(
+            np.vstack([self.fit.disks, disks]), _append(present, -1, len(disks)), ADDING_ITERATIONS
+        )
         self.drop_insignificant(active)
 
     def drop_insignificant(self, among: NDArray[np.bool_] | None = None, *, final: bool = False) -> None:

@@ -11,6 +11,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.settings import LOOSE_CONTRAST_FRACTION
+from contactimg.imaging.fit.work import Work
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
@@ -68,6 +69,8 @@ class FitProblem:
         Column and row of the image's first pixel, where it is a window of a larger one.
     largest_contrast : float
         That the grey levels can show.
+    work : Work
+        Done for the frame; shared by all problems of it.
     removed_background : ndarray, shape (4, 4)
         Polynomial subtracted from the image so far, as the coefficients of an
         `contactimg.imaging.background.illumination.Illumination`.
@@ -84,6 +87,7 @@ class FitProblem:
     binning: int = 1
     corner: tuple[int, int] = (0, 0)
     largest_contrast: float = float("inf")
+    work: Work = field(default_factory=Work)
     removed_background: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
 
     @classmethod
@@ -109,6 +113,7 @@ class FitProblem:
             image, Noise(foreground.noise**2), ContrastPrior.loose(foreground.contrast.plateau), valid=valid,
             saturated=saturated, background=background, brightness=difference.brightness, binning=binning,
             largest_contrast=max(foreground.largest_contrast, foreground.contrast.plateau),
+            work=Work.of_frame(foreground.image.size),
         )  # fmt: skip
 
     def window(self, box: tuple[slice, slice], image: NDArray[np.float32], brightness: float) -> "FitProblem":
@@ -123,6 +128,7 @@ class FitProblem:
             binning=self.binning,
             corner=(box[1].start, box[0].start),
             largest_contrast=self.largest_contrast,
+            work=self.work,
         )
 
     @property

@@ -66,6 +66,8 @@ def remove_halo(
     dropped = [np.empty((0, 3))]
     given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
     for turn in range(HALO_ROUNDS):
+        if problem.work.is_done:
+            break
         halo = prior_optics.halo
         if not given:
             halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
@@ -128,7 +130,7 @@ def remove_illumination(
         if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
             break
         problem = problem.without_background(factor * illumination.coefficients)
-        if not crowded or abs(removed) < FLAT_FRACTION * problem.contrast:
+        if not crowded or problem.work.is_done or abs(removed) < FLAT_FRACTION * problem.contrast:
             break
         problem = problem.with_contrast(problem.contrast - removed)
         fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)

@@ -75,11 +75,24 @@ RINGING_REACH_PX = 12.0
 FEWEST_RIM_PIXELS = 10
 """Pixels at rims that give their scatter. By hand: half the rim of one contact of 2 px."""
 
+# Work on a frame (`work`), in pixels times iterations of a fit
+WORK_PER_PIXEL = 25.0
+"""Work that a pixel of the frame may cost. Chosen: 1 s per megapixel at the 40 ns that one unit takes."""
+WORK_PER_SMALL_FRAME = 1e6
+"""Work that any frame may cost. Chosen: 0.04 s."""
+COVER_SHARE = 0.6
+"""Share of it after which no more covers are tried. By hand."""
+WORK_PER_FIT, WORK_PER_DISK = 2e4, 200.0
+"""What a fit, and in each iteration a disk or a coupled pair, cost besides their pixels. Measured: to
+a factor of 2."""
+
 # Covers of badly fitted groups (`covers`, `group_window`)
 GROUP_GAP_BLUR_WIDTHS = 2.0
 """Gap between rims within one group. By hand."""
 LARGEST_GROUP = 20
 """Disks of the largest group for which covers are tried. By hand, for time."""
+MOST_ARCS = 60
+"""Arcs of the outline of a group at most. By hand: three a disk; more belong to no disks."""
 BAD_FIT_RATIO = 1.3
 """Chi-square over its usual value above which a fit is bad, ... By hand."""
 BAD_FIT_SIGMA = 6.0

@@ -167,7 +167,7 @@ def settle_optics(
         step = covariance @ gradient
         bounds = np.array([np.log(problem.largest_contrast / contrast), NARROWEST - fit.blur])
         step = _within_bounds(step, gradient, own + optics_prior.information, bounds)
-        if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
+        if not remaining or problem.work.is_done or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
         longest = np.array([LONGEST_CONTRAST_STEP, LONGEST_BLUR_STEP * fit.blur])

@@ -1,0 +1,58 @@
+"""How much work a frame may cost: counted in pixels and iterations, so that results do not depend on time.
+
+Images without disks (photographs, text, dirty plates) have groups that no cover explains, and each of them
+would be tried for long. What is left when the work is done stays as it is, and the frame says how much.
+"""
+
+from dataclasses import dataclass
+
+from contactimg.imaging.fit.settings import (
+    COVER_SHARE,
+    WORK_PER_DISK,
+    WORK_PER_FIT,
+    WORK_PER_PIXEL,
+    WORK_PER_SMALL_FRAME,
+)
+
+
+@dataclass
+class Work:
+    """Work done for a frame, counted on by every fit of it.
+
+    Parameters
+    ----------
+    limit : float
+        Pixels times iterations; infinite outside a frame.
+    done : float
+        So far.
+    unresolved_groups : int
+        Groups that fit badly and were left as they are.
+    """
+
+    limit: float = float("inf")
+    done: float = 0.0
+    unresolved_groups: int = 0
+
+    @classmethod
+    def of_frame(cls, pixels: int) -> "Work":
+        """What a frame of so many pixels may cost."""
+        return cls(WORK_PER_SMALL_FRAME + WORK_PER_PIXEL * pixels)
+
+    def count_fit(self, iterations: int, *, disks: int, pixels: float) -> None:
+        """Add a fit of so many disks and coupled pairs of them, which have so many pixels together."""
+        self.done += WORK_PER_FIT + iterations * (pixels + WORK_PER_DISK * disks)
+
+    def most_disks(self, iterations: int, *, pixels: float) -> int:
+        """How many disks of so many pixels each may still be fitted."""
+        left = max(COVER_SHARE * self.limit - self.done, 0.0)
+        return int(min(left / (iterations * (pixels + WORK_PER_DISK)), 1e9))
+
+    @property
+    def is_done(self) -> bool:
+        """Whether nothing further shall be tried."""
+        return self.done > self.limit
+
+    @property
+    def no_more_covers(self) -> bool:
+        """Whether no further covers of groups shall be tried."""
+        return self.done > COVER_SHARE * self.limit
