@@ -13,6 +13,7 @@ from contactimg.imaging.fit.settings import (
     LEAST_LIGHT_SIGMA,
     LOW_SIGNAL_SIGMA,
     POOR_CHI_SQUARE,
+    SIGNIFICANT_LIGHT_SIGMA,
 )
 from contactimg.imaging.fit.shared_optics import JointFit
 from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
@@ -100,8 +101,9 @@ def report_contacts(
             for covariance in (result.joint.covariance, result.joint.own_covariance)
         )
     accepted = {name: values[~bad] for name, values in contacts.items()}
+    smallest, unresolved = result.smallest * binning, problem.work.unresolved_groups
     return FittedDetections(
-        accepted, rejected, optics, own, result.smallest * binning, unmatched, result, rows[~bad]
+        accepted, rejected, optics, own, smallest, unmatched, unresolved, result, rows[~bad]
     )
 
 
@@ -131,7 +133,10 @@ def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:
         "flags": _flags(result, gap, light),
     }
     finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)
-    kept = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & (light > LEAST_LIGHT_SIGMA))
+    # what fits badly must stand out of its own misfit as clearly as a contact out of the noise
+    poor = result.fit.chi_square > POOR_CHI_SQUARE
+    visible = light > np.where(poor, SIGNIFICANT_LIGHT_SIGMA, LEAST_LIGHT_SIGMA)
+    kept = np.flatnonzero(finite & (gap > -disks[:, RADIUS]) & visible)
     order = kept[np.lexsort([contacts["x_px"][kept], contacts["y_px"][kept]])]
     return {name: values[order] for name, values in contacts.items()}, order
 

@@ -85,11 +85,21 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
         defects.append((Status.NOT_REGISTERED, ""))
     defects += _background_defects(difference, seen) + _contact_defects(seen)
     remarks = [difference.remark, foreground.remark, _remark_contrast(foreground, detections)]
+    remarks.append(_remark_unresolved(detections))
     if frame_pair.reference is None and not frame_pair.defect:
         remarks.insert(0, "no reference: the background was estimated from the frame")
     message = "; ".join(text for text in [*(text for _, text in defects), *remarks] if text)
     status = next((status for status, _ in defects if status), Status.OK)
     return Verdict(status, message, measurable=bool(count or not light_changed))
+
+
+def _remark_unresolved(detections: Detections) -> str:
+    """Remark if groups were left as they are."""
+    count = detections.unresolved_groups
+    if not count:
+        return ""
+    groups = "groups of contacts are" if count > 1 else "group of contacts is"
+    return f"{count} {groups} not explained by any disks and left as fitted first"
 
 
 def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple[str, str]]:

@@ -44,6 +44,8 @@ class Detections:
         Radius of the smallest contact that the method detects; NaN if that is not known.
     unmatched : sequence of HandEdit
         Corrections by hand that meet no contact.
+    unresolved_groups : int
+        Groups that no disks explain within the work that a frame may cost, left as they are.
     """
 
     contacts: Columns
@@ -52,6 +54,7 @@ class Detections:
     own_optics: SharedOptics
     smallest_px: float = float("nan")
     unmatched: Sequence[HandEdit] = ()
+    unresolved_groups: int = 0
 
 
 def no_detections(optics: SharedOptics) -> Detections:

@@ -1,0 +1,155 @@
+"""Edges sharper than the pixels, two grey levels, clipped and compressed frames; work that is bounded.
+
+`tests/data/sharp_disks` holds parts of the reference images of ISO/TR 19672 (MIT licence beside them): black
+disks of one diameter on white, without blur and noise. Truth is the area of the dark pixels.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from contactimg.imaging.fit.work import Work
+from contactimg.imaging.measure import measure_image
+from contactimg.tables import Flag
+
+DATA = Path(__file__).parents[2] / "data" / "sharp_disks"
+
+
+def binary(diameter):
+    """Coverage of a part of a reference image, and x, y, radius of its disks by area."""
+    image = cv2.imread(str(DATA / f"diameter_{diameter}px.png"), cv2.IMREAD_UNCHANGED)
+    dark = image < 128
+    labels, count = ndimage.label(dark)
+    which = np.arange(1, count + 1)
+    centres = np.array(ndimage.center_of_mass(dark, labels, which))
+    radius = np.sqrt(ndimage.sum(dark, labels, which) / np.pi)
+    return dark.astype(float), np.column_stack([centres[:, ::-1], radius])
+
+
+def drawn(radius, rng):
+    """Coverage of 16 disks with a smooth rim, and their x, y, radius."""
+    fine, disks, k = np.zeros((1280, 1280)), [], 8
+    yy, xx = (np.mgrid[0:320, 0:320] + 0.5) / k
+    for row in range(4):
+        for column in range(4):
+            x, y = 20.0 + rng.uniform(-3, 3, 2)
+            part = (slice(320 * row, 320 * row + 320), slice(320 * column, 320 * column + 320))
+            fine[part] = np.hypot(xx - x, yy - y) <= radius
+            disks.append((40 * column + x - 0.5, 40 * row + y - 0.5, radius))
+    return fine.reshape(160, k, 160, k).mean(axis=(1, 3)), np.array(disks)
+
+
+def errors(found, truth):
+    """Errors of the radii, and the same in stated uncertainties; every disk is found, and nothing else."""
+    assert len(found) == len(truth)
+    distance = np.hypot(*(found[["x_px", "y_px"]].to_numpy()[:, None] - truth[:, :2]).transpose(2, 0, 1))
+    nearest = distance.argmin(axis=1)
+    assert len(set(nearest)) == len(truth)
+    assert distance.min(axis=1).max() < 1.0
+    error = found["radius_px"].to_numpy() - truth[nearest, 2]
+    return error, error / found["radius_std_px"].to_numpy()
+
+
+def levels(light):
+    return np.clip(np.rint(light), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("method", ["disk", "threshold"])
+@pytest.mark.parametrize("diameter", [5, 15])
+def test_reference_images_of_the_standard(diameter, method):
+    """Pixels that are 0 or 1 have the variance p (1-p); the area they cover is known better than that."""
+    dark, truth = binary(diameter)
+    found = measure_image(levels(255 - 255 * dark), method=method, polarity="dark")
+    error, pull = errors(found.disks, truth)
+    assert abs(error.mean()) < 0.005 * truth[:, 2].mean()
+    assert np.abs(pull).max() < 3
+    assert found.contrast == pytest.approx(-255, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    {
+        "bright, saturated": lambda dark: levels(255 * dark),
+        "two levels": lambda dark: levels(100 + 80 * dark),
+        "16 bit": lambda dark: (60000 - 50000 * dark).astype(np.uint16),
+        "numbers": lambda dark: (1.0 - dark).astype(np.float32),
+        "a blur of 0.6 px": lambda dark: levels(255 - 255 * cv2.GaussianBlur(dark, (0, 0), 0.6)),
+        "a blur of 1 px": lambda dark: levels(255 - 255 * cv2.GaussianBlur(dark, (0, 0), 1.0)),
+    }.items(),
+    ids=lambda item: item[0],
+)
+def test_sharp_disks_in_any_levels(frame):
+    dark, truth = binary(5)
+    found = measure_image(frame[1](dark))
+    error, pull = errors(found.disks, truth)
+    assert abs(error.mean()) < 0.005 * truth[:, 2].mean()
+    assert np.abs(pull).max() < 3
+
+
+@pytest.mark.parametrize("radius", [1.25, 2.5, 7.5])
+def test_rims_smooth_within_a_pixel(radius, rng):
+    coverage, truth = drawn(radius, rng)
+    error, _ = errors(measure_image(levels(255 - 255 * coverage), polarity="dark").disks, truth)
+    assert abs(error.mean()) < 0.005 * radius
+    assert error.std() < 0.02
+
+
+@pytest.mark.parametrize("noise", [3.0, 10.0])
+def test_noise_on_a_white_background_is_seen_although_it_is_clipped(noise, rng):
+    """Half of the background's pixels are at full scale: their median deviation is 0."""
+    dark, truth = binary(5)
+    found = measure_image(levels(255 - 255 * dark + rng.normal(0, noise, dark.shape)), polarity="dark")
+    error, pull = errors(found.disks, truth)
+    assert found.noise > 0.6 * noise
+    # besides the half per cent of a frame without noise, two standard errors of the mean
+    assert abs(error.mean()) < 0.005 * truth[:, 2].mean() + 2 * error.std() / np.sqrt(len(error))
+    assert np.abs(pull).max() < 3
+
+
+@pytest.mark.parametrize(("quality", "false"), [(60, 3), (90, 0)])
+def test_compression_makes_hardly_any_contacts(quality, false, rng):
+    """At quality 60 two or three specks of ringing are left among 16 disks, and flagged."""
+    coverage, truth = drawn(7.5, rng)
+    light = 200 - 150 * cv2.GaussianBlur(coverage, (0, 0), 0.8) + rng.normal(0, 2, coverage.shape)
+    coded = cv2.imencode(".jpg", levels(light), [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    found = measure_image(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), polarity="dark").disks
+    speck = found["radius_px"] < 1.0
+    assert speck.sum() <= false
+    assert all(found.loc[speck, "flags"] & int(Flag.POOR_FIT))
+    error, _ = errors(found[~speck], truth)
+    assert np.sqrt(np.mean(error**2)) < 1.6 * np.median(found.loc[~speck, "radius_std_px"])
+
+
+def test_small_contacts_are_never_brighter_than_the_camera_can_show(rng):
+    """Of the light of a contact narrower than the blur, which contrast it has is not known; its limit is."""
+    coverage, _ = drawn(1.25, rng)
+    light = 200 - 190 * cv2.GaussianBlur(coverage, (0, 0), 2.0) + rng.normal(0, 1, coverage.shape)
+    for frame, limit in ((levels(light), 201), (levels(255 - light), 201)):
+        assert abs(measure_image(frame).contrast) <= limit
+
+
+def test_work_is_bounded_and_said():
+    """Letters are groups that no disks explain."""
+    image = np.full((400, 500), 200, np.uint8)
+    for k in range(18):
+        text = "Contacts and letters " + "abcdefghij"[k % 10] * 3
+        cv2.putText(image, text, (10, 22 + 21 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.7, 40, 2, cv2.LINE_AA)
+    counted = []
+    usual = Work.of_frame.__func__
+    with pytest.MonkeyPatch.context() as patch:
+
+        def of_frame(cls, pixels):
+            counted.append(usual(cls, pixels))
+            return counted[-1]
+
+        patch.setattr(Work, "of_frame", classmethod(of_frame))
+        found = measure_image(image, polarity="dark")
+    # the last fits of a frame are made with whatever it contains, after the limit is reached
+    assert counted[0].done < 6 * counted[0].limit
+    assert counted[0].unresolved_groups > 0
+    assert "not explained by any disks" in found.message
+    flags = found.disks["flags"].to_numpy()
+    assert np.mean(flags & int(Flag.POOR_FIT) > 0) > 0.2 or found.status != "ok"
