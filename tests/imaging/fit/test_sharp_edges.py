@@ -118,7 +118,7 @@ def test_compression_makes_hardly_any_contacts(quality, false, rng):
     found = measure_image(cv2.imdecode(coded, cv2.IMREAD_GRAYSCALE), polarity="dark").disks
     speck = found["radius_px"] < 1.0
     assert speck.sum() <= false
-    assert all(found.loc[speck, "flags"] & int(Flag.POOR_FIT))
+    assert all(found.loc[speck, "flags"] & int(Flag.LOW_SIGNAL))
     error, _ = errors(found[~speck], truth)
     assert np.sqrt(np.mean(error**2)) < 1.6 * np.median(found.loc[~speck, "radius_std_px"])
 
