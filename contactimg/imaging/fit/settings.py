@@ -76,9 +76,10 @@ FEWEST_RIM_PIXELS = 10
 """Pixels at rims that give their scatter. By hand: half the rim of one contact of 2 px."""
 
 # Work on a frame (`work`), in pixels times iterations of a fit
-WORK_PER_PIXEL = 15.0
-"""Work that a pixel of the frame may cost. Chosen: 0.6 s per megapixel at the 40 ns that
-one unit takes; a frame of groups of two to five takes 2."""
+WORK_PER_PIXEL = 30.0
+"""Work that a pixel of the frame may cost. Chosen: 1.2 s per megapixel at the 40 ns that
+one unit takes; a frame of groups of two to five takes 2, a crowd that the light
+is found in turn with more than 15."""
 WORK_PER_SMALL_FRAME = 1e6
 """Work that any frame may cost. Chosen: 0.04 s."""
 COVER_SHARE = 0.6
