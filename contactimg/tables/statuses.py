@@ -57,6 +57,12 @@ class Status(enum.StrEnum):
     """The background is uneven by more than noise after all corrections: changes of the light are left."""
     LITTLE_BACKGROUND = "little background"
     """Next to no background was found that the light could be followed on, although contacts leave room."""
+    NONLINEAR = "nonlinear response"
+    """The edges of the contacts look like those of a camera whose grey levels are not proportional to light
+    (a gamma). The radii take it into account as far as the edges show it; ``[camera] gamma`` settles it."""
+    SOFT = "soft edges"
+    """The width of the edges grows with the contacts. Where in it a contact ends cannot be seen in one image;
+    the uncertainties, common to all contacts, include that."""
 
 
 FAILED = Status.FAILED

@@ -21,6 +21,7 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
     wide_disks,
 )
+from contactimg.imaging.fit.edge_profile import learn_edge
 from contactimg.imaging.fit.number_of_disks import assemble_disks
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.quality import FittedDetections, FrameFit, report_contacts
@@ -82,6 +83,7 @@ def measure_by_fit(
         prior,
         OpticsPrior.of(prior, start.problem, blur=start.blur),
         max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
+        foreground.sign,
         film,
         edits,
     )
@@ -109,6 +111,8 @@ class _Given:
         The same as the normal prior of the fit.
     level : float
         Background level, grey levels.
+    sign : int
+        1 for contacts brighter than the background, else -1.
     film : Rim or None
     edits : sequence of HandEdit
     """
@@ -116,6 +120,7 @@ class _Given:
     prior_optics: SharedOptics
     optics_prior: OpticsPrior
     level: float
+    sign: int
     film: Rim | None
     edits: Sequence[HandEdit]
 
@@ -166,10 +171,11 @@ def _next_start(start: _Start, result: FrameFit, joint: JointFit, film: Rim | No
     """At the contrast and blur found, without the illumination found."""
     removed = result.problem.removed_background - start.problem.removed_background
     moved = abs(removed[0, 0]) > CONTRAST_CHANGE_LOG * start.contrast
+    plain_edge = result.edge is None or not result.edge.families  # else the blur goes with that edge
     return _Start(
         start.problem.without_background(removed).with_contrast(joint.contrast),
         joint.fit.blur,
-        start.free_blur and (film is not None or bool(moved)),
+        start.free_blur and (film is not None or bool(moved) or not plain_edge),
         joint.wide_contrast,
     )
 
@@ -203,7 +209,19 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         fit, edited = fit_edited(problem, fit, given.edits)
     start = replace(start, problem=problem, free_blur=free_blur)
     joint = _refine(start, fit, prior, given.prior_optics.spread)
-    return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited)
+    if film is not None:
+        return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited)
+    spread = given.prior_optics.spread
+
+    def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
+        return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
+
+    ratio = given.sign * joint.contrast / given.level
+    learned = learn_edge(problem, joint, prior, ratio=ratio, refine=refine)
+    joint = learned.joint
+    return FrameFit(
+        learned.problem, joint.fit, dropped, detected.smallest, halo, joint, edited, learned.learned
+    )
 
 
 def _find_film_blur(film: Rim, problem: FitProblem, guess: float) -> float:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y, touches
 from contactimg.imaging.fit.settings import (
     EDGE_GAP_BLUR_WIDTHS,
@@ -22,7 +23,7 @@ from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.implausible_disks import reject_disks
 from contactimg.imaging.shapes.hand_edits import EditedDisks, HandEdit
 from contactimg.imaging.shapes.overlap import count_touching
-from contactimg.tables import Flag, Reason
+from contactimg.tables import Flag, Reason, Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +44,8 @@ class FrameFit:
         Of contrast and blur; None if there is no disk.
     edited : EditedDisks or None
         Which disks were changed by hand; None if none was.
+    edge : LearnedEdge or None
+        That the contacts share; None where none was learned.
     """
 
     problem: FitProblem
@@ -52,6 +55,7 @@ class FrameFit:
     halo: Halo | None
     joint: JointFit | None
     edited: EditedDisks | None = None
+    edge: LearnedEdge | None = None
 
     @property
     def radius_shifts(self) -> NDArray[np.float64]:
@@ -103,8 +107,9 @@ def report_contacts(
     accepted = {name: values[~bad] for name, values in contacts.items()}
     smallest, unresolved = result.smallest * binning, problem.work.unresolved_groups
     return FittedDetections(
-        accepted, rejected, optics, own, smallest, unmatched, unresolved, result, rows[~bad]
-    )
+        accepted, rejected, optics, own, smallest, unmatched, unresolved, *_edge_verdict(result), result,
+        rows[~bad],
+    )  # fmt: skip
 
 
 def _decide_by_hand(
@@ -115,6 +120,15 @@ def _decide_by_hand(
     contacts["flags"] = contacts["flags"] | np.where(new, int(Flag.MANUAL), 0)
     by_hand = np.where(edited.excluded[rows], str(Reason.BY_HAND), np.where(new, "", reasons))
     return by_hand, edited.unmatched + edited.vanished(rows)
+
+
+def _edge_verdict(result: FrameFit) -> tuple[str, str]:
+    """Remark on the edges, and the status that they give the frame; empty for plain ones."""
+    if result.edge is None:
+        return "", ""
+    families = result.edge.families
+    status = Status.NONLINEAR if "response" in families else Status.SOFT if "softness" in families else ""
+    return describe_edge(result.edge, binning=result.problem.binning), status
 
 
 def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:

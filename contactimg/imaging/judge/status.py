@@ -83,7 +83,8 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
         defects.append((Status.NO_CONTACT, _explain_no_contact(foreground)))
     elif difference.registration_failed:
         defects.append((Status.NOT_REGISTERED, ""))
-    defects += _background_defects(difference, seen) + _contact_defects(seen)
+    defects += _background_defects(difference, seen)
+    defects += [(detections.status, detections.remark), *_contact_defects(seen)]
     remarks = [difference.remark, foreground.remark, _remark_contrast(foreground, detections)]
     remarks.append(_remark_unresolved(detections))
     if frame_pair.reference is None and not frame_pair.defect:

@@ -46,6 +46,10 @@ class Detections:
         Corrections by hand that meet no contact.
     unresolved_groups : int
         Groups that no disks explain within the work that a frame may cost, left as they are.
+    remark : str
+        What to say of the edges of the contacts; empty for plain ones.
+    status : str
+        Status that these give the frame; empty where they are measured as they are.
     """
 
     contacts: Columns
@@ -55,6 +59,8 @@ class Detections:
     smallest_px: float = float("nan")
     unmatched: Sequence[HandEdit] = ()
     unresolved_groups: int = 0
+    remark: str = ""
+    status: str = ""
 
 
 def no_detections(optics: SharedOptics) -> Detections:

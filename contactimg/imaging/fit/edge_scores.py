@@ -1,0 +1,300 @@
+"""Whether the residuals of all contacts together call for another edge, and for which.
+
+Each isolated contact has a score on the shared quantities ``q = (ln C, s, parameters of the edge)``: the sum
+over its pixels of residual times derivative over variance, with its own radius, contrast and background
+eliminated. With J the information of q left then, the shared quantities that suit all contacts best differ by
+
+    delta = (sum J)^-1 sum score,        covariance H^-1 (sum e e') H^-1,   e = score - J delta,
+
+from those assumed (a Gauss-Newton step; the covariance is that of the scatter from contact to contact, which
+holds whatever the noise). A group of parameters is significant by Wald's test of this step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
+from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.kernels.radial_sums import radial_nodes, sum_residuals
+from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.profile.edge_shape import (
+    FAMILIES,
+    PARAMETERS,
+    PRIOR_STD,
+    BlurredDisks,
+    PlacedDisks,
+    edge_profile,
+    edge_templates,
+)
+
+Values = NDArray[np.float64]
+
+STEPS_PER_BLUR = 4  # nodes of templates about the rim; accuracy: affects the efficiency alone
+FINE_STEPS_PER_BLUR = 16  # nodes of profiles; theory: linear interpolation errs by (1/16)^2/8 * 0.24 = 1e-4
+INNER_BLUR_WIDTHS = 4.5  # distance inside the rim where the plateau begins; theory: 3e-6 are missing there
+REACH_BLUR_WIDTHS = 6.0  # beyond the rim; theory: a Gaussian 2.9 times as wide has fallen to 2 % there
+NEIGHBOUR_BLUR_WIDTHS = 3.0  # reach of the rim of a neighbour; theory: 1e-3 of its contrast is left there
+SMALLEST_BLUR_WIDTHS = 0.5  # radius of contacts that are looked at; smaller ones show no edge
+MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for time
+FEW_CONTACTS = 60  # the same of the first look; for time
+FEWEST_CONTACTS = 20
+"""Isolated contacts below which nothing is learned. Theory: their scatter gives a variance to a third."""
+FALSE_ALARM = 1e-6
+"""Probability that a plain edge is taken for another one. False-alarm rate: one in a million frames."""
+SUSPICION = 0.01
+"""The same for a closer look, for each family. False-alarm rate: it costs time alone."""
+LEAST_CLIP_FRACTION = 0.5
+"""Residuals are clipped at this fraction of the contrast, or at 5 sigma of a pixel. By hand: it cuts foreign
+objects, not an edge of another shape."""
+CLIP_SIGMA = 5.0
+LOCAL_BACKGROUND_FRACTION = 0.05
+"""Uncertainty of the background about a contact, of the contrast. By hand: where contacts are dense it is not
+known better; no edge is to be learned from it."""
+OWN = 3  # contrast and radius of a contact, and the background about it
+SHARED = 2  # ln C and the blur come before the parameters of the edge
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """Blur and shape of the edge that all contacts share.
+
+    Parameters
+    ----------
+    blur : float, px
+        Pixel included.
+    shape : ndarray
+        Values of `contactimg.imaging.profile.edge_shape.PARAMETERS`.
+    """
+
+    blur: float
+    shape: Values
+
+    @classmethod
+    def plain(cls, blur: float) -> "Edge":
+        """A disk behind one Gaussian."""
+        return cls(blur, np.zeros(len(PARAMETERS)))
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Where contacts lie, and how strong they are against the background.
+
+    Parameters
+    ----------
+    shape : (int, int)
+        Rows and columns of the image.
+    ratio : float
+        Contrast over background level; negative for dark contacts.
+    """
+
+    shape: tuple[int, int]
+    ratio: float
+
+    def place(self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR) -> "PlacedNodes":
+        """Disks with nodes from their centres to beyond their rims."""
+        x, y = (2.0 * disks[:, k] / (self.shape[1 - k] - 1.0) - 1.0 for k in (X, Y))
+        field = np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1)
+        inner = np.maximum(disks[:, RADIUS] - INNER_BLUR_WIDTHS * blur, 0.0)
+        step = blur / per_blur
+        count = round((INNER_BLUR_WIDTHS + REACH_BLUR_WIDTHS) * per_blur) + 1
+        placed = PlacedDisks(disks[:, [RADIUS]], field, radial_nodes(inner, step, count), self.ratio)
+        return PlacedNodes(placed, inner, step, count)
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedNodes:
+    """Disks with their nodes, see `contactimg.imaging.kernels.radial_sums`.
+
+    Parameters
+    ----------
+    disks : PlacedDisks
+    inner : ndarray, shape (n,), px
+        Distance from the centre up to which nodes are wide.
+    step : float, px
+        Between the nodes beyond.
+    count : int
+        Nodes beyond.
+    """
+
+    disks: PlacedDisks
+    inner: Values
+    step: float
+    count: int
+
+    @property
+    def areas(self) -> Values:
+        """Area of the ring that belongs to each node, px^2, shape (n, k)."""
+        r = self.disks.distance
+        return np.asarray(2.0 * np.pi * r * np.gradient(r, axis=1))
+
+
+def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDArray[np.int64]:
+    """Contacts whose profile no neighbour and no border disturbs, from the narrowest to the widest."""
+    reach = REACH_BLUR_WIDTHS * blur
+    alone = np.ones(len(disks), np.bool_)
+    gap = reach + NEIGHBOUR_BLUR_WIDTHS * blur
+    alone[find_pairs(disks, 0.5 * gap).ravel()] = False
+    x, y, gap = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
+    alone &= (x > gap) & (y > gap) & (x < shape[1] - 1 - gap) & (y < shape[0] - 1 - gap)
+    chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
+    return evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
+
+
+def evenly(chosen: NDArray[np.int64], most: int) -> NDArray[np.int64]:
+    """At most so many of them, evenly spaced."""
+    if len(chosen) <= most:
+        return chosen
+    return chosen[np.linspace(0, len(chosen) - 1, most).round().astype(int)]
+
+
+@dataclass(frozen=True, eq=False)
+class SharedStep:
+    """Step of the shared quantities that suits all contacts best.
+
+    Parameters
+    ----------
+    chosen : ndarray of int
+        Which of (ln C, s, `PARAMETERS`) take part.
+    delta : ndarray, shape (k,)
+    covariance : ndarray, shape (k, k)
+    gain : float
+        Decrease of chi-square, in units of its usual value.
+    """
+
+    chosen: NDArray[np.int64]
+    delta: Values
+    covariance: Values
+    gain: float
+
+    def excess(self, columns: tuple[int, ...], false_alarm: float = FALSE_ALARM) -> float:
+        """Wald's statistic of some parameters of the edge over its quantile at a false-alarm rate."""
+        at = np.flatnonzero(np.isin(self.chosen - SHARED, columns))
+        part = self.delta[at]
+        statistic = part @ np.linalg.solve(self.covariance[np.ix_(at, at)], part)
+        return float(statistic / stats.chi2.isf(false_alarm, len(at)))
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeScores:
+    """Scores of contacts on the shared quantities, and how their radii follow them.
+
+    Parameters
+    ----------
+    score : ndarray, shape (m, 16)
+    information : ndarray, shape (m, 16, 16)
+    response : ndarray, shape (m, 16)
+        Derivative of the radius by the shared quantities, px.
+    radius_std : ndarray, shape (m,), px
+        For independent pixels at a known edge.
+    """
+
+    score: Values
+    information: Values
+    response: Values
+    radius_std: Values
+
+    @classmethod
+    def of(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
+        """From the pixels about isolated disks (x, y, radius, contrast)."""
+        nodes = placement.place(disks, blur=edge.blur)
+        fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
+        profile = edge_profile(fine.disks, edge.blur, edge.shape)
+        clip = max(CLIP_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
+        rest = sum_residuals(
+            problem.image, for_kernel(problem.valid), disks, nodes.inner, profile,
+            (fine.step, nodes.step), nodes.count, clip,
+        )  # fmt: skip
+        whole = np.isfinite(rest[:, 0])
+        return cls._solve(problem, disks[whole], edge, placement, rest[whole])
+
+    @classmethod
+    def expected(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
+        """Without the pixels: scores of 0, with the information and the responses."""
+        return cls._solve(problem, disks, edge, placement, None)
+
+    @classmethod
+    def _solve(
+        cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement, rest: Values | None
+    ) -> "EdgeScores":
+        """Eliminate radius and contrast of each disk."""
+        nodes = placement.place(disks, blur=edge.blur)
+        profile = edge_profile(nodes.disks, edge.blur, edge.shape)
+        contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
+        c = disks[:, CONTRAST, None]
+        variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
+        weight = 1.0 / (variance * (1.0 + problem.noise.slope * np.clip(profile, 0.0, None)))
+        # columns: own contrast, radius and background, then the blur and the parameters of the edge
+        columns = np.empty((len(disks), OWN + 1 + len(PARAMETERS), profile.shape[1]))
+        columns[:, 0], columns[:, 1] = profile, c * _by_radius(nodes.disks, edge)
+        columns[:, 2] = 1.0
+        columns[:, OWN:] = c[:, None] * edge_templates(nodes.disks, edge.blur, edge.shape)
+        products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
+        normal, size = products[:, :OWN, :OWN], SHARED + len(PARAMETERS)
+        normal[:, 0, 0] += tight
+        normal[:, 2, 2] += 1.0 / (LOCAL_BACKGROUND_FRACTION * contrast) ** 2
+        cross, information = np.zeros((len(disks), OWN, size)), np.zeros((len(disks), size, size))
+        cross[:, 0, 0], cross[:, :, 1:] = -tight * contrast, products[:, :OWN, OWN:]
+        information[:, 0, 0], information[:, 1:, 1:] = tight * contrast**2, products[:, OWN:, OWN:]
+        gradient = np.zeros((len(disks), columns.shape[1]))
+        if rest is not None:
+            gradient = (columns @ (weight * rest)[:, :, None])[:, :, 0]
+        excess = disks[:, CONTRAST] - contrast
+        gradient[:, 0] -= tight * excess
+        score = np.column_stack([tight * contrast * excess, gradient[:, OWN:]])
+        inverse = np.linalg.inv(normal)
+        response = -inverse @ cross
+        return cls(
+            score + (gradient[:, None, :OWN] @ response)[:, 0],
+            information + np.swapaxes(cross, 1, 2) @ response,
+            response[:, 1],
+            np.sqrt(inverse[:, 1, 1]),
+        )
+
+    def is_suspicious(self, prior: tuple[Values, Values]) -> bool:
+        """Whether any departure from the plain edge is worth a closer look, at `SUSPICION`."""
+        return any(
+            self.step(parameters_of((name,)), prior).excess(columns, SUSPICION) > 1.0
+            for name, columns in FAMILIES.items()
+        )
+
+    def step(self, chosen: NDArray[np.int64], prior: tuple[Values, Values]) -> SharedStep:
+        """The step of some shared quantities; ``prior`` is (score, information) of a prior of all of them."""
+        here = np.ix_(chosen, chosen)
+        score, information = self.score[:, chosen], self.information[:, chosen][:, :, chosen]
+        total = information.sum(axis=0)
+        loose = np.linalg.inv(total + 1e-9 * np.diag(np.diag(total) + 1e-12))
+        free = loose @ score.sum(axis=0)
+        rest = score - information @ free
+        n, k = score.shape
+        factor = max(float(np.einsum("ni,ij,nj->", rest, loose, rest)) / k, 1.0)
+        posterior = np.linalg.inv(total / factor + prior[1][here])
+        whole = score.sum(axis=0) / factor + prior[0][chosen]
+        scatter = rest.T @ rest * (n / (n - k)) / factor**2 + prior[1][here]
+        covariance = posterior @ scatter @ posterior
+        return SharedStep(chosen, posterior @ whole, covariance, float(whole @ posterior @ whole))
+
+
+def _by_radius(placed: PlacedDisks, edge: Edge) -> Values:
+    """Derivative of the profile by the radius, 1/px."""
+    if not edge.shape.any():
+        return BlurredDisks.of(placed, edge.blur).by_a / edge.blur
+    step = 0.05 * edge.blur
+    above, below = (edge_profile(placed.widened(x), edge.blur, edge.shape) for x in (step, -step))
+    return (above - below) / (2 * step)
+
+
+def edge_prior(edge: Edge, optics: tuple[Values, Values]) -> tuple[Values, Values]:
+    """Score and information of the priors; ``optics`` are those of (ln C, s)."""
+    score = np.concatenate([optics[0], -edge.shape / PRIOR_STD**2])
+    information = np.diag(np.concatenate([np.zeros(SHARED), 1.0 / PRIOR_STD**2]))
+    information[:SHARED, :SHARED] = optics[1]
+    return score, information
+
+
+def parameters_of(families: tuple[str, ...]) -> NDArray[np.int64]:
+    """Places of ln C, s and the parameters of families; a point spread function has widths of its own."""
+    columns = [SHARED + k for name in families for k in FAMILIES[name]]
+    return np.array([0, *columns] if "point spread" in families else [0, 1, *columns])

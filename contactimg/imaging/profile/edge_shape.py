@@ -1,0 +1,198 @@
+"""Edges that are not a disk behind one Gaussian: a few parameters shared by all contacts.
+
+With P(r; a, s) the blurred uniform disk, the brightness of a contact is ``R(M(r; a, s_i) + d D(r; a, s_i))``:
+
+- *blur*: ``s_i^2 = s^2 (1 + b . (x, y, x^2 - 1/3, x y, y^2 - 1/3))^2 + q a^2``, a blur that varies over the
+  field and an edge whose width grows with the contact;
+- *point spread*: ``M = P(s) + sum_j w_j [P(rho_j s) - P(s)]``, a sum of Gaussians of fixed widths. It
+  conserves light, so that the area is that of the light;
+- *plateau*: ``D`` is the blurred ``1/2 - r^2/a^2``, brighter in the middle for ``d > 0``, of mean 0;
+- *contrast*: times ``1 + e/(1 + (a/3 s)^2)``, for small contacts brighter (e > 0) or dimmer than large ones;
+- *response*: ``R(m) = ((1 + c m)^g - 1)/((1 + c)^g - 1)``, g = 1 - p, for a camera whose grey levels go as
+  the g-th power of the light, and contacts of contrast c relative to the background.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, disk_table
+
+Values = NDArray[np.float64]
+
+WIDTH_RATIOS = (0.5, 0.7, 1.4, 2.0, 2.9)
+"""Widths rho of the Gaussians of a point spread function, over the blur. Chosen: steps of sqrt(2), which a
+sum of Gaussians hardly resolves."""
+
+PARAMETERS = (
+    *(f"width_{ratio:g}" for ratio in WIDTH_RATIOS),
+    "softness", "dome", "response", "blur_x", "blur_y", "blur_xx", "blur_xy", "blur_yy",
+    "trend",
+)  # fmt: skip
+"""Parameters w, q, d, p, the components of b, and e."""
+WEIGHTS, SOFTNESS, DOME, RESPONSE, FIELD, TREND = slice(0, 5), 5, 6, 7, slice(8, 13), 13
+
+FAMILIES = {
+    "point spread": (0, 1, 2, 3, 4),
+    "softness": (SOFTNESS,),
+    "plateau": (DOME,),
+    "response": (RESPONSE,),
+    "blur field": (8, 9, 10, 11, 12),
+    "contrast": (TREND,),
+}
+"""Parameters that a departure from the plain edge has."""
+
+PRIOR_STD = np.array([1.0] * 5 + [0.1, 0.5, 0.6] + [0.5] * 5 + [0.5])
+"""Normal prior of the parameters about 0. Chosen: wide against what optics do; keeps steps finite."""
+LARGEST = np.array([4.0] * 5 + [0.2, 1.0, 0.8] + [0.7] * 5 + [0.7])
+"""Largest magnitudes. Chosen: beyond, the profile is no edge of a contact any more."""
+
+SMALL_BLUR_WIDTHS = 3.0  # radius of contacts half way between small and large. Chosen: they show a plateau
+DEFECT_STEP = 0.02  # of the derivative by the response; accuracy
+NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedDisks:
+    """Disks of which profiles are computed at nodes of the distance from the centre.
+
+    Parameters
+    ----------
+    radius : ndarray, shape (n, 1), px
+    field : ndarray, shape (n, 5)
+        ``x, y, x^2 - 1/3, x y, y^2 - 1/3`` of each centre, with x and y from -1 to 1 across the image.
+    distance : ndarray, shape (n, k), px
+    ratio : float
+        Contrast over background level; negative for dark contacts.
+    """
+
+    radius: Values
+    field: Values
+    distance: Values
+    ratio: float
+
+    def widened(self, step: float) -> "PlacedDisks":
+        """With radii larger by ``step``."""
+        return PlacedDisks(self.radius + step, self.field, self.distance, self.ratio)
+
+
+@dataclass(frozen=True, eq=False)
+class BlurredDisks:
+    """Profile of blurred disks and its derivatives, shape (n, k) each.
+
+    Parameters
+    ----------
+    p, by_a, by_r : ndarray
+        ``P``, ``s dP/da``, ``s dP/dr``.
+    """
+
+    p: Values
+    by_a: Values
+    by_r: Values
+
+    @classmethod
+    def of(cls, disks: PlacedDisks, blur: Values | float) -> "BlurredDisks":
+        """Interpolated in the table of the plain disk; ``blur`` has shape (n, 1) or is common."""
+        s = np.broadcast_to(np.asarray(blur, float), disks.radius.shape)
+        value = _interpolate(disk_table().values, disks.radius[:, 0], s[:, 0], disks.distance)
+        return cls(value[0], value[1], value[2])
+
+    def by_s(self, disks: PlacedDisks) -> Values:
+        """``s dP/ds``, times s over the unit of length."""
+        return -(disks.radius * self.by_a + disks.distance * self.by_r)
+
+    def dome(self, disks: PlacedDisks, blur: Values | float) -> Values:
+        """The blurred ``1/2 - r^2/a^2``; products with x become x + s^2 d/dx under a Gaussian."""
+        a, r = disks.radius, disks.distance
+        squares = (r**2 + 2 * blur**2) * self.p + blur * (r * self.by_r - a * self.by_a)
+        return 0.5 * self.p - squares / a**2
+
+
+@njit(cache=True, error_model="numpy")
+def _interpolate(table, radius, blur, distance):
+    """Profile and derivatives from the table of the plain disk, shape (3, n, k)."""
+    out = np.zeros((3, *distance.shape))
+    rows, columns = table.shape[:2]
+    for i in range(len(radius)):
+        a, s = radius[i], blur[i]
+        row = s / (s + a) * (rows - 1)
+        k = min(int(row), rows - 2)
+        f = row - k
+        for n in range(distance.shape[1]):
+            column = ((distance[i, n] - a) / s + INNER_BLUR_WIDTHS) * STEPS_PER_BLUR_WIDTH
+            if column <= 0.0:
+                out[0, i, n] = 1.0
+            elif column < columns - 1:
+                j = int(column)
+                g = column - j
+                for m in range(3):
+                    low = table[k, j, m] + g * (table[k, j + 1, m] - table[k, j, m])
+                    high = table[k + 1, j, m] + g * (table[k + 1, j + 1, m] - table[k + 1, j, m])
+                    out[m, i, n] = low + f * (high - low)
+    return out
+
+
+def respond(profile: Values, defect: float, ratio: float) -> Values:
+    """Grey levels over contrast of a camera of exponent ``1 - defect`` that shows a contrast ratio."""
+    if defect == 0.0:
+        return profile
+    gamma = 1.0 - defect
+    light = (1.0 + ratio) ** (1.0 / gamma) - 1.0
+    return np.asarray((np.maximum(1.0 + light * profile, 1e-3) ** gamma - 1.0) / ratio)
+
+
+def edge_profile(disks: PlacedDisks, blur: float, shape: Values) -> Values:
+    """Brightness of contacts over their contrast, shape (n, k).
+
+    Parameters
+    ----------
+    disks : PlacedDisks
+    blur : float, px
+        Pixel included.
+    shape : ndarray
+        Values of `PARAMETERS`.
+    """
+    relative = np.maximum(1.0 + disks.field @ shape[FIELD], NARROWEST_BLUR_RATIO)[:, None]
+    variance = (blur * relative) ** 2 + shape[SOFTNESS] * disks.radius**2
+    s = np.sqrt(np.maximum(variance, (NARROWEST_BLUR_RATIO * blur) ** 2))
+    plain = BlurredDisks.of(disks, s)
+    profile = plain.p
+    if shape[WEIGHTS].any():
+        profile = profile * (1.0 - shape[WEIGHTS].sum())
+        for weight, ratio in zip(shape[WEIGHTS], WIDTH_RATIOS, strict=True):
+            profile = profile + weight * BlurredDisks.of(disks, ratio * s).p
+    if shape[DOME]:
+        profile = profile + shape[DOME] * plain.dome(disks, s)
+    if shape[TREND]:
+        profile = profile * (1.0 + shape[TREND] * _smallness(disks, blur))
+    return respond(profile, float(shape[RESPONSE]), disks.ratio)
+
+
+def _smallness(disks: PlacedDisks, blur: float) -> Values:
+    """1 for small contacts, 0 for large ones, shape (n, 1)."""
+    return 1.0 / (1.0 + (disks.radius / (SMALL_BLUR_WIDTHS * blur)) ** 2)
+
+
+def edge_templates(disks: PlacedDisks, blur: float, shape: Values) -> Values:
+    """Derivatives of the profile by blur (px) and `PARAMETERS`, shape (n, 15, k).
+
+    At the plain edge, except that by the response, which is far from linear.
+    """
+    defect = float(shape[RESPONSE])
+    plain = BlurredDisks.of(disks, blur)
+    by_s = plain.by_s(disks) / blur**2
+    above, below = (respond(plain.p, defect + x, disks.ratio) for x in (DEFECT_STEP, -DEFECT_STEP))
+    return np.stack(
+        [
+            by_s,
+            *(BlurredDisks.of(disks, ratio * blur).p - plain.p for ratio in WIDTH_RATIOS),
+            by_s * disks.radius**2 / (2 * blur),
+            plain.dome(disks, blur),
+            (above - below) / (2 * DEFECT_STEP),
+            *(by_s * blur * disks.field[:, [k]] for k in range(disks.field.shape[1])),
+            plain.p * _smallness(disks, blur),
+        ],
+        axis=1,
+    )

@@ -1,0 +1,168 @@
+"""Edges that are no disk behind one Gaussian: found, measured, and said."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from edge_frames import CASES, OPTICS, edge_frame, errors
+
+from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
+from contactimg.imaging.fit.edge_scores import Edge, Placement
+from contactimg.imaging.measure import measure_image
+from contactimg.imaging.profile.blurred_disk import blurred_disk
+from contactimg.imaging.profile.edge_shape import (
+    DOME,
+    PARAMETERS,
+    PRIOR_STD,
+    RESPONSE,
+    SOFTNESS,
+    BlurredDisks,
+    edge_profile,
+    edge_templates,
+)
+from contactimg.optics.camera_response import CameraResponse
+from contactimg.tables import Flag
+
+SEED = 11
+
+
+@cache
+def measured(case):
+    """Measurement, matched pairs and errors of the radii of one case."""
+    frame, reference, truth = edge_frame(case, seed=SEED)
+    result = measure_image(frame, reference, full_scale=CASES[case].get("full_scale"))
+    pairs, error = errors(truth, result.disks)
+    assert len(pairs) >= 0.97 * len(truth)
+    return result, pairs, error, truth
+
+
+def deviation_of_area(case):
+    """Error of the sum of the areas over its stated uncertainty."""
+    result, pairs, _, truth = measured(case)
+    disks = result.disks.iloc[pairs[:, 1]]
+    weight = 2 * disks["radius_px"].to_numpy()
+    shifts = disks[["contrast_shift_px", "blur_shift_px"]].to_numpy()
+    alone = disks["radius_std_px"].to_numpy() ** 2 - np.sum(shifts**2, axis=1)
+    std = np.sqrt(np.sum((weight @ shifts) ** 2) + weight**2 @ np.maximum(alone, 0))
+    difference = np.sum(disks["radius_px"] ** 2) - np.sum(truth["radius_px"].to_numpy()[pairs[:, 0]] ** 2)
+    return abs(difference) / std
+
+
+def coverage(case):
+    result, pairs, error, _ = measured(case)
+    std = result.disks["radius_std_px"].to_numpy()[pairs[:, 1]]
+    return np.mean(np.abs(error) < std), np.mean(np.abs(error) < 2 * std)
+
+
+MEASURED = {
+    "plain": "",
+    "defocus": "a point spread function that is not a Gaussian",
+    "dome": "contacts brighter in the middle",
+    "bowl": "contacts darker in the middle",
+    "blur_field": "a blur between",
+    "small_dim": "dimmer than large ones",
+    "gamma": "the camera's response looks nonlinear",
+}
+
+
+@pytest.mark.parametrize("case", MEASURED)
+def test_radii_and_areas_are_right_within_their_uncertainties(case):
+    result, *_ = measured(case)
+    assert MEASURED[case] in result.message
+    assert bool(result.message) == bool(MEASURED[case])
+    one, two = coverage(case)
+    # 150 contacts: 68 and 95 % to 4 and 2 %, three times that
+    assert one > 0.57
+    assert two > 0.88
+    assert deviation_of_area(case) < 3.0
+    assert np.mean((result.disks["flags"] & int(Flag.POOR_FIT)) > 0) < 0.1
+
+
+def test_a_gamma_is_named_and_the_status_says_so():
+    result, *_ = measured("gamma")
+    assert result.status == "nonlinear response"
+    gamma = float(result.message.split("gamma about ")[1].split()[0])
+    assert gamma == pytest.approx(0.45, abs=0.1)
+
+
+def test_stated_gamma_removes_the_finding_and_its_uncertainty():
+    frame, reference, truth = edge_frame("gamma", seed=SEED)
+    response = CameraResponse(gamma=0.45)
+    linear = [response.light(image, full_scale=255.0) for image in (frame, reference)]
+    result = measure_image(*linear, full_scale=255.0)
+    pairs, error = errors(truth, result.disks)
+    std = result.disks["radius_std_px"].to_numpy()[pairs[:, 1]]
+    assert (result.status, result.message) == ("ok", "")
+    assert np.mean(np.abs(error) < 2 * std) > 0.88
+    assert np.median(std) < np.median(measured("gamma")[0].disks["radius_std_px"])
+
+
+@pytest.mark.parametrize("case", ["soft", "rim"])
+def test_a_soft_edge_is_said_and_its_uncertainty_covers_a_rim_outside(case):
+    result, *_ = measured(case)
+    assert result.status == "soft edges"
+    assert deviation_of_area(case) < 3.0
+    # one error common to all, not one for each
+    shared = result.disks[["contrast_shift_px", "blur_shift_px"]].abs().sum(axis=1)
+    assert np.median(shared / result.disks["radius_std_px"]) > 0.7
+
+
+def placed(radius, blur):
+    disks = np.array([[100.0, 100.0, a, 1.0] for a in radius])
+    return Placement((200, 200), 1.25).place(disks, blur=blur, per_blur=16)
+
+
+def test_the_profile_of_a_plain_edge_is_that_of_the_blurred_disk():
+    nodes = placed([1.0, 4.0, 20.0], 1.4)
+    plain = edge_profile(nodes.disks, 1.4, np.zeros(len(PARAMETERS)))
+    exact = [blurred_disk(r, a, 1.4) for r, a in zip(nodes.disks.distance, [1.0, 4.0, 20.0], strict=True)]
+    # linear interpolation between 128 radii
+    np.testing.assert_allclose(plain, exact, atol=5e-4)
+
+
+@pytest.mark.parametrize("parameter", range(5))
+def test_a_point_spread_function_conserves_light(parameter):
+    nodes = placed([3.0, 20.0], 1.4)
+    shape = np.zeros(len(PARAMETERS))
+    shape[parameter] = 0.3
+    light = np.sum(edge_profile(nodes.disks, 1.4, shape) * nodes.areas, axis=1)
+    # of the widest Gaussian, 2.9 blurs, 5 % of a contact of 3 px lie beyond 7 blurs
+    np.testing.assert_allclose(light, np.pi * np.array([9.0, 400.0]), rtol=0.3 * 0.06)
+
+
+def test_a_dome_has_no_light_and_the_curvature_of_its_definition():
+    nodes = placed([20.0], 1.0)
+    dome = BlurredDisks.of(nodes.disks, 1.0).dome(nodes.disks, 1.0)
+    assert abs(np.sum(dome * nodes.areas)) < 0.01 * np.pi * 400
+    # 1/2 - (r^2 + 2 s^2)/a^2 on the plateau
+    r = nodes.disks.distance[0, 2]
+    assert dome[0, 2] == pytest.approx(0.5 - (r**2 + 2) / 400, abs=1e-4)
+
+
+@pytest.mark.parametrize("parameter", range(len(PARAMETERS)))
+def test_templates_are_the_derivatives_of_the_profile(parameter):
+    nodes, step = placed([2.0, 8.0], 1.4), 1e-3 * PRIOR_STD[parameter]
+    nodes.disks.field[:] = [0.5, -0.3, 0.1, 0.2, -0.1]
+    shape = np.zeros((2, len(PARAMETERS)))
+    shape[:, parameter] = step, -step
+    above, below = (edge_profile(nodes.disks, 1.4, row) for row in shape)
+    template = edge_templates(nodes.disks, 1.4, np.zeros(len(PARAMETERS)))[:, 1 + parameter]
+    np.testing.assert_allclose((above - below) / (2 * step), template, atol=0.02 * np.abs(template).max())
+
+
+def test_every_family_has_its_sentence():
+    shape = np.zeros(len(PARAMETERS))
+    shape[SOFTNESS], shape[DOME], shape[RESPONSE] = 0.01, -0.1, 0.55
+    families = ("point spread", "softness", "plateau", "response", "blur field", "contrast")
+    text = describe_edge(LearnedEdge(Edge(1.4, shape), families, np.full(len(PARAMETERS), 0.02)), binning=1)
+    assert text.count(";") == len(families)  # one more between gamma and what to do
+    assert "gamma about 0.45 +- 0.02" in text
+    assert "0.1 of the radius" in text
+    assert describe_edge(LearnedEdge(Edge(1.4, shape)), binning=1) == ""
+
+
+def test_few_contacts_learn_nothing():
+    frame, reference, truth = edge_frame("defocus", seed=3, n=12, optics=OPTICS)
+    result = measure_image(frame, reference)
+    assert len(errors(truth, result.disks)[0]) == 12
+    assert "edges show" not in result.message
