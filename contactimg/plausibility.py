@@ -282,7 +282,7 @@ def _distance(point: NDArray[np.float64], low: NDArray[np.float64], high: NDArra
 
 def _doubts_about_strain(scene: Scene, load: float, half_diagonal: float) -> Iterator[str]:
     """The contact of the smooth sphere against its radius and the sample."""
-    if scene.indenter is None or scene.elastic is None:
+    if scene.indenter is None or scene.elastic is None or scene.elastic.stated_modulus is None:
         return
     radius = scene.indenter.radius
     modulus = scene.elastic.contact_modulus
