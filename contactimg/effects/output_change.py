@@ -134,7 +134,7 @@ def _profile_change(annulus: NDArray[np.intp], without: Answer, complete: Answer
         return np.bincount(annulus, answer.force) / area
 
     def count(answer: Answer) -> Values:
-        return np.bincount(annulus, (answer.radius > 0).astype(float))
+        return np.bincount(annulus, (answer.radius > 0).astype(float)).astype(float)
 
     p, n = pressure(complete), count(complete)
     return max(

@@ -63,7 +63,7 @@ def write_run(run: Run, folder: Path) -> dict[str, Any]:
     write_table(run.contacts, CONTACTS, folder / "contacts.csv")
     write_table(run.frames, FRAMES, folder / "frames.csv")
     write_table(run.rejected, REJECTED, folder / "rejected.csv")
-    record = {} if run.pose is None else {"pose": _pose_record(run.pose)}
+    record: dict[str, Any] = {} if run.pose is None else {"pose": _pose_record(run.pose)}
     if run.law is not None:
         record["law"] = run.law.sentence()
     if run.choices:

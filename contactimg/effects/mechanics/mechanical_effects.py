@@ -108,9 +108,9 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     scene.check_effects()
     adheres = elastic.work_of_adhesion > 0 and scene.effects.adhesion != "off"
     if not (np.isfinite(load) and (load >= 0 or adheres)):
-        left_out = "; adhesion is left out here" if elastic.work_of_adhesion > 0 and not adheres else ""
+        no_adhesion = "; adhesion is left out here" if elastic.work_of_adhesion > 0 and not adheres else ""
         raise InputError(
-            f"load must be finite, and positive unless the contacts adhere, got {load!r} N{left_out}; "
+            f"load must be finite, and positive unless the contacts adhere, got {load!r} N{no_adhesion}; "
             "give another"
         )
     estimated_load = load
@@ -132,7 +132,7 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     answers = {name: pair(loaded) for name, pair in PAIRS.items()}
     changes = EffectChanges.between(loaded, {name: pair for name, (pair, _) in answers.items()})
     estimates = _estimates(loaded, changes, {name: reason for name, (_, reason) in answers.items()})
-    left_out = changes.together
+    left_out: Callable[[Collection[str]], dict[str, float]] = changes.together
     if load <= 0:
         reason = "without adhesion there is no contact at this load"
         everything = dict.fromkeys(WRITTEN, 1.0)

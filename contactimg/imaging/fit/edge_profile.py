@@ -120,7 +120,8 @@ def learn_edge(
     EdgeFit
         The arguments unchanged where nothing is significant, or fewer than `FEWEST_CONTACTS` are isolated.
     """
-    edge, families = Edge.plain(joint.fit.blur), ()
+    edge = Edge.plain(joint.fit.blur)
+    families: tuple[str, ...] = ()
     current = EdgeFit(problem, joint, LearnedEdge(edge))
     isolated = isolated_disks(joint.fit.disks, problem.image.shape, blur=edge.blur)
     if len(isolated) < FEWEST_CONTACTS:

@@ -137,8 +137,8 @@ def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDA
     alone = np.ones(len(disks), np.bool_)
     gap = reach + NEIGHBOUR_BLUR_WIDTHS * blur
     alone[find_pairs(disks, 0.5 * gap).ravel()] = False
-    x, y, gap = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
-    alone &= (x > gap) & (y > gap) & (x < shape[1] - 1 - gap) & (y < shape[0] - 1 - gap)
+    x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
+    alone &= (x > margin) & (y > margin) & (x < shape[1] - 1 - margin) & (y < shape[0] - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
     return evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
 

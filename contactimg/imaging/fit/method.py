@@ -93,8 +93,9 @@ def measure_by_fit(
         if best is not None and LOST_DISKS_RATIO * len(attempt.fit.disks) < len(best.fit.disks):
             break  # a contrast at which most contacts vanish is wrong
         best, joint = attempt, attempt.joint
-        settled = joint is None or abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG
-        if settled or start.problem.work.is_done:
+        if joint is None or start.problem.work.is_done:
+            break
+        if abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG:
             break
         start = _next_start(start, best, joint, film)
     return report_contacts(best or attempt, foreground, difference, contrast=start.contrast)
