@@ -108,7 +108,7 @@ def _add_run(image, valid, row, x, square, out):
     return wanted
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _row_sum(values):
     """Sum of contiguous values; apart, so that it compiles to vector instructions."""
     total = np.float32(0.0)
