@@ -310,17 +310,7 @@ CASES = {
         {"fit.covers._larger_covers": give(())},
         "fit.covers._larger_covers fit.covers._split",
     ),
-    "simplify": Case(
-        "covers: simplified",
-        {"fit.covers._drop_rim_pieces": lambda _, disks, *__: disks},
-        "fit.covers._drop_rim_pieces",
-    ),
     "peaks": Case("peaks of the residual", {"fit.number_of_disks.find_peaks": find_no_peaks}, "shapes.peaks"),
-    "again": Case(
-        "peaks of the residual: one look",
-        {"fit.number_of_disks.PEAK_ROUNDS": 1},
-        "shapes.peaks.find_peaks_near",
-    ),
     "rims": Case(
         "peaks of the residual: higher limit at a rim",
         {"fit.number_of_disks.LEAST_PEAK_FRACTION": 0.0},

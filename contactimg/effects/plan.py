@@ -320,7 +320,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     >>> scene = scene_from_dict({"indenter": {"radius_m": 1.0}, "elastic": {"young_modulus_Pa": 3e6}})
     >>> plan = make_plan(scene, pair, load=1e-4)
     >>> plan.coupling, plan.is_on("sphere_profile")
-    ('none', False)
+    ('asymptotic', False)
     """
     mechanics = estimate_mechanics(scene, asperities, load=load)
     optics = estimate_optics(scene, mechanics.contacts()) if scene.simulate is not None else ()

@@ -102,7 +102,7 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     ... )
     >>> mechanics = estimate_mechanics(scene, pair, load=3e-3)
     >>> len(mechanics.contacts()), [one.effect for one in mechanics.estimates if one.change > 0.01]
-    (2, ['sphere_profile'])
+    (2, ['coupling', 'sphere_profile'])
     """
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     scene.check_effects()

@@ -201,7 +201,7 @@ def _excess(radius: NDArray, blur: float, views: NDArray) -> NDArray[np.float64]
     --------
     >>> radius = np.array([[5.0, np.nan, np.nan], [5.0, 5.0, 5.0]])
     >>> _excess(radius, 1.4, np.array([4.0, 3.0])).round(2).tolist()
-    [0.22, 0.9]
+    [0.23, 0.93]
     """
     mean = (radius[:, :, None] + radius[:, None, :]) / 2
     product = np.sqrt(np.maximum(radius[:, :, None] * radius[:, None, :], 1e-12))
