@@ -1,0 +1,249 @@
+"""The image of a blurred ellipse, and the normal equations of one ellipse (compiled).
+
+An ellipse of half-axes a, b seen through a Gaussian of standard deviation s: with the coordinates X, Y along
+its axes, g the Gaussian and Phi its integral,
+
+    P(X, Y) = int b cos(f) g(b sin f - Y) [Phi((X + a cos f)/s) - Phi((X - a cos f)/s)] df.
+
+The derivatives are integrals of the Gaussian along the outline: a parameter that moves the outline by v along
+its normal n changes P by the integral of v.n g g. Both are summed over the same nodes, of which only those
+near the pixel count. An ellipse has the same form along any chord; that along the normal of the rim is used,
+so that a few nodes are enough.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from contactimg.imaging.kernels.normal_equations import LARGEST_TERM, OUTLIER_SIGMA, REACH_BLUR_WIDTHS
+
+NODE_REACH_BLUR_WIDTHS = 4.5
+"""Distance beyond which nodes and rims do not count. Theory: the integral of the Gaussian is 3e-6 there."""
+NODE_SPACING_BLUR_WIDTHS = 1.2
+"""Of the nodes along the outline. Theory: the sum of a periodic function, here a Gaussian, converges as
+``exp(-2 pi^2/h^2)``, 3e-9 for spacings of one width; sums of products like these err by less than 1e-5."""
+FEWEST_NODES = 8
+"""On half an outline. Accuracy."""
+LOSS_TOLERANCE = 0.03
+"""Decrease of the loss that ends a fit. Accuracy: an error of 0.17 standard uncertainties, then one more
+quadratic step."""
+PARAMETERS = 6
+"""x, y, radius of the circle of equal area, two components of the ellipticity, contrast."""
+BLUR = PARAMETERS
+"""Row of the blur in the normal matrix."""
+WIDEST_ELLIPTICITY = 1.2
+"""Largest ``ln(a/b)/2``: ratio 11. Chosen: keeps a fit from needles."""
+
+
+@njit(cache=True, error_model="numpy")
+def blurred_ellipse(x, y, nx, ny, a, b, s, out):
+    """Profile at a point of the ellipse's own axes into ``out``, with its derivatives.
+
+    ``nx, ny``: unit vector about normal to the rim. ``out``: P, then by x and y of the centre, a, b, and the
+    angle from the axis a towards b.
+    """
+    out[:] = 0.0
+    # the ellipse as W n cos f + E sin f: chords along n, the point E furthest along the rim
+    along = math.sqrt(a * a * ny * ny + b * b * nx * nx)
+    wide_x, wide_y = a * b / along * nx, a * b / along * ny
+    end_x, end_y = -a * a * ny / along, b * b * nx / along
+    place, depth = nx * y - ny * x, nx * x + ny * y
+    end, wide = nx * end_x + ny * end_y, a * b / along
+    low = max((place - NODE_REACH_BLUR_WIDTHS * s) / along, -1.0)
+    high = min((place + NODE_REACH_BLUR_WIDTHS * s) / along, 1.0)
+    if low >= high:
+        return
+    count = max(int(math.pi * max(a, b) / (NODE_SPACING_BLUR_WIDTHS * s)) + 1, FEWEST_NODES)
+    step = math.pi / count
+    first = int((math.asin(low) + 0.5 * math.pi) / step)
+    last = min(int((math.asin(high) + 0.5 * math.pi) / step) + 1, count)
+    per_s, norm = 1.0 / s, 1.0 / (s * math.sqrt(2.0 * math.pi))
+    for k in range(first, last):
+        f = step * (k + 0.5) - 0.5 * math.pi
+        sine, cosine = math.sin(f), math.cos(f)
+        beside = (along * sine - place) * per_s
+        weight = step * norm * math.exp(-0.5 * beside * beside)
+        near = (end * sine + wide * cosine - depth) * per_s
+        far = (end * sine - wide * cosine - depth) * per_s
+        total = math.erf(near * INVERSE_ROOT) - math.erf(far * INVERSE_ROOT)
+        out[0] += weight * along * cosine * 0.5 * total
+        weight *= norm
+        for side in range(2):
+            position = near if side == 0 else far
+            if abs(position) > NODE_REACH_BLUR_WIDTHS:
+                continue
+            light = weight * math.exp(-0.5 * position * position)
+            turned = cosine if side == 0 else -cosine
+            qx, qy = wide_x * turned + end_x * sine, wide_y * turned + end_y * sine
+            normal_x, normal_y = end_y * turned - wide_y * sine, wide_x * sine - end_x * turned
+            out[1] += light * normal_x
+            out[2] += light * normal_y
+            out[3] += light * normal_x * qx / a
+            out[4] += light * normal_y * qy / b
+            out[5] += light * (qx * normal_y - qy * normal_x)
+
+
+INVERSE_ROOT = 1.0 / math.sqrt(2.0)
+
+
+@njit(cache=True, error_model="numpy")
+def profile_at(dx, dy, ellipse, s, terms, out):
+    """Profile at a point relative to the centre, with its derivatives by the parameters; how far off the rim.
+
+    ``ellipse``: a, b, cosine and sine of the angle, ellipticity. ``out``: derivatives of P by x, y, radius, the
+    two components of the ellipticity, P itself, and the derivative by the blur. Returns the distance from the
+    rim in blur widths, positive outside, to first order.
+    """
+    a, b, cosine, sine, eta = ellipse
+    x, y = cosine * dx + sine * dy, cosine * dy - sine * dx
+    q = math.sqrt((x / a) ** 2 + (y / b) ** 2)
+    along_x, along_y = x / (a * a), y / (b * b)
+    slope = math.sqrt(along_x * along_x + along_y * along_y)
+    distance = (q - 1.0) * q / (slope * s) if slope > 0.0 else -b / s
+    out[:] = 0.0
+    if abs(distance) > 1.2 * NODE_REACH_BLUR_WIDTHS:
+        out[5] = 1.0 if distance < 0.0 else 0.0
+        return distance
+    if slope > 0.0:
+        blurred_ellipse(x, y, along_x / slope, along_y / slope, a, b, s, terms)
+    else:
+        blurred_ellipse(x, y, 0.0, 1.0, a, b, s, terms)
+    by_x, by_y, by_a, by_b = terms[1], terms[2], a * terms[3], b * terms[4]
+    out[0], out[1] = cosine * by_x - sine * by_y, sine * by_x + cosine * by_y
+    out[2] = (by_a + by_b) / math.sqrt(a * b)
+    # the angle turns as e turns by twice as much; at the circle the derivative has a limit
+    stretch = by_a - by_b
+    turn = 0.5 * terms[5] / eta
+    double_cosine, double_sine = cosine * cosine - sine * sine, 2.0 * sine * cosine
+    out[3] = double_cosine * stretch - double_sine * turn
+    out[4] = double_sine * stretch + double_cosine * turn
+    out[5] = terms[0]
+    out[6] = (x * by_x + y * by_y - by_a - by_b) / s
+    return distance
+
+
+@njit(cache=True)
+def axes_of(parameters):
+    """Half-axes, cosine and sine of the angle, and ellipticity (at least 1e-4) of the parameters."""
+    eta = max(math.hypot(parameters[3], parameters[4]), 1e-4)
+    angle = 0.5 * math.atan2(parameters[4], parameters[3])
+    stretch = math.exp(eta)
+    return parameters[2] * stretch, parameters[2] / stretch, math.cos(angle), math.sin(angle), eta
+
+
+@njit(cache=True)
+def draw_ellipse(image, parameters, s):
+    """Add one blurred ellipse to an image."""
+    terms, out = np.empty(6), np.empty(7)
+    ellipse = axes_of(parameters)
+    rows, columns = image.shape
+    reach = ellipse[0] + NODE_REACH_BLUR_WIDTHS * s
+    for j in range(max(int(parameters[1] - reach), 0), min(int(parameters[1] + reach) + 2, rows)):
+        for i in range(max(int(parameters[0] - reach), 0), min(int(parameters[0] + reach) + 2, columns)):
+            profile_at(i - parameters[0], j - parameters[1], ellipse, s, terms, out)
+            image[j, i] += parameters[5] * out[5]
+
+
+@njit(cache=True, error_model="numpy")
+def sum_ellipse(image, valid, parameters, s, noise, normal, gradient):
+    """Normal matrix (with the blur as its last row), gradient and loss of one ellipse in a window.
+
+    ``noise``: variance of a background pixel, and its relative growth per grey level. Residuals beyond
+    `OUTLIER_SIGMA` count linearly (Huber). Returns the loss, the sum of squares about the rim and inside it,
+    each with its number of pixels.
+    """
+    normal[:], gradient[:] = 0.0, 0.0
+    terms, out = np.empty(6), np.empty(7)
+    ellipse = axes_of(parameters)
+    contrast, masked = parameters[5], valid.shape == image.shape
+    loss = rim = inside = 0.0
+    n_rim = n_inside = 0
+    rows, columns = image.shape
+    for j in range(rows):
+        for i in range(columns):
+            if masked and valid[j, i] == 0:
+                continue
+            distance = profile_at(i - parameters[0], j - parameters[1], ellipse, s, terms, out)
+            level = contrast * out[5]
+            weight = 1.0 / (noise[0] * (1.0 + noise[1] * max(level, 0.0)))
+            residual = image[j, i] - level
+            square = residual * residual * weight
+            if square > OUTLIER_SIGMA**2:
+                root = math.sqrt(square)
+                loss += OUTLIER_SIGMA * (2.0 * root - OUTLIER_SIGMA)
+                share = OUTLIER_SIGMA / root
+            else:
+                loss += square
+                share = 1.0
+            if abs(distance) <= REACH_BLUR_WIDTHS:
+                rim += min(square, LARGEST_TERM)
+                n_rim += 1
+            elif distance < 0.0:
+                inside += min(square, LARGEST_TERM)
+                n_inside += 1
+            if out[5] > 1e-6:
+                for u in range(5):
+                    out[u] *= contrast
+                out[6] *= contrast
+                for u in range(7):
+                    gradient[u] += weight * share * residual * out[u]
+                    for v in range(u, 7):
+                        normal[u, v] += weight * out[u] * out[v]
+    for u in range(7):
+        for v in range(u):
+            normal[u, v] = normal[v, u]
+    return loss, rim, n_rim, inside, n_inside
+
+
+@njit(cache=True, error_model="numpy")
+def fit_one_ellipse(image, valid, start, s, noise, prior, round_, iterations):
+    """Damped Gauss-Newton fit of one ellipse (of a disk, if ``round_``).
+
+    ``prior``: mean and width of the contrast. Returns the parameters, the normal matrix with the prior of the
+    contrast, the mean squares about the rim and inside (NaN without such pixels), the number of pixels about
+    the rim, and the loss.
+    """
+    p, best = start.copy(), start.copy()
+    normal, gradient = np.zeros((7, 7)), np.zeros(7)
+    kept, damping, least = normal.copy(), 1e-3, np.inf
+    step = np.zeros(PARAMETERS)
+    sums = (0.0, 0.0, 0, 0.0, 0)
+    right = gradient.copy()
+    for _ in range(iterations):
+        found = sum_ellipse(image, valid, p, s, noise, normal, gradient)
+        loss = found[0] + ((p[5] - prior[0]) / prior[1]) ** 2
+        if loss < least:
+            small = least - loss < LOSS_TOLERANCE
+            best[:], least, sums = p, loss, found
+            normal[5, 5] += 1.0 / prior[1] ** 2
+            gradient[5] += (prior[0] - p[5]) / prior[1] ** 2
+            kept[:], right[:] = normal, gradient
+            damping *= 0.1
+            if small:
+                break
+        else:
+            damping = max(10.0 * damping, 1e-3)
+            if damping > 1e4:
+                break
+        matrix = kept[:PARAMETERS, :PARAMETERS].copy()
+        for u in range(PARAMETERS):
+            matrix[u, u] = matrix[u, u] * (1.0 + damping) + 1e-12
+        if round_:
+            matrix[3:5, :], matrix[:, 3:5] = 0.0, 0.0
+            matrix[3, 3] = matrix[4, 4] = 1.0
+        right_side = right[:PARAMETERS].copy()
+        if round_:
+            right_side[3:5] = 0.0
+        step[:] = np.linalg.solve(matrix, right_side)
+        p[:] = best + step
+        limit = 0.5 * max(best[2], s)
+        p[0] = best[0] + min(max(step[0], -limit), limit)
+        p[1] = best[1] + min(max(step[1], -limit), limit)
+        p[2] = min(max(p[2], 0.5 * best[2], 0.1 * s), 1.5 * best[2] + 0.5 * s)
+        eta = math.hypot(p[3], p[4])
+        if eta > WIDEST_ELLIPTICITY:
+            p[3:5] *= WIDEST_ELLIPTICITY / eta
+        p[5] = min(max(p[5], 0.3 * prior[0]), 3.0 * prior[0])
+    means = np.array([sums[1] / sums[2] if sums[2] else np.nan, sums[3] / sums[4] if sums[4] else np.nan])
+    return best, kept, means, sums[2], least
