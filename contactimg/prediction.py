@@ -450,11 +450,16 @@ def see_contacts(
         Position in the frame minus position in the reference.
     """
     x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
+    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
     return CONTACTS.conform(
         contacts.assign(
             x_px=x + shift_px[0],
             y_px=y + shift_px[1],
-            radius_px=contacts["radius_m"].to_numpy(float) / pose.pixel_size,
+            radius_px=radius,
+            area_px2=np.pi * radius**2,
+            semi_major_px=radius,
+            semi_minor_px=radius,
+            perimeter_px=2 * np.pi * radius,
         )
     )
 

@@ -37,6 +37,12 @@ if TYPE_CHECKING:
     "level, as the paper does.  [default: the scene's, else disk]",
 )
 @click.option(
+    "--shape",
+    type=click.Choice(["auto", "disk", "ellipse", "free"]),
+    help="Shape of the contacts, for the method disk. auto: a disk, an ellipse or a free shape, as each contact "
+    "calls for.  [default: the scene's, else auto]",
+)
+@click.option(
     "--threshold",
     help='Grey level between contact and background, as a fraction of the contrast (0 to 1), or "auto".',
 )

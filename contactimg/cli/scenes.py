@@ -27,6 +27,7 @@ SCENE_KEYS = {
     "loads": ("images", "loads"),
     "polarity": ("images", "polarity"),
     "method": ("measure", "method"),
+    "shape": ("measure", "shape"),
     "threshold": ("measure", "threshold"),
     "pixel_size_m": ("camera", "pixel_size_m"),
 }

@@ -46,6 +46,7 @@ class SceneOptions:
     loads: str | None = None
     polarity: str | None = None
     method: str | None = None
+    shape: str | None = None
     threshold: str | None = None
     pixel_size_um: float | None = None
 

@@ -21,6 +21,7 @@ from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.judge.review import review
+from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
@@ -30,9 +31,11 @@ from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.detections import (
     CONTACT_COLUMNS,
     PLACE,
+    SHAPE_COLUMNS,
     Columns,
     Detections,
     no_detections,
+    shape_columns,
 )
 from contactimg.imaging.reject.foreground import Foreground, find_foreground
 from contactimg.imaging.shapes.hand_edits import HandEdit, remark_on
@@ -87,6 +90,8 @@ class ImageMeasurement:
         Whether "no contact" is a result; False if the frame does not allow one.
     foreign : Mask
         1 on foreign objects and their blurred rims.
+    outlines : tuple of (int, list of ndarray)
+        Row of each contact of free shape, and its outlines (x, y), px; the first is the outer one.
     """
 
     disks: pd.DataFrame
@@ -107,6 +112,7 @@ class ImageMeasurement:
     smallest_px: float
     measurable: bool
     foreign: Mask
+    outlines: Outlines = ()
 
     @property
     def foreground(self) -> NDArray[np.float32]:
@@ -133,6 +139,7 @@ def measure_image(
     film: Rim | None = None,
     absent: Collection[str] = (),
     edits: Sequence[HandEdit] = (),
+    shape: str = "auto",
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
 
@@ -164,6 +171,9 @@ def measure_image(
     edits : sequence of HandEdit
         Corrections by hand (`contactimg.imaging.shapes.hand_edits`); those that meet no contact are named in
         the message.
+    shape : {"auto", "disk", "ellipse", "free"}
+        Shape of the contacts, for ``"disk"``: "auto" takes a disk until the pixels of a contact call for an
+        ellipse or a free shape (`contactimg.imaging.judge.shape_ladder`).
 
     Returns
     -------
@@ -185,6 +195,8 @@ def measure_image(
     [30.0, 33.0, 8.0]
     """
     _check(image, reference, method, polarity, absent)
+    if shape not in SHAPES:
+        raise InputError(f'shape must be "auto", "disk", "ellipse" or "free", got {shape!r}')
     prior = _prior_optics(optics, blur_px)
     frame_pair = FramePair.of(image, _match_levels(image, reference), full_scale)
     difference, sign = _subtract_background(frame_pair, polarity, registered="position_drift" in absent)
@@ -198,10 +210,11 @@ def measure_image(
         detections = measure_by_count(foreground, difference, fraction=fraction, edits=edits)
     else:
         detections = measure_by_fit(foreground, difference, film=film, edits=edits)
-    seen = review(foreground, difference, detections)
+    seen = review(foreground, difference, detections, shape=shape)
     verdict = judge(foreground, difference, seen)
     used_fraction = fraction if method == "threshold" else float("nan")
-    return _tabulate(foreground, difference, seen.detections, verdict, used_fraction)
+    result = _tabulate(foreground, difference, seen.detections, verdict, used_fraction)
+    return replace(result, outlines=seen.outlines)
 
 
 def _tabulate(
@@ -240,6 +253,8 @@ def _contacts_table(detections: Detections) -> pd.DataFrame:
     contacts = detections.contacts
     no_plateau = 0 if detections.own_optics.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
     columns = {name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()}
+    shapes = shape_columns(contacts)
+    columns |= {name: pd.array(shapes[name], dtype=dtype) for name, dtype in SHAPE_COLUMNS.items()}
     columns["flags"] = columns["flags"] | no_plateau
     return pd.DataFrame({"label": np.arange(1, len(columns["flags"]) + 1, dtype=np.int64), **columns})
 

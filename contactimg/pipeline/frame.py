@@ -31,6 +31,7 @@ def measure_frame(
     threshold: float | Literal["auto"] | None = None,
     contrast: float | None = None,
     blur_px: float | None = None,
+    shape: Literal["auto", "disk", "ellipse", "free"] = "auto",
 ) -> pd.DataFrame:
     """Measure the contacts on one frame.
 
@@ -53,6 +54,8 @@ def measure_frame(
         say); default: estimated from the frame.
     blur_px : float, optional
         Standard deviation of the optical blur; default: estimated from the frame.
+    shape : {"auto", "disk", "ellipse", "free"}
+        Shape of the contacts, for ``"disk"``; ``"auto"`` leaves disks only where the pixels call for it.
 
     Returns
     -------
@@ -99,6 +102,7 @@ def measure_frame(
         full_scale=frame.full_scale,
         blur_px=blur_px,
         optics=optics,
+        shape=shape,
     )
     pose = Pose(frame.shape, pixel_size)
     return locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
@@ -260,6 +264,7 @@ def measure_prepared(
         blur_px=blur_px,
         optics=optics,
         film=None if options is None else options.film,
+        shape=scene.measure.shape,
         absent=scene.effects.switched_off(*CORRECTIONS),
         edits=() if options is None else options.edits.get(frame.name, ()),
     )
@@ -326,4 +331,6 @@ def locate_contacts(contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float
         radius_m=radius,
         radius_std_m=contacts["radius_std_px"].to_numpy(float) * pose.pixel_size,
         area_m2=np.pi * radius**2,
+        semi_major_m=contacts["semi_major_px"].to_numpy(float) * pose.pixel_size,
+        semi_minor_m=contacts["semi_minor_px"].to_numpy(float) * pose.pixel_size,
     )

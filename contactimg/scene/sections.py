@@ -298,6 +298,11 @@ class Measure(Section):
     blur_px: Positive | None = Field(
         None, description="Standard deviation of the optical blur, px; found from the frame if not given."
     )
+    shape: Literal["auto", "disk", "ellipse", "free"] = Field(
+        "auto",
+        description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free shape, '
+        "as the pixels of each call for; the others: all contacts alike.",
+    )
     pose: Literal["fit", "given"] = Field(
         "fit",
         description="Whether the pose of the camera is corrected with the asperities, or kept as given.",

@@ -118,8 +118,40 @@ CONTACTS = Schema(
             "float64",
             "local force by Hertz's formula, K a^3/R, whatever law force_N follows, N",
         ),
+        "shape": ("str", "disk, ellipse or free: what describes its pixels; empty where it was not asked"),
+        "area_px2": ("float64", "contact area, px^2: pi radius_px^2, whatever the shape"),
+        "area_std_px2": ("float64", "standard uncertainty of area_px2, px^2, including what contacts share"),
+        "semi_major_px": (
+            "float64",
+            "major half-axis, px; of a free shape that of the ellipse with the same second moments",
+        ),
+        "semi_minor_px": ("float64", "minor half-axis, px"),
+        "angle_rad": (
+            "float64",
+            "angle of the major axis in the image, from +x towards +y, -pi/2 to pi/2, rad; empty for a disk",
+        ),
+        "semi_major_m": ("float64", "major half-axis, m"),
+        "semi_minor_m": ("float64", "minor half-axis, m"),
+        "semi_major_std_px": ("float64", "standard uncertainty of semi_major_px, px; ellipses only"),
+        "semi_minor_std_px": ("float64", "standard uncertainty of semi_minor_px, px; ellipses only"),
+        "angle_std_rad": ("float64", "standard uncertainty of angle_rad, rad; ellipses only"),
+        "perimeter_px": ("float64", "length of the outline, px, that of holes included"),
+        "holes": ("Int64", "number of holes in the contact"),
     },
     "One row per contact that was measured on a frame or predicted at a load.",
+)
+
+OUTLINES = Schema(
+    "outlines",
+    {
+        "frame": FRAME,
+        "label": ("Int64", "label of the contact in its frame"),
+        "outline": ("Int64", "number of the outline in its contact: 0 outside, from 1 for holes"),
+        "point": ("Int64", "number of the point along the outline, from 0; the last is the first again"),
+        "x_px": ("float64", "column of the point, px"),
+        "y_px": ("float64", "row of the point, px"),
+    },
+    "Outlines at half height of the contacts of free shape, one row per point; only where there are any.",
 )
 
 REJECTED = Schema(

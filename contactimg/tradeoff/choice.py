@@ -93,7 +93,7 @@ def measure_cheapest(
     measurement, method = measure(method="threshold"), "threshold"
     error = estimate_count_error(measurement, output=output, blur_px=scene.measure.blur_px)
     if error > relative:
-        measurement, method = measure(method="disk", film=film), "disk"
+        measurement, method = measure(method="disk", film=film, shape=scene.measure.shape), "disk"
     disks = measurement.disks
     stated = stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"])
     return measurement, Choice(method, error, stated, relative, output)

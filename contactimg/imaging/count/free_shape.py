@@ -15,8 +15,8 @@ REGION_BLUR_WIDTHS = 4.0
 """Distance from the outline at which the region of a contact ends. Theory: 3e-5 of an edge is left there."""
 MOMENT_BLUR_WIDTHS = 2.5
 """The same for second moments, in which distant noise weighs much. Theory: 0.6 % of an edge is left."""
-CORE_BLUR_WIDTHS = 2.5
-"""Distance inside the outline from which on the plateau shows. Theory: 0.6 % of an edge is missing there."""
+CORE_BLUR_WIDTHS = 3.0
+"""Distance inside the outline from which on the plateau shows. Theory: 0.13 % of an edge is missing there."""
 FEWEST_CORE_PIXELS = 20
 """Pixels that give a plateau. Chosen: to a fifth of the noise."""
 CORE_OUTLIER_SIGMA = 4.0

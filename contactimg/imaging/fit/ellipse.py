@@ -1,4 +1,4 @@
-"""Fit of one blurred ellipse to the pixels of a contact, with the blur and the contrast that its frame shares.
+"""Fit of one blurred ellipse to the pixels of a contact, with the blur and the contrast of its frame.
 
 The half-axes a >= b at the angle t enter as the radius r = sqrt(a b) of the circle of equal area and the
 ellipticity e = ln(a/b)/2 (cos 2t, sin 2t), which is regular at the circle: a disk is e = 0, and the errors of
@@ -170,7 +170,14 @@ def fit_ellipse(
     spread = max(optics.spread, LEAST_SPREAD_FRACTION * optics.contrast)
     prior = np.array([optics.contrast, spread])
     parameters, normal, chi_square, pixels, loss = fit_one_ellipse(
-        window.image, for_kernel(window.valid), start - offset, optics.blur, noise, prior, circular, ITERATIONS
+        window.image,
+        for_kernel(window.valid),
+        start - offset,
+        optics.blur,
+        noise,
+        prior,
+        circular,
+        ITERATIONS,
     )
     matrix = normal[:PARAMETERS, :PARAMETERS]
     matrix = matrix + 1e-9 * np.trace(matrix) * np.diag(1.0 / _scales(parameters) ** 2)
@@ -189,7 +196,9 @@ def _scales(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.array([radius, radius, radius, 1.0, 1.0, contrast])
 
 
-def render_ellipse(parameters: NDArray[np.float64], blur: float, shape: tuple[int, int]) -> NDArray[np.float32]:
+def render_ellipse(
+    parameters: NDArray[np.float64], blur: float, shape: tuple[int, int]
+) -> NDArray[np.float32]:
     """Image of one blurred ellipse.
 
     Parameters

@@ -10,6 +10,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.agreement import Agreement, compare
 from contactimg.imaging.judge.background_left import BackgroundLeft, inspect_background
+from contactimg.imaging.judge.shape_ladder import Outlines, climb
 from contactimg.imaging.judge.second_opinion import (
     REGION_BLUR_WIDTHS,
     Scenery,
@@ -61,6 +62,10 @@ class Review:
     unexplained : float
         Share of the bright pixels that belong to no contact and no rejected object.
     background : BackgroundLeft
+    shapes : str
+        Remark on contacts that are no disks; empty if all are.
+    outlines : tuple of (int, list of ndarray)
+        Row of each contact of free shape, and its outlines (x, y), px.
     """
 
     detections: Detections
@@ -69,11 +74,15 @@ class Review:
     scratched: int = 0
     unexplained: float = 0.0
     background: BackgroundLeft = field(default_factory=BackgroundLeft)
+    shapes: str = ""
+    outlines: Outlines = ()
 
 
 @stage("second look")
-def review(foreground: Foreground, difference: DifferenceImage, detections: Detections) -> Review:
-    """Look at the pixels of the detections once more."""
+def review(
+    foreground: Foreground, difference: DifferenceImage, detections: Detections, *, shape: str = "auto"
+) -> Review:
+    """Look at the pixels of the detections once more; ``shape`` as for `contactimg.imaging.measure`."""
     places = _places(detections)
     if not len(places):
         left = _inspect(foreground, difference, detections)
@@ -84,8 +93,10 @@ def review(foreground: Foreground, difference: DifferenceImage, detections: Dete
     scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
-    agreement = None
+    agreement, remark, outlines = None, "", ()
     if isinstance(detections, FittedDetections) and len(_places(detections)):
+        climbed = climb(detections, shape=shape)
+        detections, remark, outlines = climbed.detections, climbed.remark, climbed.outlines
         agreement = _compare(foreground, difference, detections, blur)
         detections = _with_disagreement(detections, agreement)
     return Review(
@@ -95,6 +106,8 @@ def review(foreground: Foreground, difference: DifferenceImage, detections: Dete
         int(np.count_nonzero(scratch)),
         _unexplained(foreground, detections),
         _inspect(foreground, difference, detections),
+        remark,
+        outlines,
     )
 
 
@@ -168,7 +181,11 @@ def _compare(
         image, valid=valid, background=difference.illumination.background, level=difference.level
     )
     places = _places(detections)
-    return compare(measure_again(scenery, places, blur_px=blur), places[:, 2], blur_px=blur)
+    opinion = measure_again(scenery, places, blur_px=blur)
+    if "shape" in detections.contacts:  # the second opinion lays its pixels out for disks
+        climbed = detections.contacts["shape"] != "disk"
+        opinion.light_area[climbed] = opinion.half_area[climbed] = np.nan
+    return compare(opinion, places[:, 2], blur_px=blur)
 
 
 def _with_disagreement(detections: Detections, agreement: Agreement) -> Detections:
@@ -192,7 +209,8 @@ def _unexplained(foreground: Foreground, detections: Detections) -> float:
         return 0.0
     reach = RIM_BLUR_WIDTHS * _edge_blur(detections)
     for table in (detections.contacts, detections.rejected):
-        for x, y, radius in zip(*(table[name] for name in PLACE), strict=True):
+        extent = table.get("semi_major_px", table["radius_px"])
+        for x, y, radius in zip(table["x_px"], table["y_px"], extent, strict=True):
             centre = (round(x / SAMPLE_STEP), round(y / SAMPLE_STEP))
             cv2.circle(bright, centre, int(np.ceil((radius + reach) / SAMPLE_STEP)), 0, cv2.FILLED)
     return np.count_nonzero(bright) / total

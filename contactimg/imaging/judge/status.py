@@ -86,7 +86,7 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
     defects += _background_defects(difference, seen)
     defects += [(detections.status, detections.remark), *_contact_defects(seen)]
     remarks = [difference.remark, foreground.remark, _remark_contrast(foreground, detections)]
-    remarks.append(_remark_unresolved(detections))
+    remarks += [_remark_unresolved(detections), seen.shapes]
     if frame_pair.reference is None and not frame_pair.defect:
         remarks.insert(0, "no reference: the background was estimated from the frame")
     message = "; ".join(text for text in [*(text for _, text in defects), *remarks] if text)

@@ -37,11 +37,11 @@ WIDEST_ELLIPTICITY = 1.2
 
 
 @njit(cache=True, error_model="numpy")
-def blurred_ellipse(x, y, nx, ny, a, b, s, out):
+def blurred_ellipse(x, y, nx, ny, a, b, s, nodes, out):
     """Profile at a point of the ellipse's own axes into ``out``, with its derivatives.
 
-    ``nx, ny``: unit vector about normal to the rim. ``out``: P, then by x and y of the centre, a, b, and the
-    angle from the axis a towards b.
+    ``nx, ny``: unit vector about normal to the rim. ``nodes``: see `place_nodes`. ``out``: P,
+    then by x and y of the centre, a, b, and the angle from the axis a towards b.
     """
     out[:] = 0.0
     # the ellipse as W n cos f + E sin f: chords along n, the point E furthest along the rim
@@ -54,20 +54,18 @@ def blurred_ellipse(x, y, nx, ny, a, b, s, out):
     high = min((place + NODE_REACH_BLUR_WIDTHS * s) / along, 1.0)
     if low >= high:
         return
-    count = max(int(math.pi * max(a, b) / (NODE_SPACING_BLUR_WIDTHS * s)) + 1, FEWEST_NODES)
+    count = nodes.shape[1]
     step = math.pi / count
     first = int((math.asin(low) + 0.5 * math.pi) / step)
     last = min(int((math.asin(high) + 0.5 * math.pi) / step) + 1, count)
     per_s, norm = 1.0 / s, 1.0 / (s * math.sqrt(2.0 * math.pi))
     for k in range(first, last):
-        f = step * (k + 0.5) - 0.5 * math.pi
-        sine, cosine = math.sin(f), math.cos(f)
+        sine, cosine = nodes[0, k], nodes[1, k]
         beside = (along * sine - place) * per_s
         weight = step * norm * math.exp(-0.5 * beside * beside)
         near = (end * sine + wide * cosine - depth) * per_s
         far = (end * sine - wide * cosine - depth) * per_s
-        total = math.erf(near * INVERSE_ROOT) - math.erf(far * INVERSE_ROOT)
-        out[0] += weight * along * cosine * 0.5 * total
+        out[0] += weight * along * cosine * 0.5 * (_erf(near) - _erf(far))
         weight *= norm
         for side in range(2):
             position = near if side == 0 else far
@@ -87,11 +85,28 @@ def blurred_ellipse(x, y, nx, ny, a, b, s, out):
 INVERSE_ROOT = 1.0 / math.sqrt(2.0)
 
 
+@njit(cache=True, forceinline=True)
+def _erf(position):
+    """``erf(position/sqrt 2)``, without a call where it is 1 or -1."""
+    if position > NODE_REACH_BLUR_WIDTHS:
+        return 1.0
+    return -1.0 if position < -NODE_REACH_BLUR_WIDTHS else math.erf(position * INVERSE_ROOT)
+
+
+@njit(cache=True)
+def place_nodes(ellipse, s):
+    """Sines and cosines of the nodes on half an outline."""
+    spacing = NODE_SPACING_BLUR_WIDTHS * s
+    count = max(int(math.pi * max(ellipse[0], ellipse[1]) / spacing) + 1, FEWEST_NODES)
+    f = math.pi / count * (np.arange(count) + 0.5) - 0.5 * math.pi
+    return np.stack((np.sin(f), np.cos(f)))
+
+
 @njit(cache=True, error_model="numpy")
-def profile_at(dx, dy, ellipse, s, terms, out):
+def profile_at(dx, dy, ellipse, s, nodes, terms, out):
     """Profile at a point relative to the centre, with its derivatives by the parameters; how far off the rim.
 
-    ``ellipse``: a, b, cosine and sine of the angle, ellipticity. ``out``: derivatives of P by x, y, radius, the
+    ``ellipse``: see `axes_of`; ``nodes``: see `place_nodes`. ``out``: derivatives of P by x, y, radius, the
     two components of the ellipticity, P itself, and the derivative by the blur. Returns the distance from the
     rim in blur widths, positive outside, to first order.
     """
@@ -106,9 +121,9 @@ def profile_at(dx, dy, ellipse, s, terms, out):
         out[5] = 1.0 if distance < 0.0 else 0.0
         return distance
     if slope > 0.0:
-        blurred_ellipse(x, y, along_x / slope, along_y / slope, a, b, s, terms)
+        blurred_ellipse(x, y, along_x / slope, along_y / slope, a, b, s, nodes, terms)
     else:
-        blurred_ellipse(x, y, 0.0, 1.0, a, b, s, terms)
+        blurred_ellipse(x, y, 0.0, 1.0, a, b, s, nodes, terms)
     by_x, by_y, by_a, by_b = terms[1], terms[2], a * terms[3], b * terms[4]
     out[0], out[1] = cosine * by_x - sine * by_y, sine * by_x + cosine * by_y
     out[2] = (by_a + by_b) / math.sqrt(a * b)
@@ -137,11 +152,12 @@ def draw_ellipse(image, parameters, s):
     """Add one blurred ellipse to an image."""
     terms, out = np.empty(6), np.empty(7)
     ellipse = axes_of(parameters)
+    nodes = place_nodes(ellipse, s)
     rows, columns = image.shape
     reach = ellipse[0] + NODE_REACH_BLUR_WIDTHS * s
     for j in range(max(int(parameters[1] - reach), 0), min(int(parameters[1] + reach) + 2, rows)):
         for i in range(max(int(parameters[0] - reach), 0), min(int(parameters[0] + reach) + 2, columns)):
-            profile_at(i - parameters[0], j - parameters[1], ellipse, s, terms, out)
+            profile_at(i - parameters[0], j - parameters[1], ellipse, s, nodes, terms, out)
             image[j, i] += parameters[5] * out[5]
 
 
@@ -156,6 +172,7 @@ def sum_ellipse(image, valid, parameters, s, noise, normal, gradient):
     normal[:], gradient[:] = 0.0, 0.0
     terms, out = np.empty(6), np.empty(7)
     ellipse = axes_of(parameters)
+    nodes = place_nodes(ellipse, s)
     contrast, masked = parameters[5], valid.shape == image.shape
     loss = rim = inside = 0.0
     n_rim = n_inside = 0
@@ -164,18 +181,13 @@ def sum_ellipse(image, valid, parameters, s, noise, normal, gradient):
         for i in range(columns):
             if masked and valid[j, i] == 0:
                 continue
-            distance = profile_at(i - parameters[0], j - parameters[1], ellipse, s, terms, out)
+            distance = profile_at(i - parameters[0], j - parameters[1], ellipse, s, nodes, terms, out)
             level = contrast * out[5]
             weight = 1.0 / (noise[0] * (1.0 + noise[1] * max(level, 0.0)))
             residual = image[j, i] - level
             square = residual * residual * weight
-            if square > OUTLIER_SIGMA**2:
-                root = math.sqrt(square)
-                loss += OUTLIER_SIGMA * (2.0 * root - OUTLIER_SIGMA)
-                share = OUTLIER_SIGMA / root
-            else:
-                loss += square
-                share = 1.0
+            share = min(OUTLIER_SIGMA / math.sqrt(max(square, 1e-30)), 1.0)
+            loss += square * share * (2.0 - share)
             if abs(distance) <= REACH_BLUR_WIDTHS:
                 rim += min(square, LARGEST_TERM)
                 n_rim += 1

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ellipe
 
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.shapes.hand_edits import HandEdit
@@ -24,6 +25,21 @@ CONTACT_COLUMNS = {
     "edge_shift_px": "float64",
 }
 """Columns of the contacts, with their types."""
+
+SHAPE_COLUMNS = {
+    "shape": "str",
+    "area_px2": "float64",
+    "area_std_px2": "float64",
+    "semi_major_px": "float64",
+    "semi_minor_px": "float64",
+    "angle_rad": "float64",
+    "semi_major_std_px": "float64",
+    "semi_minor_std_px": "float64",
+    "angle_std_rad": "float64",
+    "perimeter_px": "float64",
+    "holes": "int64",
+}
+"""Further columns of contacts whose shape was asked for, with their types."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,3 +85,37 @@ def no_detections(optics: SharedOptics) -> Detections:
     return Detections(
         dict.fromkeys(CONTACT_COLUMNS, nothing), dict.fromkeys((*PLACE, "reason"), nothing), optics, optics
     )
+
+
+def shape_columns(contacts: Columns) -> Columns:
+    """The columns of contacts with those of their shapes: those given, else disks.
+
+    Examples
+    --------
+    >>> disk = {"radius_px": np.array([2.0]), "radius_std_px": np.array([0.1])}
+    >>> shape_columns(disk)["area_px2"].round(3)
+    array([12.566])
+    """
+    radius, std = contacts["radius_px"], contacts["radius_std_px"]
+    n, unknown = len(radius), np.full(len(radius), np.nan)
+    disks: Columns = {
+        "shape": np.full(n, "disk", object),
+        "semi_major_px": radius,
+        "semi_minor_px": radius,
+        "perimeter_px": 2.0 * np.pi * radius,
+        "holes": np.zeros(n, np.int64),
+    }
+    disks |= dict.fromkeys(("angle_rad", "semi_major_std_px", "semi_minor_std_px", "angle_std_rad"), unknown)
+    areas = {"area_px2": np.pi * radius**2, "area_std_px2": 2.0 * np.pi * radius * std}
+    return {name: values.copy() for name, values in (disks | contacts | areas).items()}
+
+
+def perimeter_of_ellipse(major: float, minor: float) -> float:
+    """Circumference ``4 a E(1 - b^2/a^2)`` of an ellipse.
+
+    Examples
+    --------
+    >>> round(perimeter_of_ellipse(2.0, 2.0) / np.pi, 6)
+    4.0
+    """
+    return 4.0 * major * float(ellipe(1.0 - (minor / major) ** 2)) if major > 0 else 0.0

@@ -45,6 +45,18 @@ def hidden(disks):
 
 
 @njit(cache=True)
+def find_overlaps(disks, depth):
+    """Pairs of disks whose rims overlap by more than ``depth`` (px; negative: that are closer than that)."""
+    pairs = find_pairs(disks, max(-0.5 * depth, 0.0))
+    kept = np.zeros(len(pairs), np.bool_)
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
+        kept[p] = disks[i, 2] + disks[j, 2] - distance > depth
+    return pairs[kept]
+
+
+@njit(cache=True)
 def count_touching(disks, space):
     """Number of other disks whose rim comes closer than ``space`` to that of each disk."""
     out = np.zeros(len(disks), np.int64)

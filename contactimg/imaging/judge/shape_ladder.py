@@ -1,0 +1,398 @@
+"""The ladder of shapes: a contact is a disk until its pixels say otherwise, then an ellipse, then any shape.
+
+A contact calls for the ladder (`shape_calls`) if its fit is worse than usual, if its rim looks elongated, if
+its inside is uneven, if its area by light differs from that of its disk, or if it overlaps another one, which
+solids cannot. An ellipse replaces a disk if its ellipticity is significant, and several disks if it explains
+their pixels as well. Where an ellipse does not describe them either, area and moments come from the light
+(`free_contacts`). What all contacts share is the camera's (`common_distortion`). A frame in which no contact
+calls keeps its disks, and only the calls cost time.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.fit.ellipse import RADIUS, FittedEllipse, X, Y, fit_ellipse, render_ellipse
+from contactimg.imaging.fit.quality import FittedDetections
+from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
+from contactimg.imaging.judge.common_distortion import (
+    FEWEST_CONTACTS,
+    Distortion,
+    edge_cells,
+    find_distortion,
+    has_own_misfit,
+)
+from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
+from contactimg.imaging.judge.shape_calls import (
+    LEAST_SIGNIFICANCE,
+    UNEVEN_RATIO,
+    find_calls,
+    usual_chi_square,
+)
+from contactimg.imaging.judge.shape_rows import FreeContact, ellipse_row, free_row
+from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
+from contactimg.imaging.reject.detections import shape_columns
+from contactimg.tables import Flag
+from contactimg.timings import stage
+
+SHAPES = ("auto", "disk", "ellipse", "free")
+"""What may be asked for."""
+
+DISKS_SLACK = 9.0
+"""Decrease of chi-square that overlapping disks must achieve against one ellipse. Theory: 3 sigma."""
+POOR_SIGMA = 6.0
+"""The same as `CALL_SIGMA` for a shape that does not describe its pixels. False-alarm rate: 1e-9."""
+Outlines = tuple[tuple[int, list[NDArray[np.float64]]], ...]
+"""Row of a contact, and its outlines (x, y)."""
+LARGEST_HOLE_SHARE = 0.01
+"""Share of the area of the outline above which holes make its shape free. Chosen: dirt is less."""
+LIGHT_SIGMA = 4.0
+"""Difference of the area by light from that of the ellipse above which a shape is free. False-alarm: 6e-5."""
+PROBED = 24
+"""Contacts that are asked first where most of them call. Chosen: twice those that show a common misfit."""
+WORK_PER_PIXEL = 0.6
+"""Pixels of windows over those of the image at which the ladder stops. Chosen: 0.3 s per megapixel."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClimbedContact:
+    """What became of a group of disks.
+
+    Parameters
+    ----------
+    members : ndarray of int
+        The disks.
+    view : GroupView
+    ellipse : FittedEllipse or None
+        Fitted to the group.
+    free : FreeContact or None
+        Measured where an ellipse does not describe it.
+    kind : str
+        "disk", "ellipse" or "free".
+    """
+
+    members: NDArray[np.intp]
+    view: GroupView
+    ellipse: FittedEllipse
+    kind: str
+    free: FreeContact | None = None
+
+    def measured_by_light(self, contrast: CommonContrast) -> "ClimbedContact":
+        """The same as a contact of free shape."""
+        return replace(self, kind="free", free=measure_by_light(self.view, contrast))
+
+
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """Contacts with their shapes.
+
+    Parameters
+    ----------
+    detections : FittedDetections
+        Their contacts have the columns of `contactimg.imaging.reject.shape_columns` as well.
+    remark : str
+        How many contacts are no disks, and a distortion that all share; empty if there is nothing to say.
+    outlines : list of (int, list of ndarray)
+        Row of a contact of free shape, and its outlines (x, y), px of the frame.
+    """
+
+    detections: FittedDetections
+    remark: str = ""
+    outlines: Outlines = ()
+
+
+@stage("shapes")
+def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
+    """Let the contacts that call for it climb from disks to ellipses to free shapes.
+
+    Parameters
+    ----------
+    detections : FittedDetections
+    shape : {"auto", "disk", "ellipse", "free"}
+        "auto": as far as each contact calls for it; "disk": no further; "ellipse", "free": all contacts that
+        far.
+
+    Returns
+    -------
+    Climb
+    """
+    frame_fit = detections.frame_fit
+    joint = None if frame_fit is None else frame_fit.joint
+    if shape == "disk" or frame_fit is None or joint is None or not len(detections.rows):
+        return Climb(detections)
+    called = find_calls(detections, frame_fit) if shape == "auto" else np.ones(len(detections.rows), np.bool_)
+    called &= (detections.contacts["flags"] & int(Flag.EDGE)) == 0
+    if not called.any():
+        return Climb(detections)
+    ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), shape)
+    return ladder.result(ladder.climbed(called))
+
+
+def _flagged(detections: FittedDetections, flags: Flag) -> NDArray[np.bool_]:
+    """Contacts with any of some flags."""
+    return np.asarray((detections.contacts["flags"] & int(flags)) != 0)
+
+
+class _Ladder:
+    """The climb of one frame.
+
+    Attributes
+    ----------
+    detections : FittedDetections
+    scene : ShapeScene
+    shape : str
+    usual : float
+        Mean squared residual of a contact that fits.
+    row_of : ndarray of int
+        Row of each disk among the contacts, -1 for a disk that is none.
+    unheard : int
+        Groups that were left as they are because the work was too much.
+    """
+
+    def __init__(self, detections: FittedDetections, scene: ShapeScene, shape: str):
+        self.detections, self.scene, self.shape = detections, scene, shape
+        self.usual = usual_chi_square(scene.chi_square)
+        self.row_of = np.full(len(scene.disks), -1)
+        self.row_of[detections.rows] = np.arange(len(detections.rows))
+        self.unheard = 0
+        self.distortion: Distortion | None = None
+        self.contrast = CommonContrast.of(scene, [])
+
+    def climbed(self, called: NDArray[np.bool_]) -> list[ClimbedContact]:
+        """All groups with a contact that calls, with their new shapes.
+
+        Where most contacts call, a few are asked first: if none of them climbs, it is the camera that calls.
+        """
+        disks = np.zeros(len(self.scene.disks), np.bool_)
+        disks[self.detections.rows[called]] = True
+        groups = self.scene.groups(disks)
+        if self.shape == "auto" and np.count_nonzero(called) > max(0.5 * len(called), 2 * PROBED):
+            probe = self._climbed(groups[:: -(-len(groups) // PROBED)])
+            if all(contact.kind == "disk" for contact in probe):
+                return probe
+        return self._climbed(groups)
+
+    def _climbed(self, groups: list[NDArray[np.intp]]) -> list[ClimbedContact]:
+        """Groups with their new shapes."""
+        found, work = [], WORK_PER_PIXEL * self.scene.image.size
+        for members in groups:
+            if (self.row_of[members] < 0).any() or work < 0:
+                self.unheard += work < 0
+                continue
+            view = self.scene.view(members)
+            if view is not None:
+                work -= view.window.image.size
+                found += self._ellipses(view)
+        return self._free(self._without_distortion(found))
+
+    def _ellipses(self, view: GroupView) -> list[ClimbedContact]:
+        """The group as one ellipse, or each of its members as one; still disks where that is no better."""
+        scene, members = self.scene, view.members
+        ellipse = self._fit(view, members)
+        if len(members) == 1 or self.shape == "free":
+            wanted = self.shape == "ellipse" or ellipse.significance > LEAST_SIGNIFICANCE
+            return [ClimbedContact(members, view, ellipse, "ellipse" if wanted else "disk")]
+        model = self._model(view, ellipse)
+        one, many = (
+            float(np.minimum(view.squared_residuals(part), 100.0).sum())
+            for part in (model, view.disk_model())
+        )
+        scale = self.usual * scene.inflation(float(ellipse.parameters[RADIUS]))
+        if one - many < DISKS_SLACK * scale and not self._is_poor(ellipse):
+            return [ClimbedContact(members, view, ellipse, "ellipse")]
+        poor = self.scene.chi_square[members] > POOR_CHI_SQUARE * self.usual
+        if len(members) > 2 or poor.all():
+            return [ClimbedContact(members, view, ellipse, "disk")]
+        alone = [scene.view(members[k : k + 1]) for k in range(len(members))]
+        fits = [self._fit(part, part.members) for part in alone if part is not None]
+        if len(fits) == len(members) and not any(self._is_poor(fit) for fit in fits):
+            return [
+                ClimbedContact(
+                    part.members, part, fit, "ellipse" if fit.significance > LEAST_SIGNIFICANCE else "disk"
+                )
+                for part, fit in zip(alone, fits, strict=True)
+                if part is not None
+            ]
+        return [ClimbedContact(members, view, ellipse, "disk")] if poor.any() else []
+
+    def _fit(self, view: GroupView, members: NDArray[np.intp]) -> FittedEllipse:
+        """The ellipse that fits the pixels of a group best."""
+        disks = self.scene.disks[members]
+        area = disks[:, 2] ** 2
+        start = np.zeros(6)
+        start[[X, Y]] = np.average(disks[:, :2], axis=0, weights=area)
+        start[RADIUS], start[5] = (
+            np.sqrt(np.count_nonzero(view.component) / np.pi),
+            self.scene.optics.contrast,
+        )
+        if len(members) == 1:
+            start[:3], start[5] = disks[0, :3], disks[0, 3]
+        inflation = self.scene.inflation(float(start[RADIUS]))
+        return fit_ellipse(view.window, start, self.scene.optics, inflation=inflation)
+
+    def _model(self, view: GroupView, ellipse: FittedEllipse) -> NDArray[np.float32]:
+        """Image of an ellipse in the window of its group."""
+        parameters = ellipse.parameters - [*view.window.corner, 0.0, 0.0, 0.0, 0.0]
+        return render_ellipse(parameters, self.scene.optics.blur, view.window.image.shape)
+
+    def _is_poor(self, ellipse: FittedEllipse) -> bool:
+        """Whether an ellipse does not describe its pixels."""
+        excess = self.usual * (1.0 + POOR_SIGMA * np.sqrt(2.0 / max(ellipse.pixels, 1)))
+        return bool(ellipse.chi_square[0] > max(POOR_CHI_SQUARE * self.usual, excess))
+
+    def _without_distortion(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
+        """Ellipses that only show what all contacts share are disks."""
+        if self.shape != "auto":
+            return found
+        ellipses = [contact for contact in found if contact.kind == "ellipse"]
+        radii = self.detections.contacts["radius_px"] / self.scene.problem.binning
+        self.distortion = find_distortion([contact.ellipse for contact in ellipses], radii)
+        if self.distortion is None:
+            return found
+        agreeing = {id(part) for part, same in zip(ellipses, self.distortion.agreeing, strict=True) if same}
+        return [replace(contact, kind="disk") if id(contact) in agreeing else contact for contact in found]
+
+    def _free(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
+        """Contacts that an ellipse does not describe, measured by their light."""
+        if self.shape == "ellipse":
+            return found
+        saturated = _flagged(self.detections, Flag.SATURATED)
+        known = [k for k, part in enumerate(found) if not saturated[self.row_of[part.members]].any()]
+        if self.shape == "free":
+            freed = known
+        else:
+            pierced = [k for k in known if len(found[k].members) > 2 or self._has_hole(found[k])]
+            poor = [k for k in known if k not in pierced and self._is_poor(found[k].ellipse)]
+            own = has_own_misfit([self._cells(found[k]) for k in poor])
+            freed = pierced + [k for k, its_own in zip(poor, own, strict=True) if its_own]
+        self.contrast = CommonContrast.of(self.scene, [found[k].view for k in freed])
+        for k in freed:
+            found[k] = found[k].measured_by_light(self.contrast)
+        return self._by_light(found) if self.shape == "auto" else found
+
+    def _by_light(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
+        """Contacts whose light is not that of their ellipse are free as well, unless most are like that."""
+        uneven = [
+            k for k, part in enumerate(found)
+            if part.kind != "free" and len(part.members) == 1
+            and self._is_uneven(part.ellipse)
+        ]  # fmt: skip
+        if len(uneven) >= max(FEWEST_CONTACTS, 0.5 * len(self.detections.rows)):
+            return found
+        for k in uneven:
+            free = measure_by_light(found[k].view, self.contrast)
+            radius, variance = (
+                float(part)
+                for part in (found[k].ellipse.parameters[RADIUS], found[k].ellipse.covariance[RADIUS, RADIUS])
+            )
+            std = np.hypot(free.area_std, 2.0 * np.pi * radius * np.sqrt(variance))
+            if abs(free.shape.area - np.pi * radius**2) > LIGHT_SIGMA * std:
+                found[k] = replace(found[k], kind="free", free=free)
+        return found
+
+    def _is_uneven(self, ellipse: FittedEllipse) -> bool:
+        """Whether the plateau of an ellipse is not flat."""
+        return bool(ellipse.chi_square[1] > UNEVEN_RATIO * self.usual)
+
+    def _has_hole(self, contact: ClimbedContact) -> bool:
+        """Whether a contact has a hole that reaches half height and is larger than dirt."""
+        contours, levels = cv2.findContours(
+            contact.view.component.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE
+        )
+        if levels is None:
+            return False
+        inner = [
+            cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0
+        ]
+        return sum(inner) > LARGEST_HOLE_SHARE * np.count_nonzero(contact.view.component)
+
+    def _cells(self, contact: ClimbedContact) -> NDArray[np.float64]:
+        """Residual of the ellipse in cells about its rim, over the contrast."""
+        view = contact.view
+        residual = (view.window.image - self._model(view, contact.ellipse)).astype(float)
+        if view.window.valid is not None:
+            residual[view.window.valid == 0] = np.nan
+        residual /= self.scene.optics.contrast
+        return edge_cells(residual, contact.ellipse, self.scene.optics.blur, view.window.corner)
+
+    def result(self, climbed: list[ClimbedContact]) -> Climb:
+        """The table of the contacts with what became of each group."""
+        columns = shape_columns(self.detections.contacts)
+        dropped = np.zeros(len(self.detections.rows), np.bool_)
+        outlines = []
+        for contact in climbed:
+            rows = self.row_of[contact.members]
+            row = int(rows[np.argmax(self.scene.disks[contact.members, 2])])
+            if contact.kind == "disk" and (len(rows) > 1 or not self._is_common(contact)):
+                continue
+            dropped[rows] = True
+            dropped[row] = False
+            values = self._values(contact)
+            if contact.kind != "free":
+                edge = columns["edge_shift_px"][row]
+                values["radius_std_px"] = float(np.hypot(float(values["radius_std_px"]), edge))
+            flags = int(np.bitwise_or.reduce(columns["flags"][rows]))
+            for name, value in values.items():
+                columns[name][row] = value
+            columns["flags"][row] = self._new_flags(contact, flags)
+            if contact.free is not None:
+                outlines.append(
+                    (row, [self._in_frame(contact.view, line) for line in contact.free.shape.outlines])
+                )
+        kept = np.flatnonzero(~dropped)
+        place = np.cumsum(~dropped) - 1
+        detections = replace(
+            self.detections,
+            contacts={name: values[kept] for name, values in columns.items()},
+            rows=self.detections.rows[kept],
+        )
+        lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
+        return Climb(detections, self._remark(columns["shape"][kept]), lines)
+
+    def _is_common(self, contact: ClimbedContact) -> bool:
+        """Whether a contact is a disk that the camera distorts: its ellipse gives the area."""
+        return self.distortion is not None and contact.ellipse.significance > LEAST_SIGNIFICANCE
+
+    def _values(self, contact: ClimbedContact) -> dict[str, float | str]:
+        """Columns of a contact that climbed."""
+        problem = self.scene.problem
+        if contact.free is not None:
+            return free_row(contact.free, problem, contact.view.window.corner)
+        return ellipse_row(contact.ellipse, problem, elongated=contact.kind == "ellipse")
+
+    def _new_flags(self, contact: ClimbedContact, flags: int) -> int:
+        """Flags of the new shape: what was said of the disks no longer holds."""
+        old = Flag.POOR_FIT | Flag.MERGED if len(contact.members) > 1 else Flag.POOR_FIT
+        poor = contact.kind != "free" and self._is_poor(contact.ellipse)
+        return (flags & ~int(old)) | (int(Flag.POOR_FIT) if poor else 0)
+
+    def _in_frame(self, view: GroupView, line: NDArray[np.float64]) -> NDArray[np.float64]:
+        """An outline in pixels of the frame."""
+        return self.scene.problem.in_frame(line + np.array(view.window.corner))
+
+    def _remark(self, shapes: NDArray) -> str:
+        """How many contacts are no disks, and what they share."""
+        parts = []
+        if self.distortion is not None:
+            degrees = np.degrees(self.distortion.angle)
+            parts.append(
+                f"all contacts are elongated alike, {self.distortion.ratio:.3f} : 1 at {degrees:.0f} degrees "
+                "from x towards y: that is the camera's, and their areas do not depend on it"
+            )
+        ellipses, free = (int(np.count_nonzero(shapes == kind)) for kind in ("ellipse", "free"))
+        named = [(ellipses, "ellipse", "an ellipse"), (free, "free", "of free shape")]
+        if self.shape == "auto" and ellipses + free:
+            texts = [_count_text(number, kind) for number, kind, _ in named if number]
+            parts.append(" and ".join(texts) + ": a disk does not describe them")
+        if self.unheard:
+            parts.append(f"{self.unheard} more were left as disks, as too many call for another shape")
+        return "; ".join(parts)
+
+
+def _count_text(number: int, kind: str) -> str:
+    """How many contacts have a shape."""
+    if kind == "ellipse":
+        return "1 contact is an ellipse" if number == 1 else f"{number} contacts are ellipses"
+    return "1 contact has a free shape" if number == 1 else f"{number} contacts have free shapes"

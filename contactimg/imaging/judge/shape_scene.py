@@ -1,0 +1,217 @@
+"""What the ladder of shapes sees: the fitted frame, the groups in which it asks, and their windows."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
+from contactimg.imaging.count.free_shape import find_component
+from contactimg.imaging.fit.disks import render_disks
+from contactimg.imaging.fit.ellipse import CommonOptics, Window
+from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.quality import FrameFit
+from contactimg.imaging.fit.shared_optics import JointFit
+from contactimg.imaging.judge.second_opinion import AreaNoise
+from contactimg.imaging.judge.shape_calls import LEAST_OVERLAP_BLUR_WIDTHS
+from contactimg.imaging.pixels.masks import exclude
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
+from contactimg.imaging.shapes.overlap import find_overlaps
+
+WINDOW_MARGIN_BLUR_WIDTHS = 5.0
+"""Of a window about what it shows. Theory: a blurred edge is 3e-7 there."""
+FIRST_MARGIN_BLUR_WIDTHS = 7.0
+"""Of the first look for the pixels of a contact about its disks. Chosen: doubled where too small."""
+MOST_DOUBLINGS = 3
+"""Looks with twice the margin. Chosen: a contact eight times as long as its disks is none."""
+OTHERS_REACH_BLUR_WIDTHS = 2.0
+"""Pixels closer than that to another contact, and closer than to one's own, are not one's own. Chosen."""
+NEAR_GAP_BLUR_WIDTHS = 2.0
+"""Gap between two badly fitted disks that may be one contact. Chosen: light joins them at half height."""
+SMOOTHED_CONTRAST_TO_NOISE = 12.0
+"""Below, the image is smoothed before its pixels are connected. Chosen: twice six standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapeScene:
+    """A fitted frame, in pixels of the fit.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    image : ndarray of float32, shape (rows, columns)
+        Without the film and whatever else the profile of a contact has beyond a blurred disk.
+    model : ndarray of float32, shape (rows, columns)
+        All disks, plain.
+    disks : ndarray, shape (n, 4)
+    chi_square : ndarray, shape (n,)
+    optics : CommonOptics
+    correlation : NoiseCorrelation
+    area_noise : AreaNoise
+        Of sums over pixels.
+    """
+
+    problem: FitProblem
+    image: NDArray[np.float32]
+    model: NDArray[np.float32]
+    disks: NDArray[np.float64]
+    chi_square: NDArray[np.float64]
+    optics: CommonOptics
+    correlation: NoiseCorrelation
+    area_noise: AreaNoise
+
+    @classmethod
+    def of(cls, frame_fit: FrameFit, joint: JointFit) -> "ShapeScene":
+        """From the fit of a frame and of its contrast and blur."""
+        problem, fit = frame_fit.problem, frame_fit.fit
+        image, shape = problem.image, problem.image.shape
+        model = render_disks(fit.disks, fit.blur, shape)
+        if problem.profile.outer > INNER_BLUR_WIDTHS or not len(problem.profile.powers):
+            full = render_disks(fit.disks, fit.blur, shape, profile=problem.profile)
+            image = image - (full - model)
+        correlation = measure_correlation(image, model, problem.background, noise=problem.pixel_noise)
+        optics = CommonOptics(joint.contrast, joint.spread, fit.blur, joint.covariance)
+        area_noise = AreaNoise.of(image, problem.background, problem.pixel_noise)
+        return cls(problem, image, model, fit.disks, fit.chi_square, optics, correlation, area_noise)
+
+    def inflation(self, radius: float) -> float:
+        """Factor of the variance of a rim of this radius for noise that pixels share."""
+        noise = self.problem.noise
+        factor = self.correlation.rim_inflation(
+            np.array([radius]), self.optics.blur, noise=noise, gain=1.0 + noise.slope
+        )
+        return float(factor[0])
+
+    def groups(self, called: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+        """Groups of disks that may be one contact each, those with a called member."""
+        blur = self.optics.blur
+        deep = find_overlaps(self.disks, LEAST_OVERLAP_BLUR_WIDTHS * blur)
+        near = find_overlaps(self.disks, -NEAR_GAP_BLUR_WIDTHS * blur)
+        pairs = np.vstack([deep, near[called[near].all(axis=1)]])
+        n = len(self.disks)
+        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+        labels = connected_components(graph, directed=False)[1]
+        return [np.flatnonzero(labels == label) for label in np.unique(labels[called])]
+
+    def view(self, members: NDArray[np.intp]) -> "GroupView | None":
+        """The window about a group of disks; None where its pixels cannot be told from the rest."""
+        margin = FIRST_MARGIN_BLUR_WIDTHS * self.optics.blur
+        for _ in range(MOST_DOUBLINGS):
+            view = GroupView.of(self, members, margin)
+            if view is None or view.complete:
+                return view
+            margin *= 2.0
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class GroupView:
+    """The pixels about a group of disks.
+
+    Parameters
+    ----------
+    scene : ShapeScene
+    members : ndarray of int
+    window : Window
+        With all other disks subtracted; pixels of theirs are not valid.
+    component : ndarray of bool, shape of the window
+        The group's own pixels above half height.
+    complete : bool
+        Whether they lie well inside the window, or at the border of the image.
+    """
+
+    scene: ShapeScene
+    members: NDArray[np.intp]
+    window: Window
+    component: NDArray[np.bool_]
+    complete: bool
+
+    @classmethod
+    def of(cls, scene: ShapeScene, members: NDArray[np.intp], margin: float) -> "GroupView | None":
+        """With a margin (px) about the disks."""
+        disks, problem, blur = scene.disks[members], scene.problem, scene.optics.blur
+        box = _box(disks, margin, scene.image.shape)
+        shape = scene.image[box].shape
+        if not min(shape, default=0):
+            return None
+        corner = np.array([box[1].start, box[0].start, 0.0, 0.0])
+        image = scene.image[box] - scene.model[box] + render_disks(disks - corner, blur, shape)
+        brightness = float(np.median(problem.brightness_at(disks)))
+        window = Window.of(problem, box, image, brightness)
+        noisy = scene.optics.contrast < SMOOTHED_CONTRAST_TO_NOISE * problem.pixel_noise
+        component = find_component(
+            window.image, 0.5 * scene.optics.contrast, _cores(disks - corner, shape),
+            smoothing=blur if noisy else 0.0,
+        )  # fmt: skip
+        if not component.any():
+            return None
+        window = replace(window, valid=_own_pixels(scene, members, window, component))
+        near = cv2.dilate(component.astype(np.uint8), None, iterations=int(WINDOW_MARGIN_BLUR_WIDTHS * blur))
+        # a window that ends with the image cannot show more
+        open_sides = (
+            near[0].any() and box[0].start > 0, near[-1].any() and box[0].stop < scene.image.shape[0],
+            near[:, 0].any() and box[1].start > 0, near[:, -1].any() and box[1].stop < scene.image.shape[1],
+        )  # fmt: skip
+        return cls(scene, members, window, component, not any(open_sides))
+
+    @property
+    def noise(self) -> Noise:
+        """Of a pixel here."""
+        return self.window.noise
+
+    def squared_residuals(self, model: NDArray) -> NDArray[np.float64]:
+        """Of a model image, over their variance; 0 where a pixel is not valid."""
+        contrast = self.scene.optics.contrast
+        level = np.maximum(model, 0.0) / contrast
+        variance = self.noise.variance * (1.0 + self.noise.slope * level)
+        squares = np.square(self.window.image - model) / variance
+        return squares if self.window.valid is None else np.where(self.window.valid > 0, squares, 0.0)
+
+    def disk_model(self) -> NDArray[np.float32]:
+        """Image of the disks of the group."""
+        corner = np.array([*self.window.corner, 0.0, 0.0])
+        disks = self.scene.disks[self.members] - corner
+        return render_disks(disks, self.scene.optics.blur, self.window.image.shape)
+
+
+def _box(disks: NDArray, margin: float, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of the image within a margin of some disks."""
+    reach = disks[:, RADIUS] + margin
+    low = np.maximum(np.floor((disks[:, :2].T - reach).min(axis=1)), 0).astype(int)
+    high = np.maximum(np.ceil((disks[:, :2].T + reach).max(axis=1)).astype(int) + 1, 0)
+    return slice(int(low[1]), min(int(high[1]), shape[0])), slice(int(low[0]), min(int(high[0]), shape[1]))
+
+
+def _cores(disks: NDArray, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """The pixels inside some disks."""
+    x, y = np.arange(shape[1]), np.arange(shape[0])[:, None]
+    cores = np.zeros(shape, np.bool_)
+    for disk in disks:
+        cores |= np.hypot(x - disk[0], y - disk[1]) <= max(disk[RADIUS], 1.0)
+    return cores
+
+
+def _own_pixels(
+    scene: ShapeScene, members: NDArray[np.intp], window: Window, component: NDArray[np.bool_]
+) -> NDArray[np.uint8] | None:
+    """1 for the valid pixels of a window that are not those of other contacts."""
+    shape, (left, top), reach = (
+        window.image.shape,
+        window.corner,
+        OTHERS_REACH_BLUR_WIDTHS * scene.optics.blur,
+    )
+    disks = np.delete(scene.disks, members, axis=0)
+    x, y, a = disks[:, 0] - left, disks[:, 1] - top, disks[:, RADIUS] + reach
+    near = (x > -a) & (y > -a) & (x < shape[1] + a) & (y < shape[0] + a)
+    if not near.any():
+        return window.valid
+    own = cv2.distanceTransform((~component).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    columns, rows = np.arange(shape[1]), np.arange(shape[0])[:, None]
+    valid = np.ones(shape, np.uint8)
+    for u, v, r in zip(x[near], y[near], disks[near, RADIUS], strict=True):
+        away = np.hypot(columns - u, rows - v) - r
+        valid[(away < reach) & (away < own)] = 0
+    return exclude(window.valid, 1 - valid)
