@@ -12,6 +12,7 @@ MOST_PARAMETERS, MOST_BODY_LINES, MOST_MODULE_LINES = 8, 40, 500
 # public functions whose keywords each state one quantity of the problem
 PUBLIC_WITH_MORE_PARAMETERS = {
     "measure_image",
+    "measure_frame",
     "solve_interacting",
     "solve_adhesive",
     "solve_ensemble",

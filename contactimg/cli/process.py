@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 @click.option(
     "--shape",
     type=click.Choice(["auto", "disk", "ellipse", "free"]),
-    help="Shape of the contacts, for the method disk. auto: a disk, an ellipse or a free shape, as each contact "
-    "calls for.  [default: the scene's, else auto]",
+    help="Shape of the contacts, for the method disk. auto: a disk, an ellipse or a free shape, as each "
+    "contact calls for.  [default: the scene's, else auto]",
 )
 @click.option(
     "--threshold",

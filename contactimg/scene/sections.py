@@ -300,8 +300,8 @@ class Measure(Section):
     )
     shape: Literal["auto", "disk", "ellipse", "free"] = Field(
         "auto",
-        description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free shape, '
-        "as the pixels of each call for; the others: all contacts alike.",
+        description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free '
+        "shape, as the pixels of each call for; the others: all contacts alike.",
     )
     pose: Literal["fit", "given"] = Field(
         "fit",

@@ -32,7 +32,7 @@ class CommonContrast:
 
     @classmethod
     def of(cls, scene: ShapeScene, views: Sequence[GroupView]) -> "CommonContrast":
-        """From the plateaus of contacts that are no disks, which a fit of disks misjudges; else that fit's."""
+        """From the plateaus of contacts that are no disks, which disks misjudge; else that of the fit."""
         cores = [(part.level, _plateau_variance(scene, part)) for part in map(_plateau, views) if part.pixels]
         if len(cores) < FEWEST_CORES:
             optics = scene.optics

@@ -10,13 +10,13 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.agreement import Agreement, compare
 from contactimg.imaging.judge.background_left import BackgroundLeft, inspect_background
-from contactimg.imaging.judge.shape_ladder import Outlines, climb
 from contactimg.imaging.judge.second_opinion import (
     REGION_BLUR_WIDTHS,
     Scenery,
     measure_again,
     measure_rise,
 )
+from contactimg.imaging.judge.shape_ladder import Outlines, climb
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import combine_errors

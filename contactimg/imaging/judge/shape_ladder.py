@@ -52,8 +52,9 @@ LIGHT_SIGMA = 4.0
 """Difference of the area by light from that of the ellipse above which a shape is free. False-alarm: 6e-5."""
 PROBED = 24
 """Contacts that are asked first where most of them call. Chosen: twice those that show a common misfit."""
-WORK_PER_PIXEL = 0.6
-"""Pixels of windows over those of the image at which the ladder stops. Chosen: 0.3 s per megapixel."""
+WORK_PER_PIXEL, LEAST_WORK_PX = 0.6, 100_000
+"""Pixels of windows, over those of the image, at which the ladder stops, and at least. Chosen: some 1.2 s per
+megapixel, and 0.2 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +177,7 @@ class _Ladder:
 
     def _climbed(self, groups: list[NDArray[np.intp]]) -> list[ClimbedContact]:
         """Groups with their new shapes."""
-        found, work = [], WORK_PER_PIXEL * self.scene.image.size
+        found, work = [], max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         for members in groups:
             if (self.row_of[members] < 0).any() or work < 0:
                 self.unheard += work < 0

@@ -21,9 +21,9 @@ from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
 from contactimg.imaging.shapes.overlap import find_overlaps
 
-WINDOW_MARGIN_BLUR_WIDTHS = 5.0
-"""Of a window about what it shows. Theory: a blurred edge is 3e-7 there."""
-FIRST_MARGIN_BLUR_WIDTHS = 7.0
+WINDOW_MARGIN_BLUR_WIDTHS = 4.0
+"""Of a window about what it shows. Theory: a blurred edge is 3e-5 there."""
+FIRST_MARGIN_BLUR_WIDTHS = 5.5
 """Of the first look for the pixels of a contact about its disks. Chosen: doubled where too small."""
 MOST_DOUBLINGS = 3
 """Looks with twice the margin. Chosen: a contact eight times as long as its disks is none."""

@@ -200,7 +200,7 @@ def test_a_ragged_contact_is_one_contact(rng):
     optics = Optics(shape=(140, 220), dust=0, texture=0, vignetting=0)
     frame, reference = render(truth, optics, rng)
     frame = np.clip(np.rint(frame + 100 * shape), 0, 255).astype(np.uint8)
-    found = measure_image(frame, reference).disks
+    found = measure_image(frame, reference, shape="disk").disks
     assert len(found) == 4
     lobed = found.loc[np.hypot(found.x_px - 60, found.y_px - 60).idxmin()]
     assert int(lobed["flags"]) & Flag.POOR_FIT

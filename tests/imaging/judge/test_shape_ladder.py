@@ -1,0 +1,88 @@
+"""The ladder of shapes on supersampled contacts."""
+
+import numpy as np
+import pytest
+from shape_frames import bone, ellipse, frame, ring, triangle
+
+from contactimg.imaging.judge import shape_ladder
+from contactimg.imaging.measure import measure_image
+
+PLACES = [(40, 40, 10.0), (110, 38, 7.0), (165, 45, 12.0), (45, 110, 6.0), (105, 108, 13.0), (160, 112, 9.0)]
+
+
+def measured(shapes, *, seed=3, shape="auto", **optics):
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-1.5, 1.5, len(shapes))
+    image, reference, areas = frame(shapes, PLACES[: len(shapes)], angles=angles, rng=rng, **optics)
+    return measure_image(image, reference, shape=shape), areas, angles
+
+
+def in_order(found, places):
+    """The contact nearest to each place."""
+    x, y = found.disks["x_px"].to_numpy(), found.disks["y_px"].to_numpy()
+    return found.disks.iloc[[int(np.argmin(np.hypot(x - px, y - py))) for px, py, _ in places]]
+
+
+def test_disks_stay_disks_and_the_ladder_does_not_run(monkeypatch):
+    monkeypatch.setattr(shape_ladder, "_Ladder", lambda *_: pytest.fail("the ladder ran"))
+    found, _, _ = measured([ellipse(1.0)] * 6)
+    assert found.disks["shape"].tolist() == ["disk"] * 6
+    assert found.disks["semi_major_px"].equals(found.disks["radius_px"].rename("semi_major_px"))
+
+
+def test_a_shape_can_be_held_to_disks():
+    auto, _, _ = measured([ellipse(1.0)] * 5 + [ellipse(1.6)])
+    disks, _, _ = measured([ellipse(1.0)] * 5 + [ellipse(1.6)], shape="disk")
+    assert set(auto.disks["shape"]) == {"disk", "ellipse"}
+    assert set(disks.disks["shape"]) == {"disk"}
+    assert "1 contact is an ellipse" in auto.message
+    assert "ellipse" not in disks.message
+
+
+@pytest.mark.parametrize("moffat", [None, 4.0])
+def test_ellipses_have_their_half_axes_and_angles(moffat):
+    ratios = [1.1, 1.3, 1.6, 1.2, 2.0, 1.0]
+    found, areas, angles = measured([ellipse(ratio) for ratio in ratios], moffat=moffat)
+    table = in_order(found, PLACES)
+    assert table["shape"].tolist() == ["ellipse"] * 5 + ["disk"]
+    assert len(found.disks) == 6
+    for row, ratio, (_, _, radius), angle, area in zip(
+        table.itertuples(), ratios, PLACES, angles, areas, strict=True
+    ):
+        assert abs(row.area_px2 - area) < 4 * row.area_std_px2
+        if row.shape == "ellipse":
+            assert abs(row.semi_major_px - radius * np.sqrt(ratio)) < 4 * row.semi_major_std_px
+            assert abs(row.semi_minor_px - radius / np.sqrt(ratio)) < 4 * row.semi_minor_std_px
+            turn = (row.angle_rad - angle + np.pi / 2) % np.pi - np.pi / 2
+            assert abs(turn) < 4 * row.angle_std_rad
+
+
+def test_free_shapes_are_one_contact_each_with_the_right_area():
+    shapes = [ellipse(1.0), ellipse(1.0), ring(0.5), ellipse(1.0), bone(), triangle()]
+    found, areas, _ = measured(shapes)
+    table = in_order(found, PLACES)
+    assert table["shape"].tolist() == ["disk", "disk", "free", "disk", "free", "free"]
+    assert len(found.disks) == 6
+    assert table["holes"].tolist() == [0, 0, 1, 0, 0, 0]
+    pulls = (table["area_px2"].to_numpy() - areas) / table["area_std_px2"].to_numpy()
+    assert np.abs(pulls).max() < 3.5  # six normal deviates: 3e-3
+    assert len(found.outlines) == 3
+    for row, lines in found.outlines:
+        # the level line at half height encloses A - pi s^2 (1 - holes), s^2 = 1.4^2 + 1/12
+        enclosed = sum(0.5 * np.sum(x[:-1] * y[1:] - x[1:] * y[:-1]) for x, y in (line.T for line in lines))
+        contact = found.disks.iloc[row]
+        expected = contact["area_px2"] - np.pi * (1.4**2 + 1 / 12) * (1 - contact["holes"])
+        assert enclosed == pytest.approx(expected, rel=0.03)
+
+
+def test_an_elongation_shared_by_all_belongs_to_the_camera():
+    places = [(x, y, 6.0 + 0.5 * ((x + y) % 5)) for x in range(25, 200, 38) for y in range(25, 150, 33)]
+    rng = np.random.default_rng(8)
+    image, reference, areas = frame([ellipse(1.2)] * len(places), places, angles=[0.5] * len(places), rng=rng)
+    found = measure_image(image, reference)
+    table = in_order(found, places)
+    assert set(table["shape"]) == {"disk"}
+    assert "elongated alike, 1.2" in found.message
+    assert "at 29 degrees" in found.message or "at 28 degrees" in found.message
+    pulls = (table["area_px2"].to_numpy() - areas) / table["area_std_px2"].to_numpy()
+    assert np.mean(np.abs(pulls) < 2) > 0.85
