@@ -8,6 +8,7 @@ from contact_frames import Optics, match, render, scatter
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.fit import residual_light
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.pose.pairs import pair_points
 from contactimg.render import render_contacts, render_reference
 from contactimg.scene import scene_from_dict
@@ -240,7 +241,7 @@ def test_a_small_part_of_a_crowd_stays_finite(size, rng):
     _, frame, reference = crowd(rng)
     part = (slice(200, 200 + size), slice(400, 400 + size))
     found = measure_image(frame[part], reference[part], polarity="bright", full_scale=255.0)
-    assert np.isfinite(found.disks.drop(columns="flags").to_numpy(float)).all()
+    assert np.isfinite(found.disks[list(CONTACT_COLUMNS)].to_numpy(float)).all()
 
 
 @pytest.mark.parametrize(("polarity", "options"), [("auto", {"contrast": -0.5}), ("bright", {"halo": 0.2})])

@@ -124,7 +124,7 @@ def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
     if shape == "disk" or frame_fit is None or joint is None or not len(detections.rows):
         return Climb(detections)
     called = find_calls(detections, frame_fit) if shape == "auto" else np.ones(len(detections.rows), np.bool_)
-    called &= (detections.contacts["flags"] & int(Flag.EDGE)) == 0
+    called &= ~_flagged(detections, Flag.EDGE | Flag.MANUAL)
     if not called.any():
         return Climb(detections)
     ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), shape)
@@ -147,7 +147,7 @@ class _Ladder:
     usual : float
         Mean squared residual of a contact that fits.
     row_of : ndarray of int
-        Row of each disk among the contacts, -1 for a disk that is none.
+        Row of each disk among the contacts; -1 for a disk that is none, or that was set by hand.
     unheard : int
         Groups that were left as they are because the work was too much.
     """
@@ -157,6 +157,7 @@ class _Ladder:
         self.usual = usual_chi_square(scene.chi_square)
         self.row_of = np.full(len(scene.disks), -1)
         self.row_of[detections.rows] = np.arange(len(detections.rows))
+        self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
         self.unheard = 0
         self.distortion: Distortion | None = None
         self.contrast = CommonContrast.of(scene, [])
