@@ -25,9 +25,10 @@ UNEVEN_SHARE = 0.01
 in a hundredth of its area. Chosen: dirt is less."""
 UNEVEN_RATIO = 3.0
 """The same over the usual one of the frame. Chosen."""
-LEAST_OVERLAP_BLUR_WIDTHS = 0.8
-"""Overlap of two disks from which on they may be one contact: contacts of solids touch, but cannot overlap.
-Chosen: errors of radii of touching contacts stay below."""
+OVERLAP_BLUR_WIDTHS, OVERLAP_SHARE = 0.8, 0.3
+"""Overlap of two disks, and over the smaller radius, from which on they may be one contact: solids touch, but
+cannot overlap. Chosen: covers of bones, stars and triangles overlap by 0.34 to 0.9 of a radius,
+touching contacts and beads seldom by more than 0.13."""
 
 
 def find_calls(detections: FittedDetections, frame_fit: FrameFit) -> NDArray[np.bool_]:
@@ -67,5 +68,5 @@ def usual_chi_square(chi_square: NDArray) -> float:
 def _overlapping(disks: NDArray, blur: float) -> NDArray[np.bool_]:
     """Disks that overlap another one deeper than touching contacts may seem to."""
     out = np.zeros(len(disks), np.bool_)
-    out[find_overlaps(disks, LEAST_OVERLAP_BLUR_WIDTHS * blur).ravel()] = True
+    out[find_overlaps(disks, OVERLAP_BLUR_WIDTHS * blur, OVERLAP_SHARE).ravel()] = True
     return out

@@ -178,8 +178,12 @@ class _Ladder:
 
     def _climbed(self, groups: list[NDArray[np.intp]]) -> list[ClimbedContact]:
         """Groups with their new shapes."""
+        touching = _flagged(self.detections, Flag.MERGED)
         found, work = [], max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         for members in groups:
+            # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
+            if len(members) == 1 and touching[self.row_of[members]].any():
+                continue
             if (self.row_of[members] < 0).any() or work < 0:
                 self.unheard += work < 0
                 continue

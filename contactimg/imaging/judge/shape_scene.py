@@ -16,7 +16,7 @@ from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.quality import FrameFit
 from contactimg.imaging.fit.shared_optics import JointFit
 from contactimg.imaging.judge.second_opinion import AreaNoise
-from contactimg.imaging.judge.shape_calls import LEAST_OVERLAP_BLUR_WIDTHS
+from contactimg.imaging.judge.shape_calls import OVERLAP_BLUR_WIDTHS, OVERLAP_SHARE, usual_chi_square
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
 from contactimg.imaging.shapes.overlap import find_overlaps
@@ -29,8 +29,13 @@ MOST_DOUBLINGS = 3
 """Looks with twice the margin. Chosen: a contact eight times as long as its disks is none."""
 OTHERS_REACH_BLUR_WIDTHS = 2.0
 """Pixels closer than that to another contact, and closer than to one's own, are not one's own. Chosen."""
-NEAR_GAP_BLUR_WIDTHS = 2.0
-"""Gap between two badly fitted disks that may be one contact. Chosen: light joins them at half height."""
+CALLED_OVERLAP_BLUR_WIDTHS, CALLED_OVERLAP_SHARE = 0.3, 0.14
+"""The same for two disks that both fit badly. Chosen: disks along a ring overlap by 0.15 to 0.2 radii."""
+BAD_CHI_SQUARE = 2.8
+"""Mean squared residual, over the usual one, of two disks that any overlap makes one contact. Chosen: few
+of touching beads stay below."""
+LARGEST_GROUP = 20
+"""Disks of the largest group that may be one contact. Chosen, as for covers."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
 """Below, the image is smoothed before its pixels are connected. Chosen: twice six standard deviations."""
 
@@ -88,13 +93,16 @@ class ShapeScene:
     def groups(self, called: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
         """Groups of disks that may be one contact each, those with a called member."""
         blur = self.optics.blur
-        deep = find_overlaps(self.disks, LEAST_OVERLAP_BLUR_WIDTHS * blur)
-        near = find_overlaps(self.disks, -NEAR_GAP_BLUR_WIDTHS * blur)
-        pairs = np.vstack([deep, near[called[near].all(axis=1)]])
+        deep = find_overlaps(self.disks, OVERLAP_BLUR_WIDTHS * blur, OVERLAP_SHARE)
+        near = find_overlaps(self.disks, CALLED_OVERLAP_BLUR_WIDTHS * blur, CALLED_OVERLAP_SHARE)
+        any_overlap = find_overlaps(self.disks, 0.0, 0.0)
+        bad = self.chi_square > BAD_CHI_SQUARE * usual_chi_square(self.chi_square)
+        pairs = np.vstack([deep, near[called[near].all(axis=1)], any_overlap[bad[any_overlap].all(axis=1)]])
         n = len(self.disks)
         graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
         labels = connected_components(graph, directed=False)[1]
-        return [np.flatnonzero(labels == label) for label in np.unique(labels[called])]
+        groups = [np.flatnonzero(labels == label) for label in np.unique(labels[called])]
+        return [members for members in groups if len(members) <= LARGEST_GROUP]
 
     def view(self, members: NDArray[np.intp]) -> "GroupView | None":
         """The window about a group of disks; None where its pixels cannot be told from the rest."""

