@@ -33,7 +33,7 @@ CALLED_OVERLAP_BLUR_WIDTHS, CALLED_OVERLAP_SHARE = 0.3, 0.14
 """The same for two disks that both fit badly. Chosen: disks along a ring overlap by 0.15 to 0.2 radii."""
 BAD_CHI_SQUARE = 2.8
 """Mean squared residual, over the usual one, of two disks that any overlap makes one contact. Chosen: few
-of touching beads stay below."""
+of the disks of touching beads exceed it."""
 LARGEST_GROUP = 20
 """Disks of the largest group that may be one contact. Chosen, as for covers."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
