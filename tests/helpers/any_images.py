@@ -7,6 +7,7 @@ import numpy as np
 from hostile_frames import checkerboard, clouds, ramp, rings, stripes
 
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.tables import Flag
 
 METHODS, POLARITIES = ("disk", "threshold"), ("bright", "dark", "auto")
@@ -86,7 +87,7 @@ def faults(image, reference, *, method, polarity, least_rise=0.0):
     if abs(result.contrast) > 255:
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
-    if not np.isfinite(disks.to_numpy(float)).all():
+    if not np.isfinite(disks[list(CONTACT_COLUMNS)].to_numpy(float)).all():
         found.append("numbers that are not finite")
     rise = stand_out(result.difference, places, np.sign(result.contrast) or 1)
     if (rise <= least_rise).any():

@@ -31,8 +31,8 @@ cannot overlap. Chosen: covers of bones, stars and triangles overlap by 0.34 to 
 touching contacts and beads seldom by more than 0.13."""
 
 
-def find_calls(detections: FittedDetections, frame_fit: FrameFit) -> NDArray[np.bool_]:
-    """Which contacts call for another shape than a disk."""
+def find_calls(detections: FittedDetections, frame_fit: FrameFit) -> tuple[NDArray[np.bool_], float]:
+    """Which contacts call for another shape, and the usual score of an elongation over that of noise."""
     rows, flags = detections.rows, detections.contacts["flags"]
     fit, problem = frame_fit.fit, frame_fit.problem
     called = (flags & int(Flag.POOR_FIT)) != 0
@@ -44,10 +44,11 @@ def find_calls(detections: FittedDetections, frame_fit: FrameFit) -> NDArray[np.
     noise = np.array([problem.noise.variance, problem.noise.slope])
     screen_quadrupoles(problem.image, fit.disks, fit.blur, noise, score, inside)
     with np.errstate(invalid="ignore"):
-        called |= score[rows] > LEAST_SIGNIFICANCE * _usual(score, NORMAL_MEDIAN, LARGEST_SCORE_SCALE)
+        scale = _usual(score, NORMAL_MEDIAN, LARGEST_SCORE_SCALE)
+        called |= score[rows] > LEAST_SIGNIFICANCE * scale
         least = UNEVEN_SHARE * problem.contrast**2 / (noise[0] * (1.0 + noise[1]))
         called |= inside[rows] > np.maximum(least, UNEVEN_RATIO * _usual(inside, 1.0, np.inf))
-    return np.asarray(called | _overlapping(fit.disks, fit.blur)[rows])
+    return called | _overlapping(fit.disks, fit.blur)[rows], scale
 
 
 def _usual(values: NDArray, median: float, most: float) -> float:

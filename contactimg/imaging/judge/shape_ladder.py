@@ -18,6 +18,7 @@ from contactimg.imaging.fit.ellipse import RADIUS, FittedEllipse, X, Y, fit_elli
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.judge.common_distortion import (
+    BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
     Distortion,
     edge_cells,
@@ -46,6 +47,10 @@ POOR_SIGMA = 6.0
 """The same as `CALL_SIGMA` for a shape that does not describe its pixels. False-alarm rate: 1e-9."""
 Outlines = tuple[tuple[int, list[NDArray[np.float64]]], ...]
 """Row of a contact, and its outlines (x, y)."""
+LEAST_DEPARTURE_BLUR_WIDTHS = 0.2
+"""RMS departure of an outline from an ellipse from which on a shape is free. Chosen: compression makes 0.12."""
+SHARPEST_BLUR_PX = 0.65
+"""Blur, pixel included, below which contacts stay disks: pixels are no Gaussians. Chosen: two pixels."""
 LARGEST_HOLE_SHARE = 0.01
 """Share of the area of the outline above which holes make its shape free. Chosen: dirt is less."""
 LIGHT_SIGMA = 4.0
@@ -123,11 +128,15 @@ def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
     joint = None if frame_fit is None else frame_fit.joint
     if shape == "disk" or frame_fit is None or joint is None or not len(detections.rows):
         return Climb(detections)
-    called = find_calls(detections, frame_fit) if shape == "auto" else np.ones(len(detections.rows), np.bool_)
+    if shape == "auto" and frame_fit.fit.blur < SHARPEST_BLUR_PX:
+        return Climb(detections)
+    called, score_scale = find_calls(detections, frame_fit)
+    if shape != "auto":
+        called[:] = True
     called &= ~_flagged(detections, Flag.EDGE | Flag.MANUAL)
     if not called.any():
         return Climb(detections)
-    ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), shape)
+    ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), shape, score_scale)
     return ladder.result(ladder.climbed(called))
 
 
@@ -144,6 +153,8 @@ class _Ladder:
     detections : FittedDetections
     scene : ShapeScene
     shape : str
+    score_scale : float
+        Usual score of an elongation over that of noise in independent pixels.
     usual : float
         Mean squared residual of a contact that fits.
     row_of : ndarray of int
@@ -152,8 +163,9 @@ class _Ladder:
         Groups that were left as they are because the work was too much.
     """
 
-    def __init__(self, detections: FittedDetections, scene: ShapeScene, shape: str):
+    def __init__(self, detections: FittedDetections, scene: ShapeScene, shape: str, score_scale: float):
         self.detections, self.scene, self.shape = detections, scene, shape
+        self.score_scale = score_scale
         self.usual = usual_chi_square(scene.chi_square)
         self.row_of = np.full(len(scene.disks), -1)
         self.row_of[detections.rows] = np.arange(len(detections.rows))
@@ -198,7 +210,7 @@ class _Ladder:
         scene, members = self.scene, view.members
         ellipse = self._fit(view, members)
         if len(members) == 1 or self.shape == "free":
-            wanted = self.shape == "ellipse" or ellipse.significance > LEAST_SIGNIFICANCE
+            wanted = self.shape == "ellipse" or self._is_elongated(ellipse)
             return [ClimbedContact(members, view, ellipse, "ellipse" if wanted else "disk")]
         model = self._model(view, ellipse)
         one, many = (
@@ -215,9 +227,7 @@ class _Ladder:
         fits = [self._fit(part, part.members) for part in alone if part is not None]
         if len(fits) == len(members) and not any(self._is_poor(fit) for fit in fits):
             return [
-                ClimbedContact(
-                    part.members, part, fit, "ellipse" if fit.significance > LEAST_SIGNIFICANCE else "disk"
-                )
+                ClimbedContact(part.members, part, fit, "ellipse" if self._is_elongated(fit) else "disk")
                 for part, fit in zip(alone, fits, strict=True)
                 if part is not None
             ]
@@ -243,10 +253,27 @@ class _Ladder:
         parameters = ellipse.parameters - [*view.window.corner, 0.0, 0.0, 0.0, 0.0]
         return render_ellipse(parameters, self.scene.optics.blur, view.window.image.shape)
 
+    def _is_elongated(self, ellipse: FittedEllipse) -> bool:
+        """Whether an ellipticity is significant, among those that noise and compression give the others."""
+        inflation = self.scene.inflation(float(ellipse.parameters[RADIUS]))
+        return ellipse.significance > LEAST_SIGNIFICANCE * max(self.score_scale / inflation, 1.0)
+
     def _is_poor(self, ellipse: FittedEllipse) -> bool:
         """Whether an ellipse does not describe its pixels."""
         excess = self.usual * (1.0 + POOR_SIGMA * np.sqrt(2.0 / max(ellipse.pixels, 1)))
         return bool(ellipse.chi_square[0] > max(POOR_CHI_SQUARE * self.usual, excess))
+
+    def _is_misshapen(self, ellipse: FittedEllipse) -> bool:
+        """Whether an ellipse is a poor fit by as much as an outline that departs from it would make it.
+
+        A departure d of the outline adds ``(d C/(noise s))^2/(4 sqrt(pi) w)`` to the mean square there,
+        w the half width of the band in blur widths.
+        """
+        noise, optics = self.scene.problem.noise, self.scene.optics
+        variance = noise.variance * (1.0 + 0.5 * noise.slope)
+        excess = max(float(ellipse.chi_square[0]) - self.usual, 0.0)
+        squared = 4.0 * np.sqrt(np.pi) * BAND_BLUR_WIDTHS * excess * variance / optics.contrast**2
+        return self._is_poor(ellipse) and squared > LEAST_DEPARTURE_BLUR_WIDTHS**2
 
     def _without_distortion(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
         """Ellipses that only show what all contacts share are disks."""
@@ -270,7 +297,7 @@ class _Ladder:
             freed = known
         else:
             pierced = [k for k in known if len(found[k].members) > 2 or self._has_hole(found[k])]
-            poor = [k for k in known if k not in pierced and self._is_poor(found[k].ellipse)]
+            poor = [k for k in known if k not in pierced and self._is_misshapen(found[k].ellipse)]
             own = has_own_misfit([self._cells(found[k]) for k in poor])
             freed = pierced + [k for k, its_own in zip(poor, own, strict=True) if its_own]
         self.contrast = CommonContrast.of(self.scene, [found[k].view for k in freed])
@@ -359,7 +386,7 @@ class _Ladder:
 
     def _is_common(self, contact: ClimbedContact) -> bool:
         """Whether a contact is a disk that the camera distorts: its ellipse gives the area."""
-        return self.distortion is not None and contact.ellipse.significance > LEAST_SIGNIFICANCE
+        return self.distortion is not None and self._is_elongated(contact.ellipse)
 
     def _values(self, contact: ClimbedContact) -> dict[str, float | str]:
         """Columns of a contact that climbed."""

@@ -88,9 +88,9 @@ def _deviation_inside(image, disk, s):
     return total / count if count else np.nan
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _squares(levels, c):
-    """Sum of the squared deviations of some pixels; apart, so that it compiles to vector instructions."""
+    """Sum of the squared deviations of some pixels."""
     total = np.float32(0.0)
     for i in range(len(levels)):
         total += (levels[i] - c) ** 2
