@@ -48,7 +48,7 @@ POOR_SIGMA = 6.0
 Outlines = tuple[tuple[int, list[NDArray[np.float64]]], ...]
 """Row of a contact, and its outlines (x, y)."""
 LEAST_DEPARTURE_BLUR_WIDTHS = 0.2
-"""RMS departure of an outline from an ellipse from which on a shape is free. Chosen: compression makes 0.12."""
+"""RMS departure of an outline from an ellipse from which on a shape is free. Chosen: JPEG makes 0.12."""
 SHARPEST_BLUR_PX = 0.65
 """Blur, pixel included, below which contacts stay disks: pixels are no Gaussians. Chosen: two pixels."""
 LARGEST_HOLE_SHARE = 0.01
