@@ -11,6 +11,7 @@ holds whatever the noise). A group of parameters is significant by Wald's test o
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,7 +175,7 @@ class SharedStep:
         at = np.flatnonzero(np.isin(self.chosen - SHARED, columns))
         part = self.delta[at]
         statistic = part @ np.linalg.solve(self.covariance[np.ix_(at, at)], part)
-        return float(statistic / stats.chi2.isf(false_alarm, len(at)))
+        return float(statistic) / _chi_square_limit(false_alarm, len(at))
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,12 +270,18 @@ class EdgeScores:
         free = loose @ score.sum(axis=0)
         rest = score - information @ free
         n, k = score.shape
-        factor = max(float(np.einsum("ni,ij,nj->", rest, loose, rest)) / k, 1.0)
+        factor = max(float(np.vdot(rest @ loose, rest)) / k, 1.0)
         posterior = np.linalg.inv(total / factor + prior[1][here])
         whole = score.sum(axis=0) / factor + prior[0][chosen]
         scatter = rest.T @ rest * (n / (n - k)) / factor**2 + prior[1][here]
         covariance = posterior @ scatter @ posterior
         return SharedStep(chosen, posterior @ whole, covariance, float(whole @ posterior @ whole))
+
+
+@lru_cache(maxsize=64)
+def _chi_square_limit(false_alarm: float, freedom: int) -> float:
+    """Chi-square that is exceeded with a probability."""
+    return float(stats.chi2.isf(false_alarm, freedom))
 
 
 def _by_radius(placed: PlacedDisks, edge: Edge) -> Values:

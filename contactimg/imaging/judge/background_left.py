@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.pixels.robust import robust_std
 
 DARK_FRACTION = 0.2
@@ -72,9 +71,8 @@ def inspect_background(
     if valid is not None:
         free &= (block_means(valid.astype(np.float32)) == 1.0).astype(np.uint8)
     seen = max(int(np.count_nonzero(free)), 1)
-    for x, y, radius in disks:
-        centre = (round((x + 0.5) / BLOCK - 0.5), round((y + 0.5) / BLOCK - 0.5))
-        cv2.circle(free, centre, int(np.ceil((radius + reach_px) / BLOCK)), 0, cv2.FILLED)
+    # the centre of a block is half a block from its first pixel
+    clear_disks(free, (disks + np.array([0.5, 0.5, reach_px])) / BLOCK - np.array([0.5, 0.5, 0.0]))
     left = means[free > 0]
     if not left.size or not contrast > 0:
         return BackgroundLeft(free_share=left.size / seen)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +16,7 @@ from contactimg.imaging.judge.second_opinion import (
     measure_rise,
 )
 from contactimg.imaging.judge.shape_ladder import Outlines, climb
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
@@ -113,12 +112,11 @@ def review(
 
 def _inspect(foreground: Foreground, difference: DifferenceImage, detections: Detections) -> BackgroundLeft:
     """The background that contacts and rejected objects leave free."""
-    rejected = np.column_stack([np.asarray(detections.rejected[name], float) for name in PLACE])
     return inspect_background(
         foreground.image,
         foreground.frame_pair.valid,
         difference.illumination.background,
-        np.vstack([_places(detections), rejected]),
+        np.vstack([_places(detections), _rejected_places(detections)]),
         reach_px=REGION_BLUR_WIDTHS * _edge_blur(detections),
         contrast=foreground.contrast.plateau,
     )
@@ -147,6 +145,11 @@ def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np
 def _places(detections: Detections) -> NDArray[np.float64]:
     """x, y, radius of the contacts, px."""
     return np.column_stack([np.asarray(detections.contacts[name], float) for name in PLACE])
+
+
+def _rejected_places(detections: Detections) -> NDArray[np.float64]:
+    """The same of the rejected objects."""
+    return np.column_stack([np.asarray(detections.rejected[name], float) for name in PLACE])
 
 
 def _edge_blur(detections: Detections) -> float:
@@ -207,10 +210,13 @@ def _unexplained(foreground: Foreground, detections: Detections) -> float:
     total = int(np.count_nonzero(bright))
     if not total or not level > 0:
         return 0.0
-    reach = RIM_BLUR_WIDTHS * _edge_blur(detections)
-    for table in (detections.contacts, detections.rejected):
-        extent = table.get("semi_major_px", table["radius_px"])
-        for x, y, radius in zip(table["x_px"], table["y_px"], extent, strict=True):
-            centre = (round(x / SAMPLE_STEP), round(y / SAMPLE_STEP))
-            cv2.circle(bright, centre, int(np.ceil((radius + reach) / SAMPLE_STEP)), 0, cv2.FILLED)
+    places = np.vstack([_extents(detections.contacts), _extents(detections.rejected)])
+    places[:, 2] += RIM_BLUR_WIDTHS * _edge_blur(detections)
+    clear_disks(bright, places / SAMPLE_STEP)
     return np.count_nonzero(bright) / total
+
+
+def _extents(table: Columns) -> NDArray[np.float64]:
+    """x, y and the largest distance of the rim from there, px."""
+    extent = table.get("semi_major_px", table["radius_px"])
+    return np.column_stack([np.asarray(part, float) for part in (table["x_px"], table["y_px"], extent)])

@@ -312,15 +312,11 @@ class _Population:
 
 
 def _excess_variance(squares: Values, variance: Values) -> float:
-    """Variance that must be added so that the squared deviations have the median of a chi-square, 0.455."""
-    low, high = 0.0, float(np.median(squares)) / CHI_SQUARE_MEDIAN
-    if np.median(squares / variance) <= CHI_SQUARE_MEDIAN:
-        return 0.0
-    for _ in range(30):
-        middle = 0.5 * (low + high)
-        too_small = np.median(squares / (variance + middle)) > CHI_SQUARE_MEDIAN
-        low, high = (middle, high) if too_small else (low, middle)
-    return high
+    """Variance that must be added so that the squared deviations have the median of a chi-square, 0.455.
+
+    Half of the deviations need more than that to fall below this median.
+    """
+    return max(float(np.median(squares / CHI_SQUARE_MEDIAN - variance)), 0.0)
 
 
 def _mean_and_variance(total: Values, pixels: Values, noise: AreaNoise) -> tuple[Values, Values]:

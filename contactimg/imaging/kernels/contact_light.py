@@ -78,15 +78,14 @@ def _add_pixels(image, valid, run, disk, neighbours, reach, out):
     row = run[0]
     for column in range(run[1], run[2] + 1):
         outside = np.sqrt((column - disk[0]) ** 2 + (row - disk[1]) ** 2) - disk[2]
-        other = _nearest_rim(neighbours, column, row)
-        if other < outside:
+        if not _is_free(neighbours, column, row, outside):
             continue
         if not _is_seen(valid, row, column, image.shape):
             out[MISSING] += outside < reach
         elif outside < reach:
             out[SEEN] += 1.0
             out[LIGHT] += image[row, column]
-        elif other >= reach:
+        else:
             out[RING_SEEN] += 1.0
             out[RING_LIGHT] += image[row, column]
 
@@ -135,6 +134,16 @@ def _nearest_rim(neighbours, x, y):
     return nearest
 
 
+@njit(cache=True, forceinline=True)
+def _is_free(neighbours, x, y, reach):
+    """Whether a pixel is at least so far from the rims of all neighbours, a negative distance inside."""
+    for k in range(len(neighbours)):
+        dx, dy, least = x - neighbours[k, 0], y - neighbours[k, 1], neighbours[k, 2] + reach
+        if least > 0.0 and dx * dx + dy * dy < least * least:
+            return False
+    return True
+
+
 @njit(cache=True)
 def _free_distance(disk, neighbours):
     """Distance from the rim up to which no rim of a neighbour can be nearer: half the smallest gap."""
@@ -178,7 +187,7 @@ def _sample_surroundings(image, valid, disk, neighbours, limits):
             row = int(np.floor(disk[1] + r * SINES[k] + 0.5))
             if not _is_seen(valid, row, column, image.shape):
                 continue
-            if _nearest_rim(neighbours, column, row) >= limits[0]:
+            if _is_free(neighbours, column, row, limits[0]):
                 sample[count] = image[row, column]
                 count += 1
     return np.sort(sample[:count])

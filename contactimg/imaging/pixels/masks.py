@@ -1,5 +1,6 @@
 """Masks: which pixels of an image are used, and which fraction of a disk they leave visible."""
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,6 +34,21 @@ def exclude(valid: Mask, marked: Mask) -> Mask:
     if marked is None:
         return valid
     return 1 - marked if valid is None else valid & (1 - marked)
+
+
+def clear_disks(mask: NDArray[np.uint8], disks: NDArray[np.float64]) -> None:
+    """Set the disks (x, y, radius in pixels of the mask) to 0: centres rounded, radii rounded up.
+
+    Examples
+    --------
+    >>> mask = np.ones((3, 4), np.uint8)
+    >>> clear_disks(mask, np.array([[1.1, 0.9, 0.6]]))
+    >>> mask.tolist()
+    [[1, 0, 1, 1], [0, 0, 0, 1], [1, 0, 1, 1]]
+    """
+    centres, radii = np.rint(disks[:, :2]).astype(int).tolist(), np.ceil(disks[:, 2]).astype(int).tolist()
+    for centre, radius in zip(centres, radii, strict=True):
+        cv2.circle(mask, centre, radius, 0, cv2.FILLED)
 
 
 def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
