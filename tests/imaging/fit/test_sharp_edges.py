@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from contactimg.imaging.fit import coarse_rims, method
 from contactimg.imaging.fit.work import Work
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag
@@ -153,3 +154,28 @@ def test_work_is_bounded_and_said():
     assert "not explained by any disks" in found.message
     flags = found.disks["flags"].to_numpy()
     assert np.mean(flags & int(Flag.POOR_FIT) > 0) > 0.2 or found.status != "ok"
+
+
+@pytest.mark.parametrize(("blur", "looks"), [(0.0, 2), (1.4, 1)])
+def test_a_first_look_at_some_rows_passes_over_usual_rims_alone(blur, looks, rng, monkeypatch):
+    """A fourth of the rows shows that rims are usual; sharp ones are looked at again, and get noise."""
+    dark = np.tile(binary(15)[0], (4, 4))
+    light = cv2.GaussianBlur(dark, (0, 0), blur) if blur else dark
+    steps, rims = [], []
+    excess, allow = coarse_rims._excess, coarse_rims.allow_for_coarse_rims
+
+    def look(problem, fit, noise, every, share):
+        steps.append(every)
+        return excess(problem, fit, noise, every, share)
+
+    def allowed(problem, fit, **options):
+        out = allow(problem, fit, **options)
+        rims.append(out.noise.rim)
+        return out
+
+    monkeypatch.setattr(coarse_rims, "FIRST_LOOK_PIXELS", 200)  # as many as a small frame has
+    monkeypatch.setattr(coarse_rims, "_excess", look)
+    monkeypatch.setattr(method, "allow_for_coarse_rims", allowed)
+    measure_image(levels(200 - 150 * light + rng.normal(0, 6, dark.shape)), polarity="dark")
+    assert len(set(steps)) == looks
+    assert (min(rims) > 0.0) == (blur == 0.0)
