@@ -51,8 +51,10 @@ class Status(enum.StrEnum):
     """Part of the light belongs to no contact that was found: groups of contacts were not resolved, or
     something that is no contact stands out."""
     WRONG_REFERENCE = "wrong reference"
-    """The reference does not belong to the frame: it is brighter in patches (contacts, another place), or
-    parts of it are at full scale."""
+    """The reference does not belong to the frame: it is brighter in patches (contacts, another place)."""
+    SATURATED = "saturated"
+    """More than a fifth of the contacts are at the full scale of the sensor, which hides how bright they are;
+    the radii depend on that."""
     LIGHT_NOT_FOLLOWED = "light not followed"
     """The background is uneven by more than noise after all corrections: changes of the light are left."""
     LITTLE_BACKGROUND = "little background"

@@ -28,7 +28,7 @@ from contactimg.imaging.fit.edge_scores import (
     isolated_disks,
     parameters_of,
 )
-from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.profile.edge_shape import (
@@ -123,7 +123,10 @@ def learn_edge(
     edge = Edge.plain(joint.fit.blur)
     families: tuple[str, ...] = ()
     current = EdgeFit(problem, joint, LearnedEdge(edge))
-    isolated = isolated_disks(joint.fit.disks, problem.image.shape, blur=edge.blur)
+    disks = joint.fit.disks
+    isolated = isolated_disks(disks, problem.image.shape, blur=edge.blur)
+    # a plateau that is cut off by the sensor looks like another edge
+    isolated = isolated[~touches(problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
     if len(isolated) < FEWEST_CONTACTS:
         return current
     search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio))

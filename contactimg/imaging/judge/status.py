@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import measure_contrast
@@ -20,9 +21,9 @@ LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. Chosen by
 hand; sensitivity not measured."""
 
-POOR_FIT_FRACTION = 0.2
-"""Fraction of poor fits above which the disks do not describe the frame. Chosen."""
-POOR_FIT_LEAST_CONTACTS = 3
+FLAGGED_FRACTION = 0.2
+"""Fraction of poor fits, or of saturated contacts, that spoils a frame. Chosen."""
+FLAGGED_LEAST_CONTACTS = 3
 """Least number of contacts for that. Chosen: one odd contact of two says nothing about a frame."""
 FALSE_FRACTION, FALSE_LEAST = 0.05, 3
 """Fraction of what was measured and number of candidates that prove to be no contact, above which others may
@@ -142,14 +143,25 @@ def _contact_defects(seen: Review) -> list[tuple[str, str]]:
             f"{100 * seen.unexplained:.2g} % of the pixels that stand out belong to no contact that was found"
         )
         defects.append((Status.UNRESOLVED, text))
-    poor = int(np.count_nonzero(flags & int(Flag.POOR_FIT)))
-    if flags.size >= POOR_FIT_LEAST_CONTACTS and poor > POOR_FIT_FRACTION * flags.size:
+    if saturated := _many(flags, Flag.SATURATED):
+        text = (
+            f"{saturated} of {flags.size} contacts are at the full scale of the sensor: expose less, "
+            "the radii depend on a brightness that is not seen"
+        )
+        defects.append((Status.SATURATED, text))
+    if poor := _many(flags, Flag.POOR_FIT):
         blur = seen.detections.optics.blur_px
         text = f"{poor} of {flags.size} contacts do not look like disks behind a blur of {blur:.2g} px"
         defects.append((Status.POOR_FIT, text))
     if seen.agreement is not None and (text := seen.agreement.remark(seen.detections.contacts["radius_px"])):
         defects.append((Status.DISAGREES, text))
     return defects
+
+
+def _many(flags: NDArray[np.int64], flag: Flag) -> int:
+    """Number of contacts with a flag; 0 if it is a small fraction of them."""
+    count = int(np.count_nonzero(flags & int(flag)))
+    return count if flags.size >= FLAGGED_LEAST_CONTACTS and count > FLAGGED_FRACTION * flags.size else 0
 
 
 def _explain_no_contact(foreground: Foreground) -> str:

@@ -162,6 +162,15 @@ def test_every_family_has_its_sentence():
     assert describe_edge(LearnedEdge(Edge(1.4, shape)), binning=1) == ""
 
 
+def test_plateaus_cut_off_by_the_sensor_teach_no_edge():
+    """They would pass for a nonlinear response or for domes."""
+    result, *_ = measured("saturated")
+    assert result.status == "saturated"
+    assert "response" not in result.message
+    assert "in the middle" not in result.message
+    assert deviation_of_area("saturated") < 3.0
+
+
 def test_few_contacts_learn_nothing():
     frame, reference, truth = edge_frame("defocus", seed=3, n=12, optics=OPTICS)
     result = measure_image(frame, reference)
