@@ -17,7 +17,7 @@ from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, REJECTED
+from contactimg.tables import CONTACTS, OUTLINES, REJECTED
 from contactimg.tradeoff.choice import Choice, measure_cheapest
 
 
@@ -155,6 +155,8 @@ class MeasuredFrame:
         Grey level of its background; 0 where that was subtracted before.
     choice : Choice or None
         How it was measured and why, where that was chosen for a tolerance.
+    outlines : DataFrame
+        Of its contacts of free shape.
     """
 
     contacts: pd.DataFrame
@@ -164,6 +166,7 @@ class MeasuredFrame:
     own_optics: SharedOptics | None = None
     level: float = 0.0
     choice: Choice | None = None
+    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
 
     @classmethod
     def failed(cls, failure: FailedFrame) -> "MeasuredFrame":
@@ -235,6 +238,7 @@ def measure_scene_frame(
         frame.shape,
         measurement.own_optics if len(measurement.disks) else None,
         measurement.level,
+        outlines=outlines_table(measurement, frame.name),
     ).with_choice(choice)
 
 
@@ -302,6 +306,29 @@ def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
 def contacts_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     """The measured disks as a contacts table, in pixels only."""
     return CONTACTS.conform(measurement.disks.assign(frame=name))
+
+
+def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
+    """The outlines of the contacts of free shape as a table."""
+    labels = measurement.disks["label"].to_numpy()
+    parts = [
+        pd.DataFrame(
+            {
+                "label": labels[row],
+                "outline": number,
+                "point": range(len(line)),
+                "x_px": line[:, 0],
+                "y_px": line[:, 1],
+            }
+        )
+        for row, lines in measurement.outlines
+        for number, line in enumerate(lines)
+    ]
+    return (
+        OUTLINES.conform(pd.concat(parts, ignore_index=True).assign(frame=name))
+        if parts
+        else OUTLINES.empty()
+    )
 
 
 def rejected_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:

@@ -14,7 +14,7 @@ from contactimg.files import RunFolder, write_table
 from contactimg.pose import Pose
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
 from contactimg.tradeoff.choice import Choice
 
 
@@ -32,6 +32,8 @@ class Run:
         Pose of the camera over the reference frame; None without a pixel size.
     choices : dict
         Frame -> how it was measured and why, where that was chosen for a tolerance.
+    outlines : DataFrame
+        Of the contacts of free shape.
     law : LawPlan or None
         Law of the local forces and what it leaves out; None without forces.
     """
@@ -42,6 +44,7 @@ class Run:
     frames: pd.DataFrame
     pose: PoseFit | None
     choices: dict[str, Choice] = field(default_factory=dict)
+    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
     law: LawPlan | None = None
 
     def need_pose(self) -> Pose:
@@ -59,10 +62,12 @@ def frame_shift(frames: pd.DataFrame, name: str) -> tuple[float, float]:
 
 
 def write_run(run: Run, folder: Path) -> dict[str, Any]:
-    """Write contacts.csv, frames.csv and rejected.csv; return what else the provenance must state."""
+    """Write contacts.csv, frames.csv, rejected.csv and outlines.csv (if any); return what else the provenance must state."""
     write_table(run.contacts, CONTACTS, folder / "contacts.csv")
     write_table(run.frames, FRAMES, folder / "frames.csv")
     write_table(run.rejected, REJECTED, folder / "rejected.csv")
+    if len(run.outlines):
+        write_table(run.outlines, OUTLINES, folder / "outlines.csv")
     record: dict[str, Any] = {} if run.pose is None else {"pose": _pose_record(run.pose)}
     if run.law is not None:
         record["law"] = run.law.sentence()

@@ -27,7 +27,7 @@ from contactimg.pose import Pose
 from contactimg.pose.fit import PoseFit, PoseSearch, fit_pose
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
 from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
@@ -98,8 +98,17 @@ def measure_experiment(
     )
     contacts = pd.concat([part.contacts for part in parts], ignore_index=True)
     rejected = pd.concat([part.rejected for part in parts], ignore_index=True)
+    outlines = OUTLINES.conform(pd.concat([part.outlines for part in parts], ignore_index=True))
     choices = {str(part.row["frame"]): part.choice for part in parts if part.choice is not None}
-    run = Run(scene, CONTACTS.conform(contacts), REJECTED.conform(rejected), frames, None, choices)
+    run = Run(
+        scene,
+        CONTACTS.conform(contacts),
+        REJECTED.conform(rejected),
+        frames,
+        None,
+        choices,
+        outlines=outlines,
+    )
     return run if scene.camera is None else with_forces(_with_pose(run, sites, shape), sites)
 
 

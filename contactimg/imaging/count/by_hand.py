@@ -42,9 +42,20 @@ def edit_counts(
     flags = np.append(contacts["flags"], int(Flag.MANUAL))[edited.source]  # -1 takes the last
     kept = ~edited.excluded & filled
     after = dict(zip(PLACE, edited.places[kept].T, strict=True)) | {"flags": flags[kept].astype(np.int64)}
+    after |= _shapes_of(contacts, edited.source[kept], after["radius_px"])
     excluded = dict(zip(PLACE, edited.places[edited.excluded].T, strict=True))
     excluded["reason"] = np.full(int(edited.excluded.sum()), Reason.BY_HAND)
     return after, excluded, edited.unmatched + edited.vanished(np.flatnonzero(filled))
+
+
+def _shapes_of(contacts: Columns, source: NDArray[np.intp], radius: NDArray[np.float64]) -> Columns:
+    """The further columns of contacts, each from its row before; of those drawn by hand (-1) that of disks."""
+    by_hand: dict[str, object] = {"shape": "disk", "semi_major_px": radius, "semi_minor_px": radius}
+    return {
+        name: np.where(source < 0, by_hand.get(name, np.nan), np.append(values, values[:1])[source])
+        for name, values in contacts.items()
+        if name not in (*PLACE, "flags") and len(values)
+    }
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from skimage.measure import find_contours
 
 REGION_BLUR_WIDTHS = 4.0
@@ -169,20 +169,22 @@ def _moments(light: NDArray, blur: float) -> tuple[float, float, float, float, f
     cx, cy = float(across @ x), float(down @ y)
     xx, yy = float(across @ (x - cx) ** 2) - blur**2, float(down @ (y - cy) ** 2) - blur**2
     xy = float((y - cy) @ light @ (x - cx)) / total
-    return cx, cy, *ellipse_of_moments(xx, xy, yy)
+    major, minor, angle = ellipse_of_moments(xx, xy, yy)
+    return cx, cy, float(major), float(minor), float(angle)
 
 
-def ellipse_of_moments(xx: float, xy: float, yy: float) -> tuple[float, float, float]:
-    """Major and minor half-axis and angle of the ellipse with given second moments: ``a^2/4`` along its axis.
+def ellipse_of_moments(xx: ArrayLike, xy: ArrayLike, yy: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
+    """Major and minor half-axis and angle of ellipses with given second moments: ``a^2/4`` along an axis.
 
     Examples
     --------
-    >>> ellipse_of_moments(4.0, 0.0, 1.0)
-    (4.0, 2.0, 0.0)
+    >>> [float(value) for value in ellipse_of_moments(4.0, 0.0, 1.0)]
+    [4.0, 2.0, 0.0]
     """
-    middle, half = 0.5 * (xx + yy), float(np.hypot(0.5 * (xx - yy), xy))
-    angle = 0.5 * float(np.arctan2(2.0 * xy, xx - yy))
-    return 2.0 * float(np.sqrt(max(middle + half, 0.0))), 2.0 * float(np.sqrt(max(middle - half, 0.0))), angle
+    xx, xy, yy = (np.asarray(part, float) for part in (xx, xy, yy))
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    major, minor = (2.0 * np.sqrt(np.maximum(middle + sign * half, 0.0)) for sign in (1.0, -1.0))
+    return major, minor, 0.5 * np.arctan2(2.0 * xy, xx - yy)
 
 
 def _outlines(

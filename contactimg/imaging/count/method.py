@@ -33,6 +33,7 @@ from scipy.special import ndtri
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.count.by_hand import edit_counts
+from contactimg.imaging.count.free_shape import ellipse_of_moments
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -247,8 +248,26 @@ def count_contacts(
         "y_px": kept["y"],
         "radius_px": radius[~bad],
         "flags": _flags(kept, split[~bad], image.shape),
+        **_second_moments(kept),
     }
     return contacts, rejected
+
+
+def _second_moments(components: NDArray[np.void]) -> Columns:
+    """Half-axes and angle of the ellipses with the second moments of the pixels (squares of 1 px)."""
+    area, count = np.maximum(components["area"], 1), len(components)
+    yy = components["moment"] - components["xx"]
+    moments = (components["xx"] / area + PIXEL_VARIANCE, components["xy"] / area, yy / area + PIXEL_VARIANCE)
+    major, minor, angle = ellipse_of_moments(*moments)
+    unknown = np.full(count, np.nan)
+    return {
+        "shape": np.full(count, "free", object),
+        "semi_major_px": major,
+        "semi_minor_px": minor,
+        "angle_rad": angle,
+        "perimeter_px": unknown,
+        "holes": unknown,
+    }
 
 
 def _flags(

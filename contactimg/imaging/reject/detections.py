@@ -37,7 +37,7 @@ SHAPE_COLUMNS = {
     "semi_minor_std_px": "float64",
     "angle_std_rad": "float64",
     "perimeter_px": "float64",
-    "holes": "int64",
+    "holes": "Int64",
 }
 """Further columns of contacts whose shape was asked for, with their types."""
 

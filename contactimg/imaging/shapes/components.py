@@ -20,6 +20,8 @@ COMPONENT = np.dtype(
         ("x", np.float64),  # centroid of the pixels
         ("y", np.float64),
         ("moment", np.float64),  # sum of the squared distances of the pixels from their centroid
+        ("xx", np.float64),  # sums of the squares and products of those distances along x and y
+        ("xy", np.float64),
         ("flux", np.float64),  # sum of the image over the pixels
         ("peak", np.float64),  # largest value
         ("peak_x", np.int64),
@@ -214,6 +216,9 @@ def _add_run(c, y, first, last):
     c["y"] += float(n * y)
     # squared distances: of the middle of the run, and of its pixels from the middle
     c["moment"] += n * (0.25 * (first + last) ** 2 + y * y) + n * (n * n - 1.0) / 12.0
+    middle = 0.5 * (first + last)
+    c["xx"] += n * middle * middle + n * (n * n - 1.0) / 12.0
+    c["xy"] += n * middle * y
     c["left"] = min(c["left"], first)
     c["right"] = max(c["right"], last)
     c["top"] = min(c["top"], y)
@@ -227,6 +232,8 @@ def add_pixel(c, x, y, value, marked):
     c["x"] += x
     c["y"] += y
     c["moment"] += float(x * x + y * y)
+    c["xx"] += float(x * x)
+    c["xy"] += float(x * y)
     c["left"] = min(c["left"], x)
     c["right"] = max(c["right"], x)
     c["top"] = min(c["top"], y)
@@ -243,3 +250,5 @@ def finish_component(c):
     c["x"] /= c["area"]
     c["y"] /= c["area"]
     c["moment"] -= c["area"] * (c["x"] ** 2 + c["y"] ** 2)
+    c["xx"] -= c["area"] * c["x"] ** 2
+    c["xy"] -= c["area"] * c["x"] * c["y"]

@@ -6,6 +6,7 @@ from shape_frames import bone, ellipse, frame, ring, triangle
 
 from contactimg.imaging.judge import shape_ladder
 from contactimg.imaging.measure import measure_image
+from contactimg.pipeline.frame import outlines_table
 
 PLACES = [(40, 40, 10.0), (110, 38, 7.0), (165, 45, 12.0), (45, 110, 6.0), (105, 108, 13.0), (160, 112, 9.0)]
 
@@ -86,3 +87,28 @@ def test_an_elongation_shared_by_all_belongs_to_the_camera():
     assert "at 29 degrees" in found.message or "at 28 degrees" in found.message
     pulls = (table["area_px2"].to_numpy() - areas) / table["area_std_px2"].to_numpy()
     assert np.mean(np.abs(pulls) < 2) > 0.85
+
+
+def test_counted_pixels_give_second_moments():
+    rng = np.random.default_rng(5)
+    image, reference, _ = frame(
+        [ellipse(1.0), ellipse(2.0)], [(50, 60, 12.0), (130, 70, 12.0)], angles=[0, 0.6], rng=rng
+    )
+    found = measure_image(image, reference, method="threshold")
+    disk, long = in_order(found, [(50, 60, 0), (130, 70, 0)]).itertuples()
+    # at half height a rim of radius a is displaced by s^2/(2 a), here 0.1 px and less
+    assert disk.semi_major_px / disk.semi_minor_px == pytest.approx(1.0, abs=0.02)
+    assert long.semi_major_px == pytest.approx(12 * np.sqrt(2), abs=0.3)
+    assert long.semi_minor_px == pytest.approx(12 / np.sqrt(2), abs=0.3)
+    assert long.angle_rad == pytest.approx(0.6, abs=0.02)
+
+
+def test_outlines_become_a_table():
+    shapes = [ellipse(1.0), ellipse(1.0), ring(0.5), ellipse(1.0)]
+    found, _, _ = measured(shapes)
+    table = outlines_table(found, "a.tif")
+    assert set(table["outline"]) == {0, 1}
+    assert table["label"].nunique() == 1
+    x, y = (table.loc[table["outline"] == 0, name].to_numpy() for name in ("x_px", "y_px"))
+    assert (x[0], y[0]) == (x[-1], y[-1])
+    assert np.hypot(x - 165, y - 45) == pytest.approx(12 / np.sqrt(0.75), abs=0.5)
