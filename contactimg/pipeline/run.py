@@ -62,7 +62,7 @@ def frame_shift(frames: pd.DataFrame, name: str) -> tuple[float, float]:
 
 
 def write_run(run: Run, folder: Path) -> dict[str, Any]:
-    """Write contacts.csv, frames.csv, rejected.csv and outlines.csv (if any); return what else the provenance must state."""
+    """Write contacts, frames, rejected and, if any, outlines; return what else the provenance must state."""
     write_table(run.contacts, CONTACTS, folder / "contacts.csv")
     write_table(run.frames, FRAMES, folder / "frames.csv")
     write_table(run.rejected, REJECTED, folder / "rejected.csv")
