@@ -49,7 +49,7 @@ def edit_counts(
 
 
 def _shapes_of(contacts: Columns, source: NDArray[np.intp], radius: NDArray[np.float64]) -> Columns:
-    """The further columns of contacts, each from its row before; of those drawn by hand (-1) that of disks."""
+    """The further columns of contacts, each from its row before; of those drawn by hand (-1) a disk's."""
     by_hand: dict[str, object] = {"shape": "disk", "semi_major_px": radius, "semi_minor_px": radius}
     return {
         name: np.where(source < 0, by_hand.get(name, np.nan), np.append(values, values[:1])[source])
