@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from pandas.api.types import pandas_dtype
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
@@ -254,7 +255,9 @@ def _contacts_table(detections: Detections) -> pd.DataFrame:
     no_plateau = 0 if detections.own_optics.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
     columns = {name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()}
     shapes = shape_columns(contacts)
-    columns |= {name: pd.array(shapes[name], dtype=dtype) for name, dtype in SHAPE_COLUMNS.items()}
+    columns |= {
+        name: pd.array(shapes[name], dtype=pandas_dtype(dtype)) for name, dtype in SHAPE_COLUMNS.items()
+    }
     columns["flags"] = columns["flags"] | no_plateau
     return pd.DataFrame({"label": np.arange(1, len(columns["flags"]) + 1, dtype=np.int64), **columns})
 

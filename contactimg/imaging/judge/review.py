@@ -92,7 +92,8 @@ def review(
     scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
-    agreement, remark, outlines = None, "", ()
+    agreement, remark = None, ""
+    outlines: tuple[tuple[int, list[NDArray[np.float64]]], ...] = ()
     if isinstance(detections, FittedDetections) and len(_places(detections)):
         climbed = climb(detections, shape=shape)
         detections, remark, outlines = climbed.detections, climbed.remark, climbed.outlines

@@ -339,7 +339,7 @@ class _Ladder:
         inner = [
             cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0
         ]
-        return sum(inner) > LARGEST_HOLE_SHARE * np.count_nonzero(contact.view.component)
+        return bool(sum(inner) > LARGEST_HOLE_SHARE * np.count_nonzero(contact.view.component))
 
     def _cells(self, contact: ClimbedContact) -> NDArray[np.float64]:
         """Residual of the ellipse in cells about its rim, over the contrast."""

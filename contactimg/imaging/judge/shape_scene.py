@@ -157,7 +157,8 @@ class GroupView:
         if not component.any():
             return None
         window = replace(window, valid=_own_pixels(scene, members, window, component))
-        near = cv2.dilate(component.astype(np.uint8), None, iterations=int(WINDOW_MARGIN_BLUR_WIDTHS * blur))
+        reach = int(WINDOW_MARGIN_BLUR_WIDTHS * blur)
+        near = cv2.dilate(component.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=reach)
         # a window that ends with the image cannot show more
         open_sides = (
             near[0].any() and box[0].start > 0, near[-1].any() and box[0].stop < scene.image.shape[0],
