@@ -6,6 +6,7 @@ its contacts by one of the two methods, look at them once more, judge the frame,
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -253,10 +254,13 @@ def _contacts_table(detections: Detections) -> pd.DataFrame:
     """The contacts, numbered from 1, flagged if their frame does not show its contrast."""
     contacts = detections.contacts
     no_plateau = 0 if detections.own_optics.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
-    columns = {name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()}
-    shapes = shape_columns(contacts)
+    columns: dict[str, Any] = {
+        name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()
+    }
+    shapes: dict[str, Any] = dict(shape_columns(contacts))
     columns |= {
-        name: pd.array(shapes[name], dtype=pandas_dtype(dtype)) for name, dtype in SHAPE_COLUMNS.items()
+        name: pd.Series(shapes[name]).astype(pandas_dtype(dtype)).array
+        for name, dtype in SHAPE_COLUMNS.items()
     }
     columns["flags"] = columns["flags"] | no_plateau
     return pd.DataFrame({"label": np.arange(1, len(columns["flags"]) + 1, dtype=np.int64), **columns})

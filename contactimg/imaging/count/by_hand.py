@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -50,7 +51,7 @@ def edit_counts(
 
 def _shapes_of(contacts: Columns, source: NDArray[np.intp], radius: NDArray[np.float64]) -> Columns:
     """The further columns of contacts, each from its row before; of those drawn by hand (-1) a disk's."""
-    by_hand: dict[str, object] = {"shape": "disk", "semi_major_px": radius, "semi_minor_px": radius}
+    by_hand: dict[str, Any] = {"shape": "disk", "semi_major_px": radius, "semi_minor_px": radius}
     return {
         name: np.where(source < 0, by_hand.get(name, np.nan), np.append(values, values[:1])[source])
         for name, values in contacts.items()
