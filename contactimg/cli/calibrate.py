@@ -1,7 +1,7 @@
 """``contactimg calibrate``: modulus and adhesion, threshold, plateau, from folders of frames."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +9,7 @@ import click
 
 from contactimg.cli import shared_options as shared
 from contactimg.cli.printing import progress
-from contactimg.cli.shared_options import SceneOptions
+from contactimg.cli.shared_options import FrameOptions, SceneOptions
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -28,10 +28,9 @@ ONE_OF_TWO = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationOptions:
+class CalibrationOptions(FrameOptions):
     """Options that every calibration has."""
 
-    scene: str | None
     output: str | None
     workers: int | None
     quiet: bool
@@ -61,7 +60,7 @@ def common_options(command: Command) -> Command:
         shared.quiet,
         shared.workers,
         shared.output("FOLDER"),
-        shared.scene,
+        shared.frames,
         click.argument("folder", type=shared.existing_folder),
     ):
         command = option(command)
@@ -213,7 +212,8 @@ def _open(
         from contactimg.files import open_experiment
         from contactimg.scene import scene_from_dict
 
-    scene = scene_of_folder(folder, SceneOptions(scene=options.scene))
+    given = {field.name: getattr(options, field.name) for field in fields(FrameOptions)}
+    scene = scene_of_folder(folder, SceneOptions(**given))
     if elastic:
         data = {**scene.source, "elastic": {**scene.source.get("elastic", {}), **elastic}}
         scene = scene_from_dict(data, name="the options and the scene", folder=scene.folder)

@@ -16,20 +16,7 @@ if TYPE_CHECKING:
 @click.command(short_help="Measure the contacts on every frame of a folder.")
 @click.argument("folder", type=click.Path(exists=True))
 @shared.output("FOLDER")
-@shared.scene
-@click.option(
-    "--reference",
-    type=click.Path(),
-    multiple=True,
-    help="Frame without contact; it is subtracted. Given several times, the frames are averaged.",
-)
-@click.option(
-    "--frames", help='Pattern for the names of the frames in FOLDER, for example "frame_*.tif" (with quotes).'
-)
-@click.option("--loads", type=click.Path(), help="CSV file with the columns frame and load_N.")
-@click.option(
-    "--pixel-size-um", type=float, help="Length on the sample that one pixel covers, in micrometres."
-)
+@shared.frames
 @click.option(
     "--method",
     type=click.Choice(["disk", "threshold"]),
@@ -45,11 +32,6 @@ if TYPE_CHECKING:
 @click.option(
     "--threshold",
     help='Grey level between contact and background, as a fraction of the contrast (0 to 1), or "auto".',
-)
-@click.option(
-    "--polarity",
-    type=click.Choice(["bright", "dark", "auto"]),
-    help="Whether contacts are brighter or darker than the reference.  [default: the scene's, else bright]",
 )
 @click.option(
     "--calibration",

@@ -36,19 +36,25 @@ def gather(record: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SceneOptions:
-    """Options that replace keys of a scene file; None where the option is not given."""
+class FrameOptions:
+    """Options that say what the frames are, in place of keys of a scene file; None where one is not given."""
 
     scene: str | None = None
-    calibration: str | None = None
     reference: tuple[str, ...] = ()
     frames: str | None = None
     loads: str | None = None
     polarity: str | None = None
+    pixel_size_um: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneOptions(FrameOptions):
+    """The options of `FrameOptions`, and those that say how the frames are measured."""
+
+    calibration: str | None = None
     method: str | None = None
     shape: str | None = None
     threshold: str | None = None
-    pixel_size_um: float | None = None
 
 
 def output(parent: str) -> Callable[[Any], Any]:
@@ -127,6 +133,44 @@ workers = click.option(
     "frames]",
 )
 scene = click.option("--scene", type=existing_file, help="Scene file to use instead of scene.toml in FOLDER.")
+
+
+def frames(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of `FrameOptions`."""
+    options = (
+        scene,
+        click.option(
+            "--reference",
+            type=click.Path(),
+            multiple=True,
+            help="Frame without contact; it is subtracted. Given several times, the frames are averaged.",
+        ),
+        click.option(
+            "--frames",
+            help='Pattern for the names of the frames in FOLDER, for example "frame_*.tif" (with quotes).',
+        ),
+        click.option(
+            "--loads",
+            type=click.Path(),
+            help="CSV file with the columns frame and load_N (or load_mN).",
+        ),
+        click.option(
+            "--pixel-size-um",
+            type=float,
+            help="Length on the sample that one pixel covers, in micrometres.",
+        ),
+        click.option(
+            "--polarity",
+            type=click.Choice(["bright", "dark", "auto"]),
+            help="Whether contacts are brighter or darker than the reference.  [default: the scene's, else "
+            "bright]",
+        ),
+    )
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 load = click.option(
     "--load-N",
     "load",

@@ -18,14 +18,11 @@ from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
 
-LAW_EFFECTS = ("sphere_profile", "adhesion")
-"""Effects that change the force on a contact of a given radius."""
-
 SUPPORT_RATIO = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8)
 SUPPORT_ERROR = (0.0, 3e-4, 2e-3, 7e-3, 2.6e-2, 7.8e-2)
 """Contact radius over thickness of the layer, and the relative error of the radius at a given force because
-the support under the contact itself is left out. Computed for a single contact on a bonded incompressible
-layer."""
+the support under the contact itself is left out: one contact on a bonded incompressible layer, computed once
+with point forces against the full kernel of the layer; not computed again by the tests."""
 
 
 def support_error(radius_over_thickness: float) -> float:

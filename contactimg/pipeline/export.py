@@ -17,8 +17,6 @@ from contactimg.files.napari_tables import write_napari_points, write_napari_sha
 from contactimg.files.workbook import write_workbook
 from contactimg.tables import CONTACTS, FRAMES, REJECTED, Flag
 
-FORMATS = ("fiji", "napari", "labels", "xlsx")
-"""What a run can be exported to."""
 CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0e442", "#cc79a7", "#d55e00"
 """Of contacts, flagged ones, those drawn by hand and rejected candidates: safe for colour-blind eyes (the
 palette of Okabe and Ito)."""
@@ -40,8 +38,7 @@ def export_run(
     run : RunFolder
     folder : Path
         Where to write; exists.
-    formats : collection of str
-        Of `FORMATS`.
+    formats : collection of {"fiji", "napari", "labels", "xlsx"}
     units : {"um", "mm", "m"}
         Of the workbook.
     advance : callable, optional

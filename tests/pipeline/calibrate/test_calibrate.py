@@ -106,6 +106,29 @@ def test_jkr_finds_what_the_scene_hides(smooth_frames, tmp_path):
     assert (circles["radius_px"] - truth["radius_px"]).abs().max() < 0.05
 
 
+def test_options_take_the_place_of_keys_as_in_process(smooth_frames, tmp_path):
+    folder = copy_of(smooth_frames, tmp_path / "frames")
+    with_scene(folder, images={"reference": "reference.tif", "frames": "frame_*.tif", "loads": "loads.csv"})
+    (folder / "reference.tif").rename(folder / "light.tif")
+    (folder / "loads.csv").rename(tmp_path / "forces.csv")
+    scene = read_scene(folder).source
+    pixel_um = scene["camera"]["pixel_size_m"] * 1e6
+    options = (
+        "--reference",
+        folder / "light.tif",
+        "--loads",
+        tmp_path / "forces.csv",
+        "--frames",
+        "frame_*.tif",
+    )
+    options = (*options, "--pixel-size-um", pixel_um, "--polarity", "bright", "--quiet", "--workers", 1)
+    write_scene({"indenter": scene["indenter"]}, folder / "scene.toml")
+    assert run("calibrate", "jkr", folder, "-o", tmp_path / "out", *options) == 0
+    assert run("calibrate", "jkr", smooth_frames, "-o", tmp_path / "as_ever", "--quiet", "--workers", 1) == 0
+    given, stated = (read_calibration(tmp_path / name)["young_modulus"] for name in ("out", "as_ever"))
+    assert given["value"] == pytest.approx(stated["value"], rel=1e-12)
+
+
 def test_jkr_says_so_where_the_opening_of_the_film_is_chance(tmp_path):
     scene = SMOOTH | {"simulate": SMOOTH["simulate"] | {"seed": 4}}
     (tmp_path / "frames").mkdir()
