@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from contactimg.cli import shared_options as shared
-from contactimg.cli.printing import progress
+from contactimg.cli.printing import echo_first_run, progress
 from contactimg.cli.shared_options import FrameOptions, SceneOptions
 from contactimg.errors import InputError
 from contactimg.timings import stage
@@ -244,6 +244,7 @@ def _calibrate(
         options=used or {},
         inputs=experiment.inputs,
     )
+    echo_first_run(quiet=options.quiet)
     with OutputFolder(target, record, main_files=["calibration.json"]) as out:
         with progress("measuring frames", len(experiment.frames), quiet=options.quiet) as advance:
             result = run(experiment, workers=options.workers, advance=advance)

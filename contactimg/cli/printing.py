@@ -30,6 +30,14 @@ def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
         yield lambda: bar.advance(task)
 
 
+def echo_first_run(*, quiet: bool) -> None:
+    """Say on standard error that the first run compiles."""
+    with stage("loading"):
+        from contactimg.imaging.kernels.stored import kernels_are_stored
+    if not quiet and not kernels_are_stored():
+        click.echo("first run: compiling the numerical code, once; this takes one to two minutes", err=True)
+
+
 def echo_frames(frames: "pd.DataFrame", *, title: str) -> None:
     """Print the table of frames in mN and mm^2, one line per frame, and then the messages."""
     heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")

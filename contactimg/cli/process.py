@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import click
 
 from contactimg.cli import shared_options as shared
-from contactimg.cli.printing import echo_frames, progress
+from contactimg.cli.printing import echo_first_run, echo_frames, progress
 from contactimg.cli.shared_options import SceneOptions
 from contactimg.timings import stage
 
@@ -100,6 +100,7 @@ def process(
         options=calibration_record(options.calibration),
         inputs=experiment.inputs,
     )
+    echo_first_run(quiet=quiet)
     count, target = len(experiment.frames), shared.output_path(output, folder)
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         with progress("measuring frames", count, quiet=quiet) as advance:

@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,6 +15,8 @@ import tifffile
 from small_series import break_measurement, copy_of
 
 from contactimg.cli import main
+from contactimg.cli.printing import echo_first_run
+from contactimg.imaging.kernels import stored
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
 
@@ -470,3 +473,15 @@ def test_frames_of_mixed_size_without_reference_name_the_odd_one(series, tmp_pat
     assert process(series, "-o", tmp_path / "out") == 1
     message = frames_of(tmp_path / "out").loc["frame_2.tif", "message"]
     assert message == "frame_2.tif: has 30 x 20 pixels, the other frames 360 x 340"
+
+
+def test_the_first_run_says_that_it_compiles(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(
+        stored, "iterate", SimpleNamespace(stats=SimpleNamespace(cache_path=tmp_path), __name__="iterate")
+    )
+    echo_first_run(quiet=True)
+    assert capsys.readouterr().err == ""
+    echo_first_run(quiet=False)
+    assert "compiling" in capsys.readouterr().err
+    (tmp_path / "gauss_newton.iterate-41.py312.nbi").touch()
+    assert stored.kernels_are_stored()
