@@ -17,6 +17,7 @@ from contactimg.cli.calibrate import calibrate
 from contactimg.cli.effects import effects
 from contactimg.cli.export import export
 from contactimg.cli.import_rois import import_rois
+from contactimg.cli.init import init
 from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
@@ -53,6 +54,7 @@ def commands() -> None:
 
 
 for command in (
+    init,
     process,
     calibrate,
     predict,

@@ -5,7 +5,7 @@ except pixel lengths (``_px``). An unknown key, a missing key or a value out of 
 sentence names the section, the key, the rule, the value and, for an unknown key, the allowed keys.
 
 Read in this order: `sections` (every section with its keys), `scene` (`Scene` and `scene_from_dict`),
-`messages` (the sentence for a broken rule).
+`messages` (the sentence for a broken rule), `template` (a first scene file with comments).
 """
 
 from contactimg.scene.scene import Scene, scene_from_dict
@@ -21,6 +21,7 @@ from contactimg.scene.sections import (
     Simulate,
     Tolerance,
 )
+from contactimg.scene.template import scene_template
 
 __all__ = [
     "Asperities",
@@ -35,4 +36,5 @@ __all__ = [
     "Simulate",
     "Tolerance",
     "scene_from_dict",
+    "scene_template",
 ]

@@ -1,0 +1,102 @@
+"""`contactimg init`: what a folder's files are, the questions, and the scene file that `process` takes."""
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from small_series import copy_of
+
+from contactimg.cli import main
+from contactimg.files import open_experiment, read_scene
+from contactimg.files.folder_guess import guess_folder
+from contactimg.files.pixel_size import stated_pixel_size
+
+FLAT_GREY = np.full((40, 50), 80, np.uint8)
+
+
+@pytest.fixture
+def frames(small_series, tmp_path):
+    """The small series without its scene."""
+    folder = copy_of(small_series, tmp_path / "frames")
+    (folder / "scene.toml").unlink()
+    return folder
+
+
+def test_the_scene_of_a_folder_of_frames_holds_what_the_files_and_options_say(frames, capsys):
+    options = ("--pixel-size-um", "6", "--lens-radius-mm", "128.8", "--young-modulus-MPa", "3", "--no-input")
+    assert main(["init", str(frames), *options]) == 0
+    assert "contactimg process" in capsys.readouterr().out
+    scene = read_scene(frames)
+    assert (scene.camera.pixel_size, scene.indenter.radius, scene.elastic.young_modulus) == (
+        6e-6,
+        0.1288,
+        3e6,
+    )
+    experiment = open_experiment(scene)
+    assert experiment.reference.name == "reference.tif"
+    assert experiment.asperities is not None
+    assert experiment.loads["load_N"].notna().all()
+
+
+def test_what_nobody_knows_is_a_comment_that_becomes_a_key(frames):
+    assert main(["init", str(frames), "--no-input", "--quiet"]) == 0
+    text = (frames / "scene.toml").read_text()
+    assert "# pixel_size_m =" in text
+    assert read_scene(frames).camera is None
+    text = text.replace("# [camera]", "[camera]").replace("# pixel_size_m =", "pixel_size_m = 6.0e-6")
+    (frames / "scene.toml").write_text(text)
+    assert read_scene(frames).camera.pixel_size == 6e-6
+
+
+def test_answers_are_asked_for_again_and_enter_means_not_known(frames, monkeypatch):
+    answers = iter(["six", "-1", "5,9", "", "3"])
+    monkeypatch.setattr("click.termui.visible_prompt_func", lambda *_: next(answers))
+    assert main(["init", str(frames)]) == 0
+    scene = read_scene(frames)
+    assert (scene.camera.pixel_size, scene.indenter, scene.elastic.young_modulus) == (5.9e-6, None, 3e6)
+
+
+def test_a_scene_that_is_there_and_an_implausible_answer_are_refused(frames, capsys):
+    assert main(["init", str(frames), "--no-input", "--lens-radius-mm", "128800"]) == 2
+    assert "radius_m" in capsys.readouterr().err
+    assert not (frames / "scene.toml").exists()
+    (frames / "scene.toml").write_text("[camera]\npixel_size_m = 6e-6\n")
+    assert main(["init", str(frames), "--no-input"]) == 2
+    assert "--force" in capsys.readouterr().err
+    assert "6e-6" in (frames / "scene.toml").read_text()
+    assert main(["init", str(frames), "--no-input", "--force"]) == 0
+
+
+def test_names_say_what_an_image_is(tmp_path):
+    names = ("a_01", "a_02", "no contact", "Background_2", "dark_1", "dark_2", "flat", "mask_frame")
+    for name in names:
+        cv2.imwrite(str(tmp_path / f"{name}.png"), FLAT_GREY)
+    guess = guess_folder(tmp_path)
+    assert guess.frames == ("a_01.png", "a_02.png")
+    assert set(guess.references) == {"no contact.png", "Background_2.png"}
+    assert guess.darks == ("dark_1.png", "dark_2.png")
+    assert (guess.flats, guess.masks) == (("flat.png",), ("mask_frame.png",))
+    assert main(["init", str(tmp_path), "--no-input", "--quiet"]) == 0
+    experiment = open_experiment(read_scene(tmp_path))
+    assert [frame.name for frame in experiment.frames] == ["a_01.png", "a_02.png"]
+    assert len(experiment.references) == len(experiment.corrections.dark) == 2
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("um", 1e-6), ("micron", 1e-6), ("mm", 1e-3), ("nm", 1e-9), ("inch", None)]
+)
+def test_imagej_states_the_pixel_size(tmp_path, unit, metres):
+    path = tmp_path / "a.tif"
+    tifffile.imwrite(path, FLAT_GREY, imagej=True, resolution=(1 / 6, 1 / 6), metadata={"unit": unit})
+    expected = None if metres is None else pytest.approx(6 * metres, rel=1e-6)
+    assert stated_pixel_size(path) == expected
+
+
+def test_ome_states_the_pixel_size_and_a_print_resolution_is_none(tmp_path):
+    path = tmp_path / "a.ome.tif"
+    tifffile.imwrite(path, FLAT_GREY, ome=True, metadata={"axes": "YX", "PhysicalSizeX": 5.9})
+    assert stated_pixel_size(path) == pytest.approx(5.9e-6)
+    tifffile.imwrite(tmp_path / "b.tif", FLAT_GREY, resolution=(300, 300), resolutionunit="INCH")
+    assert stated_pixel_size(tmp_path / "b.tif") is None
+    (tmp_path / "c.tif").write_bytes(path.read_bytes()[:200])
+    assert stated_pixel_size(tmp_path / "c.tif") is None
