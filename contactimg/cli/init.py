@@ -93,7 +93,8 @@ def _in_si(value: float, unit: float) -> float:
 
 def _positive_or_nothing(text: str) -> float | None:
     """The number typed, None for an empty answer; the prompt asks again after a `click.UsageError`."""
-    return shared.positive_number.convert(text.replace(",", "."), None, None) if text.strip() else None
+    number = text.replace(",", ".").strip()
+    return shared.positive_number(number) if number else None
 
 
 def _sections(
@@ -108,7 +109,7 @@ def _sections(
         "flat": _one_or_glob(guess.flats),
         "mask": guess.masks[0] if len(guess.masks) == 1 else None,
     }
-    sections = {
+    sections: Sections = {
         "indenter": {"radius_m": radius},
         "elastic": {"young_modulus_Pa": modulus},
         "asperities": {"file": guess.asperities},

@@ -476,9 +476,7 @@ def test_frames_of_mixed_size_without_reference_name_the_odd_one(series, tmp_pat
 
 
 def test_the_first_run_says_that_it_compiles(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(
-        stored, "iterate", SimpleNamespace(stats=SimpleNamespace(cache_path=tmp_path), __name__="iterate")
-    )
+    monkeypatch.setattr(stored, "iterate", SimpleNamespace(stats=SimpleNamespace(cache_path=tmp_path)))
     echo_first_run(quiet=True)
     assert capsys.readouterr().err == ""
     echo_first_run(quiet=False)
