@@ -1,5 +1,7 @@
 """``contactimg process``: a folder of frames to contacts, forces and overlays."""
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -7,14 +9,28 @@ import click
 from contactimg.cli import shared_options as shared
 from contactimg.cli.printing import echo_first_run, echo_frames, progress
 from contactimg.cli.shared_options import SceneOptions
+from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
     from contactimg.scene import Scene
 
+JOINED_FOLDER = "combined"
+"""Inside the output folder of several folders: their tables as one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProcessOptions(SceneOptions):
+    """Options of `process`, for each of its folders."""
+
+    tolerance: float | None
+    pictures: bool
+    workers: int | None
+    quiet: bool
+
 
 @click.command(short_help="Measure the contacts on every frame of a folder.")
-@click.argument("folder", type=click.Path(exists=True))
+@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(exists=True))
 @shared.output("FOLDER")
 @shared.frames
 @click.option(
@@ -52,17 +68,8 @@ if TYPE_CHECKING:
 @shared.workers
 @shared.quiet
 @shared.verbose
-@shared.gather(SceneOptions)
-def process(
-    *,
-    folder: str,
-    output: str | None,
-    tolerance: float | None,
-    pictures: bool,
-    workers: int | None,
-    quiet: bool,
-    options: SceneOptions,
-) -> int:
+@shared.gather(ProcessOptions)
+def process(*, folders: tuple[str, ...], output: str | None, options: ProcessOptions) -> int:
     """Measure every frame of FOLDER: contacts, local forces, and a picture of each frame.
 
     The scene.toml in FOLDER describes the experiment; an option given here replaces the key of the same name.
@@ -71,6 +78,9 @@ def process(
 
     Writes contacts.csv (one row per contact), frames.csv (one row per frame), rejected.csv (candidates that
     are no contacts, with the reason), provenance.json, and the pictures in overlays/.
+
+    With several FOLDERs each is measured as if alone, into a folder of its name inside the output folder;
+    combined/ then holds all_contacts.csv and all_frames.csv, with the name of the folder in the column run.
 
     Exit codes: 0 done; 1 a frame failed, or no frame shows anything that can be measured (all black or white,
     for example), as frames.csv says; 2 nothing done.
@@ -81,6 +91,50 @@ def process(
       contactimg process my_frames --reference my_frames/no_contact.tif --pixel-size-um 6
       contactimg process sample_data/ra_plus --tolerance 0.05 -o quick
     """
+    if options.tolerance is not None and options.method is not None:
+        raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
+    if len(folders) == 1:
+        return _process_folder(folders[0], shared.output_path(output, folders[0]), options)
+    if output is None:
+        raise click.UsageError("with several folders, give the output folder: -o OUT.")
+    return _process_folders(folders, Path(output), options)
+
+
+def _process_folders(folders: tuple[str, ...], target: Path, options: ProcessOptions) -> int:
+    """Measure each folder into one of its own, and join the tables; a folder that fails loses nothing else.
+
+    Raises
+    ------
+    InputError
+        If two folders have the same name, or none can be measured.
+    """
+    with stage("loading"):
+        from contactimg.pipeline.joined_runs import write_joined_tables
+
+    names = [Path(folder).resolve().name for folder in folders]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
+    if JOINED_FOLDER in names:
+        raise InputError(f"{JOINED_FOLDER} is the folder of the joined tables; rename the folder of frames")
+    codes, errors = dict[str, int](), list[InputError]()
+    for folder, name in zip(folders, names, strict=True):
+        try:
+            codes[name] = _process_folder(folder, target / name, options)
+        except InputError as error:
+            errors.append(error)
+            click.echo(f"contactimg: {folder} is left out: {error}", err=True)
+    if not codes:
+        raise InputError("none of the folders could be measured")
+    record = shared.command_line("process")
+    write_joined_tables({name: target / name for name in codes}, target / JOINED_FOLDER, command=record)
+    if not options.quiet:
+        click.echo(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
+    return max(*codes.values(), int(bool(errors)))
+
+
+def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
+    """Measure the frames of one folder; return the exit code."""
     with stage("loading"):
         from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
@@ -90,9 +144,7 @@ def process(
         from contactimg.pipeline.series import measure_experiment
         from contactimg.tables import FAILED
 
-    if tolerance is not None and options.method is not None:
-        raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
-    scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=tolerance)
+    scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
     experiment = open_experiment(scene)
     record = provenance(
         command=shared.command_line("process"),
@@ -100,19 +152,25 @@ def process(
         options=calibration_record(options.calibration),
         inputs=experiment.inputs,
     )
-    echo_first_run(quiet=quiet)
-    count, target = len(experiment.frames), shared.output_path(output, folder)
+    echo_first_run(quiet=options.quiet)
+    count = len(experiment.frames)
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
-        with progress("measuring frames", count, quiet=quiet) as advance:
+        with progress("measuring frames", count, quiet=options.quiet) as advance:
             run = measure_experiment(
-                experiment, relative=tolerance, workers=workers, advance=advance, store=out.frame_store()
+                experiment,
+                relative=options.tolerance,
+                workers=options.workers,
+                advance=advance,
+                store=out.frame_store(),
             )
         out.record |= write_run(run, out.folder) | edits_record(experiment.edits)
-        if pictures:
-            with progress("drawing overlays", count, quiet=quiet) as advance:
-                draw_overlays(run, experiment, out.folder / "overlays", workers=workers, advance=advance)
-    if not quiet:
-        echo_frames(run.frames, title=f"{folder}, method {_method(scene, tolerance)}")
+        if options.pictures:
+            with progress("drawing overlays", count, quiet=options.quiet) as advance:
+                draw_overlays(
+                    run, experiment, out.folder / "overlays", workers=options.workers, advance=advance
+                )
+    if not options.quiet:
+        echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")
         if run.law is not None:
             click.echo(run.law.sentence())
         click.echo(f"results in {target}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,8 @@ def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
-    given = {key: value for key, value in asdict(options).items() if value not in (None, ())}
+    stated = {field.name: getattr(options, field.name) for field in fields(SceneOptions)}
+    given = {key: value for key, value in stated.items() if value not in (None, ())}
     data, base = _base_scene(folder, given.pop("scene", None))
     if given.pop("calibration", None) is not None:
         record = read_calibration(str(options.calibration))
