@@ -13,6 +13,8 @@ from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from contactimg.scene import Scene
 
 JOINED_FOLDER = "combined"
@@ -111,12 +113,7 @@ def _process_folders(folders: tuple[str, ...], target: Path, options: ProcessOpt
     with stage("loading"):
         from contactimg.pipeline.joined_runs import write_joined_tables
 
-    names = [Path(folder).resolve().name for folder in folders]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
-    if JOINED_FOLDER in names:
-        raise InputError(f"{JOINED_FOLDER} is the folder of the joined tables; rename the folder of frames")
+    names = _distinct_names(folders)
     codes, errors = dict[str, int](), list[InputError]()
     for folder, name in zip(folders, names, strict=True):
         try:
@@ -133,6 +130,17 @@ def _process_folders(folders: tuple[str, ...], target: Path, options: ProcessOpt
     return max(*codes.values(), int(bool(errors)))
 
 
+def _distinct_names(folders: tuple[str, ...]) -> list[str]:
+    """Names of the folders, for those of the results."""
+    names = [Path(folder).resolve().name for folder in folders]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"two folders are called {twice}; give each folder once, and rename one of the two")
+    if JOINED_FOLDER in names:
+        raise InputError(f"{JOINED_FOLDER} is the folder of the joined tables; rename the folder of frames")
+    return names
+
+
 def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     """Measure the frames of one folder; return the exit code."""
     with stage("loading"):
@@ -142,7 +150,6 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import measure_experiment
-        from contactimg.tables import FAILED
 
     scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
     experiment = open_experiment(scene)
@@ -174,8 +181,15 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         if run.law is not None:
             click.echo(run.law.sentence())
         click.echo(f"results in {target}")
-    nothing = run.frames["area_m2"].isna().all() and run.frames["n_contacts"].isna().all()
-    return int(nothing or (run.frames["status"] == FAILED).any())
+    return _exit_code(run.frames)
+
+
+def _exit_code(frames: "pd.DataFrame") -> int:
+    """1 if a frame failed or none shows anything that can be measured, else 0."""
+    from contactimg.tables import FAILED
+
+    nothing = frames["area_m2"].isna().all() and frames["n_contacts"].isna().all()
+    return int(nothing or (frames["status"] == FAILED).any())
 
 
 def _method(scene: "Scene", tolerance: float | None) -> str:
