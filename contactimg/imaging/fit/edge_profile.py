@@ -29,6 +29,7 @@ from contactimg.imaging.fit.edge_scores import (
     parameters_of,
 )
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
+from contactimg.imaging.fit.settings import FEWEST_WIDE_DISKS, WIDE_RADIUS_BLUR_WIDTHS
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.profile.edge_shape import (
@@ -58,6 +59,9 @@ that no number describes it; the radii do not depend on it."""
 RELEVANT_SIGMA = 0.2
 """Shift of the radii, in their uncertainties, below which a significant edge changes nothing. Chosen: it
 lowers a coverage of 68 % by one per cent."""
+SHARPEST_BLUR_PX = 0.75
+"""Blur, pixel included, below which a misfit at the rims is that of coarse pixels (`coarse_rims`), not of the
+edge. Chosen: the edge then rises within 1.5 px."""
 INDISTINCT = {"softness", "response"}
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response."""
 RELEVANT_SUM_SIGMA = 1.0
@@ -118,7 +122,8 @@ def learn_edge(
     Returns
     -------
     EdgeFit
-        The arguments unchanged where nothing is significant, or fewer than `FEWEST_CONTACTS` are isolated.
+        The arguments unchanged where nothing is significant, where fewer than `FEWEST_CONTACTS` are isolated,
+        where too few of them are wide, or where the pixels are too coarse for the rims.
     """
     edge = Edge.plain(joint.fit.blur)
     families: tuple[str, ...] = ()
@@ -127,8 +132,11 @@ def learn_edge(
     isolated = isolated_disks(disks, problem.image.shape, blur=edge.blur)
     # a plateau that is cut off by the sensor looks like another edge
     isolated = isolated[~touches(problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
-    if len(isolated) < FEWEST_CONTACTS:
+    if len(isolated) < FEWEST_CONTACTS or (problem.noise.rim > 0 and edge.blur < SHARPEST_BLUR_PX):
         return current
+    wide = disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * edge.blur
+    if np.count_nonzero(wide) < FEWEST_WIDE_DISKS:
+        return current  # where no contact shows its contrast, any edge fits with another one
     search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio))
     first = search.scores(joint, edge, evenly(isolated, FEW_CONTACTS))
     if len(first.score) < FEWEST_CONTACTS or not first.is_suspicious(search.prior(joint, edge)):
@@ -149,8 +157,8 @@ def learn_edge(
             moved = _moved(edge, step)
         edge = moved
         current = search.refit(current.joint, edge, step, refine)
-    if not families:
-        return current
+    if not families or np.median(current.joint.fit.chi_square) > np.median(joint.fit.chi_square):
+        return EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))  # it does not fit better
     return search.finish(current, edge, families, step)
 
 

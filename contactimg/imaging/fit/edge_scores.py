@@ -226,7 +226,7 @@ class EdgeScores:
         contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
         c = disks[:, CONTRAST, None]
         variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
-        weight = 1.0 / (variance * (1.0 + problem.noise.slope * np.clip(profile, 0.0, None)))
+        weight = 1.0 / (variance * problem.noise.at(np.clip(profile, 0.0, 1.0)))
         # columns: own contrast, radius and background, then the blur and the parameters of the edge
         columns = np.empty((len(disks), OWN + 1 + len(PARAMETERS), profile.shape[1]))
         columns[:, 0], columns[:, 1] = profile, c * _by_radius(nodes.disks, edge)

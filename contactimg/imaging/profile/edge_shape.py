@@ -51,6 +51,8 @@ LARGEST = np.array([4.0] * 5 + [0.2, 1.0, 0.8] + [0.7] * 5 + [0.7])
 
 SMALL_BLUR_WIDTHS = 3.0  # radius of contacts half way between small and large. Chosen: they show a plateau
 DEFECT_STEP = 0.02  # of the derivative by the response; accuracy
+DARKEST = 1e-3
+"""Least brightness relative to the background: nothing is darker than black, whatever the noise says."""
 NARROWEST_BLUR_RATIO = 0.4  # of a blur that varies over the field, to its mean; accuracy: keeps it positive
 
 
@@ -139,8 +141,8 @@ def respond(profile: Values, defect: float, ratio: float) -> Values:
     if defect == 0.0:
         return profile
     gamma = 1.0 - defect
-    light = (1.0 + ratio) ** (1.0 / gamma) - 1.0
-    return np.asarray((np.maximum(1.0 + light * profile, 1e-3) ** gamma - 1.0) / ratio)
+    light = max(1.0 + ratio, DARKEST) ** (1.0 / gamma) - 1.0
+    return np.asarray((np.maximum(1.0 + light * profile, DARKEST) ** gamma - 1.0) / ratio)
 
 
 def edge_profile(disks: PlacedDisks, blur: float, shape: Values) -> Values:

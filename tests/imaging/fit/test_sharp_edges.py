@@ -90,6 +90,22 @@ def test_sharp_disks_in_any_levels(frame):
     assert np.abs(pull).max() < 3
 
 
+@pytest.mark.parametrize(
+    ("diameter", "blur", "noise"), [(15, 0.0, 3.0), (15, 0.6, 0.0), (15, 1.0, 0.0), (5, 2.0, 0.0)]
+)
+def test_coarse_pixels_are_no_edge_to_learn(diameter, blur, noise, rng):
+    """Enough disks to learn an edge from: what their pixels miss is not the camera's response, nor a dome."""
+    dark, truth = binary(diameter)
+    dark = np.tile(dark, (2, 2))
+    truth = np.vstack([truth + np.array([x, y, 0.0]) for x in (0, 400) for y in (0, 400)])
+    light = cv2.GaussianBlur(dark, (0, 0), blur) if blur else dark
+    found = measure_image(levels(255 - 255 * light + rng.normal(0, noise, dark.shape)), polarity="dark")
+    error, pull = errors(found.disks, truth)
+    assert abs(error.mean()) < 0.005 * truth[:, 2].mean()
+    assert np.abs(pull).max() < 3 or found.status != "ok"
+    assert "nonlinear" not in found.message
+
+
 @pytest.mark.parametrize("radius", [1.25, 2.5, 7.5])
 def test_rims_smooth_within_a_pixel(radius, rng):
     coverage, truth = drawn(radius, rng)

@@ -1,0 +1,107 @@
+"""Black disks of one size on white, as the reference images of ISO/TR 19672 show them: sharp, blurred, noisy.
+
+    python benchmarks/imaging_sharp.py FOLDER          # StrictMonodisperse_*px.tif, one page of each
+    python benchmarks/imaging_sharp.py                 # the parts of them that the tests use
+
+The images are those of github ISO-TC24-SC4-WG8/TR-19672 (MIT): two grey levels, no blur, no noise, tens of
+disks a page that do not touch; the number in the file name is the diameter. Truth is the area of the dark
+pixels.
+"""
+
+import argparse
+import time
+from itertools import product
+from pathlib import Path
+
+import cv2
+import numpy as np
+import tifffile
+from imaging_scores import ROOT
+from scipy.spatial import cKDTree
+
+from contactimg.forces import SHARED_SHIFTS
+from contactimg.imaging.measure import measure_image
+
+PARTS = ROOT / "tests" / "data" / "sharp_disks"
+BLURS_PX = (0.0, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0)
+NOISES = (0.0, 1.0, 3.0, 10.0)  # grey levels
+
+
+def read_pages(folder, page, side):
+    """Name and pixels of one page of each set, its top left part of a side at most."""
+    for path in sorted(folder.glob("StrictMonodisperse_*px.tif")):
+        yield path.stem.split("_")[1], tifffile.imread(path, key=page)[:side, :side]
+    for path in sorted(folder.glob("diameter_*px.png")):
+        yield path.stem.split("_")[1], cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+
+
+def true_disks(image):
+    """x, y and radius by area of the dark components."""
+    _, _, stats, centres = cv2.connectedComponentsWithStats((image < 128).view(np.uint8))
+    return np.column_stack([centres[1:], np.sqrt(stats[1:, cv2.CC_STAT_AREA] / np.pi)])
+
+
+def degrade(image, blur, noise, sharpening, rng):
+    """The image blurred, sharpened by an unsharp mask, and with noise; 8 bits."""
+    light = image.astype(np.float32)
+    if blur:
+        light = cv2.GaussianBlur(light, (0, 0), blur)
+    if sharpening:
+        light += sharpening * (light - cv2.GaussianBlur(light, (0, 0), 1.5))
+    return np.clip(np.rint(light + noise * rng.standard_normal(light.shape)), 0, 255).astype(np.uint8)
+
+
+def score(image, truth, method):
+    """One line on what was found."""
+    start = time.process_time()
+    found = measure_image(image, method=method, polarity="dark")
+    seconds = time.process_time() - start
+    disks = found.disks
+    if not len(disks):
+        return f"none of {len(truth)}, {found.status}"
+    distance, nearest = cKDTree(truth[:, :2]).query(disks[["x_px", "y_px"]])
+    near = distance < np.maximum(0.5 * truth[nearest, 2], 1.0)
+    hits, disks = nearest[near], disks[near]
+    std = disks["radius_std_px"].to_numpy()
+    error = disks["radius_px"].to_numpy() - truth[hits, 2]
+    shared = disks[list(SHARED_SHIFTS)].to_numpy()
+    own = np.maximum(std**2 - np.sum(shared**2, axis=1), 0.0)
+    mean_std = np.sqrt(own.sum() + np.sum(shared.sum(axis=0) ** 2)) / len(error)
+    mean, largest = error.mean() / mean_std, np.abs(error / std).max()
+    notes = [
+        found.status,
+        "WRONG" if found.status == "ok" and max(largest, abs(mean)) > 3 else "",
+        "LOST" if len(set(hits)) < len(truth) else "",
+    ]
+    return (
+        f"{len(set(hits))} of {len(truth)}, {np.count_nonzero(~near)} false, "
+        f"mean {100 * error.mean() / truth[:, 2].mean():+.2f} % ({mean:+.1f} std), "
+        f"scatter {error.std():.3f}, std {np.median(std):.3f}, largest {largest:.1f} std, "
+        f"blur {found.blur_px:.2f}, {seconds:.2f} s, {' '.join(filter(None, notes))}"
+    )
+
+
+def main():
+    """Print a line for each blur, noise and method."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", nargs="?", type=Path, default=PARTS)
+    parser.add_argument("--page", type=int, default=0)
+    parser.add_argument("--side", type=int, default=2048, help="part of each page, px")
+    parser.add_argument("--sharpening", type=float, default=0.0, help="strength of an unsharp mask of 1.5 px")
+    parser.add_argument("--blur", type=float, nargs="*", default=BLURS_PX, help="px")
+    parser.add_argument("--noise", type=float, nargs="*", default=NOISES, help="grey levels")
+    parser.add_argument("--method", nargs="*", default=("disk", "threshold"))
+    args = parser.parse_args()
+    cv2.setNumThreads(1)
+    for name, image in read_pages(args.folder, args.page, args.side):
+        truth = true_disks(image)
+        for blur, noise, method in product(args.blur, args.noise, args.method):
+            rng = np.random.default_rng([args.page, int(10 * blur), int(noise)])
+            line = score(degrade(image, blur, noise, args.sharpening, rng), truth, method)
+            print(f"{name:7s} blur {blur:3.1f} noise {noise:4.1f} {method:9s} {line}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
