@@ -4,57 +4,57 @@ In the stiffness ``K`` and the adhesion ``S = sqrt(w K)`` the law is linear,
 
     P = K a^3/R - sqrt(6 pi) S a^{3/2},
 
-so that for loads and radii with known errors the fit is weighted and linear at the latent (true) radii. The
-noise of the loads is unknown: it is modelled as a constant part plus a part proportional to the load, and the
-fits for many amplitudes of the two are averaged, each weighted by its restricted likelihood. For few data the
-average has the wide tails of Student's distribution, and it is valid whether the scale or the zero of the
-loads is noisy.
+so that for loads and radii with known errors the fit is weighted and linear at the latent (true) radii
+(`contactimg.calibration.jkr_fit`). What is common to all loads is averaged over: the zero of the load cell,
+which the loads tell in part, and its gain, which they do not tell at all.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import special, stats
 
+from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate, estimate_from_draws
+from contactimg.calibration.jkr_departures import Departure, choose_departure
+from contactimg.calibration.jkr_fit import (
+    JkrFit,
+    JkrSeries,
+    average_noises,
+    even_draws,
+    without_outliers,
+)
 from contactimg.calibration.loading_branches import classify_branches
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
 
-CONSTANT_VARIANCE_SHARES = np.array([1.0, 0.1, 0.003])
-"""Shares of the noise variance, at the rms load, that do not grow with the load. Chosen by hand; sensitivity
-not measured."""
-SHARE_PRIORS = np.array([0.5, 0.25, 0.25])
-"""Prior weights of these shares. Chosen: a noisy zero is as likely as a noisy scale."""
-NOISE_SCALES = np.geomspace(0.03, 1e4, 160)
-"""Noise in units of the scatter of the residuals. Theory: the likelihood vanishes below, and the part above
-is 1e-4 of Student's tail at one degree of freedom."""
-N_DRAWS = 20000
-"""Number of draws from the distribution of the parameters. Chosen by hand; sensitivity not measured."""
 MIN_GROWTH_SIGMA = 1.5
 """Least slope of radius against load, in its standard errors. Chosen by hand; sensitivity not measured."""
-N_LATENT_ITERATIONS = 4
-"""Number of iterations of the latent radii. Chosen by hand; sensitivity not measured."""
-MIN_OUTLIER_FRACTION = 1e-6
-"""Least residual of an outlier relative to the rms load: below it residuals are rounding errors. Chosen by
-hand."""
-OUTLIER_FALSE_ALARM_RATE = 1e-3
-"""False-alarm rate: probability that a series without outliers loses a frame."""
-LOAD_ZERO_PROBABILITY = 0.95
-"""Probability from which the zero of the loads is fitted. Chosen; below it the uncertainties allow for it."""
-LOAD_ZERO_RANGE = 0.2
-"""Width of the range of zeros expected beforehand, in units of the rms load. Chosen: 10 % to either side;
-the probability changes as its inverse."""
-LEAST_LOAD_ZERO_DOUBT = 0.5
-"""Least probability that the zero is off by what the fit with it finds. Chosen: modulus and adhesion absorb
-most of a wrong zero, so that its absence cannot be told from the loads; 0 would state half the true error."""
-EXACT_CHI_SQUARE = 1e-18
-"""Chi-square of scaled loads below which residuals are rounding errors."""
-HYSTERESIS_FALSE_ALARM_RATE = 0.01
-"""False-alarm rate: probability that a series without hysteresis gets two works of adhesion."""
+ZERO_FALSE_ALARM_RATE = 0.01
+"""False-alarm rate: probability that a true zero is called off. Theory: posterior quantile, two-sided."""
+
+
+@dataclass(frozen=True)
+class SmoothSphere:
+    """The smooth sphere and its elastic partner.
+
+    Parameters
+    ----------
+    radius : float, m
+    poisson_ratio : float
+    radius_std : float
+        Standard uncertainty of the radius, relative: that which a lens of unequal curvature adds.
+    thickness : float or None, m
+        Of the elastic layer, bonded to a rigid support and incompressible; None for a half-space.
+    """
+
+    radius: float
+    poisson_ratio: float
+    radius_std: float = 0.0
+    thickness: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +71,21 @@ class JkrCalibration:
     correlation : float
         Between modulus and work of adhesion.
     load_zero : CoverageEstimate or None, N
-        What the load cell reads without load, where the data show it; it is taken off the loads.
-    load_zero_doubt : float
-        Probability that the zero is off although it was not fitted; the uncertainties allow for it.
+        What the load cell reads without load, as far as the data and what is known of it beforehand tell; it
+        is taken off the loads. None where it was stated to be exact.
+    load_zero_seen : bool
+        Whether the data show that it is off.
+    departure, rival : str
+        What makes unloading differ from loading (`contactimg.calibration.jkr_departures`), and what else may;
+        empty if nothing does.
+    drift : CoverageEstimate or None, N or relative
+        Of the zero or of the gain over the series, where it is fitted.
     load_noise : float, N
         Root mean square of the loads' residuals, corrected for the fitted numbers.
     points : DataFrame
         One row a frame: load_N, radius_m, branch, fitted_N, residual_N, used.
+    problem : JkrProblem
+        What was fitted, for `contactimg.calibration.jkr_uncertainties`.
     """
 
     young_modulus: CoverageEstimate
@@ -85,9 +93,13 @@ class JkrCalibration:
     work_of_adhesion_unloading: CoverageEstimate | None
     correlation: float
     load_zero: CoverageEstimate | None
-    load_zero_doubt: float
+    load_zero_seen: bool
+    departure: str
+    rival: str
+    drift: CoverageEstimate | None
     load_noise: float
-    points: pd.DataFrame
+    points: pd.DataFrame = field(repr=False)
+    problem: "JkrProblem" = field(repr=False)
 
 
 def calibrate_jkr(
@@ -97,6 +109,9 @@ def calibrate_jkr(
     sphere_radius: float,
     poisson_ratio: float,
     radius_std: ArrayLike = 0.0,
+    load_cell: LoadCell | None = None,
+    thickness: float | None = None,
+    sphere_radius_std: float = 0.0,
 ) -> JkrCalibration:
     """Fit modulus and work of adhesion to contact radii of a smooth sphere under several loads.
 
@@ -109,6 +124,12 @@ def calibrate_jkr(
     poisson_ratio : float
     radius_std : array_like, m
         Standard uncertainty of the radii, one each or one for all.
+    load_cell : LoadCell, optional
+        How well its zero and its gain are known; default: half a percent of the largest load, and 1 %.
+    thickness : float, optional, m
+        Of the elastic layer, bonded and incompressible; default: a half-space.
+    sphere_radius_std : float, m
+        Standard uncertainty of the sphere's radius.
 
     Returns
     -------
@@ -140,168 +161,147 @@ def calibrate_jkr(
     >>> calibration = calibrate_jkr(
     ...     loads, jkr.radius(loads, **law), sphere_radius=0.1288, poisson_ratio=0.5
     ... )
-    >>> calibration.young_modulus.value, calibration.work_of_adhesion.value
-    (3000000.0, 0.05)
+    >>> round(calibration.young_modulus.value), round(calibration.work_of_adhesion.value, 6)
+    (3000000, 0.05)
     """
-    data = _Data.of(load, radius, radius_std)
-    check_loads(data.load)
-    _check_growth(data.load, data.radius)
-    branch = classify_branches(data.load)
-    used = _without_outliers(data)
-    columns = _branch_columns(data, branch, used)
-    sphere = _Sphere(sphere_radius, poisson_ratio)
-    offset, doubt = replace(data, zero=True), _load_zero_probability(data, columns, used)
-    if doubt > LOAD_ZERO_PROBABILITY:
-        data, doubt = offset, 0.0
-    fit = _average_noises(data.part(used), columns[used])
-    centre = fit.centre
-    estimates = _estimates(data, fit, sphere)
-    if doubt:
-        other = _average_noises(offset.part(used), columns[used])
-        estimates = estimates.widened(_estimates(offset, other, sphere), doubt)
-    fitted = data.design(data.radius, columns) @ centre
-    freedom = max(int(used.sum()) - len(centre), 1)
-    rest = data.load_scale * (data.scaled_load - fitted)
-    points = pd.DataFrame(
-        {
-            "load_N": data.load,
-            "radius_m": data.radius,
-            "branch": branch,
-            "fitted_N": data.load_scale * fitted,
-            "residual_N": rest,
-            "used": used,
-        }
-    )
+    cell = LoadCell() if load_cell is None else load_cell
+    sphere = SmoothSphere(sphere_radius, poisson_ratio, sphere_radius_std / sphere_radius, thickness)
+    plain = _series(load, radius, radius_std, cell, thickness)
+    check_loads(plain.load)
+    _check_growth(plain.load, plain.radius)
+    branch = classify_branches(plain.load)
+    used = without_outliers(plain)
+    found = choose_departure(plain, branch, used)
+    fit = average_noises(found.series.part(used))
+    estimates = _estimates(found.series, fit, sphere, gain_std=cell.gain_std)
+    if found.rival is not None:
+        estimates = estimates.widened(solve_series(found.rival.series, used, sphere), found.doubt)
+    rest, points = _points(found.series, fit, branch, used)
+    freedom = max(int(used.sum()) - len(fit.centre), 1)
     return JkrCalibration(
         young_modulus=estimates.modulus,
         work_of_adhesion=estimates.work[0],
         work_of_adhesion_unloading=estimates.work[1] if len(estimates.work) > 1 else None,
         correlation=estimates.correlation,
         load_zero=estimates.load_zero,
-        load_zero_doubt=doubt,
+        load_zero_seen=estimates.zero_seen,
+        departure=found.name,
+        rival=found.rival.name if found.rival is not None else "",
+        drift=estimates.drift,
         load_noise=float(np.sqrt(np.sum(rest[used] ** 2) / freedom)),
         points=points,
+        problem=JkrProblem(found, used, sphere, cell),
     )
 
 
+@dataclass(frozen=True, eq=False)
+class JkrProblem:
+    """The series with its departure, the frames used, the sphere and the load cell."""
+
+    found: Departure
+    used: NDArray[np.bool_]
+    sphere: SmoothSphere
+    cell: LoadCell
+
+
 @dataclass(frozen=True)
-class _Sphere:
-    """Radius of the smooth sphere (m) and Poisson's ratio of its partner."""
-
-    radius: float
-    poisson_ratio: float
-
-
-@dataclass(frozen=True)
-class _Estimates:
-    """Modulus (Pa), works of adhesion of the branches (J/m^2), and the zero of the loads (N) if fitted."""
+class JkrEstimates:
+    """Modulus (Pa), works of adhesion of the branches (J/m^2), zero of the loads (N) and drift."""
 
     modulus: CoverageEstimate
     work: tuple[CoverageEstimate, ...]
     load_zero: CoverageEstimate | None
+    zero_seen: bool
+    drift: CoverageEstimate | None
     correlation: float
 
-    def widened(self, other: "_Estimates", doubt: float) -> "_Estimates":
+    def widened(self, other: "JkrEstimates", doubt: float) -> "JkrEstimates":
         """With the uncertainty added by a rival of probability ``doubt``."""
 
         def wide(estimate: CoverageEstimate, rival: CoverageEstimate) -> CoverageEstimate:
             return estimate.widened(np.sqrt(doubt) * abs(rival.value - estimate.value))
 
-        work = tuple(wide(*pair) for pair in zip(self.work, other.work, strict=True))
+        work = tuple(wide(one, other.work[min(k, len(other.work) - 1)]) for k, one in enumerate(self.work))
         return replace(self, modulus=wide(self.modulus, other.modulus), work=work)
 
+    def change_to(self, other: "JkrEstimates") -> tuple[float, float]:
+        """Relative changes of modulus and adhesion."""
+        return (
+            other.modulus.value / self.modulus.value - 1,
+            other.work[0].value / max(self.work[0].value, np.finfo(float).tiny) - 1,
+        )
 
-def _estimates(data: "_Data", fit: "_Fit", sphere: _Sphere) -> _Estimates:
+
+def _series(
+    load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike, cell: LoadCell, thickness: float | None
+) -> JkrSeries:
+    """Loads and radii, checked, with their scales."""
+    P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
+    if P.ndim != 1 or P.shape != a.shape:
+        raise InputError(f"one radius a load is needed, got shapes {P.shape} and {a.shape}")
+    std = np.broadcast_to(np.asarray(radius_std, float), a.shape)
+    if not (
+        np.isfinite(P).all() and np.all(np.isfinite(a) & (a > 0)) and np.all(np.isfinite(std) & (std >= 0))
+    ):
+        raise InputError("loads must be finite, radii positive and their uncertainties not negative")
+    scale = float(np.sqrt(np.mean(P**2))) if P.size else 0.0
+    return JkrSeries(
+        load=P,
+        radius=a,
+        radius_std=std,
+        load_scale=scale or 1.0,
+        radius_scale=float(a.max(initial=0.0)) or 1.0,
+        zero_std=cell.zero_width(P),
+        thickness=thickness,
+        branches=np.ones((P.size, 1)),
+        drift=np.ones((P.size, 0)),
+    )
+
+
+def solve_series(series: JkrSeries, used: NDArray[np.bool_], sphere: SmoothSphere) -> JkrEstimates:
+    """The estimates of a series, without what its gain and its sphere add."""
+    return _estimates(
+        series, average_noises(series.part(used)), replace(sphere, radius_std=0.0), gain_std=0.0
+    )
+
+
+def _estimates(series: JkrSeries, fit: JkrFit, sphere: SmoothSphere, *, gain_std: float) -> JkrEstimates:
     """The physical quantities from the draws of a fit."""
     draws = fit.draws()
-    K = draws[:, 0] * data.load_scale * sphere.radius / data.radius_scale**3
+    common = special.ndtri(even_draws(2)[: len(draws)])
+    # the draws of the fit are ordered by nothing that these are, but not independent of them: shuffled
+    gain, bend = np.random.default_rng(0).permutation(common).T * [[gain_std], [sphere.radius_std]]
+    K = draws[:, 0] * series.load_scale * sphere.radius / series.radius_scale**3
     E = 0.75 * (1 - sphere.poisson_ratio**2) * K
-    adhesion = draws[:, 1:-1] if data.zero else draws[:, 1:]
-    S = np.maximum(adhesion * data.load_scale / data.radius_scale**1.5, 0.0)
+    S = np.maximum(draws[:, 1 : series.physical] * series.load_scale / series.radius_scale**1.5, 0.0)
     w = S**2 / (6 * np.pi * K[:, None])
-    return _Estimates(
+    E, w = E * (1 + gain) * (1 + bend), w * ((1 + gain) * (1 - bend))[:, None]
+    zero = draws[:, -1] * series.load_scale if series.zero_std else None
+    return JkrEstimates(
         estimate_from_draws(E),
         tuple(estimate_from_draws(column) for column in w.T),
-        estimate_from_draws(draws[:, -1] * data.load_scale) if data.zero else None,
+        None if zero is None else estimate_from_draws(zero),
+        zero is not None and bool(min((zero < 0).mean(), (zero > 0).mean()) < ZERO_FALSE_ALARM_RATE / 2),
+        estimate_from_draws(draws[:, series.physical]) if series.drift.shape[1] else None,
         _correlation(E, w[:, 0]),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Data:
-    """Loads and radii with the scales that make the fit one of numbers of order one.
-
-    With ``zero`` the loads have an unknown zero, which is fitted.
-    """
-
-    load: Values
-    radius: Values
-    radius_std: Values
-    load_scale: float
-    radius_scale: float
-    zero: bool = False
-
-    @classmethod
-    def of(cls, load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike) -> "_Data":
-        P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
-        if P.ndim != 1 or P.shape != a.shape:
-            raise InputError(f"one radius a load is needed, got shapes {P.shape} and {a.shape}")
-        std = np.broadcast_to(np.asarray(radius_std, float), a.shape)
-        if not (
-            np.isfinite(P).all()
-            and np.all(np.isfinite(a) & (a > 0))
-            and np.all(np.isfinite(std) & (std >= 0))
-        ):
-            raise InputError("loads must be finite, radii positive and their uncertainties not negative")
-        scale = float(np.sqrt(np.mean(P**2))) if P.size else 0.0
-        return cls(P, a, std, scale or 1.0, float(a.max(initial=0.0)) or 1.0)
-
-    @property
-    def scaled_load(self) -> Values:
-        return self.load / self.load_scale
-
-    def part(self, used: NDArray[np.bool_]) -> "_Data":
-        return replace(self, load=self.load[used], radius=self.radius[used], radius_std=self.radius_std[used])
-
-    def design(self, radius: Values, columns: Values) -> Values:
-        """Scaled load per unit of the stiffness, of each branch's adhesion, and of the zero if fitted."""
-        x = radius / self.radius_scale
-        zero = np.ones((len(x), int(self.zero)))
-        return np.column_stack([x**3, -(x**1.5)[:, None] * columns, zero])
-
-    def slope(self, radius: Values, columns: Values, theta: Values) -> Values:
-        """Derivative of the scaled load by the radius, 1/m."""
-        x, adhesion = radius / self.radius_scale, theta[1 : 1 + columns.shape[1]]
-        return (3 * theta[0] * x**2 - 1.5 * x**0.5 * (columns @ adhesion)) / self.radius_scale
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """The fits for every noise model with their weights.
-
-    ``variance`` is that of the most likely one, ``evidence`` the logarithm of their summed likelihoods.
-    """
-
-    centres: Values
-    covariances: Values
-    weights: Values
-    variance: Values
-    evidence: float
-
-    @property
-    def centre(self) -> Values:
-        """Mean of the fitted numbers."""
-        return self.weights @ self.centres
-
-    def draws(self) -> Values:
-        """Draws from the distribution of the parameters, with positive stiffness."""
-        freedom = max(len(self.variance) - self.centres.shape[1], 1)
-        spread = _draw(self.centres, self.covariances, self.weights) - self.centre
-        # the amplitude and the growth of the noise are estimated from the same residuals: two degrees of
-        # freedom less; without this, 90 % of the intervals contain the truth for noise proportional to the
-        # load
-        draws = self.centre + np.sqrt((freedom + 2) / freedom) * spread
-        return draws[draws[:, 0] > 0]
+def _points(
+    series: JkrSeries, fit: JkrFit, branch: NDArray[np.str_], used: NDArray[np.bool_]
+) -> tuple[Values, pd.DataFrame]:
+    """Residuals of the loads (N), and the table of the frames."""
+    fitted = series.load_scale * (series.design(series.radius) @ fit.centre)
+    rest = series.load - fitted
+    columns = {
+        "load_N": series.load,
+        "radius_m": series.radius,
+        "branch": branch,
+        "fitted_N": fitted,
+        "residual_N": rest,
+        "used": used,
+    }
+    return rest, pd.DataFrame(columns)
 
 
 def check_loads(load: ArrayLike) -> None:
@@ -342,126 +342,6 @@ def _check_growth(load: Values, radius: Values) -> None:
             f"({1e6 * trend.slope:.3g} +- {1e6 * noise:.2g} um/N); "
             "check that frames and loads belong together and that the frames show the contact"
         )
-
-
-def _branch_columns(data: _Data, branch: NDArray[np.str_], used: NDArray[np.bool_]) -> Values:
-    """One column of ones, or one per branch if loading and unloading differ in adhesion."""
-    together = np.ones((len(branch), 1))
-    apart = np.column_stack([branch == "loading", branch == "unloading"]).astype(float)
-    counts = apart[used].sum(axis=0)
-    if counts.min() < 2 or counts.sum() < used.sum() or used.sum() < 5:
-        return together
-    rest = [_least_squares(data.part(used), columns[used]) for columns in (together, apart)]
-    freedom = int(used.sum()) - 3
-    ratio = (rest[0] - rest[1]) / max(rest[1] / freedom, np.finfo(float).tiny)
-    differs = rest[0] > rest[1] + 1e-18 and stats.f.sf(ratio, 1, freedom) < HYSTERESIS_FALSE_ALARM_RATE
-    return apart if differs else together
-
-
-def _load_zero_probability(data: _Data, columns: Values, used: NDArray[np.bool_]) -> float:
-    """Probability that the zero of the loads is off, against an even prior; 0 where too few frames tell."""
-    n, parameters = int(used.sum()), columns.shape[1] + 2
-    if n < parameters + 2 or len(np.unique(data.load[used])) < parameters + 1:
-        return 0.0
-    part, rival = data.part(used), replace(data, zero=True).part(used)
-    if _least_squares(part, columns[used]) < EXACT_CHI_SQUARE:
-        return 0.0
-    logs = [_average_noises(one, columns[used]).evidence for one in (rival, part)]
-    odds = logs[0] - logs[1] + 0.5 * np.log(2 * np.pi) - np.log(LOAD_ZERO_RANGE)
-    return max(float(special.expit(odds)), LEAST_LOAD_ZERO_DOUBT)
-
-
-def _least_squares(data: _Data, columns: Values) -> float:
-    """Chi-square of the scaled residuals for noise with a constant and a growing part."""
-    weight = 1 / np.sqrt(0.05 + data.scaled_load**2)
-    design = data.design(data.radius, columns) * weight[:, None]
-    theta: Values = np.linalg.lstsq(design, data.scaled_load * weight, rcond=None)[0].astype(np.float64)
-    return float(np.sum((data.scaled_load * weight - design @ theta) ** 2))
-
-
-def _without_outliers(data: _Data) -> NDArray[np.bool_]:
-    """Mask of the frames to use: outliers from the fit to all others are removed one by one."""
-    used = np.ones(len(data.load), bool)
-    columns = np.ones((len(data.load), 1))
-    for _ in range(len(used) // 4):
-        n = int(used.sum())
-        if n < 5 or len(np.unique(data.load[used])) < 4:
-            break
-        part = data.part(used)
-        variance = _average_noises(part, columns[used]).variance
-        design = part.design(part.radius, columns[used]) / np.sqrt(variance)[:, None]
-        hat = design @ np.linalg.pinv(design)
-        rest = part.scaled_load / np.sqrt(variance)
-        rest = rest - hat @ rest
-        leverage = np.clip(np.diag(hat), 0.0, 1 - 1e-9)
-        others = (np.sum(rest**2) - rest**2 / (1 - leverage)) / (n - 3)
-        student = np.abs(rest) / np.sqrt(np.maximum(others, 1e-12 * np.sum(rest**2) + 1e-24) * (1 - leverage))
-        worst = int(student.argmax())
-        off = abs(rest[worst]) * np.sqrt(variance[worst])
-        if n * 2 * stats.t.sf(student[worst], n - 3) > OUTLIER_FALSE_ALARM_RATE or off < MIN_OUTLIER_FRACTION:
-            break
-        used[np.flatnonzero(used)[worst]] = False
-    return used
-
-
-def _average_noises(data: _Data, columns: Values) -> _Fit:
-    """Average the weighted fits over the noise models of the loads."""
-    y, latent = data.scaled_load, data.radius
-    theta: Values = np.linalg.lstsq(data.design(latent, columns), y, rcond=None)[0].astype(np.float64)
-    for _ in range(N_LATENT_ITERATIONS):
-        design, slope = data.design(latent, columns), data.slope(latent, columns, theta)
-        straight = y - slope * (data.radius - latent)
-        own = (slope * data.radius_std) ** 2
-        variances = _noise_variances(straight, design, theta, own)
-        centres, covariances, logs = _weighted_fits(straight, design, variances)
-        evidence = float(special.logsumexp(logs))
-        weights = np.exp(logs - evidence)
-        best = int(weights.argmax())
-        theta = centres[best]
-        moved = data.radius_std**2 * slope / variances[best] * (straight - design @ theta)
-        latent = np.maximum(data.radius + moved, 0.5 * data.radius)
-    return _Fit(centres, covariances, weights, variances[best], evidence)
-
-
-def _noise_variances(y: Values, design: Values, theta: Values, own: Values) -> Values:
-    """Variances of the scaled loads, one row per noise model, plus those due to the radii."""
-    model = design @ theta
-    freedom = max(len(y) - len(theta), 1)
-    scatter = np.sqrt(np.sum((y - model) ** 2) / freedom)
-    scatter = max(float(scatter), 1e-9 * float(np.abs(y).max()))
-    share = CONSTANT_VARIANCE_SHARES[:, None, None]
-    shape = share + (1 - share) * model**2
-    # the same geometric mean over the loads for every shape, so that the scale is that of the residuals
-    shape = shape / np.exp(np.mean(np.log(shape), axis=-1, keepdims=True))
-    return ((NOISE_SCALES[:, None] * scatter) ** 2 * shape).reshape(-1, len(y)) + own
-
-
-def _weighted_fits(y: Values, design: Values, variances: Values) -> tuple[Values, Values, Values]:
-    """Linear fits for every noise model, their covariances and log weights (restricted likelihood)."""
-    information = np.einsum("ni,mn,nj->mij", design, 1 / variances, design)
-    covariances = np.linalg.inv(information)
-    centres = np.einsum("mij,nj,mn->mi", covariances, design, y / variances)
-    rest = y - centres @ design.T
-    logs = -0.5 * (
-        np.log(variances).sum(axis=1) + np.linalg.slogdet(information)[1] + (rest**2 / variances).sum(axis=1)
-    )
-    logs += np.repeat(np.log(SHARE_PRIORS), len(NOISE_SCALES))
-    return centres, covariances, logs
-
-
-def _draw(centres: Values, covariances: Values, weights: Values) -> Values:
-    """Evenly spread draws (a Kronecker sequence) from a weighted mixture of normal distributions."""
-    dimensions = centres.shape[1] + 1
-    phi = 1.5
-    for _ in range(60):  # x^{d+1} = x + 1: the generalised golden ratio
-        phi = (1 + phi) ** (1 / (dimensions + 1))
-    steps = (1 / phi) ** np.arange(1, dimensions + 1)
-    uniform = (0.5 + np.arange(1, N_DRAWS + 1)[:, None] * steps) % 1
-    cumulated = np.cumsum(weights)
-    which = np.minimum(np.searchsorted(cumulated, uniform[:, 0] * cumulated[-1]), len(weights) - 1)
-    normal = special.ndtri(np.clip(uniform[:, 1:], 1e-12, 1 - 1e-12))
-    roots = np.linalg.cholesky(covariances)
-    return centres[which] + np.einsum("nij,nj->ni", roots[which], normal)
 
 
 def _correlation(first: Values, second: Values) -> float:

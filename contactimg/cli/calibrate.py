@@ -265,8 +265,24 @@ def _echo(result: "Calibrated", *, title: str) -> None:
             factor, unit = display_unit(entry["value"], entry["unit"])
             numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
             click.echo(f"  {name:26} {numbers} {unit}".rstrip())
+    _echo_uncertainties(result)
     for note in result.notes:
         click.echo(f"  {note}")
+
+
+def _echo_uncertainties(result: "Calibrated") -> None:
+    """Print what each source of error does to the result, where the calibration knows."""
+    if "uncertainties.csv" not in result.tables:
+        return
+    _, table = result.tables["uncertainties.csv"]
+    click.echo(f"  {'what may be off':38} {'by':>12}   {'E':>8} {'w':>8}")
+    for row in table.to_dict("records"):
+        size = (
+            f"{row['size']:.2g} {row['unit']}" if row["unit"] in ("N", "m") else f"{100 * row['size']:.2g} %"
+        )
+        size = "" if row["unit"] == "std" else size
+        changes = " ".join(f"{100 * row[name]:+7.2f}%" for name in ("young_modulus", "work_of_adhesion"))
+        click.echo(f"  {row['source']:38} {size:>12}   {changes} {row['state']}")
 
 
 def _modulus(options: ElasticOptions) -> dict[str, float]:

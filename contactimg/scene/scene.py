@@ -16,6 +16,7 @@ from contactimg.scene.sections import (
     FilmLight,
     Images,
     Indenter,
+    Load,
     Measure,
     Section,
     Simulate,
@@ -35,6 +36,7 @@ class Scene(Section):
     camera: Camera | None = None
     light: FilmLight = FilmLight()
     images: Images = Images()
+    load: Load = Load()
     measure: Measure = Measure()
     tolerance: Tolerance = Tolerance()
     effects: Effects = Effects()

@@ -89,6 +89,20 @@ class Elastic(Section):
         return self.young_modulus / (1 - self.poisson_ratio**2)
 
 
+class Load(Section):
+    """How well the zero and the gain of the load cell are known: errors that all loads share."""
+
+    zero_std: NonNegative | None = Field(
+        None,
+        alias="zero_std_N",
+        description="Standard uncertainty of what the load cell reads without load, N; 0 for an exact zero; "
+        "half a percent of the largest load of the series if not given.",
+    )
+    gain_std: Fraction | None = Field(
+        None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
+    )
+
+
 class Asperities(Section):
     """The asperities: a table, a generator, or the parameters of a statistical model."""
 

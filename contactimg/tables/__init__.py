@@ -1,21 +1,21 @@
 """The tables that flow through contactimg, and every flag and status that can stand in them.
 
-Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit), `flags` (what
-qualifies a contact), `reasons` (why a candidate is not a contact), `statuses` (what can be said of a frame
-or load as a whole). All names can be imported from here.
+Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit; those of
+`calibrate` are in `calibration_schemas`), `flags` (what qualifies a contact), `reasons` (why a candidate is
+not a contact), `statuses` (what can be said of a frame or load as a whole). All names can be imported from
+here.
 """
 
+from contactimg.tables.calibration_schemas import CIRCLES, FORCE_SUMS, THRESHOLD_CURVE, UNCERTAINTIES
 from contactimg.tables.flags import Flag, flag_names
 from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
     ASPERITIES,
     BOUNDARY_CONTACTS,
-    CIRCLES,
     CONTACTS,
     EDITS,
     EFFECTS,
-    FORCE_SUMS,
     FRAMES,
     FRICTION,
     LOADS,
@@ -28,7 +28,6 @@ from contactimg.tables.schemas import (
     RESULTS,
     RUN_MODELS,
     SCORES,
-    THRESHOLD_CURVE,
     TOPOGRAPHY,
     TRADEOFF,
     Schema,
@@ -60,6 +59,7 @@ __all__ = [
     "THRESHOLD_CURVE",
     "TOPOGRAPHY",
     "TRADEOFF",
+    "UNCERTAINTIES",
     "Flag",
     "Reason",
     "Schema",

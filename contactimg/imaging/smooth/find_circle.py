@@ -48,6 +48,11 @@ class Circle:
         Fraction of the circumference that was used.
     misfit : float
         Root mean square of the residuals in units of the noise.
+    ellipse_px : (float, float)
+        How far the outline exceeds the circle along x and along the diagonal between x and y (and falls short
+        of it at right angles): components of the second harmonic. NaN for a rough circle.
+    ellipse_std_px : float
+        Standard uncertainty of each; infinite where too little of the outline is visible.
     """
 
     x_px: float
@@ -60,6 +65,8 @@ class Circle:
     blur_px: float = np.nan
     arc: float = np.nan
     misfit: float = np.nan
+    ellipse_px: tuple[float, float] = (np.nan, np.nan)
+    ellipse_std_px: float = np.inf
 
 
 @dataclass(frozen=True, eq=False)

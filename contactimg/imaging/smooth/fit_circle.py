@@ -46,6 +46,8 @@ MODEL_ERROR = 1e-3
 STRAY_SECTOR_SIGMA = 5.0
 """Robust standard deviations from the median beyond which a sector is left out. False-alarm rate 6e-7 a
 sector (theory: normal errors)."""
+ELLIPSE_ARC = 0.75
+"""Fraction of the circumference from which on an ellipse is told from a shifted circle. Chosen by hand."""
 LINE_STEP_PX = 0.1
 """Step of the light across the edge: linear interpolation of a line blurred by 1 px errs by 3e-4."""
 FAR_PX = 60.0
@@ -250,16 +252,25 @@ def _sector_offsets(samples: EdgeSamples, fitted: _Fitted) -> tuple[Values, Valu
 
 def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circle:
     """The circle with the uncertainties that the scatter of its sectors implies."""
-    design = np.column_stack([np.ones(len(azimuths)), np.cos(azimuths), np.sin(azimuths)])
-    rest = offsets - design @ np.linalg.lstsq(design, offsets, rcond=None)[0]
-    variance = float(rest @ rest) / max(len(rest) - 3, 1)
+    waves = [f(k * azimuths) for k in (1, 2) for f in (np.cos, np.sin)]
+    design = np.column_stack([np.ones(len(azimuths)), *waves])
+    arc = len(offsets) / SECTORS
+    # of a short arc an ellipse cannot be told from a shift: the circle's three numbers only
+    design = design if arc > ELLIPSE_ARC else design[:, :3]
+    numbers = np.linalg.lstsq(design, offsets, rcond=None)[0]
+    rest = offsets - design @ numbers
+    variance = float(rest @ rest) / max(len(rest) - len(numbers), 1)
     spread = variance * np.diag(np.linalg.inv(design.T @ design))
-    return replace(
+    found = replace(
         found,
         radius_std_px=float(np.sqrt(spread[0])),
         centre_std_px=float(np.sqrt(max(spread[1], spread[2]))),
-        arc=len(offsets) / SECTORS,
+        arc=arc,
     )
+    if arc <= ELLIPSE_ARC:
+        return found
+    ellipse = (float(numbers[3]), float(numbers[4]))
+    return replace(found, ellipse_px=ellipse, ellipse_std_px=float(np.sqrt(max(spread[3], spread[4]))))
 
 
 @dataclass(frozen=True)

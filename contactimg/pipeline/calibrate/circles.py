@@ -28,6 +28,13 @@ BEYOND_FILM_PX = 12.0
 OPENING_FRAMES = 3
 """Number of frames from which the opening of the film is found. Chosen by hand; sensitivity not measured."""
 
+ELLIPSE_SIGMA = 3.72
+"""Excess of the axis ratio over 1, in standard deviations, from which it is no chance. Theory: a circle's
+excess follows Rayleigh's law, beyond 3.72 with a false-alarm rate of 1e-3."""
+
+LEAST_ELLIPSE_STD = 1e-4
+"""Least uncertainty of an axis ratio, so that no frame outweighs all others. Chosen by hand."""
+
 NO_FILM = Opening(np.inf, np.inf, 0.0)
 
 NEGLIGIBLE_DOUBT = 0.01
@@ -188,11 +195,84 @@ def _with_circle(
         "radius_px": circle.radius_px,
         "radius_m": circle.radius_px * model.pixel_size,
         "radius_std_m": circle.radius_std_px * model.pixel_size,
+        **_axes(circle),
         "contrast": circle.contrast,
         "blur_px": circle.blur_px,
         "arc": circle.arc,
         "misfit": circle.misfit,
     }
+
+
+def _axes(circle: Circle) -> dict[str, float]:
+    """Axis ratio and direction of the ellipse; empty where the arc is too short to tell."""
+    along, across = circle.ellipse_px
+    excess = float(np.hypot(along, across))
+    if not excess < circle.radius_px:
+        return {}
+    return {
+        "axis_ratio": (circle.radius_px + excess) / (circle.radius_px - excess),
+        "axis_ratio_std": 2 * circle.ellipse_std_px / circle.radius_px,
+        "angle_rad": float(np.arctan2(across, along)) / 2,
+    }
+
+
+@dataclass(frozen=True)
+class Astigmatism:
+    """The ellipse that the contacts of a series have in common.
+
+    Parameters
+    ----------
+    axis_ratio : float
+        Larger over smaller axis; 1 if no frame tells.
+    axis_ratio_std : float
+    angle_rad : float
+        Of the larger axis, from +x towards +y.
+    """
+
+    axis_ratio: float
+    axis_ratio_std: float
+    angle_rad: float
+
+    @property
+    def curvature_std(self) -> float:
+        """Relative standard uncertainty of the sphere's radius, of which only one direction may be known.
+
+        The axes of Hertz's ellipse are as the radii of curvature to the power 2/3, and the geometric mean of
+        these acts on the mean axis; a radius measured along some direction lies evenly between the two.
+        """
+        return 0.75 * (self.axis_ratio - 1) / np.sqrt(3)
+
+    @property
+    def seen(self) -> bool:
+        """Whether circular contacts would show it less often than once in a thousand series."""
+        return self.axis_ratio - 1 > ELLIPSE_SIGMA * self.axis_ratio_std
+
+
+def mean_astigmatism(table: pd.DataFrame) -> Astigmatism:
+    """The mean of the contacts' ellipses, each weighted by its uncertainty.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `CIRCLES`.
+
+    Returns
+    -------
+    Astigmatism
+        Under a lens of unequal curvature the ellipse is the same at all loads. The uncertainty includes the
+        scatter between frames.
+    """
+    good = table[np.isfinite(table["axis_ratio"])]
+    if good.empty:
+        return Astigmatism(1.0, 0.0, 0.0)
+    excess, own = good["axis_ratio"].to_numpy(float) - 1, good["axis_ratio_std"].to_numpy(float)
+    vectors = excess * np.exp(2j * good["angle_rad"].to_numpy(float))
+    weight = 1 / np.maximum(own, LEAST_ELLIPSE_STD) ** 2
+    mean = complex(weight @ vectors / weight.sum())
+    n = len(good)
+    scatter = float(np.sqrt(weight @ np.abs(vectors - mean) ** 2 / weight.sum() / max(2 * (n - 1), 1)))
+    std = float(np.hypot(1 / np.sqrt(weight.sum()), scatter))
+    return Astigmatism(1 + abs(mean), std, float(np.angle(mean)) / 2)
 
 
 def mean_centre(table: pd.DataFrame) -> Centre:

@@ -1,32 +1,31 @@
 """`calibrate jkr`: modulus and work of adhesion from the circles of a smooth contact."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
-from contactimg.effects.local_law import support_error
+from contactimg.calibration.jkr_uncertainties import ALLOWED, UncertaintySource, jkr_uncertainties
 from contactimg.files import Experiment
 from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
-from contactimg.pipeline.calibrate.circles import CircleSeries, mean_centre, measure_circles
+from contactimg.pipeline.calibrate.circles import (
+    CircleSeries,
+    mean_astigmatism,
+    mean_centre,
+    measure_circles,
+)
+from contactimg.pipeline.calibrate.jkr_notes import calibration_notes
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
 from contactimg.scene import Scene
-from contactimg.tables import CIRCLES, Status
-
-IF_OFF = {
-    "gain of the load cell, +1 %": {"young_modulus": 0.01, "work_of_adhesion": 0.01},
-    "pixel size, +1 %": {"young_modulus": -0.03, "work_of_adhesion": 0.0},
-    "radius of the sphere, +1 %": {"young_modulus": 0.01, "work_of_adhesion": -0.01},
-}
-"""Relative changes by errors that the fit cannot see. Theory: ``K ~ P R/a^3`` and ``w = S^2/K`` with ``S ~
-P/a^{3/2}``, so that ``w ~ P/R``."""
+from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
 
@@ -54,42 +53,73 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     series = measure_circles(experiment, workers=workers, advance=advance)
     table = series.table
     chosen = np.isfinite(table["radius_m"]) & np.isfinite(table["load_N"])
-    part = table[chosen]
-    scene = experiment.scene
-    poisson = scene.elastic.poisson_ratio if scene.elastic is not None else 0.5
-    sphere_radius = scene.need("indenter", "a JKR fit").radius
-
-    def calibrate(circles: pd.DataFrame) -> JkrCalibration:
-        return calibrate_jkr(
-            circles["load_N"],
-            circles["radius_m"],
-            radius_std=circles["radius_std_m"],
-            sphere_radius=sphere_radius,
-            poisson_ratio=poisson,
-        )
-
-    calibration = calibrate(part)
-    _check_plausible(calibration, part, sphere_radius)
+    part, scene = table[chosen], experiment.scene
+    calibration = _calibrate(part, scene)
+    sphere = calibration.problem.sphere
+    _check_plausible(calibration, part, sphere.radius)
+    sources = list(jkr_uncertainties(calibration))
     if series.rival is not None:
-        rival_part = series.rival[chosen & np.isfinite(series.rival["radius_m"])]
-        calibration = _widened(calibration, calibrate(rival_part), series.doubt)
+        rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
+        sources.append(_film_source(calibration, rival, series.doubt))
+        calibration = _widened(calibration, rival, series.doubt)
     for column in ("branch", "fitted_N", "residual_N", "used"):
         table.loc[chosen, column] = calibration.points[column].to_numpy()
-    notes = [str(text) for text in table["message"] if text]
-    notes += [
-        f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
-        for name in part["frame"][~calibration.points["used"].to_numpy()]
-    ]
-    notes += [*_zero_notes(calibration), *_support_notes(scene, part)]
-    modulus = calibration.young_modulus.value / (1 - poisson**2)
-    record = _jkr_record(calibration, series, modulus) | {
-        "fixed": {"sphere_radius_m": sphere_radius, "poisson_ratio": poisson},
-        "if_off": IF_OFF,
-        "notes": notes,
-    }
-    figures = _jkr_figures(calibration, sphere_radius, modulus)
+    notes = calibration_notes(calibration, table, scene)
+    modulus = calibration.young_modulus.value / (1 - sphere.poisson_ratio**2)
+    record = _jkr_record(calibration, series, modulus) | _conditions(calibration, scene)
+    record |= {"uncertainties": [asdict(source) for source in sources], "notes": notes}
+    figures = _jkr_figures(calibration, sphere.radius, modulus)
     failed = bool((table["status"] == Status.FAILED).any())
-    return Calibrated(record, {"circles.csv": (CIRCLES, table)}, figures, notes, failed=failed)
+    tables = {
+        "circles.csv": (CIRCLES, table),
+        "uncertainties.csv": (UNCERTAINTIES, pd.DataFrame([asdict(source) for source in sources])),
+    }
+    return Calibrated(record, tables, figures, notes, failed=failed)
+
+
+def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
+    """The fit to the circles under the conditions that the scene states."""
+    sphere_radius = scene.need("indenter", "a JKR fit").radius
+    elastic, load = scene.elastic, scene.load
+    cell = LoadCell(zero_std=load.zero_std)
+    layered = elastic is not None and scene.effects.layer != "off"
+    return calibrate_jkr(
+        circles["load_N"],
+        circles["radius_m"],
+        radius_std=circles["radius_std_m"],
+        sphere_radius=sphere_radius,
+        poisson_ratio=0.5 if elastic is None else elastic.poisson_ratio,
+        load_cell=cell if load.gain_std is None else replace(cell, gain_std=load.gain_std),
+        thickness=elastic.thickness if layered and elastic is not None else None,
+        sphere_radius_std=sphere_radius * mean_astigmatism(circles).curvature_std,
+    )
+
+
+def _conditions(calibration: JkrCalibration, scene: Scene) -> dict[str, Any]:
+    """What was fixed in the fit, and what was assumed about the errors of the loads."""
+    problem = calibration.problem
+    fixed = {"sphere_radius_m": problem.sphere.radius, "poisson_ratio": problem.sphere.poisson_ratio}
+    if problem.sphere.thickness is not None:
+        fixed["thickness_m"] = problem.sphere.thickness
+    assumed = {
+        "load_zero_std_N": problem.found.series.zero_std,
+        "load_gain_std": problem.cell.gain_std,
+        "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
+    }
+    return {"fixed": fixed, "assumed": assumed}
+
+
+def _film_source(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> UncertaintySource:
+    """What the doubt about the opening of the film does, as `_widened` allows for it."""
+    changes = [
+        float(np.sqrt(doubt)) * (other.value / one.value - 1)
+        for one, other in (
+            (calibration.young_modulus, rival.young_modulus),
+            (calibration.work_of_adhesion, rival.work_of_adhesion),
+        )
+        if one.value
+    ]
+    return UncertaintySource("opening of the film", doubt, "1", changes[0], changes[-1], ALLOWED)
 
 
 def _check_plausible(calibration: JkrCalibration, circles: pd.DataFrame, sphere_radius: float) -> None:
@@ -100,31 +130,6 @@ def _check_plausible(calibration: JkrCalibration, circles: pd.DataFrame, sphere_
         contact_over_radius=float(circles["radius_m"].max()) / sphere_radius,
     )
     settle(doubts, "the calibration")
-
-
-def _zero_notes(calibration: JkrCalibration) -> list[str]:
-    """What to say of a zero of the loads that was fitted."""
-    zero = calibration.load_zero
-    if zero is None:
-        return []
-    note = (
-        f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted and "
-        "taken off; correct the loads of the other folders of this load cell too"
-    )
-    return [note]
-
-
-def _support_notes(scene: Scene, circles: pd.DataFrame) -> list[str]:
-    """What a layer of finite thickness does to the modulus, which the law of a half-space leaves out."""
-    thickness = None if scene.elastic is None else scene.elastic.thickness
-    if thickness is None or not len(circles):
-        return []
-    ratio = float(circles["radius_m"].max()) / thickness
-    note = (
-        f"the contact reaches {ratio:.2g} of the layer's thickness, but the law is that of a half-space: the "
-        f"modulus comes out too high by up to about {100 * 3 * support_error(ratio):.2g} %"
-    )
-    return [note]
 
 
 def _widened(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
@@ -166,8 +171,16 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, contact_modul
     }
     if calibration.load_zero is not None:
         record["load_zero"] = calibration.load_zero.record("N")
+    if calibration.load_zero_seen:
         record["fitted"].append("load_zero")
-    record["quality"]["load_zero_doubt"] = calibration.load_zero_doubt
+    if calibration.drift is not None:
+        record["drift"] = calibration.drift.record("N" if calibration.departure.endswith("zero") else "1")
+        record["fitted"].append("drift")
+    record["quality"] |= {
+        "departure": calibration.departure,
+        "departure_rival": calibration.rival,
+        "axis_ratio": mean_astigmatism(series.table).axis_ratio,
+    }
     if calibration.work_of_adhesion_unloading is not None:
         record["work_of_adhesion_unloading"] = calibration.work_of_adhesion_unloading.record("J/m^2")
     return record
