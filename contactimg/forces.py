@@ -27,6 +27,16 @@ ADHESION_EXPONENT = 1.5
 """Theory: adhesion takes sqrt(8 pi w E* a^3) ~ a^(3/2) from the force (JKR)."""
 
 
+ROUNDING = 1e-9
+"""Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
+
+SUMS = (
+    ("area_m2", "area_m2", "area_std_m2"),
+    ("force_sum_N", "force_N", "force_sum_std_N"),
+    ("force_hertz_sum_N", "force_hertz_N", None),
+)
+"""Columns of the table of frames that are sums, what is summed over the contacts, and their uncertainty."""
+
 SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
 """Columns of the errors that all contacts of a frame share."""
 
@@ -296,6 +306,36 @@ def fill_forces(
             sums = _sums(scene, contacts.iloc[which], exponent[which], smallest, scale)
         rows.append(row | sums)
     return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
+
+
+def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFrame:
+    """The frames with number, area and forces as the contacts have them now.
+
+    Parameters
+    ----------
+    contacts, frames : DataFrame
+        The tables of a run, of which one may have been changed by hand.
+
+    Returns
+    -------
+    DataFrame
+        A frame that was not measured, or whose sums are those of its contacts to rounding, is as it was. The
+        others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
+        stay as they were where the sum is zero.
+    """
+    groups, new = contacts.groupby("frame"), frames.reset_index(drop=True).copy()
+    measured = new["n_contacts"].notna().to_numpy()
+    counts = groups.size().reindex(new["frame"], fill_value=0).to_numpy()
+    new.loc[measured, "n_contacts"] = counts[measured]
+    for total, part, std in SUMS:
+        stated = frames[total].to_numpy(float)
+        summed = groups[part].sum().reindex(new["frame"], fill_value=0.0).to_numpy()
+        other = measured & np.isfinite(stated) & ~np.isclose(summed, stated, rtol=ROUNDING, atol=0)
+        new.loc[other, total] = summed[other]
+        scaled = other & (stated > 0) & (summed > 0)
+        if std is not None:
+            new.loc[scaled, std] *= summed[scaled] / stated[scaled]
+    return new
 
 
 def _sums(

@@ -23,6 +23,7 @@ from contactimg.files.commit import (
 from contactimg.files.frame_store import STORE_FOLDER, FrameStore
 from contactimg.files.runs import read_records, relative_to_output
 from contactimg.files.signals import signals_held
+from contactimg.files.table_hashes import table_hashes
 from contactimg.timings import stage
 
 
@@ -168,6 +169,7 @@ class OutputFolder:
         earlier = set().union(*(_files_of(record) for record in records if record not in others))
         top = relative_to_output(self.record, self.path)
         top["outputs"] = [file.as_posix() for file in sorted(new)]
+        top["sha256"] = table_hashes(self.folder, top["outputs"])
         write_json(top | ({"beside": others} if others else {}), self.folder / PROVENANCE_FILE)
         journal = Journal(
             new=(*top["outputs"], PROVENANCE_FILE),

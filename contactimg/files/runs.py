@@ -3,6 +3,7 @@
 import hashlib
 import importlib.metadata
 import json
+import logging
 import os
 import platform
 import re
@@ -20,9 +21,13 @@ from contactimg.errors import InputError
 from contactimg.files.commit import PROVENANCE_FILE, read_settled
 from contactimg.files.csv_tables import read_table
 from contactimg.files.run_record import check_record
+from contactimg.files.table_hashes import changed_tables
+from contactimg.forces import sums_of_contacts
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES
 from contactimg.timings import stage
+
+logger = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
 """Increased when a column or key is added to the output; names are never changed."""
@@ -137,11 +142,14 @@ class RunFolder:
     folder : Path
         The output folder.
     contacts, frames : DataFrame
-        Columns of `contactimg.tables.CONTACTS` (flags as numbers) and `contactimg.tables.FRAMES`.
+        Columns of `contactimg.tables.CONTACTS` (flags as numbers) and `contactimg.tables.FRAMES`. If a table
+        was changed after the run, number, area and forces of each frame are summed from the contacts.
     scene : Scene or None
         The scene of the run, with all keys.
     provenance : dict
         The record of the run in provenance.json.
+    changed : tuple of str
+        Names of the tables that were changed after the run.
     """
 
     folder: Path
@@ -149,6 +157,7 @@ class RunFolder:
     frames: pd.DataFrame
     scene: Scene | None
     provenance: dict[str, Any]
+    changed: tuple[str, ...] = ()
 
     @property
     def command(self) -> str:
@@ -197,7 +206,16 @@ def _read_run(folder: Path) -> RunFolder:
     contacts = read_table(folder / "contacts.csv", CONTACTS, infinite=True)
     frames = read_table(folder / "frames.csv", FRAMES, infinite=True)
     _check_tables(folder, contacts, frames)
-    return RunFolder(folder, contacts, frames, _scene_of_run(folder, record["configuration"]), record)
+    changed = changed_tables(record, folder)
+    if changed:
+        frames = sums_of_contacts(contacts, frames)
+        logger.warning(
+            "%s: %s was changed after the run; numbers, areas and forces are summed anew",
+            folder,
+            " and ".join(changed),
+        )
+    scene = _scene_of_run(folder, record["configuration"])
+    return RunFolder(folder, contacts, frames, scene, record, tuple(changed))
 
 
 def _record_of_contacts(records: list[dict[str, Any]]) -> dict[str, Any]:

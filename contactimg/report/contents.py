@@ -1,5 +1,6 @@
 """Gather what the page of a run shows: its tables and pictures, and the results of other commands on it."""
 
+import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,10 +21,13 @@ from contactimg.files import (
     read_run,
     read_table,
 )
+from contactimg.files.table_hashes import is_out_of_date
 from contactimg.pipeline.pictures import picture_name
 from contactimg.report.embedding import Picture, embed_figure, embed_picture
 from contactimg.report.units import in_display_units
 from contactimg.tables import FAILED, REJECTED, RESULTS, SCORES, Flag
+
+logger = logging.getLogger(__name__)
 
 FIGURE_FORMATS = (".svg", ".png")
 """Formats of figures, the preferred one first."""
@@ -82,6 +86,8 @@ class Contents:
         Number of overlays in the run.
     comparisons, analyses, calibrations : list of Part
         Outputs of ``overlay``, ``analyse`` and ``calibrate``.
+    out_of_date : list of str
+        For each output that was made from other tables than the run holds now, a sentence that says so.
     """
 
     run: RunFolder
@@ -94,6 +100,37 @@ class Contents:
     comparisons: list[Part]
     analyses: list[Part]
     calibrations: list[Part]
+    out_of_date: list[str]
+
+
+@dataclass(frozen=True)
+class _Output:
+    """What a command wrote into a folder."""
+
+    place: Path
+    record: dict[str, Any]
+
+    @property
+    def command(self) -> str:
+        """The command line."""
+        return str(self.record.get("command", ""))
+
+    @property
+    def kind(self) -> str:
+        """The name of the command."""
+        return [*self.command.split(), "", ""][1]
+
+    @property
+    def figures(self) -> list[Path]:
+        """The figures, each in one format."""
+        names = [Path(str(name)) for name in self.record.get("outputs", [])]
+        best = {
+            name.stem: self.place / name
+            for ending in reversed(FIGURE_FORMATS)
+            for name in names
+            if name.suffix == ending and len(name.parts) == 1
+        }
+        return [best[stem] for stem in sorted(best) if best[stem].is_file()]
 
 
 def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) -> Contents:
@@ -119,13 +156,18 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
     run = read_run(folder)
     overlays = _pictures_of(folder / "overlays", run.frames["frame"])
     parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
-    for place in [*_outputs_inside(folder), *others]:
-        outputs = [(kind, command) for kind, command in _commands(place) if kind in parts]
+    out_of_date = list[str]()
+    for place in [*_places_of_outputs(folder), *others]:
+        outputs = [output for output in _outputs(place) if output.kind in parts]
         if not outputs:
-            command = _commands(place)[0][1]
+            command = _outputs(place)[0].command
             raise InputError(f"{place}: is the output of {command!r}, not of overlay, analyse or calibrate")
-        for kind, command in outputs:
-            parts[kind].append(_part(kind, command, place, run, max_pictures))
+        for output in outputs:
+            if output.kind != "calibrate" and is_out_of_date(output.record, folder):
+                out_of_date.append(_refusal(output))
+                logger.warning(out_of_date[-1])
+            else:
+                parts[output.kind].append(_part(output, run, max_pictures))
     return Contents(
         run=run,
         flags=_flag_counts(run.contacts, run.frames["frame"]),
@@ -137,52 +179,50 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
         comparisons=parts["overlay"],
         analyses=parts["analyse"],
         calibrations=[*_used_calibration(run), *parts["calibrate"]],
+        out_of_date=out_of_date,
     )
 
 
-def _outputs_inside(folder: Path) -> list[Path]:
-    """Folders inside that of the run with outputs of other commands."""
-    places = [path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}"))]
+def _places_of_outputs(folder: Path) -> list[Path]:
+    """The folder of the run and those inside it, as far as they have outputs of other commands."""
+    places = [folder, *(path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}")))]
     shown = {"overlay", "analyse", "calibrate"}
-    return [place for place in places if shown & {kind for kind, _ in _commands(place)}]
+    return [place for place in places if shown & {output.kind for output in _outputs(place)}]
 
 
-def _commands(place: Path) -> list[tuple[str, str]]:
-    """The commands that wrote into a folder: name and command line."""
+def _outputs(place: Path) -> list[_Output]:
+    """What commands wrote into a folder."""
     try:
-        commands = [str(record.get("command", "")) for record in read_records(place)]
+        return [_Output(place, record) for record in read_records(place)]
     except (OSError, ValueError):
         raise InputError(f"{place}: holds no output of contactimg") from None
-    return [([*command.split(), "", ""][1], command) for command in commands]
 
 
-def _part(kind: str, command: str, place: Path, run: RunFolder, max_pictures: int) -> Part:
+def _refusal(output: _Output) -> str:
+    """The sentence for an output that is out of date."""
+    return (
+        f"{output.place}: was made by '{output.command}' from tables that the run no longer holds, and is "
+        "left out; repeat that command"
+    )
+
+
+def _part(output: _Output, run: RunFolder, max_pictures: int) -> Part:
     """Pictures and table of a command."""
-    if kind == "overlay":
+    place = output.place
+    if output.kind == "overlay":
         pictures = _evenly_spaced(_pictures_of(place / "overlays", run.frames["frame"]), max_pictures)
-        return Part(command, _embedded(pictures), read_table(place / "scores.csv", SCORES))
-    if kind == "calibrate":
+        return Part(output.command, _embedded(pictures), read_table(place / "scores.csv", SCORES))
+    if output.kind == "calibrate":
         table = _numbers(read_calibration(place))
     else:
         table = read_table(place / "results.csv", RESULTS, infinite=True)
-    return Part(
-        command,
-        [embed_figure(path, caption=_caption(path)) for path in _figures(place)],
-        in_display_units(table),
-    )
+    figures = [embed_figure(path, caption=_caption(path)) for path in output.figures]
+    return Part(output.command, figures, in_display_units(table))
 
 
 def _caption(path: Path) -> str:
     """The caption of a figure; its file name if there is none."""
     return CAPTIONS.get(path.stem.rstrip("0123456789").removesuffix("_"), path.stem)
-
-
-def _figures(place: Path) -> list[Path]:
-    """The figures of a folder, each in one format."""
-    best: dict[str, Path] = {}
-    for ending in reversed(FIGURE_FORMATS):
-        best |= {path.stem: path for path in place.glob(f"*{ending}")}
-    return [best[stem] for stem in sorted(best)]
 
 
 def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:

@@ -154,6 +154,7 @@ def test_a_calibration_is_shown(run, tmp_path):
     numbers = {"young_modulus": {"value": 3.01e6, "std": 2e4, "unit": "Pa"}, "fitted": ["young_modulus"]}
     (folder / "calibration.json").write_text(json.dumps(numbers), encoding="utf-8")
     record = {"command": "contactimg calibrate jkr smooth", "schema_version": 1, "configuration": {}}
+    record["outputs"] = ["calibration.json", "fit.png"]
     (folder / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
     picture = base64.b64decode(
         "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="
