@@ -34,6 +34,7 @@ ROOMS = [
     "plots",
     "pipeline",
     "report",
+    "review",
     "cli",
 ]
 

@@ -22,6 +22,7 @@ from contactimg.cli.overlay import overlay
 from contactimg.cli.predict import predict
 from contactimg.cli.process import process
 from contactimg.cli.report import report
+from contactimg.cli.review import review
 from contactimg.cli.simulate import simulate
 from contactimg.cli.tradeoff import tradeoff
 from contactimg.errors import ContactimgError
@@ -64,13 +65,14 @@ for command in (
     tradeoff,
     analyse,
     report,
+    review,
     export,
     import_rois,
 ):
     commands.add_command(command)
     for leaf in command.commands.values() if isinstance(command, click.Group) else (command,):
         shared.timings(leaf)
-        if command not in (analyse, report):
+        if command not in (analyse, report, review):
             shared.no_plausibility(leaf)
 
 

@@ -11,6 +11,7 @@ Read in this order: `experiment` (a scene and the files it names), `sources` (fr
 from contactimg.files.atomic import remove_leftovers, replacing, write_json, write_text
 from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, shares_frames
 from contactimg.files.commit import PROVENANCE_FILE, finish_commit
+from contactimg.files.corrections import EVERY_FRAME
 from contactimg.files.csv_tables import (
     read_asperities,
     read_loads,
@@ -18,7 +19,8 @@ from contactimg.files.csv_tables import (
     read_topography,
     write_table,
 )
-from contactimg.files.edits import EDITS_FILE, edit_points, read_edits, write_edits
+from contactimg.files.edit_rows import EditsFile
+from contactimg.files.edits import EDITS_FILE, MASK, edit_points, read_edits, write_edits
 from contactimg.files.experiment import (
     SCENE_FILE,
     Experiment,
@@ -35,14 +37,18 @@ from contactimg.files.figures import write_figure
 from contactimg.files.frame_store import FrameStore
 from contactimg.files.output import OutputFolder
 from contactimg.files.runs import RunFolder, provenance, read_records, read_run
+from contactimg.files.scene_edit import set_scene_keys
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
 from contactimg.files.tiff import write_frame
 
 __all__ = [
     "CALIBRATION_FILE",
     "EDITS_FILE",
+    "EVERY_FRAME",
+    "MASK",
     "PROVENANCE_FILE",
     "SCENE_FILE",
+    "EditsFile",
     "Experiment",
     "FrameSeries",
     "FrameSource",
@@ -71,6 +77,7 @@ __all__ = [
     "read_topography",
     "remove_leftovers",
     "replacing",
+    "set_scene_keys",
     "shares_frames",
     "write_edits",
     "write_figure",

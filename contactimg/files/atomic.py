@@ -96,6 +96,17 @@ def write_text(text: str, path: str | Path) -> None:
         part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")
 
 
+def flush_to_disk(path: str | Path) -> None:
+    """Wait until a file and its name are on the disk, so that they outlive a loss of power."""
+    path = Path(path)
+    for place in (path, path.parent) if os.name == "posix" else (path,):
+        handle = os.open(place, os.O_RDONLY if os.name == "posix" else os.O_RDWR)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
 def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     """Write JSON: numpy numbers and arrays as numbers and lists, paths as text, NaN and infinity as ``null``.
 

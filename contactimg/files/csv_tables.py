@@ -360,15 +360,36 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     ...     path.read_text()
     'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
     """
+    buffer = io.StringIO(newline="")
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(schema.columns)
+    writer.writerows(text_rows(table, schema))
+    write_text(buffer.getvalue(), path)
+
+
+def text_rows(table: pd.DataFrame, schema: Schema) -> Iterator[tuple[object, ...]]:
+    """The rows of a table as `write_table` hands them to the csv module."""
     whole = schema.conform(table)
     if "flags" in whole:
         whole["flags"] = flag_names(whole["flags"])
-    columns = [_cells(whole[name]) for name in whole]
-    buffer = io.StringIO(newline="")
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(whole.columns)
-    writer.writerows(zip(*columns, strict=True))
-    write_text(buffer.getvalue(), path)
+    return zip(*(_cells(whole[name]) for name in whole), strict=True)
+
+
+def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
+    """Separator and all rows of a CSV file as text, the header first, blank lines left out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is not CSV.
+    """
+    text = _read_text(path)
+    separator = _separator(text)
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
+    try:
+        return separator, [row for row in lines if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
 
 
 def _cells(column: pd.Series) -> Iterator[object]:

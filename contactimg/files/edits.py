@@ -40,11 +40,16 @@ def read_edits(path: str | Path) -> pd.DataFrame:
     table = read_table(path, EDITS, required=("frame", "action"))
     for name in ("frame", "action"):
         table[name] = table[name].str.strip()
+    check_edits(table, str(path))
+    return table
+
+
+def check_edits(table: pd.DataFrame, name: str) -> None:
+    """Raise `InputError` for an unknown action or a row that lacks what its action needs."""
     for number, row in enumerate(table.to_dict("records"), start=1):
         complaint = _complaint(row)
         if complaint:
-            raise InputError(f"{path}: row {number} ({row['action']}) {complaint}")
-    return table
+            raise InputError(f"{name}: row {number} ({row['action']}) {complaint}")
 
 
 def write_edits(table: pd.DataFrame, path: str | Path) -> None:

@@ -30,14 +30,17 @@ class FrameStore:
         Made with the first result. The caller holds the lock of the output folder.
     record : mapping
         From `contactimg.files.provenance`: the versions and the SHA-256 of the inputs are part of every key.
+    resumes : bool
+        Whether what it holds was left by a run that was ended.
 
     Notes
     -----
     A line that was cut off, because the process was killed while it was written, is dropped.
     """
 
-    def __init__(self, folder: Path, record: Mapping[str, Any]) -> None:
+    def __init__(self, folder: Path, record: Mapping[str, Any], *, resumes: bool = True) -> None:
         self.folder = folder
+        self.resumes = resumes
         self._file = folder / _FILE
         self._versions = encode([record.get("versions"), record.get("platform"), _source_digest()])
         self._digests = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}

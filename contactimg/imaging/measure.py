@@ -51,6 +51,14 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 
 
 @dataclass(frozen=True, eq=False)
+class PreparedImage:
+    """A frame without its background, which can be measured more than once."""
+
+    foreground: Foreground
+    difference: DifferenceImage
+
+
+@dataclass(frozen=True, eq=False)
 class ImageMeasurement:
     """Contacts, rejected candidates, optics and status of one frame.
 
@@ -94,6 +102,8 @@ class ImageMeasurement:
         1 on foreign objects and their blurred rims.
     outlines : tuple of (int, list of ndarray)
         Row of each contact of free shape, and its outlines (x, y), px; the first is the outer one.
+    prepared : PreparedImage or None
+        What was measured, for `count_again`.
     """
 
     disks: pd.DataFrame
@@ -115,6 +125,7 @@ class ImageMeasurement:
     measurable: bool
     foreign: Mask
     outlines: Outlines = ()
+    prepared: PreparedImage | None = None
 
     @property
     def foreground(self) -> NDArray[np.float32]:
@@ -206,17 +217,33 @@ def measure_image(
     frame_pair = frame_pair if difference.valid is None else frame_pair.within(difference.valid)
     foreground = find_foreground(frame_pair, difference, sign, prior.scaled(1.0 / frame_pair.unit))
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
-    if not foreground.contrast.plateau > 0:
-        detections = replace(no_detections(foreground.prior_optics), unmatched=edits)
-    elif method == "threshold":
-        detections = measure_by_count(foreground, difference, fraction=fraction, edits=edits)
+    prepared = PreparedImage(foreground, difference)
+    if method == "threshold" or not foreground.contrast.plateau > 0:
+        counted = count_again(prepared, fraction, edits=edits)
+        return counted if method == "threshold" else replace(counted, threshold=float("nan"))
+    detections = measure_by_fit(foreground, difference, film=film, edits=edits)
+    return _judged(prepared, detections, shape, float("nan"))
+
+
+def count_again(
+    prepared: PreparedImage, fraction: float, *, edits: Sequence[HandEdit] = ()
+) -> ImageMeasurement:
+    """What `measure_image` gives with the method "threshold" at this fraction of the contrast."""
+    foreground = prepared.foreground
+    if foreground.contrast.plateau > 0:
+        detections = measure_by_count(foreground, prepared.difference, fraction=fraction, edits=edits)
     else:
-        detections = measure_by_fit(foreground, difference, film=film, edits=edits)
+        detections = replace(no_detections(foreground.prior_optics), unmatched=edits)
+    return _judged(prepared, detections, "disk", fraction)
+
+
+def _judged(prepared: PreparedImage, detections: Detections, shape: str, fraction: float) -> ImageMeasurement:
+    """The result after a second look and a verdict on the frame."""
+    foreground, difference = prepared.foreground, prepared.difference
     seen = review(foreground, difference, detections, shape=shape)
     verdict = judge(foreground, difference, seen)
-    used_fraction = fraction if method == "threshold" else float("nan")
-    result = _tabulate(foreground, difference, seen.detections, verdict, used_fraction)
-    return replace(result, outlines=seen.outlines)
+    result = _tabulate(foreground, difference, seen.detections, verdict, fraction)
+    return replace(result, outlines=seen.outlines, prepared=prepared)
 
 
 def _tabulate(

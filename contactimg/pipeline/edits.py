@@ -1,7 +1,7 @@
 """Corrections by hand of an experiment: which frame gets which."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import pandas as pd
@@ -40,6 +40,13 @@ def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[st
     if edits and relative is not None:
         raise InputError("edits correct the contacts of one method; leave out --tolerance, or the edits")
     return {name: tuple(rows) for name, rows in edits.items()}
+
+
+def check_frames(edits: pd.DataFrame, names: Collection[str]) -> None:
+    """Raise `InputError` if an edit is for a frame that is not there."""
+    unknown = edits.loc[~edits["frame"].isin([EVERY_FRAME, *names]), "frame"]
+    if len(unknown):
+        raise InputError(f"edits: there is no frame {unknown.iloc[0]!r}")
 
 
 def _edit_of_row(row: Mapping[Any, Any], number: int) -> HandEdit:

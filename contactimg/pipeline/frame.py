@@ -137,6 +137,10 @@ class FrameOptions:
     relative: float | None = None
     edits: dict[str, tuple[HandEdit, ...]] = field(default_factory=dict)
 
+    def of_frame(self, name: str) -> "FrameOptions":
+        """Those that concern one frame."""
+        return replace(self, edits={name: self.edits.get(name, ())})
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredFrame:

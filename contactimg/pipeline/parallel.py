@@ -12,7 +12,7 @@ from joblib import Parallel, delayed, effective_n_jobs
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameSource, FrameStore
+from contactimg.files import Experiment, FrameSource, FrameStore, edits_file
 from contactimg.pipeline.inputs import read_reference
 from contactimg.pipeline.worker_life import live_with_parent
 from contactimg.tables import Status
@@ -132,7 +132,7 @@ def for_each_frame(
     if store is not None:
         keys = _store_keys(store, experiment, measure, jobs)
     done = [store is not None and key in store for key in keys]
-    if whole and any(done):
+    if whole and any(done) and store is not None and store.resumes:
         logger.warning(
             "%s of %s frames were done by a run that was ended; the others are measured",
             f"{sum(done):,}",
@@ -174,15 +174,35 @@ def _store_keys(
     call = measure if isinstance(measure, partial) else partial(measure)
     function = f"{call.func.__module__}:{call.func.__qualname__}"
     references = [_without_folder(source) for source in experiment.references]
-    settings = [function, call.args, call.keywords, references]
     frames = {source.path for source in experiment.frames}
-    common = store.common(settings, [path for path in experiment.inputs if path not in frames])
-    return [store.key(common, job[0].path, [_without_folder(job[0]), *job[1:]]) for job in jobs]
+    # of the edits only those that concern a frame are part of its key: of its settings and its corrections
+    others = frames | {edits_file(experiment.scene, experiment.scene.folder)}
+    common = store.common(
+        [function, call.args, references], [path for path in experiment.inputs if path not in others]
+    )
+    return [
+        store.key(
+            common,
+            job[0].path,
+            [
+                _without_folder(job[0]),
+                *job[1:],
+                {name: _of_frame(value, job[0].name) for name, value in call.keywords.items()},
+            ],
+        )
+        for job in jobs
+    ]
+
+
+def _of_frame(value: Any, name: str) -> Any:
+    """The part of a setting that concerns one frame."""
+    narrow = getattr(value, "of_frame", None)
+    return value if narrow is None else narrow(name)
 
 
 def _without_folder(source: FrameSource) -> FrameSource:
-    """The source with the name of its file only."""
-    return replace(source, path=Path(source.path.name))
+    """The source with the name of its file only, and the corrections that concern it."""
+    return replace(source, path=Path(source.path.name), correct=_of_frame(source.correct, source.name))
 
 
 def _measure_source(

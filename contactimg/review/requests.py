@@ -1,0 +1,157 @@
+"""What the page may ask for: fixed names only, so that no path of a request ever reaches the disk."""
+
+import json
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+from contactimg.errors import InputError
+from contactimg.review.palette import flag_values, kind_of_rejected, kinds_of_contacts
+from contactimg.review.pictures import LIGHT_TOP
+from contactimg.review.session import Session
+from contactimg.review.shown_tables import TABLES
+
+PAGE_FILES = {
+    "": ("page.html", "text/html; charset=utf-8"),
+    "page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "page.css": ("page.css", "text/css; charset=utf-8"),
+}
+"""Last part of the address -> file of this package and its type."""
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The body of an answer."""
+
+    body: bytes
+    kind: str = "application/json"
+    status: int = 200
+
+    @classmethod
+    def of(cls, data: Any, status: int = 200) -> "Answer":
+        """JSON."""
+        return cls(json.dumps(data, allow_nan=False).encode(), status=status)
+
+
+def answer_get(session: Session, path: str) -> Answer | None:
+    """The answer to a request that changes nothing; None if there is no such thing.
+
+    Parameters
+    ----------
+    session : Session
+    path : str
+        Of the address, after the token.
+    """
+    if path in PAGE_FILES:
+        name, kind = PAGE_FILES[path]
+        return Answer(_page_file(name), kind)
+    if path in ("run.json", "job.json"):
+        return Answer.of(_whole(session) if path == "run.json" else vars(session.jobs.state))
+    if path.removeprefix("tables/") in TABLES and path.startswith("tables/"):
+        return Answer(session.tables().text(path.removeprefix("tables/")), "text/csv; charset=utf-8")
+    match = re.fullmatch(r"frames/(\d{1,7})/([a-z]+)(?:/(\d{1,9}))?\.(?:json|png)", path)
+    if match is None or int(match[1]) >= len(session.sources):
+        return None
+    return _of_frame(session, int(match[1]), match[2], match[3])
+
+
+def _of_frame(session: Session, number: int, what: str, label: str | None) -> Answer | None:
+    """Something about one frame."""
+    if label is not None:
+        return Answer.of(_finite(session.window(number, int(label)))) if what == "contact" else None
+    pictures: dict[str, Callable[[int], bytes]] = {"image": session.picture, "light": session.light_picture}
+    if what in pictures:
+        return Answer(pictures[what](number), "image/png")
+    if what == "contacts":
+        return Answer.of(session.tables().of_frame(session.sources[number].name))
+    return Answer.of(_finite(session.curves(number))) if what == "curves" else None
+
+
+def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | None:
+    """The answer to a request that changes something; what it changes is on the disk by then.
+
+    Raises
+    ------
+    InputError
+        If the request is not valid.
+    """
+    if path == "edits/insert":
+        rows, place = data.get("rows"), data.get("place")
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            raise InputError("rows must be a list of edits")
+        session.insert([_in_one_line(_edit(row)) for row in rows], place if isinstance(place, int) else None)
+    elif path == "edits/remove":
+        row, place = data.get("row"), data.get("place")
+        if not isinstance(row, dict) or not isinstance(place, int):
+            raise InputError("an edit to remove must be given with its place")
+        session.remove(place, _edit(row))
+    elif path == "threshold":
+        value = data.get("threshold")
+        if not isinstance(value, int | float) or not 0 < value < 1:
+            raise InputError("the threshold must be a fraction between 0 and 1")
+        session.choose_threshold(float(value))
+    elif path in ("measure", "plateau"):
+        started = session.measure() if path == "measure" else session.find_plateau()
+        if not started:
+            return Answer.of({"error": "something is being measured already"}, 409)
+    elif path == "cancel":
+        session.jobs.cancel()
+    else:
+        return None
+    return Answer.of(session.record())
+
+
+NUMBERS = ("x_px", "y_px", "radius_px")
+TEXTS = ("frame", "action", "points", "author", "time", "reason")
+LONGEST_TEXT = 100_000
+"""Characters of one cell."""
+
+
+def _edit(row: dict[str, Any]) -> dict[str, Any]:
+    """A row of edits.csv from the page, checked for types."""
+    out: dict[str, Any] = {}
+    for name in NUMBERS:
+        value = row.get(name)
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+            raise InputError(f"{name} must be a number, got {value!r}")
+        out[name] = math.nan if value is None else float(value)
+    for name in TEXTS:
+        text = row.get(name) or ""
+        if not isinstance(text, str) or len(text) > LONGEST_TEXT or "\0" in text:
+            raise InputError(f"{name} must be text")
+        out[name] = text
+    return out
+
+
+def _in_one_line(edit: dict[str, Any]) -> dict[str, Any]:
+    """An edit without line breaks in what a person writes."""
+    return edit | {name: " ".join(edit[name].split()) for name in ("author", "reason")}
+
+
+def _whole(session: Session) -> dict[str, Any]:
+    """All about the run, with what does not change."""
+    return session.record() | {
+        "kinds": kinds_of_contacts(),
+        "rejected": kind_of_rejected(),
+        "flags": flag_values(),
+        "light_top": LIGHT_TOP,
+    }
+
+
+@cache
+def _page_file(name: str) -> bytes:
+    """A file of the page."""
+    return files("contactimg.review").joinpath(name).read_bytes()
+
+
+def _finite(value: Any) -> Any:
+    """The value with None in place of numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,186 @@
+"""The server of the page: on this machine only, for whoever knows the token, for the page's own requests."""
+
+import hmac
+import json
+import logging
+import os
+import re
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socketserver import TCPServer
+from threading import Condition
+from typing import Any, ClassVar
+
+from contactimg.errors import ContactimgError
+from contactimg.review.requests import Answer, answer_get, answer_post
+from contactimg.review.session import Session
+
+logger = logging.getLogger(__name__)
+
+ADDRESS = "127.0.0.1"
+LARGEST_BODY = 2**20
+"""Bytes of a request. Chosen: a mask of 10,000 corners."""
+SECONDS = 30.0
+"""That a request may take to arrive."""
+_HOST = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d{1,5})?")
+_HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class ReviewServer(ThreadingHTTPServer):
+    """Serves the page of a session under an address that holds a random token.
+
+    Parameters
+    ----------
+    session : Session
+    port : int
+        0 for any that is free.
+
+    Notes
+    -----
+    It listens on 127.0.0.1. A request must name this machine as its host (else a foreign page could have its
+    own name resolved to 127.0.0.1), and one that writes must come from the page itself (``Origin``). Any port
+    of this machine is accepted in both, for a forwarded one may differ.
+    """
+
+    daemon_threads = True
+    allow_reuse_address = os.name == "posix"  # elsewhere it would let another program take the port
+
+    def __init__(self, session: Session, port: int = 0) -> None:
+        super().__init__((ADDRESS, port), _Handler)
+        self.session, self.token = session, secrets.token_urlsafe(24)
+        self._idle, self._answering, self._closed = Condition(), 0, False
+
+    @property
+    def address(self) -> str:
+        """Of the page."""
+        return f"http://{ADDRESS}:{self.server_address[1]}/{self.token}/"
+
+    def server_bind(self) -> None:
+        """Bind without looking up the name of this machine, which may take seconds."""
+        TCPServer.server_bind(self)
+        self.server_name, self.server_port = ADDRESS, self.server_address[1]
+
+    @contextmanager
+    def answering(self) -> Iterator[bool]:
+        """While a request is answered; False if the server is being closed."""
+        with self._idle:
+            self._answering += 1
+        try:
+            yield not self._closed
+        finally:
+            with self._idle:
+                self._answering -= 1
+                self._idle.notify_all()
+
+    def server_close(self) -> None:
+        """Wait for the answers that are being made: code that is not Python must not be cut short."""
+        self._closed = True
+        super().server_close()
+        with self._idle:
+            self._idle.wait_for(lambda: not self._answering, SECONDS)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
+        """A connection that broke is no error of the server's."""
+        logger.info("a request of %s ended early", client_address, exc_info=True)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Answers the requests of one connection."""
+
+    protocol_version = "HTTP/1.1"
+    server_version: ClassVar[str] = "contactimg"
+    sys_version: ClassVar[str] = ""
+    timeout = SECONDS
+    server: ReviewServer
+
+    def do_GET(self) -> None:
+        """Read."""
+        path = self._admitted_path()
+        if path is not None:
+            self._answer(lambda: answer_get(self.server.session, path))
+
+    def do_POST(self) -> None:
+        """Write."""
+        body = self._body()
+        path = self._admitted_path()
+        if body is None or path is None:
+            return
+        if not self._is_from_page():
+            self._refuse(403, "the request does not come from the page")
+            return
+        try:
+            data = json.loads(body)
+            if not isinstance(data, dict):
+                raise TypeError
+        except (ValueError, TypeError, RecursionError):
+            self._refuse(400, "the request is not JSON")
+            return
+        self._answer(lambda: answer_post(self.server.session, path, data))
+
+    def _admitted_path(self) -> str | None:
+        """The path after the token; None if the request was refused."""
+        if not _HOST.fullmatch(self.headers.get("Host", "")):
+            self._refuse(421, "the host of the address must be this machine")
+            return None
+        if self.headers.get("Sec-Fetch-Site", "none") not in ("same-origin", "none"):
+            self._refuse(403, "the request comes from another page")
+            return None
+        _, token, *rest = [*self.path.split("?")[0].split("/", 2), ""][:3]
+        if not hmac.compare_digest(token.encode(), self.server.token.encode()) or self.path.count("/") < 2:
+            self._refuse(404, "there is no such page; use the whole address that the command printed")
+            return None
+        return rest[0]
+
+    def _is_from_page(self) -> bool:
+        """Whether a request that writes comes from the page: its origin is the host it asks."""
+        origin = self.headers.get("Origin", "")
+        kind = self.headers.get("Content-Type", "").split(";")[0].strip()
+        return origin == f"http://{self.headers.get('Host')}" and kind == "application/json"
+
+    def _body(self) -> bytes | None:
+        """The body of the request; None if it was refused."""
+        length = self.headers.get("Content-Length", "")
+        if not length.isascii() or not length.isdigit() or int(length) > LARGEST_BODY:
+            self.close_connection = True
+            self._refuse(413, f"a request must have a body of at most {LARGEST_BODY} bytes")
+            return None
+        return self.rfile.read(int(length))
+
+    def _answer(self, make: Any) -> None:
+        """Send what ``make`` returns, or why there is no answer."""
+        try:
+            with self.server.answering() as is_open:
+                answer = make() if is_open else Answer.of({"error": "the review is being ended"}, 503)
+        except ContactimgError as error:
+            self._refuse(400, str(error))
+        except Exception as error:
+            logger.exception("%s", self.path.rpartition("/")[2])
+            self._refuse(500, f"{type(error).__name__}: {error}")
+        else:
+            self._send(answer or Answer.of({"error": "there is no such thing"}, 404))
+
+    def _refuse(self, status: int, reason: str) -> None:
+        self._send(Answer.of({"error": reason}, status))
+
+    def _send(self, answer: Answer) -> None:
+        self.send_response(answer.status)
+        self.send_header("Content-Type", answer.kind)
+        self.send_header("Content-Length", str(len(answer.body)))
+        for name, value in _HEADERS.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(answer.body)
+
+    def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002
+        """Quiet; the address with its token is not logged."""
