@@ -108,29 +108,44 @@ function drawImages(pen) {
   if (state.above && byId("show-light").checked) pen.drawImage(state.above, left, top, columns * scale, rows * scale);
 }
 
-/* The contacts are drawn on a layer half a window wider on each side; a drag only copies it. */
+/* The contacts are drawn on a layer, half a window wider on each side as far as the frame reaches; a drag only
+   copies it. While many contacts are zoomed it is copied at another size and drawn anew afterwards. */
 function blitContacts(pen, width, height, ratio) {
-  const { x, y, scale } = state.view, margin = Math.round(Math.max(width, height) / 2);
-  const shift = layerOf && [(layerOf.x - x) * scale, (layerOf.y - y) * scale];
-  const fits = layerOf && layerOf.scale === scale && layerOf.width === width && layerOf.height === height &&
-    Math.abs(shift[0]) <= margin && Math.abs(shift[1]) <= margin;
-  if (!fits) drawLayer(width, height, margin, ratio);
-  const [dx, dy] = fits ? shift : [0, 0];
+  const [left, top] = toImage(0, 0), [right, bottom] = toImage(width, height), { scale } = state.view;
+  const box = ofFrame(left, top, right, bottom);
+  const covered = layerOf && box[0] >= layerOf.box[0] && box[1] >= layerOf.box[1] && box[2] <= layerOf.box[2] && box[3] <= layerOf.box[3];
+  const zoomed = layerOf && layerOf.scale !== scale;
+  window.clearTimeout(sharpTimer);
+  if (!layerOf || (!covered && !zoomed) || (zoomed && state.contacts.length < MANY)) drawLayer(width, height, ratio);
+  else if (zoomed) sharpTimer = window.setTimeout(() => { layerOf = null; draw(); }, 90);
+  const place = toScreen(layerOf.box[0], layerOf.box[1]), size = scale / layerOf.scale;
   // whole pixels of the screen: else every copy would be blurred
   const snap = (value) => Math.round(value * ratio) / ratio;
-  pen.drawImage(layer, snap(dx - margin), snap(dy - margin), width + 2 * margin, height + 2 * margin);
+  pen.drawImage(layer, snap(place[0]), snap(place[1]), (layer.width / ratio) * size, (layer.height / ratio) * size);
 }
 
-function drawLayer(width, height, margin, ratio) {
-  layer.width = Math.round((width + 2 * margin) * ratio);
-  layer.height = Math.round((height + 2 * margin) * ratio);
-  const { x, y, scale } = state.view, pen = layer.getContext("2d");
-  layerOf = { x, y, scale, width, height };
-  pen.setTransform(ratio, 0, 0, ratio, margin * ratio, margin * ratio);
-  const inside = (place, reach) => {
-    const [sx, sy] = toScreen(place.x, place.y), far = reach * scale + margin;
-    return sx > -far && sx < width + far && sy > -far && sy < height + far;
-  };
+const MANY = 1500;
+let sharpTimer = 0;
+
+/* The part of a box (left, top, right, bottom; image px) in which contacts can be. */
+function ofFrame(left, top, right, bottom) {
+  const [columns, rows] = state.size, rim = 0.1 * Math.max(columns, rows) + 20 / state.view.scale;
+  const inside = (value, size) => Math.min(Math.max(value, -rim), size + rim);
+  return [inside(left, columns), inside(top, rows), inside(right, columns), inside(bottom, rows)];
+}
+
+function drawLayer(width, height, ratio) {
+  const { scale } = state.view, margin = Math.max(width, height) / 2;
+  const box = ofFrame(...toImage(-margin, -margin), ...toImage(width + margin, height + margin));
+  const size = [Math.ceil((box[2] - box[0]) * scale * ratio) + 1, Math.ceil((box[3] - box[1]) * scale * ratio) + 1];
+  const pen = layer.getContext("2d");
+  if (layer.width !== size[0] || layer.height !== size[1]) [layer.width, layer.height] = size;
+  pen.setTransform(1, 0, 0, 1, 0, 0);
+  pen.clearRect(0, 0, layer.width, layer.height);
+  layerOf = { scale, box };
+  const [x, y] = toScreen(box[0], box[1]);
+  pen.setTransform(ratio, 0, 0, ratio, -x * ratio, -y * ratio);
+  const inside = (place, reach) => place.x > box[0] - reach && place.x < box[2] + reach && place.y > box[1] - reach && place.y < box[3] + reach;
   for (const kind of state.run.kinds) {
     if (state.hidden.has(kind.name)) continue;
     const path = new Path2D();
@@ -140,7 +155,7 @@ function drawLayer(width, height, margin, ratio) {
       addContact(path, contact);
       count += 1;
     }
-    if (count) strokeTwice(pen, path, kind.colour, count < 2000 || scale > 2 ? kind.dashes : [], count);
+    if (count) strokeTwice(pen, path, kind.colour, count < MANY || scale > 2 ? kind.dashes : [], count);
   }
   if (state.show.rejected) drawRejected(pen, inside);
 }
@@ -163,7 +178,7 @@ function addContact(path, contact) {
 
 function strokeTwice(pen, path, colour, dashes, count = 1) {
   pen.setLineDash([]);
-  if (count < 2000) {
+  if (count < MANY) {
     pen.strokeStyle = "#0009";
     pen.lineWidth = 3;
     pen.stroke(path);

@@ -83,9 +83,11 @@ class Session:
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
-        self._scratch = TemporaryDirectory(prefix="contactimg_review_")
         self._measured = _Measured(ShownTables.read(folder), self._edits_of_run(run.provenance["inputs"]))
         self.sources = _readable(self.open(), folder, run.provenance["inputs"])
+        pose = run.provenance.get("pose")
+        self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
+        self._scratch = TemporaryDirectory(prefix="contactimg_review_")
         self._picture = lru_cache(KEPT_FRAMES)(self._draw)
         self._light = lru_cache(KEPT_FRAMES)(self._prepare)
 
@@ -152,10 +154,9 @@ class Session:
 
     def curves(self, number: int) -> dict[str, Any]:
         """Count and area against the threshold."""
-        camera = self.scene.camera
         edits = edits_by_frame(self.open(), relative=None).get(self.sources[number].name, ())
         curves = ThresholdCurves.of(self.light(number), edits)
-        return curves.record(None if camera is None else camera.pixel_size)
+        return curves.record(self._pixel_size)
 
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""

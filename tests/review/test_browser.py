@@ -34,7 +34,7 @@ def review(small_run, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser(review, tmp_path_factory):
-    with Browser(tmp_path_factory.mktemp("browser")) as page:
+    with Browser(tmp_path_factory.mktemp("browser"), size=(1000, 700)) as page:
         page.open(review[2], READY)
         yield page
 
@@ -159,6 +159,7 @@ def test_a_selected_contact_shows_its_pixels_and_numbers(browser):
 
 @pytest.mark.slow
 def test_the_slider_counts_without_a_request(browser):
+    browser.wait_for(READY)
     before = browser.evaluate("performance.getEntriesByType('resource').length")
     move = "(() => { const one = document.getElementById('slider'); one.value = %d; "
     move += "one.dispatchEvent(new Event('input')); "
@@ -169,16 +170,14 @@ def test_the_slider_counts_without_a_request(browser):
 
 
 @pytest.mark.slow
-def test_thousands_of_contacts_drag_without_lag(browser):
-    """Time of one picture while dragging at most half of 1/60 s, and of the layer at most a few pictures."""
+def test_thousands_of_contacts_drag_and_zoom_without_lag(browser):
+    """A picture is made in half of 1/60 s or less while 5000 contacts are dragged or zoomed."""
     code = """(() => { const all = review.state.contacts;
         const place = (k) => ({ ...all[k % all.length], x: (k * 37) % 360, y: (k * 91) % 340 });
-        const more = Array.from({ length: 5000 }, (_, k) => place(k));
-        review.state.contacts = more; review.redrawLayer(); review.state.drawTimes.length = 0;
-        for (let k = 0; k < 40; k++) { review.state.view.x += 1; review.draw(); }
-        const drags = review.state.drawTimes.slice(); const start = performance.now(); review.redrawLayer();
-        const whole = performance.now() - start; review.state.contacts = all; review.redrawLayer();
-        return [drags.sort((a, b) => a - b)[20], whole]; })()"""
-    drag, whole = browser.evaluate(code)
-    assert drag < 8.0, drag
-    assert whole < 100.0, whole
+        review.state.contacts = Array.from({ length: 5000 }, (_, k) => place(k)); review.redrawLayer();
+        const middle = (move) => { review.state.drawTimes.length = 0;
+            for (let k = 0; k < 31; k++) { move(review.state.view); review.draw(); }
+            return review.state.drawTimes.slice().sort((a, b) => a - b)[15]; };
+        const times = [middle((view) => { view.x += 1; }), middle((view) => { view.scale *= 1.01; })];
+        review.state.contacts = all; review.redrawLayer(); return times; })()"""
+    assert max(browser.evaluate(code)) < 8.0
