@@ -30,6 +30,7 @@ async function ask(path, data) {
     throw Object.assign(new Error("the server does not answer; has it been ended?"), { lost: true });
   }
   const body = await answer.json();
+  if (answer.status === 503) throw Object.assign(new Error(`${body.error}.`), { lost: true });
   if (!answer.ok) throw new Error(body.error || `the server answered ${answer.status}`);
   return body;
 }
@@ -611,13 +612,14 @@ function showRun() {
   byId("frame-count").textContent = `${number + 1} of ${run.frames.length}`;
   showFrames(run, number);
   showEdits();
-  byId("measure").classList.toggle("wanted", pending > 0);
+  byId("measure").classList.toggle("wanted", pending > 0 || run.scene_changed);
   byId("measure").disabled = run.job.running;
   byId("undo").disabled = !state.undo.length;
   byId("redo").disabled = !state.redo.length;
   const source = run.measured ? "Measured again on this page; nothing of it is written." : "The tables of the run.";
   const next = pending ? ` The edits of ${pending} frame${pending > 1 ? "s" : ""} are not in them yet.` : "";
-  byId("source").textContent = `${source}${next} To write tables with the edits: ${run.command}`;
+  const other = run.scene_changed ? " The threshold chosen is not in them yet." : "";
+  byId("source").textContent = `${source}${next}${other} To write tables with the edits: ${run.command}`;
 }
 
 /* Only what changed is touched: a list of many frames keeps its place and its focus. */

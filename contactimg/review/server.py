@@ -161,6 +161,7 @@ class _Handler(BaseHTTPRequestHandler):
         """Send what ``make`` returns, or why there is no answer."""
         try:
             with self.server.answering() as is_open:
+                self.close_connection |= not is_open
                 answer = make() if is_open else Answer.of({"error": "the review is being ended"}, 503)
         except ContactimgError as error:
             self._refuse(400, str(error))

@@ -36,7 +36,7 @@ from contactimg.review.frame_light import FrameLight
 from contactimg.review.jobs import Jobs
 from contactimg.review.pictures import LIGHT_TOP, picture, series_stretch
 from contactimg.review.shown_tables import ShownTables
-from contactimg.scene import scene_from_dict
+from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, OUTLINES
 
 KEPT_FRAMES = 4
@@ -50,6 +50,7 @@ class _Measured:
     tables: ShownTables
     edits: list[dict[Any, Any]] | None
     """None where they are not known, because the file has changed since."""
+    scene: Scene
 
 
 class Session:
@@ -83,7 +84,9 @@ class Session:
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
-        self._measured = _Measured(ShownTables.read(folder), self._edits_of_run(run.provenance["inputs"]))
+        self._measured = _Measured(
+            ShownTables.read(folder), self._edits_of_run(run.provenance["inputs"]), run.scene
+        )
         self.sources = _readable(self.open(), folder, run.provenance["inputs"])
         pose = run.provenance.get("pose")
         self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
@@ -122,6 +125,7 @@ class Session:
                 "scene_file": None if self.scene_file is None else str(self.scene_file),
                 "method": self.scene.measure.method,
                 "threshold": self.scene.measure.threshold,
+                "scene_changed": self.scene != self._measured.scene,
                 "edits": edits,
                 "measured": self.jobs.state.number if shown.folder != self.folder else 0,
                 "frames": [
@@ -248,8 +252,9 @@ class Session:
 
     def _measure(self, advance: Any) -> None:
         """Measure; frames whose edits and scene are as before come from the store."""
-        edits, experiment = self._edits_now(), self.open()
-        record = provenance(command="contactimg review", scene=self.scene, inputs=experiment.inputs)
+        with self._lock:
+            edits, experiment, scene = self._edits_now(), self.open(), self.scene
+        record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = FrameStore(top / "frames", record, resumes=False)
         run = measure_experiment(experiment, workers=self._workers, advance=advance, store=store)
@@ -258,7 +263,7 @@ class Session:
         write_run(run, folder)
         tables = ShownTables.read(folder)
         with self._lock:
-            self._measured = _Measured(tables, edits)
+            self._measured = _Measured(tables, edits, scene)
 
     def _find_plateau(self, advance: Any) -> dict[str, float]:
         """Thresholds of the plateau of the series."""

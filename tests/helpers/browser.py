@@ -110,7 +110,8 @@ class Browser:
     def open(self, address, ready):
         """Open an address and wait until an expression is true there."""
         self.call("Page.navigate", url=address)
-        self.wait_for(f"document.readyState === 'complete' && ({ready})")
+        there = f"location.href === '{address}' && document.readyState === 'complete'"
+        self.wait_for(f"{there} && ({ready})")
 
     def resize(self, width, height):
         """Set the size of the page."""

@@ -3,17 +3,10 @@
 import threading
 
 import pytest
+from review_runs import moved, process
 from small_series import copy_of
 
-from contactimg.cli import main
 from contactimg.review import ReviewServer, Session
-
-
-def process(series, target):
-    """Measure a series with the command."""
-    options = ["--quiet", "--no-pictures", "--workers", "1"]
-    assert main(["process", str(series), "-o", str(target), *options]) == 0
-    return target
 
 
 @pytest.fixture(scope="session")
@@ -22,15 +15,6 @@ def small_run(small_series, tmp_path_factory):
     top = tmp_path_factory.mktemp("review") / "top"
     process(copy_of(small_series, top / "series"), top / "run")
     return top
-
-
-def moved(small_run, target):
-    """A copy of the folder whose run was made from the copied series."""
-    copy = copy_of(small_run, target)
-    record = copy / "run" / "provenance.json"
-    text = record.read_text(encoding="utf-8")
-    record.write_text(text.replace(str(small_run), str(copy)), encoding="utf-8")
-    return copy
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from browser import BROWSER, CONTROL, Browser
-from conftest import moved, process
+from review_runs import moved, process
 
 from contactimg.files import read_edits
 from contactimg.review import ReviewServer, Session
@@ -181,3 +181,29 @@ def test_thousands_of_contacts_drag_and_zoom_without_lag(browser):
         const times = [middle((view) => { view.x += 1; }), middle((view) => { view.scale *= 1.01; })];
         review.state.contacts = all; review.redrawLayer(); return times; })()"""
     assert max(browser.evaluate(code)) < 8.0
+
+
+@pytest.mark.slow
+def test_an_edit_made_while_the_server_is_away_is_sent_when_it_is_back(browser, session):
+    def serve(port=0, token=None):
+        server = ReviewServer(session, port)
+        server.token = token or server.token
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+        return server
+
+    def end(server):
+        server.shutdown()
+        server.server_close()
+
+    first = serve()
+    browser.open(first.address, READY)
+    end(first)
+    # connections that are open are answered by nobody
+    Hand(browser, np.random.default_rng(2)).exclude()
+    browser.wait_for("document.getElementById('state').textContent.startsWith('NOT SAVED')")
+    assert not session.edits.path.exists()
+    second = serve(first.server_address[1], first.token)
+    browser.wait_for("review.state.unsaved === 0")
+    end(second)
+    assert session.edits.read()["action"].tolist() == ["exclude"]
+    assert browser.evaluate("document.getElementById('state').textContent") == "saved: exclude"
