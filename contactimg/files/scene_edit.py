@@ -49,7 +49,7 @@ def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | floa
     if section not in document:
         document.add(tomlkit.nl())
         document.add(section, tomlkit.table())
-    document[section].update(keys)  # type: ignore[union-attr]
+    document[section].update(keys)
     scene_from_dict(document.unwrap(), name=str(path), folder=str(path.parent))
     write_text(document.as_string(), path)
     flush_to_disk(path)

@@ -40,7 +40,7 @@ function tell(text, isError = false) {
   byId("state").classList.toggle("error", isError);
 }
 
-const attempt = (promise) => promise.catch((error) => tell(error.message, true));
+const attempt = (promise) => promise.catch((error) => { if (!error.lost || !state.unsaved) tell(error.message, true); });
 
 // ---- view and drawing
 
@@ -149,14 +149,16 @@ function drawLayer(width, height, ratio) {
   const inside = (place, reach) => place.x > box[0] - reach && place.x < box[2] + reach && place.y > box[1] - reach && place.y < box[3] + reach;
   for (const kind of state.run.kinds) {
     if (state.hidden.has(kind.name)) continue;
-    const path = new Path2D();
+    const small = new Path2D(), large = new Path2D(); // dashes do not show on small ones
     let count = 0;
     for (const contact of state.contacts) {
       if (contact.kind !== kind || !inside(contact, contact.major)) continue;
-      addContact(path, contact);
+      addContact(contact.major * scale < 8 ? small : large, contact);
       count += 1;
     }
-    if (count) strokeTwice(pen, path, kind.colour, count < MANY || scale > 2 ? kind.dashes : [], count);
+    if (!count) continue;
+    strokeTwice(pen, small, kind.colour, [], count);
+    strokeTwice(pen, large, kind.colour, kind.dashes, count);
   }
   if (state.show.rejected) drawRejected(pen, inside);
 }
@@ -288,7 +290,7 @@ function rejectedAt(x, y) {
 function select(contacts) {
   state.selected = contacts;
   draw();
-  showContact();
+  attempt(showContact());
 }
 
 const flagsOf = (value) => Object.entries(state.run.flags).filter(([, bit]) => value & bit).map(([name]) => name);
@@ -823,7 +825,7 @@ function stepContact(step) {
     state.view.x = contact.x - view.clientWidth / 2 / state.view.scale;
     state.view.y = contact.y - view.clientHeight / 2 / state.view.scale;
   }
-  attempt(Promise.resolve(select([contact])));
+  select([contact]);
 }
 
 function pan(dx, dy) {

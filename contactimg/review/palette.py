@@ -8,7 +8,7 @@ CUT_COLOUR, TOUCHING_COLOUR = "#e69f00", "#009e73"
 Kind = dict[str, object]
 
 _DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU
-_CUT = Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL | Flag.BEYOND_HERTZ
+_CUT = Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL
 _TOUCHING = Flag.MERGED | Flag.OVERLAP
 
 
@@ -18,13 +18,14 @@ def kinds_of_contacts() -> list[Kind]:
     Examples
     --------
     >>> [kind["name"] for kind in kinds_of_contacts()]
-    ['by hand', 'doubtful', 'cut or not resolved', 'touching', 'contact']
+    ['by hand', 'doubtful', 'cut or not resolved', 'touching', 'beyond Hertz', 'contact']
     """
     return [
         _kind("by hand", MANUAL_COLOUR, [], Flag.MANUAL),
-        _kind("doubtful", FLAGGED_COLOUR, [5, 3], _DOUBTFUL),
-        _kind("cut or not resolved", CUT_COLOUR, [2, 3], _CUT),
-        _kind("touching", TOUCHING_COLOUR, [9, 3], _TOUCHING),
+        _kind("doubtful", FLAGGED_COLOUR, [8, 4], _DOUBTFUL),
+        _kind("cut or not resolved", CUT_COLOUR, [4, 4], _CUT),
+        _kind("touching", TOUCHING_COLOUR, [14, 4], _TOUCHING),
+        _kind("beyond Hertz", CONTACT_COLOUR, [6, 3], Flag.BEYOND_HERTZ),
         _kind("contact", CONTACT_COLOUR, [], Flag(0)),
     ]
 

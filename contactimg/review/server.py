@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socketserver import TCPServer
 from threading import Condition
-from typing import Any, ClassVar
+from typing import Any
 
 from contactimg.errors import ContactimgError
 from contactimg.review.requests import Answer, answer_get, answer_post
@@ -99,8 +99,8 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers the requests of one connection."""
 
     protocol_version = "HTTP/1.1"
-    server_version: ClassVar[str] = "contactimg"
-    sys_version: ClassVar[str] = ""
+    server_version = "contactimg"
+    sys_version = ""
     timeout = SECONDS
     server: ReviewServer
 

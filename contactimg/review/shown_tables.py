@@ -82,8 +82,10 @@ class ShownTables:
     @cached_property
     def _rows(self) -> dict[str, dict[str, Any]]:
         """Name of a frame -> status, number of contacts and load."""
-        rows = _plain(self.frames[["frame", "status", "n_contacts", "load_N"]]).to_dict("records")
-        return {str(row.pop("frame")): row for row in rows}
+        names = ["status", "n_contacts", "load_N"]
+        columns = [_plain(self.frames[names])[name].tolist() for name in names]
+        rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
+        return dict(zip(self.frames["frame"].tolist(), rows, strict=True))
 
     def text(self, name: str) -> bytes:
         """The file of a table; empty if the run has none."""
