@@ -680,9 +680,10 @@ async function followJob() {
   showRun();
   if (job.error) throw new Error(`${job.kind}: ${job.error}`);
   if (job.kind === "plateau") return tellPlateau(job.result);
-  const [data] = await Promise.all([ask(`frames/${state.number}/contacts.json`)]);
+  const data = await ask(`frames/${state.number}/contacts.json`);
   takeContacts(data);
   select([]);
+  showLegend();
   scheduleCurves();
   tell(`measured again: ${state.contacts.length} contacts${data.row && data.row.message ? `; ${data.row.message}` : ""}`);
 }
