@@ -620,8 +620,9 @@ function showRun() {
   byId("redo").disabled = !state.redo.length;
   const source = run.measured ? "Measured again on this page; nothing of it is written." : "The tables of the run.";
   const next = pending ? ` The edits of ${pending} frame${pending > 1 ? "s" : ""} are not in them yet.` : "";
+  const changed = run.changed.length ? ` ${run.changed.join(" and ")} was changed after the run.` : "";
   const other = run.scene_changed ? " The threshold chosen is not in them yet." : "";
-  byId("source").textContent = `${source}${next}${other} To write tables with the edits: ${run.command}`;
+  byId("source").textContent = `${source}${changed}${next}${other} To write tables with the edits: ${run.command}`;
 }
 
 /* Only what changed is touched: a list of many frames keeps its place and its focus. */

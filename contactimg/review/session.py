@@ -84,9 +84,9 @@ class Session:
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
-        self._measured = _Measured(
-            ShownTables.read(folder), self._edits_of_run(run.provenance["inputs"]), run.scene
-        )
+        shown = replace(ShownTables.read(folder), frames=run.frames)
+        self._measured = _Measured(shown, self._edits_of_run(run.provenance["inputs"]), run.scene)
+        self.changed = run.changed
         self.sources = _readable(self.open(), folder, run.provenance["inputs"])
         pose = run.provenance.get("pose")
         self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
@@ -125,6 +125,7 @@ class Session:
                 "scene_file": None if self.scene_file is None else str(self.scene_file),
                 "method": self.scene.measure.method,
                 "threshold": self.scene.measure.threshold,
+                "changed": list(self.changed) if shown.folder == self.folder else [],
                 "scene_changed": self.scene != self._measured.scene,
                 "edits": edits,
                 "measured": self.jobs.state.number if shown.folder != self.folder else 0,

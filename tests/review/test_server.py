@@ -323,6 +323,19 @@ def test_the_window_of_a_contact_shows_what_the_model_leaves(session):
     assert residual() > 2 * fitted
 
 
+def test_tables_changed_after_the_run_are_named_and_summed_anew(top):
+    lines = (top / "run" / "contacts.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    (top / "run" / "contacts.csv").write_text("".join(lines[:-3]), encoding="utf-8")
+    before = pd.read_csv(top / "run" / "frames.csv")["n_contacts"].iloc[2]
+    with closing(Session(top / "run", workers=1)) as session:
+        assert session.record()["changed"] == ["contacts.csv"]
+        assert session.record()["frames"][2]["n_contacts"] == before - 3
+        session.measure()
+        session.jobs.wait()
+        assert session.record()["changed"] == []
+        assert session.record()["frames"][2]["n_contacts"] == before
+
+
 def test_runs_that_cannot_be_reviewed_are_refused(top, tmp_path):
     with pytest.raises(InputError, match="holds no run"):
         Session(tmp_path)
