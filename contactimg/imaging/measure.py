@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pandas.api.types import pandas_dtype
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
@@ -284,11 +283,10 @@ def _contacts_table(detections: Detections) -> pd.DataFrame:
     columns: dict[str, Any] = {
         name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()
     }
-    shapes: dict[str, Any] = dict(shape_columns(contacts))
-    columns |= {
-        name: pd.Series(shapes[name]).astype(pandas_dtype(dtype)).array
-        for name, dtype in SHAPE_COLUMNS.items()
-    }
+    shapes = shape_columns(contacts)
+    for name, dtype in SHAPE_COLUMNS.items():
+        plain = dtype == "float64"  # the other types are those of pandas
+        columns[name] = np.asarray(shapes[name], dtype) if plain else pd.array(shapes[name], dtype=dtype)
     columns["flags"] = columns["flags"] | no_plateau
     return pd.DataFrame({"label": np.arange(1, len(columns["flags"]) + 1, dtype=np.int64), **columns})
 

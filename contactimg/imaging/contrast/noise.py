@@ -124,6 +124,10 @@ class NoiseCorrelation:
         return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
 
 
+INDEPENDENT = NoiseCorrelation(np.zeros(LARGEST_LAG + 1))
+"""Of pixels that share no noise."""
+
+
 @lru_cache(maxsize=1)
 def _rim_autocorrelation() -> NDArray[np.float64]:
     """Of the derivative with respect to the radius: a row for each of `RADII`, over `LAGS`."""

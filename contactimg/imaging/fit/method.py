@@ -269,4 +269,4 @@ def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: 
     chi_square, many = joint.fit.chi_square, len(radius) >= FEWEST_COMMON_CHI_SQUARE
     common = min(float(np.median(chi_square)), 1.0) if many else 1.0
     std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
-    return replace(joint, fit=replace(joint.fit, std=std))
+    return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.contrast.noise import INDEPENDENT, NoiseCorrelation
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.settings import (
@@ -59,6 +60,8 @@ class JointFit:
         Change of each radius (px) by one standard uncertainty of the contrast, with the correlated change of
         the blur, and by one of the remaining uncertainty of the blur: two independent errors common to all
         disks.
+    correlation : NoiseCorrelation
+        Of the noise that neighbouring pixels share.
     """
 
     fit: FittedDisks
@@ -68,6 +71,7 @@ class JointFit:
     covariance: NDArray[np.float64]
     own_covariance: NDArray[np.float64]
     radius_shifts: NDArray[np.float64]
+    correlation: NoiseCorrelation = INDEPENDENT
 
     def optics(self, covariance: NDArray[np.float64], *, binning: int) -> SharedOptics:
         """Contrast and blur with a given covariance, in pixels of the frame."""

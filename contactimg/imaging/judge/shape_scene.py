@@ -1,6 +1,7 @@
 """What the ladder of shapes sees: the fitted frame, the groups in which it asks, and their windows."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -8,17 +9,17 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
+from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation
 from contactimg.imaging.count.free_shape import find_component
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.ellipse import CommonOptics, Window
-from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.quality import FrameFit
 from contactimg.imaging.fit.shared_optics import JointFit
 from contactimg.imaging.judge.second_opinion import AreaNoise
 from contactimg.imaging.judge.shape_calls import OVERLAP_BLUR_WIDTHS, OVERLAP_SHARE, usual_chi_square
 from contactimg.imaging.pixels.masks import exclude
-from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS
+from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS
 from contactimg.imaging.shapes.overlap import find_overlaps
 
 WINDOW_MARGIN_BLUR_WIDTHS = 4.0
@@ -49,38 +50,46 @@ class ShapeScene:
     problem : FitProblem
     image : ndarray of float32, shape (rows, columns)
         Without the film and whatever else the profile of a contact has beyond a blurred disk.
-    model : ndarray of float32, shape (rows, columns)
-        All disks, plain.
     disks : ndarray, shape (n, 4)
     chi_square : ndarray, shape (n,)
     optics : CommonOptics
     correlation : NoiseCorrelation
-    area_noise : AreaNoise
-        Of sums over pixels.
     """
 
     problem: FitProblem
     image: NDArray[np.float32]
-    model: NDArray[np.float32]
     disks: NDArray[np.float64]
     chi_square: NDArray[np.float64]
     optics: CommonOptics
     correlation: NoiseCorrelation
-    area_noise: AreaNoise
 
     @classmethod
     def of(cls, frame_fit: FrameFit, joint: JointFit) -> "ShapeScene":
         """From the fit of a frame and of its contrast and blur."""
         problem, fit = frame_fit.problem, frame_fit.fit
         image, shape = problem.image, problem.image.shape
-        model = render_disks(fit.disks, fit.blur, shape)
         if problem.profile.outer > INNER_BLUR_WIDTHS or not len(problem.profile.powers):
-            full = render_disks(fit.disks, fit.blur, shape, profile=problem.profile)
-            image = image - (full - model)
-        correlation = measure_correlation(image, model, problem.background, noise=problem.pixel_noise)
+            plain, full = (
+                render_disks(fit.disks, fit.blur, shape, profile=edge) for edge in (None, problem.profile)
+            )
+            image = image - (full - plain)
         optics = CommonOptics(joint.contrast, joint.spread, fit.blur, joint.covariance)
-        area_noise = AreaNoise.of(image, problem.background, problem.pixel_noise)
-        return cls(problem, image, model, fit.disks, fit.chi_square, optics, correlation, area_noise)
+        return cls(problem, image, fit.disks, fit.chi_square, optics, joint.correlation)
+
+    @cached_property
+    def area_noise(self) -> AreaNoise:
+        """Noise of sums over pixels."""
+        return AreaNoise.of(self.image, self.problem.background, self.problem.pixel_noise)
+
+    def without_others(self, box: tuple[slice, slice], members: NDArray[np.intp]) -> NDArray[np.float32]:
+        """The image in a window, with all disks but some subtracted."""
+        part, corner = self.image[box], np.array([box[1].start, box[0].start, 0.0, 0.0])
+        disks, reach = self.disks - corner, self.disks[:, RADIUS] + END_BLUR_WIDTHS * self.optics.blur
+        rows, columns = part.shape
+        near = (disks[:, X] > -reach) & (disks[:, X] < columns + reach)
+        near &= (disks[:, Y] > -reach) & (disks[:, Y] < rows + reach)
+        near[members] = False
+        return part - render_disks(disks[near], self.optics.blur, part.shape)
 
     def inflation(self, radius: float) -> float:
         """Factor of the variance of a rim of this radius for noise that pixels share."""
@@ -146,7 +155,7 @@ class GroupView:
         if not min(shape, default=0):
             return None
         corner = np.array([box[1].start, box[0].start, 0.0, 0.0])
-        image = scene.image[box] - scene.model[box] + render_disks(disks - corner, blur, shape)
+        image = scene.without_others(box, members)
         brightness = float(np.median(problem.brightness_at(disks)))
         window = Window.of(problem, box, image, brightness)
         noisy = scene.optics.contrast < SMOOTHED_CONTRAST_TO_NOISE * problem.pixel_noise

@@ -56,27 +56,53 @@ def _sum_contact(image, valid, disk, neighbours, core, limits, out):
     """Pixels and light of one contact, row by row: whole runs where no neighbour can be nearer."""
     x, y, a = disk
     region, far = a + limits[0], a + limits[1]
-    inner = min(region, a + _free_distance(disk, neighbours))
+    free, near = a + _free_distance(disk, neighbours), np.empty_like(neighbours)
     for row in range(int(np.ceil(y - far)), int(np.floor(y + far)) + 1):
         square = (row - y) ** 2
-        _add_run(image, valid, row, x, core * core - square, out[CORE_SEEN : CORE_LIGHT + 1])
+        left, end = _chord(x, far * far - square)
+        count = _select_near(neighbours, (row, left, end), limits[1], near)
+        inner = min(region, free) if count else region
+        start, stop = _chord(x, inner * inner - square)
+        if start == stop:
+            start = stop = end
+        _add_run(image, valid, (row, *_chord(x, core * core - square)), out[CORE_SEEN : CORE_LIGHT + 1])
         seen = out[SEEN]
-        wanted = _add_run(image, valid, row, x, inner * inner - square, out[SEEN : LIGHT + 1 : LIGHT])
-        out[MISSING] += wanted - (out[SEEN] - seen)
-        outer = np.sqrt(max(far * far - square, 0.0))
-        inside = np.sqrt(inner * inner - square) if inner * inner >= square else -1.0
-        left, right = int(np.ceil(x - outer)), int(np.floor(x + outer))
-        resume = int(np.floor(x + inside)) + 1 if inside >= 0.0 else left
-        stop = int(np.ceil(x - inside)) - 1 if inside >= 0.0 else left - 1
-        _add_pixels(image, valid, (row, left, stop), disk, neighbours, limits[0], out)
-        _add_pixels(image, valid, (row, max(resume, stop + 1), right), disk, neighbours, limits[0], out)
+        _add_run(image, valid, (row, start, stop), out[SEEN : LIGHT + 1 : LIGHT])
+        out[MISSING] += stop - start - (out[SEEN] - seen)
+        for run in ((row, left, start), (row, stop, end)):
+            if count:
+                _add_pixels(image, valid, run, disk, near[:count], limits[0], out)
+            else:
+                _add_run(image, valid, run, out[RING_SEEN : RING_LIGHT + 1])
+
+
+@njit(cache=True)
+def _select_near(neighbours, run, reach, near):
+    """Copy the neighbours whose rims come closer than ``reach`` to a run of pixels; their number."""
+    count = 0
+    for k in range(len(neighbours)):
+        x, y, far = neighbours[k, 0], neighbours[k, 1], neighbours[k, 2] + reach
+        if abs(run[0] - y) < far and run[1] < x + far and run[2] > x - far:
+            near[count] = neighbours[k]
+            count += 1
+    return count
+
+
+@njit(cache=True, forceinline=True)
+def _chord(x, square):
+    """First pixel of a row within ``sqrt(square)`` of x, and the one after the last."""
+    if square < 0.0:
+        return 0, 0
+    half = np.sqrt(square)
+    first = int(np.ceil(x - half))
+    return first, max(int(np.floor(x + half)) + 1, first)
 
 
 @njit(cache=True, forceinline=True)
 def _add_pixels(image, valid, run, disk, neighbours, reach, out):
-    """Add the pixels of a run (row, first and last column) one by one, where no neighbour is nearer."""
+    """Add the pixels of a run (row, first column, end) one by one, where no neighbour is nearer."""
     row = run[0]
-    for column in range(run[1], run[2] + 1):
+    for column in range(run[1], run[2]):
         outside = np.sqrt((column - disk[0]) ** 2 + (row - disk[1]) ** 2) - disk[2]
         if not _is_free(neighbours, column, row, outside):
             continue
@@ -91,20 +117,12 @@ def _add_pixels(image, valid, run, disk, neighbours, reach, out):
 
 
 @njit(cache=True, forceinline=True)
-def _add_run(image, valid, row, x, square, out):
-    """Add seen pixels and light of a row within ``sqrt(square)`` of x; the number of pixels, seen or not."""
-    if square < 0.0:
-        return 0
-    half = np.sqrt(square)
-    left, right = int(np.ceil(x - half)), int(np.floor(x + half)) + 1
-    wanted = max(right - left, 0)
-    if row < 0 or row >= len(image):
-        return wanted
-    left, right = max(left, 0), min(right, image.shape[1])
-    if right > left:
+def _add_run(image, valid, run, out):
+    """Add seen pixels and light of a run (row, first column, end)."""
+    row, left, right = run[0], max(run[1], 0), min(run[2], image.shape[1])
+    if right > left and 0 <= row < len(image):
         out[1] += _row_sum(image[row, left:right])
         out[0] += right - left if valid.shape != image.shape else _row_sum(valid[row, left:right])
-    return wanted
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
@@ -165,7 +183,7 @@ def stand_out(image, valid, disks, near_px, far_px):
         sums[:] = 0.0
         a = max(a, LEAST_INSIDE_PX)
         for row in range(int(np.ceil(y - a)), int(np.floor(y + a)) + 1):
-            _add_run(image, valid, row, x, a * a - (row - y) ** 2, sums)
+            _add_run(image, valid, (row, *_chord(x, a * a - (row - y) ** 2)), sums)
         neighbours = disks[link[start[i] : start[i + 1], 2]]
         around = _sample_surroundings(image, valid, disks[i], neighbours, (near_px, far_px))
         count = len(around)
@@ -213,23 +231,31 @@ def area_above(image, disks, levels, reach_px, out):
             if left < 0.0:
                 continue
             half = np.sqrt(left)
-            for column in range(int(np.ceil(x - half - 0.5)), int(np.floor(x + half - 0.5)) + 1):
-                total += _share_above(
-                    image[row, column] - level,
-                    image[row, column + 1] - level,
-                    image[row + 1, column + 1] - level,
-                    image[row + 1, column] - level,
-                )
+            first, last = int(np.ceil(x - half - 0.5)), int(np.floor(x + half - 0.5)) + 1
+            total += _row_above(image[row, first : last + 1], image[row + 1, first : last + 1], level)
         out[i] = total
+
+
+@njit(cache=True)
+def _row_above(upper, lower, level):
+    """Area above a level in the squares between two rows of pixels."""
+    total, before = 0.0, 2
+    for k in range(len(upper)):
+        here = (upper[k] > level) + (lower[k] > level)
+        if k > 0 and here == before == 2:
+            total += 1.0
+        elif k > 0 and here + before > 0:
+            total += _share_above(
+                upper[k - 1] - level, upper[k] - level, lower[k] - level, lower[k - 1] - level
+            )
+        before = here
+    return total
 
 
 @njit(cache=True, forceinline=True)
 def _share_above(one, two, three, four):
-    """Share of a square where a function is positive, from its values at the corners in turn."""
-    above = (one > 0) + (two > 0) + (three > 0) + (four > 0)
-    if above in (0, 4):
-        return above / 4.0
-    if above == 3:
+    """Share of a square where a function is positive at some corners, from its values there in turn."""
+    if (one > 0) + (two > 0) + (three > 0) + (four > 0) == 3:
         return 1.0 - _share_above_few(-one, -two, -three, -four)
     return _share_above_few(one, two, three, four)
 

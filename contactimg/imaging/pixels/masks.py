@@ -1,7 +1,7 @@
 """Masks: which pixels of an image are used, and which fraction of a disk they leave visible."""
 
-import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Mask = NDArray[np.uint8] | None
@@ -46,9 +46,30 @@ def clear_disks(mask: NDArray[np.uint8], disks: NDArray[np.float64]) -> None:
     >>> mask.tolist()
     [[1, 0, 1, 1], [0, 0, 0, 1], [1, 0, 1, 1]]
     """
-    centres, radii = np.rint(disks[:, :2]).astype(int).tolist(), np.ceil(disks[:, 2]).astype(int).tolist()
-    for centre, radius in zip(centres, radii, strict=True):
-        cv2.circle(mask, centre, radius, 0, cv2.FILLED)
+    _clear_circles(mask, np.rint(disks[:, :2]).astype(np.int64), np.ceil(disks[:, 2]).astype(np.int64))
+
+
+@njit(cache=True)
+def _clear_circles(mask, centres, radii):
+    """Set filled circles to 0: eight octants from one, by the midpoint algorithm."""
+    for i in range(len(radii)):
+        x, y, across, down = centres[i, 0], centres[i, 1], radii[i], 0
+        error, fall = 0, 2 * radii[i] - 1
+        while across >= down:
+            for half, away in ((across, down), (down, across)):
+                _clear_run(mask, y - away, x - half, x + half)
+                _clear_run(mask, y + away, x - half, x + half)
+            error += 2 * down + 1
+            down += 1
+            if error > 0:
+                error, across, fall = error - fall, across - 1, fall - 2
+
+
+@njit(cache=True)
+def _clear_run(mask, row, first, last):
+    """Set the pixels of a row from first to last to 0, as far as they lie in the image."""
+    if 0 <= row < mask.shape[0]:
+        mask[row, max(first, 0) : max(last + 1, 0)] = 0
 
 
 def visible_fraction(disks: NDArray, shape: tuple[int, int], valid: Mask) -> NDArray[np.float64]:
