@@ -160,7 +160,9 @@ def _gauss_newton(
     edges = np.linspace(0, shape[1], max(round(shape[1] / TILE_PX), 1) + 1).astype(np.int64)
     sums = np.zeros((len(tops), len(edges) - 1, SUMS))
     for _ in range(ITERATIONS):
-        moved = filter_rows_and_columns(reference, shift_kernel(x), shift_kernel(y))
+        moved = reference
+        if x or y:
+            moved = filter_rows_and_columns(reference, shift_kernel(x), shift_kernel(y))
         residuals = (frame[3::7, 3::5] - moved[3::7, 3::5])[mask[3::7, 3::5] > 0]
         middle = median(residuals) if len(residuals) else 0.0
         clip = CLIP_MAD * median(np.abs(residuals - np.float32(middle))) if len(residuals) else 1.0

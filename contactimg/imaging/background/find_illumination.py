@@ -19,7 +19,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
-from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.pixels.robust import quantile, robust_std
 
 BackgroundLevel = Literal["lowest", "highest", "nearest_one", "most_common"]
 """Which of several well-populated levels is the background: the lowest (contacts are bright), the highest
@@ -86,7 +86,7 @@ def _scatter_of_darkest(squares: NDArray, background_is: BackgroundLevel) -> flo
         "nearest_one": np.abs(squares - 1.0),
         "most_common": squares,
     }[background_is]
-    dark = covered < np.quantile(covered[np.isfinite(covered)], DARKEST_FRACTION)
+    dark = covered < np.float32(quantile(covered[np.isfinite(covered)], DARKEST_FRACTION))
     differences = np.diff(squares, axis=1)[dark[:, 1:] & dark[:, :-1]]
     return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 

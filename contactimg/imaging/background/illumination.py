@@ -23,6 +23,7 @@ BACKGROUND_CLIP_SIGMA = 3.5  # robust standard deviations from the polynomial: n
 FIT_CLIP_SIGMA = 2.0  # the same for the fit: blocks at the rims of contacts would bias it to one side
 FIT_ITERATIONS = 6
 SETTLED_FRACTION = 1e-3  # of the blocks: if fewer enter or leave the fit, it has converged
+CHUNK_BLOCKS = 256  # that are summed at a time: ten terms of them fit into the fastest cache; speed only
 FIT_BLOCKS = 3000  # blocks of 8 px that the fit uses; of smaller blocks those that cover the same area
 BLOCKS_PER_COEFFICIENT = 10  # blocks that a polynomial order needs for each of its coefficients
 RIDGE_FRACTION = 1e-3  # of the number of blocks: keeps the polynomial flat in corners without background
@@ -150,16 +151,18 @@ def fit_illumination(
     for k, (i, j) in enumerate(TERMS):
         grid[j, i] = coefficients[k]
     grid[0, 0] += level
-    offset = np.abs(blocks - _at_blocks(grid, blocks.shape, shape))
-    return Illumination(grid, offset < BACKGROUND_CLIP_SIGMA * scatter, scatter)  # NaN compares false
+    along, across = _cubics(grid, blocks.shape, shape)
+    background = np.empty(blocks.shape, np.bool_)
+    _mark_near(background, np.ascontiguousarray(blocks), along, across, BACKGROUND_CLIP_SIGMA * scatter)
+    return Illumination(grid, background, scatter)
 
 
 def one_sided_scatter(deviation: NDArray) -> float:
     """Robust standard deviation from the narrower side, above or below: on it no contacts stand."""
-    ordered = np.sort(deviation)
-    below, above = np.searchsorted(ordered, 0.0), np.searchsorted(ordered, 0.0, side="right")
-    sides = (-ordered[:below], ordered[above:])
-    return MAD_TO_STD * min(float(side[len(side) // 2]) if len(side) else 0.0 for side in sides)
+    return MAD_TO_STD * min(
+        abs(float(np.partition(side, len(side) // 2)[len(side) // 2])) if len(side) else 0.0
+        for side in (deviation[deviation < 0.0], deviation[deviation > 0.0])
+    )
 
 
 def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray, NDArray]:
@@ -172,9 +175,16 @@ def _block_centres(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDA
 
 def _at_blocks(coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int, int]) -> NDArray[np.float64]:
     """The polynomial at the centre of each block."""
+    along, u = _cubics(coefficients, blocks, shape)
+    return np.asarray(along @ (u[:, None] ** np.arange(POLYNOMIAL_ORDER + 1)).T)
+
+
+def _cubics(
+    coefficients: NDArray, blocks: tuple[int, int], shape: tuple[int, int]
+) -> tuple[NDArray, NDArray]:
+    """Coefficients of the cubic in ``u`` for each row of blocks, and ``u`` of each column."""
     u, v = _block_centres(blocks, shape)
-    powers = np.arange(POLYNOMIAL_ORDER + 1)
-    return np.asarray((v[:, None] ** powers) @ coefficients @ (u[:, None] ** powers).T)
+    return (v[:, None] ** np.arange(POLYNOMIAL_ORDER + 1)) @ coefficients, u
 
 
 @lru_cache(maxsize=4)
@@ -212,15 +222,28 @@ def _solve(basis: NDArray, data: NDArray, keep: NDArray[np.bool_], orders: int) 
 @njit(cache=True)
 def _normal_equations(basis, data, keep):
     """Products of the terms with each other and with the data, summed over the kept blocks."""
-    terms = basis.shape[0]
+    terms, size = basis.shape
     power, common = np.zeros((terms, terms)), np.zeros(terms)
-    weight = keep.astype(np.float64)
+    kept = np.empty(CHUNK_BLOCKS)
+    for start in range(0, size, CHUNK_BLOCKS):
+        end = min(start + CHUNK_BLOCKS, size)
+        for i in range(terms):
+            part = kept[: end - start]
+            _keep(part, basis[i, start:end], keep[start:end])
+            for j in range(i + 1):
+                power[i, j] += _product(part, basis[j, start:end])
+            common[i] += _product(part, data[start:end])
     for i in range(terms):
-        kept = basis[i] * weight
-        for j in range(i + 1):
-            power[i, j] = power[j, i] = _product(kept, basis[j])
-        common[i] = _product(kept, data)
+        for j in range(i):
+            power[j, i] = power[i, j]
     return power, common
+
+
+@njit(cache=True)
+def _keep(out, values, keep):
+    """The values that are kept, 0 for the others."""
+    for k in range(len(out)):
+        out[k] = values[k] if keep[k] else 0.0
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
@@ -241,6 +264,22 @@ def _orders_supported(count: int) -> int:
         )
         + (count > 0)
     )
+
+
+@njit(cache=True)
+def _mark_near(out, blocks, along, across, limit):
+    """Mark the blocks that are closer than ``limit`` to the polynomial; NaN is not."""
+    for j in range(len(out)):
+        _mark_row(out[j], blocks[j], along[j], across, limit)
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"}, forceinline=True)
+def _mark_row(out, blocks, along, across, limit):
+    """One row; contiguous vectors, so that it compiles to vector instructions."""
+    c0, c1, c2, c3 = along
+    for i in range(len(out)):
+        u = across[i]
+        out[i] = abs(blocks[i] - (c0 + u * (c1 + u * (c2 + u * c3)))) < limit
 
 
 @njit(cache=True, fastmath=True, forceinline=True)

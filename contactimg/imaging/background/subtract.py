@@ -140,7 +140,8 @@ class _PlacedReference:
         def ratio(side: int) -> tuple[NDArray, float]:
             above, below = frame_blocks, blocks
             if side != BLOCK:
-                above, below = (block_means(image, valid, side=side) for image in (images.frame, moved))
+                above = block_means(images.frame, valid, side=side)
+                below = half if side == 2 else block_means(moved, valid, side=side)
             return above / np.maximum(below, DARKEST_FRACTION * level), _noise_of_two(below) / level
 
         illumination = find_illumination(ratio, images.frame.shape, background_is=images.background_is)

@@ -30,7 +30,7 @@ from contactimg.imaging.fit.settings import (
 )
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
-from contactimg.imaging.pixels.robust import MAD_TO_STD, median
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 
 
@@ -143,13 +143,15 @@ def _remaining_illumination(problem: FitProblem, fit: FittedDisks, means: BlockM
     highest = float(np.max(fit.disks[:, CONTRAST], initial=1e-6))
     side, limit = BLOCK, UNTOUCHED_FRACTION * highest
     image, model = means(side)
-    if np.mean(np.abs(model) < limit) < LEAST_UNTOUCHED_SHARE:
+    light = np.abs(model)
+    if np.mean(light < limit) < LEAST_UNTOUCHED_SHARE:
         side = GAP_BLOCK_PX
         image, model = means(side)
-        limit = max(limit, 1.01 * float(np.quantile(np.abs(model), GAP_SHARE)))
+        light = np.abs(model)
+        limit = max(limit, 1.01 * quantile(light, GAP_SHARE))
         if limit > LARGEST_GAP_FRACTION * highest:
             return None
-    dark = np.abs(model) < limit
+    dark = light < limit
     if problem.valid is not None:
         dark &= block_means(problem.valid, side=side) == 1.0
     if not dark.any():
