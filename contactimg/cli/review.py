@@ -34,6 +34,7 @@ def review(*, run: str, port: int, no_browser: bool, workers: int | None) -> int
         import webbrowser
         from contextlib import closing
         from pathlib import Path
+        from threading import Thread
 
         from contactimg.errors import InputError
         from contactimg.review import ReviewServer, Session
@@ -47,7 +48,8 @@ def review(*, run: str, port: int, no_browser: bool, workers: int | None) -> int
             click.echo(f"review of {run}: {server.address}")
             click.echo(f"edits go to {session.edits.path}; Ctrl-C ends the review")
             if not no_browser:
-                webbrowser.open(server.address)
+                # a browser in the terminal returns only when it is left
+                Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
             try:
                 server.serve_forever()
             except KeyboardInterrupt:

@@ -5,7 +5,6 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import tempfile
@@ -14,13 +13,13 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+from browser import BROWSER
 from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.report import build_report
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 BROWSER_TIME = 120  # s
 HOSTILE = '<script>alert(1)<b>&".tif'
 SECTIONS = ["summary", "area", "overlays", "flags", "failed", "provenance"]
