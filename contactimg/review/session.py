@@ -84,6 +84,7 @@ class Session:
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
+        self._known: tuple[str, list[dict[Any, Any]]] = ("", [])
         shown = replace(ShownTables.read(folder), frames=run.frames)
         self._measured = _Measured(shown, self._edits_of_run(run.provenance["inputs"]), run.scene)
         self.changed = run.changed
@@ -141,8 +142,12 @@ class Session:
             }
 
     def _edits_now(self) -> list[dict[Any, Any]]:
-        """The edits as they are now, with None for what JSON does not have."""
-        return _plain_rows(self.edits.read())
+        """The edits, with None for what JSON does not have; the file is read again when it has changed."""
+        with self._lock:
+            version = self.edits.version
+            if version != self._known[0]:
+                self._known = (version, _plain_rows(self.edits.read()))
+            return self._known[1]
 
     def tables(self) -> ShownTables:
         """Those of the run, or of the last time it was measured again."""

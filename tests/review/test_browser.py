@@ -119,6 +119,8 @@ def test_tables_after_random_edits_are_those_of_process(review, browser, tmp_pat
             browser.wait_for(f"review.state.number === {k // 30} && {READY}")
         getattr(hand, str(rng.choice(list(ACTIONS), p=list(ACTIONS.values()))))()
         browser.wait_for("review.state.unsaved === 0")
+        if k % 5:
+            continue
         # what the page calls saved is on the disk
         assert browser.evaluate("review.state.run.edits.length") == len(read_edits(series / "edits.csv"))
     edits = read_edits(series / "edits.csv")
