@@ -39,21 +39,19 @@ class Client:
 
     def ask(self, method, path, body=None, *, raw=False, **headers):
         """Status, headers and body of an answer."""
-        line = http.client.HTTPConnection(self.host, timeout=30)
         path = path if raw else f"/{self.token}/{path}"
-        line.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
         given = {"Host": self.host} | {name.replace("_", "-"): value for name, value in headers.items()}
         if body is not None:
             given = {"Content-Type": JSON, "Origin": f"http://{self.host}"} | given
             given |= {"Content-Length": str(len(body))}
-        for name, value in given.items():
-            if value is not None:
-                line.putheader(name, value)
-        line.endheaders(body)
-        answer = line.getresponse()
-        content = answer.read()
-        line.close()
-        return answer.status, dict(answer.getheaders()), content
+        with closing(http.client.HTTPConnection(self.host, timeout=30)) as line:
+            line.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
+            for name, value in given.items():
+                if value is not None:
+                    line.putheader(name, value)
+            line.endheaders(body)
+            with line.getresponse() as answer:
+                return answer.status, dict(answer.getheaders()), answer.read()
 
     def get(self, path, **headers):
         return self.ask("GET", path, **headers)
