@@ -1,6 +1,7 @@
 """How well modulus, adhesion and centre come out of a smooth contact, and how honest the intervals are.
 
 python benchmarks/calibration_jkr.py intervals [--seeds 100]   # loads and radii with noise, no images
+python benchmarks/calibration_jkr.py errors [--seeds 50]       # zero, gain, lens or layer that are off
 python benchmarks/calibration_jkr.py frames [--seed 1]         # rendered frames, modulus and adhesion hidden
 """
 
@@ -8,12 +9,16 @@ import argparse
 import tempfile
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pandas as pd
 
+from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.jkr import calibrate_jkr
-from contactimg.files import open_experiment, read_scene, write_table
+from contactimg.files import list_frames, open_experiment, read_scene, write_frame, write_table
+from contactimg.frame import Frame
 from contactimg.mechanics import jkr
+from contactimg.mechanics.layer_contact import layer_factors
 from contactimg.pipeline.calibrate.jkr import run_jkr
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -42,6 +47,27 @@ FRAMES = {
     "no film, soft edge of 1 px": {"film": "off", "edge_softness_px": 1.0},
     "no film, edge rough by 0.5 px": {"film": "off", "edge_roughness_px": 0.5},
     "contact leaves the field": {"centre_m": [0.0041, -0.0023]},
+    "zero off by 2 mN": {"zero": 2e-3},
+    "gain 1 % high": {"gain": 0.01},
+    "lens astigmatic by 2 %": {"astigmatism": 0.02},
+}
+ERRORS = {
+    "none": {},
+    "zero off by 2 mN": {"zero": 2e-3},
+    "gain 1 % high": {"gain": 0.01},
+    "gain 1 % low": {"gain": -0.01},
+    "lens astigmatic by 2 %, one radius stated": {"astigmatism": 0.02},
+    "the three together": {"zero": 2e-3, "gain": 0.01, "astigmatism": 0.02},
+    "zero drifts by 2 mN": {"drift": 2e-3},
+    "gain drifts by 1 %": {"gain_drift": 0.01},
+    "layer of 15 mm, not stated": {"layer": 15e-3},
+    "layer of 5 mm, not stated": {"layer": 5e-3},
+    "layer of 5 mm, stated": {"layer": 5e-3, "thickness": 5e-3},
+}
+SERIES = {
+    "5 loads": LOADS_N["5 loads"],
+    "12 loads": LOADS_N["12 loads, even"],
+    "5 loads up and down": LOADS_N["5 loads"] + LOADS_N["5 loads"][-2::-1],
 }
 
 
@@ -70,6 +96,7 @@ def judge_intervals(seeds: int) -> pd.DataFrame:
                             radius_std=std,
                             sphere_radius=LENS,
                             poisson_ratio=0.5,
+                            load_cell=LoadCell(gain_std=0.0),  # 1 % would hide the rest
                         )
                     )
                 except ValueError:
@@ -94,6 +121,76 @@ def judge_intervals(seeds: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def read_series(loads: np.ndarray, error: dict, rng: np.random.Generator) -> dict:
+    """Loads and radii with noise and a common error, as `calibrate_jkr` takes them."""
+    radius = jkr.radius(loads, **LAW)
+    true = loads
+    if "layer" in error:  # the load at which the layer's contact has this radius
+        pressing, adhesive = layer_factors(radius / error["layer"])
+        K = 4 / 3 * LAW["contact_modulus"]
+        true = pressing * K * radius**3 / LENS - adhesive * np.sqrt(6 * np.pi * ADHESION * K * radius**3)
+    time = np.linspace(-0.5, 0.5, len(loads))
+    scale = 1 + error.get("gain", 0.0) + error.get("gain_drift", 0.0) * time
+    std = 3e-5 * radius + 1e-7
+    bend = error.get("astigmatism", 0.0) / 2
+    return {
+        "load": draw(true * scale, 0.002, "each", rng)
+        + error.get("zero", 0.0)
+        + error.get("drift", 0.0) * time,
+        "radius": radius + std * rng.standard_normal(len(loads)),
+        "radius_std": std,
+        "sphere_radius": LENS * (1 + bend),
+        "sphere_radius_std": LENS * bend / np.sqrt(3),
+        "thickness": error.get("thickness"),
+        "poisson_ratio": 0.5,
+    }
+
+
+def judge_errors(seeds: int) -> pd.DataFrame:
+    """Share of series within two stated standard uncertainties when all loads or the lens are off."""
+    rows = []
+    for series, values in SERIES.items():
+        for name, error in ERRORS.items():
+            found = [
+                calibrate_jkr(**read_series(np.array(values), error, np.random.default_rng([2, seed])))
+                for seed in range(seeds)
+            ]
+            row: dict = {"loads": series, "error": name}
+            for quantity, truth in (("young_modulus", MODULUS), ("work_of_adhesion", ADHESION)):
+                values_ = np.array([getattr(one, quantity).value for one in found]) / truth - 1
+                stds = np.array([getattr(one, quantity).std for one in found]) / truth
+                symbol = quantity[0].replace("y", "E")
+                row |= {
+                    f"{symbol} in 2 std": np.mean(np.abs(values_) <= 2 * stds),
+                    f"{symbol} off %": 100 * values_.mean(),
+                    f"{symbol} worst %": 100 * np.abs(values_).max(),
+                    f"{symbol} std %": 100 * np.median(stds),
+                }
+            row["zero seen"] = np.mean([one.load_zero_seen for one in found])
+            row["departure"] = np.mean([bool(one.departure) for one in found])
+            rows.append(row)
+            print(row, flush=True)
+    return pd.DataFrame(rows)
+
+
+def stretch(folder: Path, astigmatism: float, centre: tuple[float, float]) -> None:
+    """Make the contacts of rendered frames the ellipses of an astigmatic lens, about their centre."""
+    stretched = (1 + astigmatism) ** (1 / 3)  # axes as radii to the power 2/3, their product unchanged
+    x, y = centre
+    affine = np.array([[stretched, 0, x * (1 - stretched)], [0, 1 / stretched, y * (1 - 1 / stretched)]])
+    for source in list_frames(folder):
+        frame = source.read()
+        image = cv2.warpAffine(
+            frame.image.astype(np.float32),
+            affine,
+            frame.shape[::-1],
+            flags=cv2.INTER_CUBIC,
+            borderMode=cv2.BORDER_REFLECT,
+        )
+        image = np.clip(np.round(image), 0, 255).astype(frame.image.dtype)
+        write_frame(Frame(image, frame.name, frame.full_scale), source.path)
+
+
 def render(folder: Path, changes: dict, seed: int) -> tuple[float, float]:
     """Write frames with a hidden modulus and adhesion; return them."""
     changes = dict(changes)
@@ -101,6 +198,7 @@ def render(folder: Path, changes: dict, seed: int) -> tuple[float, float]:
     modulus, w = rng.uniform(2e6, 4e6), changes.pop("w", rng.uniform(0.03, 0.07))
     lamp = changes.pop("lamp", None)
     film, centre = changes.pop("film", "on"), changes.pop("centre_m", [0.0, 0.0])
+    astigmatism = changes.pop("astigmatism", 0.0)
     data = {
         "indenter": {"radius_m": LENS, "apex_m": [3e-5, -4.1e-5]},
         "elastic": {"young_modulus_Pa": modulus, "work_of_adhesion_J_m2": w},
@@ -124,16 +222,23 @@ def render(folder: Path, changes: dict, seed: int) -> tuple[float, float]:
     if lamp is not None:
         data["simulate"] |= {"film_wavelength_nm": lamp[0], "film_bandwidth_nm": lamp[1]}
     write_simulation(scene_from_dict(data), None, folder)
+    if astigmatism:
+        pose = read_scene(folder).pose((560, 640))
+        x, y = pose.to_pixels(3e-5, -4.1e-5)
+        stretch(folder, astigmatism, (float(x), float(y)))
     return modulus, w
 
 
-def measure(folder: Path, seed: int) -> dict:
+def measure(folder: Path, seed: int, *, zero: float = 0.0, gain: float = 0.0) -> dict:
     """Calibrate from the frames with 0.2 % of load noise; the scene knows lens and pixel size only."""
     loads = pd.read_csv(folder / "loads.csv")
-    loads["load_N"] = draw(loads["load_N"].to_numpy(), 0.002, "each", np.random.default_rng(seed + 1))
+    read = draw((1 + gain) * loads["load_N"].to_numpy(), 0.002, "each", np.random.default_rng(seed + 1))
+    loads["load_N"] = read + zero
     write_table(loads, LOADS, folder / "loads.csv")
     source = read_scene(folder).source
     data = {name: source[name] for name in ("indenter", "camera", "images")}
+    if not gain:  # 1 % would hide the rest
+        data["load"] = {"gain_std": 0.0}
     result = run_jkr(open_experiment(scene_from_dict(data, folder=str(folder)), pulled=True))
     return result.record | {"circles": result.tables["circles.csv"][1]}
 
@@ -142,10 +247,12 @@ def judge_frames(seed: int) -> pd.DataFrame:
     """Errors of the whole way from frames to modulus, adhesion and centre."""
     rows = {}
     for name, changes in FRAMES.items():
+        drawn = {key: value for key, value in changes.items() if key not in ("zero", "gain")}
+        off = {key: changes[key] for key in ("zero", "gain") if key in changes}
         with tempfile.TemporaryDirectory() as top:
             folder = Path(top)
-            modulus, w = render(folder, changes, seed)
-            truth, found = pd.read_csv(folder / "truth.csv"), measure(folder, seed)
+            modulus, w = render(folder, drawn, seed)
+            truth, found = pd.read_csv(folder / "truth.csv"), measure(folder, seed, **off)
             pose = read_scene(folder).pose((560, 640))
         circles = found["circles"].set_index("frame").loc[truth["frame"]].reset_index(drop=True)
         x, y = pose.to_pixels(3e-5, -4.1e-5)
@@ -167,11 +274,14 @@ def judge_frames(seed: int) -> pd.DataFrame:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["intervals", "frames"])
+    parser.add_argument("what", choices=["intervals", "errors", "frames"])
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    table = judge_intervals(options.seeds) if options.what == "intervals" else judge_frames(options.seed)
+    if options.what == "frames":
+        table = judge_frames(options.seed)
+    else:
+        table = {"intervals": judge_intervals, "errors": judge_errors}[options.what](options.seeds)
     print(table.to_string(float_format="{:.3f}".format))
 
 

@@ -19,6 +19,7 @@ from contactimg.mechanics.contact_force import ForceLaw, adhesive_pull, pressing
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, Flag
+from contactimg.unseen import NOTHING, Total, unseen_area, unseen_force
 
 HERTZ_EXPONENT = 3.0
 """Theory: p ~ a^3 (Hertz)."""
@@ -39,14 +40,6 @@ SUMS = (
 
 SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
 """Columns of the errors that all contacts of a frame share."""
-
-
-@dataclass(frozen=True)
-class Total:
-    """A sum over the contacts of a frame, with its standard uncertainty."""
-
-    value: float
-    std: float
 
 
 def assign_forces(
@@ -164,17 +157,15 @@ def force_exponents(
     return exponent
 
 
-def total_area(
-    contacts: pd.DataFrame, *, unseen_radius: float = 0.0, length_relative_std: float = 0.0
-) -> Total:
+def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
     """Real contact area ``A = sum pi a_i^2`` (m^2).
 
     Parameters
     ----------
     contacts : DataFrame
         Contacts table of one frame.
-    unseen_radius : float, m
-        The uncertainty allows for one undetected contact of this radius.
+    unseen : Total, m^2
+        Area of contacts that were not detected: not in the sum, but in its uncertainty.
     length_relative_std : float
         Relative standard uncertainty of the length of a pixel.
 
@@ -185,7 +176,7 @@ def total_area(
     """
     area = contacts["area_m2"].to_numpy(float)
     value = float(area.sum())
-    parts = [_std_of_sum(contacts, 2 * area), np.pi * unseen_radius**2, 2 * length_relative_std * value]
+    parts = [_std_of_sum(contacts, 2 * area), unseen.rms, 2 * length_relative_std * value]
     return Total(value, float(np.linalg.norm(parts)))
 
 
@@ -193,7 +184,7 @@ def total_force(
     contacts: pd.DataFrame,
     *,
     exponent: ArrayLike = HERTZ_EXPONENT,
-    unseen_radius: float = 0.0,
+    unseen: Total = NOTHING,
     modulus_relative_std: float = 0.0,
     length_relative_std: float = 0.0,
 ) -> Total:
@@ -205,9 +196,8 @@ def total_force(
         Contacts table of one frame.
     exponent : array_like, shape (n,) or scalar
         Of the force law, see `force_exponents`.
-    unseen_radius : float, m
-        The uncertainty allows for one undetected contact of this radius; its force follows from the other
-        contacts.
+    unseen : Total, N
+        Force on contacts that were not detected: not in the sum, but in its uncertainty.
     modulus_relative_std : float
         Relative standard uncertainty of the modulus, common to all contacts.
     length_relative_std : float
@@ -224,9 +214,7 @@ def total_force(
         return Total(np.nan, np.nan)
     value = float(force[known].sum())
     slope = (np.broadcast_to(np.asarray(exponent, float), force.shape) * force)[known]
-    radius = contacts["radius_m"].to_numpy(float)[known]
-    unseen = float(np.median(force[known] / radius**3)) * unseen_radius**3 if len(radius) else 0.0
-    parts = [unseen, modulus_relative_std * value, length_relative_std * float(slope.sum())]
+    parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slope.sum())]
     return Total(value, float(np.linalg.norm([_std_of_sum(contacts[known], slope), *parts])))
 
 
@@ -292,7 +280,8 @@ def fill_forces(
 
     Notes
     -----
-    The uncertainties of the sums allow for one contact that is just too small to be detected.
+    The uncertainties of the sums allow for the contacts that are too small to be detected
+    (`contactimg.unseen`); these are not in the sums but beside them.
     """
     exponent = np.full(len(contacts), HERTZ_EXPONENT)
     if scene.elastic is not None:
@@ -345,20 +334,24 @@ def _sums(
     smallest: float,
     scale: LengthScale,
 ) -> dict[str, float | str]:
-    """Area and forces of one frame for its row; ``smallest`` is the radius (m) of a detectable contact."""
-    # without a contact, an area of zero is known no better than the smallest contact that would show
-    unseen = smallest if smallest > 0 or not len(contacts) else 0.0
-    area = total_area(contacts, unseen_radius=unseen, length_relative_std=scale.relative_std)
+    """Area and forces of one frame for its row; of contacts of radius ``smallest`` (m) half are found."""
+    missing = unseen_area(contacts, smallest)
+    area = total_area(contacts, unseen=missing, length_relative_std=scale.relative_std)
     sums: dict[str, float | str] = {"area_m2": area.value, "area_std_m2": area.std}
+    if np.isfinite(smallest):
+        sums |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
     if scene.elastic is None:
         return sums
+    lacking = unseen_force(contacts, smallest)
     force = total_force(
         contacts,
         exponent=exponent,
-        unseen_radius=unseen,
+        unseen=lacking,
         modulus_relative_std=scene.elastic.young_modulus_std / scene.elastic.young_modulus,
         length_relative_std=scale.relative_std,
     )
+    if np.isfinite(smallest) and np.isfinite(force.value):
+        sums |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
     law = law_name(scene) if np.isfinite(force.value) else ""
     sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std, "law": law}
     return sums | _hertz_sum(contacts)

@@ -11,6 +11,7 @@ from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.tables import CONTACTS, Flag
+from contactimg.unseen import Total
 
 
 def contacts(radius, std):
@@ -94,13 +95,13 @@ def test_own_and_shared_errors_together():
     assert total_area(table).std == pytest.approx(expected)
 
 
-def test_length_of_a_pixel_and_an_unseen_contact():
+def test_length_of_a_pixel_and_unseen_contacts():
     table = assign_forces(contacts([3e-5] * 2, [0.0] * 2), 1e-4, contact_modulus=4e6)
-    area = total_area(table, unseen_radius=1e-5, length_relative_std=0.01)
-    assert area.std == pytest.approx(np.hypot(np.pi * 1e-10, 0.02 * area.value))
-    force = total_force(table, unseen_radius=1e-5, length_relative_std=0.01)
-    # a third of the radius, a 27th of the force of one
-    assert force.std == pytest.approx(np.hypot(1.44e-3 / 27, 0.03 * force.value))
+    area = total_area(table, unseen=Total(3e-10, 4e-10), length_relative_std=0.01)
+    # what was not seen is missing from the sum: its value counts as well as its uncertainty
+    assert area.std == pytest.approx(np.hypot(5e-10, 0.02 * area.value))
+    force = total_force(table, unseen=Total(3e-5, 4e-5), length_relative_std=0.01)
+    assert force.std == pytest.approx(np.hypot(5e-5, 0.03 * force.value))
 
 
 def test_sphere_law_row_by_row_and_its_exponent():

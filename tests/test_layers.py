@@ -24,6 +24,7 @@ ROOMS = [
     "models",
     "effects",
     "matching",
+    "unseen",
     "forces",
     "render",
     "analysis",

@@ -1,17 +1,29 @@
 """Real contact area against load: averages over places, and the exponent of A(P)."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
+from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell, ZeroAverage, average_over_zeros
 from contactimg.analysis.power_laws import PowerLaw, fit_power_law
 from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
 from contactimg.tables import AREA
 
 Values = NDArray[np.float64]
+
+LEAST_LOAD_SHARE = 0.02
+"""Share of the smallest load that a zero leaves of it at least. Chosen: the logarithm of the load stays
+finite; fits there are so bad that they have no weight."""
+
+LEAST_RELATIVE_VARIANCE = 1e-12
+"""Relative variance of an area below which it is exact. Chosen: rounding."""
 
 
 def sampling_std(contacts: pd.DataFrame) -> float:
@@ -192,7 +204,12 @@ def area_by_load(
 
 
 def fit_area_law(
-    areas: pd.DataFrame, *, load_relative_std: float = 0.0, load_std: float = 0.0, confidence: float = 0.95
+    areas: pd.DataFrame,
+    *,
+    load_relative_std: float = 0.0,
+    load_std: float = 0.0,
+    load_cell: LoadCell = EXACT_LOADS,
+    confidence: float = 0.95,
 ) -> PowerLaw:
     """Exponent of ``A ~ P^m`` with errors in both.
 
@@ -204,6 +221,8 @@ def fit_area_law(
         Relative standard uncertainty of a load.
     load_std : float, N
         Absolute one; the two add in squares.
+    load_cell : LoadCell
+        How well the zero and the gain that all loads share are known; exact if not given.
     confidence : float
         Of the intervals.
 
@@ -211,7 +230,9 @@ def fit_area_law(
     -------
     PowerLaw
         With one place the uncertainty of the area includes the sampling of places (`sampling_std`), so that
-        the interval applies to the surface; with several it comes from the scatter between places.
+        the interval applies to the surface; with several it comes from the scatter between places. The zero
+        of the loads is averaged over (`contactimg.analysis.load_cell`): its mean is taken off the loads, and
+        what is not known of it is in the intervals; the gain is in that of the amplitude.
 
     Raises
     ------
@@ -229,11 +250,51 @@ def fit_area_law(
             f"got {good['load'].nunique()}"
         )
     load, area = good["load"].to_numpy(float), good["area"].to_numpy(float)
-    return fit_power_law(
-        load,
-        area,
-        x_std=np.hypot(load_relative_std * load, load_std),
-        y_std=np.hypot(good["area_std"].to_numpy(float), good["sampling_std"].to_numpy(float)),
-        places=good["place"].tolist(),
-        confidence=confidence,
+    errors = {
+        "x_std": np.hypot(load_relative_std * load, load_std),
+        "y_std": np.hypot(good["area_std"].to_numpy(float), good["sampling_std"].to_numpy(float)),
+        "places": good["place"].tolist(),
+        "confidence": confidence,
+    }
+    law = fit_power_law(load, area, **errors)
+    width = load_cell.zero_width(load)
+    if width > 0:
+        average = _zero_average(load, area, errors, law, width)
+        law = fit_power_law(load - average.zero, area, **errors)
+        law = replace(law, exponent=_widened(law.exponent, average.std[1], confidence), zero=average.zero)
+        law = replace(
+            law, amplitude=_widened(law.amplitude, average.std[0] * law.amplitude.value, confidence)
+        )
+    gain = load_cell.gain_std * law.exponent.value * law.amplitude.value
+    return replace(law, amplitude=_widened(law.amplitude, gain, confidence))
+
+
+def _zero_average(
+    load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw, width: float
+) -> ZeroAverage:
+    """Weighted lines through the logarithms for every zero: ln A at the reference, and the exponent."""
+    variance = (errors["y_std"] / area) ** 2 + (law.exponent.value * errors["x_std"] / load) ** 2
+    weight = 1 / np.maximum(variance + law.scatter**2, LEAST_RELATIVE_VARIANCE)
+    y = np.log(area)
+
+    def line(zero: float) -> tuple[Values, float]:
+        x = np.log((load - zero) / law.reference)
+        middle, mean = weight @ x / weight.sum(), weight @ y / weight.sum()
+        slope = (weight * (x - middle)) @ (y - mean) / (weight @ (x - middle) ** 2)
+        rest = y - mean - slope * (x - middle)
+        misfit = float(weight @ rest**2)
+        # the scatter is estimated from the same residuals, unless stated errors explain them all
+        log = -0.5 * law.freedom * np.log(max(misfit, 1e-300)) if law.scatter > 0 else -0.5 * misfit
+        return np.array([mean - slope * middle, slope]), log
+
+    return average_over_zeros(line, width, largest=float(load.min()) * (1 - LEAST_LOAD_SHARE))
+
+
+def _widened(estimate: Estimate, std: float, confidence: float) -> Estimate:
+    """The estimate with one more standard uncertainty, in quadrature."""
+    reach = float(stats.norm.ppf((1 + confidence) / 2)) * std
+    low, high = (
+        estimate.value + sign * float(np.hypot(limit - estimate.value, reach))
+        for sign, limit in ((-1, estimate.low), (1, estimate.high))
     )
+    return Estimate(estimate.value, float(np.hypot(estimate.std, std)), low, high)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from contactimg.errors import InputError
+from contactimg.scene import Load
 
 NORMAL_95 = float(special.ndtri(0.975))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
@@ -69,6 +70,11 @@ class LoadCell:
                     f"the uncertainty of a load cell's {name} must not be negative, got {value!r}"
                 )
 
+    @classmethod
+    def stated(cls, load: Load) -> "LoadCell":
+        """The load cell as a scene states it, with the defaults for what it does not."""
+        return cls(load.zero_std, DEFAULT_GAIN_STD if load.gain_std is None else load.gain_std)
+
     def zero_width(self, load: ArrayLike) -> float:
         """Standard uncertainty of the zero for a series of loads, N."""
         if self.zero_std is not None:
@@ -80,43 +86,48 @@ EXACT_LOADS = LoadCell(zero_std=0.0, gain_std=0.0)
 """A load cell without error."""
 
 
+@dataclass(frozen=True)
+class ZeroAverage:
+    """Mean of the zero (N), and what not knowing it adds to the standard deviations of the parameters."""
+
+    zero: float
+    std: Values
+
+
 def average_over_zeros(
-    fit: Callable[[float], tuple[Values, Values, float]], width: float
-) -> tuple[Values, Values, float]:
+    fit: Callable[[float], tuple[Values, float]], width: float, *, largest: float = np.inf
+) -> ZeroAverage:
     """Average a fit over the zeros that the load cell may have.
 
     Parameters
     ----------
     fit : callable
-        Zero (N) -> parameters, their standard deviations and the logarithm of the likelihood.
+        Zero (N) -> parameters, and the logarithm of their likelihood.
     width : float, N
         Standard uncertainty of the zero.
+    largest : float, N
+        Zeros from here on are impossible: a load that makes contacts is above 0.
 
     Returns
     -------
-    parameters : ndarray
-        Means over the zeros, each with its probability.
-    std : ndarray
-        Of those: within the fits, and between them half the central 95 % over 1.96.
-    zero : float, N
-        Mean of the zero.
+    ZeroAverage
+        The standard deviations are half the central 95 % over 1.96.
 
     Examples
     --------
     A parameter that is the zero itself, with no data that tell:
 
-    >>> value, std, zero = average_over_zeros(lambda z: (np.array([z]), np.zeros(1), 0.0), 0.1)
-    >>> bool(0.1 < std[0] < 0.12), round(abs(zero), 6)
+    >>> found = average_over_zeros(lambda z: (np.array([z]), 0.0), 0.1)
+    >>> bool(0.1 < found.std[0] < 0.12), round(abs(found.zero), 6)
     (True, 0.0)
     """
     steps = special.ndtri((np.arange(ZERO_NODES) + 0.5) / ZERO_NODES)
     zeros = (width * ZERO_SCALES[:, None] * steps).ravel()
     prior = np.repeat(np.log(ZERO_WEIGHTS / ZERO_NODES), ZERO_NODES)
-    values, stds, logs = (np.array(part) for part in zip(*(fit(float(z)) for z in zeros), strict=True))
+    zeros, prior = zeros[zeros < largest], prior[zeros < largest]
+    values, logs = (np.array(part) for part in zip(*(fit(float(z)) for z in zeros), strict=True))
     weights = special.softmax(logs + prior)
-    mean = weights @ values
-    between = np.array([_spread(column, weights) for column in values.T])
-    return mean, np.sqrt(weights @ stds**2 + between**2), float(weights @ zeros)
+    return ZeroAverage(float(weights @ zeros), np.array([_spread(column, weights) for column in values.T]))
 
 
 def _spread(values: Values, weights: Values) -> float:

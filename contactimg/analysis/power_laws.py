@@ -34,6 +34,8 @@ class PowerLaw:
         With two places or more the uncertainties come from leaving out one place at a time.
     confidence : float
         Of the intervals.
+    zero : float
+        What was taken off every x before the fit.
     """
 
     exponent: Estimate
@@ -47,6 +49,7 @@ class PowerLaw:
     n_points: int
     n_places: int
     confidence: float
+    zero: float = 0.0
 
     def value(self, x: ArrayLike) -> Values:
         """The law at x."""

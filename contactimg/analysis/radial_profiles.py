@@ -20,6 +20,11 @@ deviation of n values, 1/sqrt(2 (n - 1)), is then below the 45 % by which counti
 patterns."""
 
 
+EMPTY_CONTACTS = 1.53
+"""Number of contacts that an annulus without any may well have elsewhere, as a standard uncertainty. Theory:
+3.00 are none in 5 % of the places, over the 1.96 of a 95 % interval."""
+
+
 @stage("profile")
 def radial_profile(
     contacts: pd.DataFrame,
@@ -84,7 +89,8 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         that was seen in all of them. An annulus seen without contacts has zero pressure, density and area
         fraction, and an empty mean radius; one that was not seen is empty; the pressure is empty where
         contacts have no force. ``pressure_std_Pa`` is the standard error of the mean: from four places on by
-        their scatter, below that what independent contacts give, ``sqrt(sum p_i^2)/area``.
+        their scatter, below that what independent contacts give, ``sqrt(sum p_i^2)/area``; of an annulus
+        without contacts that of an upper limit, at 95 % three contacts with the mean force of the nearest.
 
     Raises
     ------
@@ -133,14 +139,29 @@ def _pressure_unknown(sums: pd.DataFrame) -> NDArray[np.bool_]:
 
 def _pressure_std(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> Values:
     """Standard error of the pressure: from the scatter between enough places, else by counting."""
-    area = _nonzero(sums["area"])
+    area, empty = _nonzero(sums["area"]), _empty_limit(sums)
     if len(places) < MIN_PLACES_FOR_SCATTER:
-        return np.sqrt(sums["pp"].to_numpy(float)) / area
+        return np.hypot(np.sqrt(sums["pp"].to_numpy(float)), empty) / area
     p = np.array([place["p"].to_numpy(float) for place in places])
     seen = np.array([place["area"].to_numpy(float) for place in places])
     away = p - seen * (sums["p"].to_numpy(float) / area)  # of the ratio of sums p/area, linearised
     n = len(places)
-    return np.sqrt(n / (n - 1) * np.sum(away**2, axis=0)) / area
+    return np.hypot(np.sqrt(n / (n - 1) * np.sum(away**2, axis=0)), empty) / area
+
+
+def _empty_limit(sums: pd.DataFrame) -> Values:
+    """Standard uncertainty (N) of the load on annuli without contacts; 0 on others.
+
+    `EMPTY_CONTACTS` contacts with the mean force of the nearest annuli that have some, the larger of the two.
+    """
+    number, inner = sums["n_forces"].to_numpy(float), np.arange(len(sums))
+    there = np.flatnonzero(number > 0)
+    if not there.size:
+        return np.zeros(len(sums))
+    mean = sums["p"].to_numpy(float)[there] / number[there]
+    after = np.searchsorted(there, inner)
+    sides = [mean[np.clip(after - k, 0, there.size - 1)] for k in (0, 1)]
+    return np.where(sums["n"].to_numpy(float) > 0, 0.0, EMPTY_CONTACTS * np.maximum(*np.abs(sides)))
 
 
 def hertz_profile(

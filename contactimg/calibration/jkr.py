@@ -161,8 +161,8 @@ def calibrate_jkr(
     >>> calibration = calibrate_jkr(
     ...     loads, jkr.radius(loads, **law), sphere_radius=0.1288, poisson_ratio=0.5
     ... )
-    >>> round(calibration.young_modulus.value), round(calibration.work_of_adhesion.value, 6)
-    (3000000, 0.05)
+    >>> round(calibration.young_modulus.value, -3), round(calibration.work_of_adhesion.value, 5)
+    (3000000.0, 0.05)
     """
     cell = LoadCell() if load_cell is None else load_cell
     sphere = SmoothSphere(sphere_radius, poisson_ratio, sphere_radius_std / sphere_radius, thickness)

@@ -116,7 +116,8 @@ class JkrSeries:
 class JkrFit:
     """The fits for every noise model with their weights.
 
-    ``variance`` is that of the most likely one. The covariances are for the draws: the amplitude and the
+    ``variance`` is that of the most likely one, ``evidence`` the logarithm of their summed likelihoods. The
+    covariances are for the draws: the amplitude and the
     growth of the noise are estimated from the same residuals, which costs two degrees of freedom (without
     this, 90 % of the intervals contain the truth for noise proportional to the load).
     """
@@ -125,6 +126,7 @@ class JkrFit:
     covariances: Values
     weights: Values
     variance: Values
+    evidence: float
 
     @property
     def centre(self) -> Values:
@@ -212,9 +214,11 @@ def _weighted_fits(
         freedom = np.maximum(len(y) - design.shape[1] + int(series.zero_std > 0) - told, 1.0)
         share = np.broadcast_to(freedom / (freedom + 2), len(variances))[:, None, None]
         covariances.append(np.linalg.inv(information * share + prior))
-    weights = special.softmax(np.concatenate(logs))
+    joined = np.concatenate(logs)
+    evidence = float(special.logsumexp(joined))
+    weights = np.exp(joined - evidence)
     best = variances[int(weights.argmax()) % len(variances)]
-    return JkrFit(np.concatenate(centres), np.concatenate(covariances), weights, best)
+    return JkrFit(np.concatenate(centres), np.concatenate(covariances), weights, best, evidence)
 
 
 def _draw(centres: Values, covariances: Values, weights: Values) -> Values:

@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from contactimg.calibration.jkr import JkrCalibration, JkrEstimates, SmoothSphere, solve_series
 from contactimg.calibration.jkr_departures import Departure, ramp
+from contactimg.calibration.jkr_fit import average_noises
 
 THICKNESS_STEP = 0.1
 """Relative change of a stated thickness in the table of uncertainties."""
 UNSTATED_RATIO = 0.1
 """Largest contact radius over the thickness of a layer of which nothing is stated, in the same table."""
+
+LAYER_RATIOS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)
+"""Largest contact radius over the thicknesses that are tried. Chosen: the loads cannot tell a thicker one."""
+LAYER_ODDS = 20.0
+"""Ratio of likelihoods from which a layer is suggested. Chosen: usual for strong evidence."""
 
 PIXEL_CHANGES, SPHERE_CHANGES, GAIN_CHANGES = (-3.0, 0.0), (1.0, -1.0), (1.0, 1.0)
 """Relative changes of modulus and adhesion per relative change of the pixel size, the sphere's radius and the
@@ -129,3 +135,44 @@ def _thickness_source(
         name, size, unit = "layer of ten contact radii, not stated", thinner, "m"
     change = here.change_to(solve_series(replace(series, thickness=thinner), used, sphere))
     return UncertaintySource(name, size, unit, *change, LEFT_OUT)
+
+
+@dataclass(frozen=True)
+class LayerHint:
+    """A layer that the loads ask for although none is stated.
+
+    Parameters
+    ----------
+    thickness : float, m
+    young_modulus : float
+        Relative change of Young's modulus by it.
+    """
+
+    thickness: float
+    young_modulus: float
+
+
+def suggested_layer(calibration: JkrCalibration) -> LayerHint | None:
+    """The layer that explains the frames far better than a half-space does.
+
+    Parameters
+    ----------
+    calibration : JkrCalibration
+
+    Returns
+    -------
+    LayerHint or None
+        None where a thickness is stated, or the odds for a layer are below `LAYER_ODDS`.
+    """
+    problem = calibration.problem
+    series, used, sphere = problem.found.series, problem.used, problem.sphere
+    if series.thickness is not None:
+        return None
+    layers = [replace(series, thickness=float(series.radius.max()) / ratio) for ratio in LAYER_RATIOS]
+    without, *logs = (average_noises(one.part(used)).evidence for one in (series, *layers))
+    best = int(np.argmax(logs))
+    if logs[best] - without < np.log(LAYER_ODDS):
+        return None
+    here, layered = (solve_series(one, used, sphere) for one in (series, layers[best]))
+    thickness = float(series.radius.max()) / LAYER_RATIOS[best]
+    return LayerHint(thickness, here.change_to(layered)[0])

@@ -41,6 +41,7 @@ def calibrate_modulus(
     young_modulus: float,
     young_modulus_std: float,
     relative_std: float = 0.0,
+    zero_std: float = 0.0,
 ) -> ModulusCalibration:
     """Tune the modulus of a sample for slope 1 of force sums against loads, the threshold kept.
 
@@ -52,7 +53,10 @@ def calibrate_modulus(
     young_modulus, young_modulus_std : float, Pa
         As measured, with its standard uncertainty; 0 if that is not known.
     relative_std : float
-        Relative standard uncertainty common to all force sums, such as that due to the threshold.
+        Relative standard uncertainty common to all force sums, such as that due to the threshold, or to all
+        loads.
+    zero_std : float, N
+        Standard uncertainty of the zero that all loads share.
 
     Returns
     -------
@@ -81,7 +85,7 @@ def calibrate_modulus(
             "the measured modulus must be positive and its uncertainty not negative, "
             f"got {young_modulus!r} +- {young_modulus_std!r} Pa"
         )
-    slope = load_slope(forces, load, relative_std=relative_std)
+    slope = load_slope(forces, load, relative_std=relative_std, zero_std=zero_std)
     if not slope.value > 0:
         raise InputError("the force sums are zero at every load: no modulus gives slope 1")
     value = young_modulus / slope.value

@@ -39,7 +39,9 @@ class ThresholdCalibration:
     forces: Values
 
 
-def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0) -> CoverageEstimate:
+def load_slope(
+    forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0, zero_std: float = 0.0
+) -> CoverageEstimate:
     """Slope of force sums against loads, least squares through the origin: ``sum(F P)/sum(P^2)``.
 
     Parameters
@@ -47,7 +49,10 @@ def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0)
     forces, load : array_like, shape (n,), N
         The order does not matter; a load of 0 does not count.
     relative_std : float
-        Relative standard uncertainty common to all forces, such as that of the modulus.
+        Relative standard uncertainty common to all forces, such as that of the modulus, or to all loads.
+    zero_std : float, N
+        Standard uncertainty of the zero that all loads share; it moves the slope by its ratio to
+        ``sum(P^2)/sum(P)``.
 
     Returns
     -------
@@ -87,16 +92,22 @@ def load_slope(forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0)
     square = float(P @ P)
     slope = float(F @ P) / square
     freedom = P.size - 1
+    known = abs(slope) * float(np.hypot(relative_std, zero_std * P.sum() / square))
     if freedom == 0:
-        return coverage_estimate(slope, 0.0, freedom=1, known_std=slope * relative_std)
+        return coverage_estimate(slope, 0.0, freedom=1, known_std=known)
     rest = F - slope * P
     even = float(rest @ rest) / freedom / square
     own = float(np.sum((P * rest / (1 - P**2 / square)) ** 2)) / square**2
-    return coverage_estimate(slope, max(even, own) ** 0.5, freedom=freedom, known_std=slope * relative_std)
+    return coverage_estimate(slope, max(even, own) ** 0.5, freedom=freedom, known_std=known)
 
 
 def calibrate_threshold(
-    thresholds: ArrayLike, forces: ArrayLike, load: ArrayLike, *, relative_std: float = 0.0
+    thresholds: ArrayLike,
+    forces: ArrayLike,
+    load: ArrayLike,
+    *,
+    relative_std: float = 0.0,
+    zero_std: float = 0.0,
 ) -> ThresholdCalibration:
     """Find the threshold at which the sum of local forces against the load has slope 1.
 
@@ -109,6 +120,8 @@ def calibrate_threshold(
     load : array_like, shape (n,), N
     relative_std : float
         Relative standard uncertainty of the modulus (and of the scale of the loads, in quadrature).
+    zero_std : float, N
+        Standard uncertainty of the zero that all loads share.
 
     Returns
     -------
@@ -139,12 +152,13 @@ def calibrate_threshold(
         )
     order = np.argsort(t)
     t, F = t[order], F[order]
-    slopes = [load_slope(row, P, relative_std=relative_std) for row in F]
+    common = {"relative_std": relative_std, "zero_std": zero_std}
+    slopes = [load_slope(row, P, **common) for row in F]
     values, stds = np.array([s.value for s in slopes]), np.array([s.std for s in slopes])
     k = _crossing(t, values)
     fraction = (values[k] - 1) / (values[k] - values[k + 1])
     at_unit = (1 - fraction) * F[k] + fraction * F[k + 1]
-    slope = load_slope(at_unit, P, relative_std=relative_std)
+    slope = load_slope(at_unit, P, **common)
     value, steepness = float(t[k] + fraction * (t[k + 1] - t[k])), _steepness(t, values, k)
     ends = np.clip(value + np.array([-1, 1]) * (slope.high - slope.low) / 2 / steepness, 0.0, 1.0)
     threshold = CoverageEstimate(value, slope.std / steepness, float(ends[0]), float(ends[1]))

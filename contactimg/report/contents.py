@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.area_against_load import fit_area_law, frame_areas
+from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -281,6 +282,9 @@ def _rejected(folder: Path) -> pd.DataFrame:
 def _area_law(run: RunFolder) -> PowerLaw | None:
     """The power law of area against load, if the run has enough loads."""
     try:
-        return fit_area_law(frame_areas(run.frames, run.contacts, place=str(run.folder)))
+        areas = frame_areas(run.frames, run.contacts, place=str(run.folder))
+        measured = run.scene is not None and not run.frames["indentation_m"].notna().any()
+        cell = LoadCell.stated(run.scene.load) if measured and run.scene is not None else EXACT_LOADS
+        return fit_area_law(areas, load_cell=cell)
     except InputError:
         return None

@@ -185,6 +185,16 @@ FRAMES = Schema(
         "indentation_m": ("float64", "indentation from first touch in the model, m; empty if measured"),
         "message": MESSAGE,
         "smallest_px": ("float64", "radius of the smallest contact that can be detected, px"),
+        "unseen_area_m2": (
+            "float64",
+            "estimated area of contacts too small to be detected, m^2; not in area_m2 but in area_std_m2",
+        ),
+        "unseen_area_std_m2": ("float64", "standard uncertainty of unseen_area_m2, m^2"),
+        "unseen_force_N": (
+            "float64",
+            "estimated force on them, N; not in force_sum_N, but in force_sum_std_N",
+        ),
+        "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
         "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
         "law": ("str", "law that the local forces follow: hertz or sphere, with adhesion +jkr"),
     },

@@ -5,7 +5,7 @@ import pytest
 
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.calibration.jkr import calibrate_jkr
-from contactimg.calibration.jkr_uncertainties import jkr_uncertainties
+from contactimg.calibration.jkr_uncertainties import jkr_uncertainties, suggested_layer
 from contactimg.cli.scenes import _apply_calibration, _refuse_idle
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
@@ -108,6 +108,22 @@ def test_the_layer_has_its_own_law(thickness):
     assert (row.state, row.size) == ("not included", -0.1)
     # a layer 10 % thinner counts 1/0.9^3 = 1.37 times as much: E falls by a third of what ignoring adds
     assert -row.young_modulus == pytest.approx(0.37 * ignored, rel=0.25)
+
+
+def test_a_layer_that_is_not_stated_is_asked_for():
+    radius = jkr.radius(FIVE, **LAW)
+    rng = np.random.default_rng(2)
+    for thickness, asked in ((5e-3, True), (1.0, False)):
+        pressing, adhesive = layer_factors(radius / thickness)
+        K, w = 4 / 3 * LAW["contact_modulus"], LAW["work_of_adhesion"]
+        load = pressing * K * radius**3 / 0.1288 - adhesive * np.sqrt(6 * np.pi * w * K * radius**3)
+        read = load * (1 + 1e-3 * rng.standard_normal(5))
+        found = calibrate_jkr(read, radius, sphere_radius=0.1288, poisson_ratio=0.5, radius_std=1e-7)
+        hint = suggested_layer(found)
+        assert (hint is not None) == asked
+        if hint is not None:
+            assert 3e-3 < hint.thickness < 8e-3
+            assert hint.young_modulus < -0.04
 
 
 def test_the_table_of_uncertainties_says_what_each_source_does():

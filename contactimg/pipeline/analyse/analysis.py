@@ -13,6 +13,7 @@ from contactimg.analysis.broken_power_laws import BrokenLaw
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress
+from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
@@ -270,16 +271,20 @@ def _area_laws(
 ) -> dict[str, PowerLaw]:
     """Exponents of A(P), measured and of every model."""
 
-    def law(places: list[Place]) -> PowerLaw:
+    def law(model: str, places: list[Place]) -> PowerLaw:
         areas = _area_frames(places)
         return fit_area_law(
             areas[areas["load"].between(*options.load_range)],
             load_relative_std=options.load_relative_std,
             load_std=options.load_std,
+            load_cell=LoadCell.stated(places[0].scene.load) if model == "measured" else EXACT_LOADS,
             confidence=options.confidence,
         )
 
-    laws = {model: _fit_or_note(notes, f"A(P), {model}", law, places) for model, places in places_of.items()}
+    laws = {
+        model: _fit_or_note(notes, f"A(P), {model}", law, model, places)
+        for model, places in places_of.items()
+    }
     return {model: law for model, law in laws.items() if law is not None}
 
 

@@ -88,6 +88,9 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     yield _row("area_exponent", model, law.exponent, "1", fit, note=note)
     note = f"A of that law at {law.reference!r} N, the geometric mean of the loads"
     yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
+    if law.zero:
+        note = "mean zero of the load cell, taken off the loads; what is not known of it is in the intervals"
+        yield _row("area_load_zero", model, _without_interval(law.zero), "N", fit, note=note)
     note = "relative scatter of A about the law beyond the stated errors"
     yield _row("area_excess_scatter", model, _without_interval(law.scatter), "1", fit, note=note)
 

@@ -1,12 +1,13 @@
 """What the calibrations of rough contacts share: frames with a load, the stated modulus, force sums."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
@@ -50,14 +51,38 @@ def modulus_relative_std(experiment: Experiment) -> float:
     return modulus.std / modulus.value
 
 
+class CommonErrors(TypedDict):
+    """Standard uncertainties that all force sums, or all loads, of a series share."""
+
+    relative_std: float
+    zero_std: float
+
+
+def common_errors(experiment: Experiment, load: np.ndarray, *, relative: float = 0.0) -> CommonErrors:
+    """Those of the load cell, and a relative one of the forces."""
+    cell = LoadCell.stated(experiment.scene.load)
+    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_width(load)}
+
+
+def cell_notes(experiment: Experiment, load: np.ndarray) -> list[str]:
+    """What was assumed about the load cell because the scene does not state it."""
+    stated, cell = experiment.scene.load, LoadCell.stated(experiment.scene.load)
+    assumed = []
+    if stated.zero_std is None:
+        assumed.append(f"zero_std_N = {cell.zero_width(load):.2g}")
+    if stated.gain_std is None:
+        assumed.append(f"gain_std = {cell.gain_std:g}")
+    return [f"load cell: {' and '.join(assumed)} assumed; state them in [load]"] if assumed else []
+
+
 def disk_slope(
-    experiment: Experiment, series: ThresholdSeries, relative: float, workers: int | None
+    experiment: Experiment, series: ThresholdSeries, errors: CommonErrors, workers: int | None
 ) -> tuple[CoverageEstimate, np.ndarray]:
     """Slope and force sums that the disk method gives for the frames of a series."""
     frames = measure_experiment(experiment, workers=workers).frames.set_index("frame")
     forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
     load = series.frames["load_N"].to_numpy(float)
-    return load_slope(np.nan_to_num(forces), load, relative_std=relative), forces
+    return load_slope(np.nan_to_num(forces), load, **errors), forces
 
 
 def slope_quality(load: np.ndarray, forces: np.ndarray, slope: float) -> dict[str, Any]:

@@ -80,8 +80,7 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
 def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
     """The fit to the circles under the conditions that the scene states."""
     sphere_radius = scene.need("indenter", "a JKR fit").radius
-    elastic, load = scene.elastic, scene.load
-    cell = LoadCell(zero_std=load.zero_std)
+    elastic = scene.elastic
     layered = elastic is not None and scene.effects.layer != "off"
     return calibrate_jkr(
         circles["load_N"],
@@ -89,7 +88,7 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
         radius_std=circles["radius_std_m"],
         sphere_radius=sphere_radius,
         poisson_ratio=0.5 if elastic is None else elastic.poisson_ratio,
-        load_cell=cell if load.gain_std is None else replace(cell, gain_std=load.gain_std),
+        load_cell=LoadCell.stated(scene.load),
         thickness=elastic.thickness if layered and elastic is not None else None,
         sphere_radius_std=sphere_radius * mean_astigmatism(circles).curvature_std,
     )

@@ -4,6 +4,7 @@ import pandas as pd
 
 from contactimg.calibration.jkr import JkrCalibration
 from contactimg.calibration.jkr_departures import HYSTERESIS
+from contactimg.calibration.jkr_uncertainties import suggested_layer
 from contactimg.pipeline.calibrate.circles import mean_astigmatism
 from contactimg.scene import Scene
 from contactimg.scene.scene import INCOMPRESSIBLE_POISSON_RATIO
@@ -116,7 +117,15 @@ def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
     """What to say of the thickness of the layer."""
     thickness = calibration.problem.sphere.thickness
     if thickness is None:
-        return []
+        hint = suggested_layer(calibration)
+        if hint is None:
+            return []
+        note = (
+            f"the loads ask for an elastic layer about {1e3 * hint.thickness:.2g} mm thick instead of a "
+            f"half-space, which would change E by {100 * hint.young_modulus:+.2g} %: measure it and state "
+            "thickness_m in [elastic]"
+        )
+        return [note]
     notes = []
     if scene.elastic is not None and scene.elastic.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO:
         notes.append(

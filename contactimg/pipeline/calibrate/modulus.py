@@ -10,6 +10,8 @@ from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.force_sums import (
+    cell_notes,
+    common_errors,
     disk_slope,
     force_sum_result,
     frame_messages,
@@ -51,7 +53,7 @@ def run_modulus(
     load = series.frames["load_N"].to_numpy(float)
     measured, steepness = stated_modulus(experiment), 0.0
     if threshold is None:
-        _, forces = disk_slope(experiment, series, 0.0, workers)
+        _, forces = disk_slope(experiment, series, common_errors(experiment, load), workers)
     else:
         forces = series.forces[1]
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
@@ -61,9 +63,9 @@ def run_modulus(
         load,
         young_modulus=measured.value,
         young_modulus_std=measured.std,
-        relative_std=0.0 if threshold is None else steepness * threshold.std,
+        **common_errors(experiment, load, relative=0.0 if threshold is None else steepness * threshold.std),
     )
-    notes = frame_messages(series) + ([found.message] if found.message else [])
+    notes = frame_messages(series) + cell_notes(experiment, load) + ([found.message] if found.message else [])
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",

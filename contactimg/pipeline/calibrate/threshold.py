@@ -8,6 +8,8 @@ from contactimg.calibration.threshold import calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.force_sums import (
+    cell_notes,
+    common_errors,
     disk_slope,
     force_sum_result,
     frame_messages,
@@ -46,18 +48,19 @@ def run_threshold(
     scene.need("elastic", "calibrating the threshold")
     series = frames_with_load(measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance))
     load = series.frames["load_N"].to_numpy(float)
-    notes = frame_messages(series)
+    errors = common_errors(experiment, load, relative=relative)
+    notes = frame_messages(series) + cell_notes(experiment, load)
     record: dict[str, Any] = {
         "kind": "threshold",
         "method": scene.measure.method,
         "fixed": {"young_modulus": stated_modulus(experiment).record("Pa")},
     }
-    slopes = [load_slope(row, load, relative_std=relative) for row in series.forces]
+    slopes = [load_slope(row, load, **errors) for row in series.forces]
     stds = np.array([slope.std for slope in slopes])
     values = np.array([slope.value for slope in slopes])
     forces, found, threshold = np.full(len(load), np.nan), None, np.nan
     try:
-        found = calibrate_threshold(series.thresholds, series.forces, load, relative_std=relative)
+        found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
         forces, threshold = found.forces, found.threshold.value
         record |= {"threshold": found.threshold.record("1"), "slope": found.slope.record("1")}
     except InputError as error:
@@ -65,7 +68,7 @@ def run_threshold(
             raise
         notes.append(str(error))
     if scene.measure.method == "disk":
-        slope, forces = disk_slope(experiment, series, relative, workers)
+        slope, forces = disk_slope(experiment, series, errors, workers)
         record["slope"] = slope.record("1")
         notes.append(
             f"method disk: the slope {slope.value:.4f} is a check, no threshold changes it; "
