@@ -1,10 +1,11 @@
 """Profiles: annuli by hand, conservation of force, number and area."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from contactimg.analysis.annuli import annulus_edges
-from contactimg.analysis.radial_profiles import radial_profile
+from contactimg.analysis.annuli import annulus_edges, annulus_moments
+from contactimg.analysis.radial_profiles import average_profile, radial_profile
 from contactimg.errors import InputError
 from contactimg.tables import CONTACTS
 

@@ -46,6 +46,11 @@ MODEL_ERROR = 1e-3
 STRAY_SECTOR_SIGMA = 5.0
 """Robust standard deviations from the median beyond which a sector is left out. False-alarm rate 6e-7 a
 sector (theory: normal errors)."""
+ELLIPSE_PASSES, ELLIPSE_SIGMA, LEAST_ELLIPSE_PX = 5, 3.72, 0.02
+"""Fits of an ellipse, each about the edge that the last one straightened; size in its standard deviations
+from which it is no chance (theory: Rayleigh's law at a false-alarm rate of 1e-3); size that does no harm."""
+ROBUST_ITERATIONS = 5
+"""Iterations of the robust harmonics."""
 ELLIPSE_ARC = 0.75
 """Fraction of the circumference from which on an ellipse is told from a shifted circle. Chosen by hand."""
 LINE_STEP_PX = 0.1
@@ -139,6 +144,26 @@ def fit_circle(
     FrameError
         If too little of the edge is visible.
     """
+    ellipse = np.zeros(2)
+    for _ in range(ELLIPSE_PASSES):
+        found, step = _fit_round(_straightened(samples, ellipse), model, opening, blur_px)
+        if not np.hypot(*step) > max(ELLIPSE_SIGMA * found.ellipse_std_px, LEAST_ELLIPSE_PX):
+            break
+        ellipse = ellipse + step
+    along, across = found.ellipse_px
+    return replace(found, ellipse_px=(along + float(ellipse[0]), across + float(ellipse[1])))
+
+
+def _straightened(samples: EdgeSamples, ellipse: Values) -> EdgeSamples:
+    """The samples as they would lie about a circle if the edge is an ellipse."""
+    excess = ellipse[0] * np.cos(2 * samples.azimuth) + ellipse[1] * np.sin(2 * samples.azimuth)
+    return replace(samples, distance=samples.distance - excess)
+
+
+def _fit_round(
+    samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None
+) -> tuple[Circle, Values]:
+    """The circle, and the second harmonic of the edge about it, good for large ones as well."""
     used = np.ones(len(samples.value), bool)
     for _ in range(PASSES):
         kept = _subset(samples, used)
@@ -151,7 +176,22 @@ def fit_circle(
         if not stray.any():
             break
         used &= ~np.isin(samples.sector, numbers[stray])
-    return _with_uncertainty(fitted.circle, offsets[~stray], azimuths[~stray])
+    found = _with_uncertainty(fitted.circle, offsets[~stray], azimuths[~stray])
+    plain, azimuths, _ = _sector_offsets(samples, fitted, tame=False)
+    return found, _second_harmonic(plain, azimuths) if found.arc > ELLIPSE_ARC else np.zeros(2)
+
+
+def _second_harmonic(offsets: Values, azimuths: Values) -> Values:
+    """Cosine and sine part of the offsets of all sectors, without regard to outlying ones."""
+    waves = [f(k * azimuths) for k in (1, 2) for f in (np.cos, np.sin)]
+    design, weight = np.column_stack([np.ones(len(azimuths)), *waves]), np.ones(len(azimuths))
+    for _ in range(ROBUST_ITERATIONS):
+        root = np.sqrt(weight)
+        numbers = np.linalg.lstsq(design * root[:, None], offsets * root, rcond=None)[0]
+        rest = offsets - design @ numbers
+        spread = MAD_TO_STD * float(np.median(np.abs(rest)))
+        weight = 1 / (1 + (rest / max(OUTLIER_SIGMA * spread, 1e-6)) ** 2)
+    return np.asarray(numbers[3:])
 
 
 def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
@@ -234,8 +274,13 @@ def _profile(outside: Values, p: Values, line: _Line) -> Values:
     return background + contrast * ((1 - halo) * core_light + halo * halo_light)
 
 
-def _sector_offsets(samples: EdgeSamples, fitted: _Fitted) -> tuple[Values, Values, NDArray[np.intp]]:
-    """How far the edge lies outside the fitted circle in each sector, its direction and its number."""
+def _sector_offsets(
+    samples: EdgeSamples, fitted: _Fitted, *, tame: bool = True
+) -> tuple[Values, Values, NDArray[np.intp]]:
+    """How far the edge lies outside the fitted circle in each sector, its direction and its number.
+
+    ``tame`` gives samples far off less weight: dust, but also an edge that lies a blur away.
+    """
     p, line = fitted.numbers, fitted.line
     outside = samples.distance - p[0] * np.cos(samples.azimuth) - p[1] * np.sin(samples.azimuth) - p[2]
     rest = samples.weight * (samples.value - _profile(outside, p, line))
@@ -243,9 +288,9 @@ def _sector_offsets(samples: EdgeSamples, fitted: _Fitted) -> tuple[Values, Valu
     fall = (_profile(outside - step, p, line) - _profile(outside + step, p, line)) * (
         samples.weight / (2 * step)
     )
-    tame = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2)
+    trust = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2) if tame else np.ones_like(rest)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
-    offset = np.bincount(inverse, tame * fall * rest) / np.bincount(inverse, tame * fall**2)
+    offset = np.bincount(inverse, trust * fall * rest) / np.bincount(inverse, trust * fall**2)
     azimuth = np.bincount(inverse, samples.azimuth) / np.bincount(inverse)
     return offset, azimuth, numbers
 
