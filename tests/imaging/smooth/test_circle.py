@@ -203,8 +203,8 @@ def test_an_ellipse_is_measured_with_its_mean_radius(axes):
     rough = find_circle(image.astype(np.float32), 60.0)
     samples = sample_edge(image.astype(np.float32), rough, outside_px=12.0, noise=NOISE)
     found = fit_circle(samples, MODEL, opening=np.inf)
-    # half height of a blurred round edge lies blur^2/(2 a) inside it; 380 px of edge at a contrast of 60 times
-    # the noise: 3e-3 px
+    # half height of a blurred round edge lies blur^2/(2 a) inside it; 380 px of edge at contrast/noise 60:
+    # 3e-3 px
     assert found.radius_px == pytest.approx(60.0 + 1.8**2 / 120, abs=0.015)
     expected = 30 * (stretched - 1 / stretched) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
     assert found.ellipse_px == pytest.approx(tuple(expected), abs=0.03)
