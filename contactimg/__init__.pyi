@@ -11,6 +11,7 @@ from .analysis.ensemble_annuli import gather_annuli as gather_annuli
 from .analysis.estimates import Estimate as Estimate
 from .analysis.friction import compare_stress as compare_stress
 from .analysis.friction import fit_shear_stress as fit_shear_stress
+from .analysis.load_cell import LoadCell as LoadCell
 from .analysis.power_laws import fit_power_law as fit_power_law
 from .analysis.radial_profiles import average_profile as average_profile
 from .analysis.radial_profiles import hertz_profile as hertz_profile
