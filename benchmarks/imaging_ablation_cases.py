@@ -240,8 +240,8 @@ CASES = {
     ),
     "opening": Case(
         "lower envelope before the polynomial, without reference",
-        {"background.no_reference._fit_envelope": skip_envelope},
-        "background.no_reference._fit_envelope",
+        {"background.no_reference.fit_envelope": skip_envelope},
+        "background.no_reference.fit_envelope",
     ),
     "roundness": Case(
         "polarity by roundness: by the longer tail",

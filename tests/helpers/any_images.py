@@ -1,17 +1,19 @@
 """Images that nobody made for contacts, and what must hold of their measurement all the same."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
 import numpy as np
 from hostile_frames import checkerboard, clouds, ramp, rings, stripes
 
-from contactimg.imaging.measure import measure_image
+from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.tables import Flag
 
 METHODS, POLARITIES = ("disk", "threshold"), ("bright", "dark", "auto")
 REFERENCES = ("none", "right", "wrong")
+DEPTHS = ("uint8", "uint16", "float32", "binary")
 MOST_POOR = 0.2
 """Share of poor fits above which a frame must not be ok."""
 
@@ -42,15 +44,52 @@ def made_images(side: int) -> dict[str, np.ndarray]:
     return {name: levels(field) for name, field in patterns.items()}
 
 
+def more_images(side: int) -> dict[str, np.ndarray]:
+    """More of them: noise of other kinds, plain patterns without noise, grids, crowds of shapes."""
+    rng = np.random.default_rng(8)
+    y, x = np.mgrid[0:side, 0 : side + side // 3].astype(float)
+    white = rng.standard_normal(x.shape)
+    steps = np.kron(rng.random((side // 32 + 1, side // 24 + 1)), np.ones((32, 32)))[
+        : x.shape[0], : x.shape[1]
+    ]
+    squares = ((x % 24 < 9) & (y % 24 < 9)).astype(float)
+    patterns = {
+        "row noise": 0.5 + 0.1 * rng.standard_normal((side, 1)) + 0.01 * white,
+        "pink noise": clouds(x, y, rng) + 0.2 * cv2.GaussianBlur(white, (0, 0), 2.0),
+        "shot noise": rng.poisson(2.0, x.shape) / 12,
+        "fine blobs": cv2.GaussianBlur(white, (0, 0), 1.5) > 0.1,
+        "coarse blobs": cv2.GaussianBlur(white, (0, 0), 6.0) > 0.03,
+        "grid": (x % 32 < 2) | (y % 32 < 2),
+        "squares": squares,
+        "touching squares": (x // 12 + y // 12) % 2,
+        "plain checkerboard": (x // 3 + y // 3) % 2,
+        "plain gradient": x / x.max(),
+        "two halves": x > side // 2,
+        "vignette": 1 - ((x / side - 0.6) ** 2 + (y / side - 0.5) ** 2),
+        "steps": steps[: x.shape[0], : x.shape[1]],
+        "mesh of rings": np.abs(np.hypot(x % 40 - 20, y % 40 - 20) - 12) < 2,
+        "plain dots": np.hypot(x % 17 - 8, y % 17 - 8) < 3,
+        "black": np.zeros(x.shape),
+    }
+    return {
+        name: np.clip(20 + 200 * np.broadcast_to(np.asarray(field, float), x.shape), 0, 255).astype(np.uint8)
+        for name, field in patterns.items()
+    }
+
+
 def photographs() -> dict[str, np.ndarray]:
     """The images that scikit-image is installed with, as grey levels."""
     import skimage
 
-    out = {}
-    for path in sorted(Path(skimage.__file__).parent.joinpath("data").glob("*.*")):
+    folder, out = Path(skimage.__file__).parent / "data", {}
+    for path in sorted(folder.glob("*.*")):
         image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
         if image is not None and min(image.shape) >= 32:
             out[path.stem] = image
+    faces = np.load(folder / "lfw_subset.npy")[:100].reshape(10, 10, 25, 25)
+    out["faces"] = (255 * faces.transpose(0, 2, 1, 3).reshape(250, 250)).astype(np.uint8)
+    depth = np.nan_to_num(np.load(folder / "motorcycle_disp.npz")["arr_0"], posinf=0.0)
+    out["depth"] = np.clip(4 * depth, 0, 255).astype(np.uint8)
     return out
 
 
@@ -61,6 +100,28 @@ def reference_of(kind: str, image: np.ndarray, other: np.ndarray) -> np.ndarray 
     if kind == "right":
         return cv2.medianBlur(image, 5)
     return cv2.resize(other, image.shape[::-1])
+
+
+def stored_as(depth: str, image: np.ndarray | None) -> np.ndarray | None:
+    """An image of 8 bit in another number of grey levels."""
+    if image is None or depth == "uint8":
+        return image
+    if depth == "binary":
+        return np.where(image > np.median(image), 255, 0).astype(np.uint8)
+    return image.astype(np.uint16) * 257 if depth == "uint16" else image.astype(np.float32) / 255
+
+
+def sized(image: np.ndarray, pixels: int, rng: np.random.Generator) -> np.ndarray:
+    """A random part of an image of about so many pixels; a smaller image is mirrored at its borders."""
+    rows, columns = image.shape
+    scale = (pixels / image.size) ** 0.5
+    size = max(int(rows * scale), 32), max(int(columns * scale), 32)
+    padding = [(0, max(whole - part, 0)) for whole, part in zip(size, image.shape, strict=True)]
+    image = np.pad(image, padding, mode="symmetric") if np.any(padding) else image
+    top, left = (
+        int(rng.integers(0, whole - part + 1)) for whole, part in zip(image.shape, size, strict=True)
+    )
+    return np.ascontiguousarray(image[top : top + size[0], left : left + size[1]])
 
 
 def stand_out(difference, disks, sign):
@@ -80,21 +141,38 @@ def stand_out(difference, disks, sign):
     return out
 
 
-def faults(image, reference, *, method, polarity, least_rise=0.0):
-    """What is wrong with the measurement of an image: a list of sentences, empty if nothing."""
+@dataclass
+class Looked:
+    """A measurement of any image, and what is wrong with it."""
+
+    result: ImageMeasurement
+    invisible: int = 0
+    poor: float = 0.0
+    faults: list[str] = field(default_factory=list)
+
+
+def look_at(image, reference, *, method, polarity, least_rise=0.0) -> Looked:
+    """Measure an image and look for what must not be; the values of a float image lie between 0 and 1."""
     result = measure_image(image, reference, method=method, polarity=polarity)
     disks, found = result.disks, []
-    if abs(result.contrast) > 255:
+    levels = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)
+    if abs(result.contrast) > levels:
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
     if not np.isfinite(disks[list(CONTACT_COLUMNS)].to_numpy(float)).all():
         found.append("numbers that are not finite")
     rise = stand_out(result.difference, places, np.sign(result.contrast) or 1)
-    if (rise <= least_rise).any():
-        found.append(f"{np.count_nonzero(rise <= least_rise)} of {len(rise)} contacts do not stand out")
+    invisible = int(np.count_nonzero(rise <= least_rise))
+    if invisible:
+        found.append(f"{invisible} of {len(rise)} contacts do not stand out")
     poor = np.mean(disks["flags"].to_numpy() & int(Flag.POOR_FIT) > 0) if len(disks) else 0.0
     if poor > MOST_POOR and len(disks) >= 3 and result.status == "ok":
         found.append(f"ok although {poor:.0%} are poor fits")
     if result.status != "ok" and not result.message:
         found.append(f"status {result.status} without a sentence")
-    return found
+    return Looked(result, invisible, float(poor), found)
+
+
+def faults(image, reference, *, method, polarity, least_rise=0.0):
+    """What is wrong with the measurement of an image: a list of sentences, empty if nothing."""
+    return look_at(image, reference, method=method, polarity=polarity, least_rise=least_rise).faults

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.background.envelope import envelope, fit_envelope, window_side
 from contactimg.imaging.background.find_illumination import find_background_level, neighbour_scatter
 from contactimg.imaging.background.illumination import (
     SMALLEST_SCATTER_FRACTION,
@@ -25,11 +26,9 @@ from contactimg.imaging.contrast.plateau import measure_contrast
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.shapes.labelled_regions import label_regions
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-WINDOW_FRACTION = 1.0 / 6.0  # of the longer side of the image: contacts wider than that count as background
 CROWDED_FRACTION = 0.5  # of the blocks: if fewer are background, contacts hide what a polynomial would follow
 FAINTEST_FRACTION = 0.2  # of the median level: a background that is darker anywhere is not divided by
 GAP_FRACTION = 0.15  # of the height of the contacts: darker blocks lie between them
@@ -68,14 +67,14 @@ def estimate_background(
     sign = np.float32(-1.0 if dark else 1.0)
     blocks = sign * block_means(frame, valid)
     finite = np.isfinite(blocks)
-    envelope = _fit_envelope(blocks, frame.shape)
-    flat = blocks - envelope.at_blocks(blocks.shape, frame.shape)
+    lower = fit_envelope(blocks, frame.shape)
+    flat = blocks - lower.at_blocks(blocks.shape, frame.shape)
     least = _least_scatter(flat, blocks[finite])
     start, scatter = find_background_level(flat, background_is="lowest", least=least)
     rest = fit_illumination(
         flat, frame.shape, level=start, scatter=max(scatter, least), least_scatter=max(least, 1e-9)
     )
-    total = sign * (envelope.coefficients + rest.coefficients)
+    total = sign * (lower.coefficients + rest.coefficients)
     illumination = Illumination(total, rest.background, rest.scatter)
     level = float(np.median(np.abs(blocks[rest.background]))) if rest.background.any() else abs(start)
     if np.mean(rest.background) > CROWDED_FRACTION or not finite.all():
@@ -119,36 +118,12 @@ def _divide_by_illumination(
     return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), illumination, None)
 
 
-def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
-    """Polynomial through the lower envelope of the blocks."""
-    finite = np.isfinite(blocks)
-    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0)
-    envelope = _envelope(filled, shape, cv2.MORPH_OPEN)
-    middle = float(np.median(envelope))
-    scatter = 2.0 * robust_std(envelope, centre=middle)
-    return fit_illumination(np.where(finite, envelope, np.nan), shape, level=middle, scatter=scatter)
-
-
-def _envelope(blocks: NDArray, shape: tuple[int, int], operation: int) -> NDArray[np.float32]:
-    """Opening or closing of the blocks by a disk wider than the contacts."""
-    side = _window_side(shape)
-    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    smooth = cv2.medianBlur(np.ascontiguousarray(blocks, np.float32), 3)
-    envelope = cv2.morphologyEx(smooth, operation, window, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(envelope, np.float32)
-
-
-def _window_side(shape: tuple[int, int]) -> int:
-    """Diameter of the window of the envelopes, in blocks; odd."""
-    return max(int(max(shape) * WINDOW_FRACTION / BLOCK) | 1, 3)
-
-
 def _flatten_crowd(image: NDArray[np.float32], blocks: NDArray[np.float32]) -> NDArray[np.float32]:
     """Image of bright contacts minus its lower envelope, contacts scaled to their median contrast."""
-    width = ENVELOPE_SMOOTHING * _window_side(image.shape)
+    width = ENVELOPE_SMOOTHING * window_side(image.shape)
     low, high = (
         cv2.GaussianBlur(
-            _envelope(blocks, image.shape, operation), (0, 0), width, borderType=cv2.BORDER_REPLICATE
+            envelope(blocks, image.shape, operation), (0, 0), width, borderType=cv2.BORDER_REPLICATE
         )
         for operation in (cv2.MORPH_OPEN, cv2.MORPH_CLOSE)
     )

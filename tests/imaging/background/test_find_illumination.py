@@ -97,3 +97,16 @@ def test_without_holes_only_the_border_hides(rng):
     np.testing.assert_array_equal(
         visible_fraction(disks, everything.shape, None), visible_fraction(disks, everything.shape, everything)
     )
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_light_that_changed_by_a_fifth_is_followed(rng, sign):
+    light = LEVEL * (1 + 0.2 * (2 * X / SHAPE[1] - 1) + 0.1 * (Y / SHAPE[0]) ** 2)
+    found = find_illumination(
+        means_of(light * (1 + sign * 0.6 * crowd(64, 14)), rng),
+        SHAPE,
+        background_is="lowest" if sign > 0 else "highest",
+    )
+    error = found.at_rows(np.arange(0, SHAPE[0], 16), SHAPE) / light[::16] - 1
+    assert np.abs(error).max() < 0.01
+    assert found.background.mean() > 0.6
