@@ -10,9 +10,11 @@ from contactimg.frame import Frame
 from contactimg.imaging.count.threshold import DEFAULT_FRACTION
 from contactimg.imaging.measure import ImageMeasurement, PreparedImage, count_again
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.imaging.shapes.rim_blur import estimate_blur
+from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_rim, resolve_measurement
-from contactimg.pipeline.frame import FrameOptions, measure_prepared
+from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_prepared, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, read_reference, scene_asperities
 
 
@@ -39,16 +41,12 @@ class FrameLight:
     @classmethod
     def of(cls, experiment: Experiment, number: int) -> "FrameLight":
         """Measure the frame of this number by the method of its scene."""
-        scene = experiment.scene
-        asperities = None if scene.camera is None else scene_asperities(scene)
-        sites = None if asperities is None else contact_sites(asperities, scene)
-        resolved = resolve_measurement(scene, sites)
-        options = FrameOptions(resolved, film_rim(resolved, sites))
+        scene, options = experiment.scene, frame_options(experiment)
         frame, reference = experiment.frames[number].read(), read_reference(experiment)
         measurement = measure_prepared(
             frame,
             None if reference is None else reference.image,
-            resolved,
+            options.scene,
             method=scene.measure.method,
             threshold=scene.measure.threshold,
             blur_px=scene.measure.blur_px,
@@ -76,3 +74,24 @@ class FrameLight:
         """Of a pixel, over the contrast; 0 where nothing stands out."""
         foreground = self.prepared.foreground
         return foreground.noise / foreground.contrast.plateau if foreground.contrast.plateau > 0 else 0.0
+
+
+def frame_options(
+    experiment: Experiment, edits: dict[str, tuple[HandEdit, ...]] | None = None
+) -> FrameOptions:
+    """How the frames of an experiment are measured one by one, with corrections of their contacts."""
+    scene = experiment.scene
+    asperities = None if scene.camera is None else scene_asperities(scene)
+    sites = None if asperities is None else contact_sites(asperities, scene)
+    resolved = resolve_measurement(scene, sites)
+    return FrameOptions(resolved, film_rim(resolved, sites), edits=edits or {})
+
+
+def measure_alone(experiment: Experiment, number: int) -> MeasuredFrame:
+    """One frame with its corrections, measured without the rest of its series."""
+    reference = read_reference(experiment)
+    return measure_scene_frame(
+        experiment.frames[number].read(),
+        None if reference is None else reference.image,
+        options=frame_options(experiment, edits_by_frame(experiment, relative=None)),
+    )

@@ -32,7 +32,7 @@ class JobState:
     error : str
         Why it ended without a result; empty if it did not.
     result : object
-        What the page is told.
+        What the page is told, at the end or before.
     """
 
     number: int = 0
@@ -71,6 +71,11 @@ class Jobs:
             self.state = JobState(self.state.number + 1, kind, running=True, total=total)
             self._queue.put(work)
             return True
+
+    def tell(self, result: Any) -> None:
+        """Tell the page something before the job ends."""
+        with self._changed:
+            self.state = replace(self.state, result=result)
 
     def cancel(self) -> None:
         """Let the job that runs, if any, end after the frame it is at."""

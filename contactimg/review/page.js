@@ -12,7 +12,7 @@ const REACH_PX = 2; // a contact is meant within this distance of its centre, as
 const state = {
   run: null, number: 0, data: null, contacts: [], rejected: [], image: null, size: [1, 1],
   light: null, above: null, curves: null, tool: "select", selected: [], hover: null, draft: null, drag: null,
-  undo: [], redo: [], unsaved: 0, hidden: new Set(), show: { rejected: true, edits: true },
+  undo: [], redo: [], unsaved: 0, isPreview: false, hidden: new Set(), show: { rejected: true, edits: true },
   view: { x: 0, y: 0, scale: 1 }, drawTimes: [],
 };
 const view = byId("view"), layer = document.createElement("canvas");
@@ -259,7 +259,8 @@ function drawDraft(pen) {
 
 // ---- contacts
 
-function takeContacts(data) {
+function takeContacts(data, isPreview = false) {
+  state.isPreview = isPreview;
   const { contacts, rejected, outlines } = data;
   state.data = data;
   state.contacts = contacts.label.map((label, k) => ({
@@ -329,6 +330,7 @@ async function showContact() {
   fillTable(byId("numbers"), numbersOf(contact));
   byId("residual-caption").textContent = "residual";
   for (const id of ["pixels", "model", "residual"]) byId(id).getContext("2d").clearRect(0, 0, 1e4, 1e4);
+  if (state.isPreview) return; // the server knows the contacts when the series is measured
   const answer = await ask(`frames/${state.number}/contact/${contact.label}.json`);
   if (turn === asked) showWindow(answer);
 }
@@ -665,15 +667,21 @@ function showEdits() {
 }
 
 async function startJob(kind) {
-  takeRun(await ask(kind, {}));
+  takeRun(await ask(kind, { first: state.number }));
   showRun();
   await followJob();
 }
 
 async function followJob() {
-  let job = await ask("job.json");
+  let job = await ask("job.json"), isShown = false;
   while (job.running) {
-    tell(`${job.kind === "plateau" ? "scanning thresholds" : "measuring"}: ${job.done} of ${job.total} frames`);
+    if (!isShown && job.kind === "measure" && job.result && job.result.preview === state.number) {
+      isShown = true;
+      takeContacts(await ask(`frames/${state.number}/preview.json`), true);
+      select([]);
+      showLegend();
+    }
+    tell(`${job.kind === "plateau" ? "scanning thresholds" : "measuring"}: ${job.done} of ${job.total} frames${isShown ? "; this frame is shown as measured alone" : ""}`);
     await new Promise((wake) => setTimeout(wake, 250));
     job = await ask("job.json");
   }

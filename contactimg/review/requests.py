@@ -68,6 +68,8 @@ def _of_frame(session: Session, number: int, what: str, label: str | None) -> An
         return Answer(pictures[what](number), "image/png")
     if what == "contacts":
         return Answer.of(session.tables().of_frame(session.sources[number].name))
+    if what == "preview":
+        return Answer.of(session.preview(number))
     return Answer.of(_finite(session.curves(number))) if what == "curves" else None
 
 
@@ -95,7 +97,9 @@ def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | N
             raise InputError("the threshold must be a fraction between 0 and 1")
         session.choose_threshold(float(value))
     elif path in ("measure", "plateau"):
-        started = session.measure() if path == "measure" else session.find_plateau()
+        first = data.get("first")
+        known = isinstance(first, int) and 0 <= first < len(session.sources)
+        started = session.measure(first if known else None) if path == "measure" else session.find_plateau()
         if not started:
             return Answer.of({"error": "something is being measured already"}, 409)
     elif path == "cancel":

@@ -1,8 +1,9 @@
 """What is reviewed: a run, its frames and edits, and the tables that the page shows."""
 
 import shlex
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import RLock
@@ -11,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from contactimg.calibration.plateau import find_plateau
-from contactimg.errors import InputError
+from contactimg.errors import FrameError, InputError
 from contactimg.files import (
     EVERY_FRAME,
     MASK,
@@ -32,7 +33,7 @@ from contactimg.pipeline.run import write_run
 from contactimg.pipeline.series import measure_experiment
 from contactimg.review.contact_window import contact_window
 from contactimg.review.curves import ThresholdCurves
-from contactimg.review.frame_light import FrameLight
+from contactimg.review.frame_light import FrameLight, measure_alone
 from contactimg.review.jobs import Jobs
 from contactimg.review.pictures import LIGHT_TOP, picture, series_stretch
 from contactimg.review.shown_tables import ShownTables
@@ -84,6 +85,7 @@ class Session:
                 f"{self.edits.path}: is a link, which is not followed; put the table itself there"
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
+        self._preview: tuple[int, dict[str, Any]] = (-1, {})
         self._known: tuple[str, list[dict[Any, Any]]] = ("", [])
         shown = replace(ShownTables.read(folder), frames=run.frames)
         self._measured = _Measured(shown, self._edits_of_run(run.provenance["inputs"]), run.scene)
@@ -248,18 +250,37 @@ class Session:
 
     # measuring again
 
-    def measure(self) -> bool:
-        """Start measuring the series as `process` does, with the present edits; False if a job runs."""
-        return self.jobs.start("measure", self._measure, total=len(self.sources))
+    def measure(self, number: int | None = None) -> bool:
+        """Start measuring the series as `process` does, with the present edits; False if a job runs.
+
+        The frame of this number, if any, is measured first and alone, to be shown meanwhile.
+        """
+        work = partial(self._measure, number=number)
+        return self.jobs.start("measure", work, total=len(self.sources))
+
+    def preview(self, number: int) -> dict[str, Any]:
+        """A frame measured alone, while the series is measured."""
+        if self._preview[0] != number:
+            raise InputError("this frame has not been measured alone")
+        return self._preview[1]
+
+    def _measure_first(self, experiment: Experiment, number: int) -> None:
+        """Measure one frame alone and tell the page; if it fails, the series will say why."""
+        with suppress(FrameError):
+            part = measure_alone(experiment, number)
+            self._preview = (number, ShownTables.of_part(part).of_frame(self.sources[number].name))
+            self.jobs.tell({"preview": number})
 
     def find_plateau(self) -> bool:
         """Start the scan of `calibrate plateau`; False if a job runs."""
         return self.jobs.start("plateau", self._find_plateau, total=len(self.sources))
 
-    def _measure(self, advance: Any) -> None:
+    def _measure(self, advance: Any, *, number: int | None = None) -> None:
         """Measure; frames whose edits and scene are as before come from the store."""
         with self._lock:
             edits, experiment, scene = self._edits_now(), self.open(), self.scene
+        if number is not None and len(experiment.frames) > 1:
+            self._measure_first(experiment, number)
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = FrameStore(top / "frames", record, resumes=False)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.files import read_table
+from contactimg.pipeline.frame import MeasuredFrame
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
 
 TABLES: dict[str, Schema] = {
@@ -60,6 +61,14 @@ class ShownTables:
             groups["outlines.csv"],
             tables["frames.csv"],
         )
+
+    @classmethod
+    def of_part(cls, part: MeasuredFrame) -> "ShownTables":
+        """Those of one frame, which are in no folder."""
+        name = str(part.row["frame"])
+        parts = (part.contacts, part.rejected, part.outlines)
+        row = FRAMES.conform(pd.DataFrame([part.row]))
+        return cls(Path(), *({name: table} for table in parts), frames=row)
 
     def of_frame(self, name: str) -> dict[str, Any]:
         """Contacts, rejected candidates, outlines and the row of one frame, for the page."""

@@ -240,6 +240,18 @@ def test_measuring_again_gives_the_tables_of_process(client, session, top):
     assert {name: (top / "run" / name).read_bytes() for name in TABLES} == before
 
 
+def test_the_frame_that_is_looked_at_is_shown_first(client, session):
+    assert client.get("frames/2/preview.json")[0] == 400
+    contacts = json.loads(client.get("frames/2/contacts.json")[2])["contacts"]
+    client.post("edits/insert", {"rows": [edit(x=contacts["x_px"][0], y=contacts["y_px"][0])]})
+    assert client.post("measure", {"first": 2})[0] == 200
+    assert session.jobs.wait().error == ""
+    alone = json.loads(client.get("frames/2/preview.json")[2])["contacts"]
+    final = json.loads(client.get("frames/2/contacts.json")[2])["contacts"]
+    assert len(alone["label"]) == len(final["label"]) == len(contacts["label"]) - 1
+    np.testing.assert_allclose(alone["x_px"], final["x_px"], atol=0.05)
+
+
 def test_frames_without_new_edits_are_not_measured_again(client, session, monkeypatch):
     measured = []
     from contactimg.pipeline import parallel
