@@ -65,10 +65,9 @@ class ShownTables:
     @classmethod
     def of_part(cls, part: MeasuredFrame) -> "ShownTables":
         """Those of one frame, which are in no folder."""
-        name = str(part.row["frame"])
-        parts = (part.contacts, part.rejected, part.outlines)
-        row = FRAMES.conform(pd.DataFrame([part.row]))
-        return cls(Path(), *({name: table} for table in parts), frames=row)
+        name, row = str(part.row["frame"]), FRAMES.conform(pd.DataFrame([part.row]))
+        contacts, rejected, outlines = part.contacts, part.rejected, part.outlines
+        return cls(Path(), {name: contacts}, {name: rejected}, {name: outlines}, row)
 
     def of_frame(self, name: str) -> dict[str, Any]:
         """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
