@@ -284,7 +284,8 @@ def _contacts_table(detections: Detections) -> pd.DataFrame:
         name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()
     }
     shapes = shape_columns(contacts)
-    for name, dtype in SHAPE_COLUMNS.items():
+    types: dict[str, Any] = dict(SHAPE_COLUMNS)
+    for name, dtype in types.items():
         plain = dtype == "float64"  # the other types are those of pandas
         columns[name] = np.asarray(shapes[name], dtype) if plain else pd.array(shapes[name], dtype=dtype)
     columns["flags"] = columns["flags"] | no_plateau
