@@ -81,7 +81,11 @@ class ModelImage:
     def blank(cls, shape: tuple[int, ...], n: int, *, complete: bool = True) -> "ModelImage":
         """Without a disk; left incomplete, it is not to be used after the fit."""
         # the zeros of `numpy.zeros` become memory page by page as they are drawn on, which is slower
-        model = np.empty(shape, np.float32)
+        return cls.over(np.empty(shape, np.float32), n, complete=complete)
+
+    @classmethod
+    def over(cls, model: NDArray[np.float32], n: int, *, complete: bool = True) -> "ModelImage":
+        """The same in the memory of a model image that is not used any more, which is faster."""
         model.fill(0.0)
         return cls(model, np.zeros(n, np.bool_), complete)
 

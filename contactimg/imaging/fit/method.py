@@ -261,7 +261,7 @@ def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: 
     problem = replace(problem, prior=prior)
     fit = fit_disks(
         problem, fit.disks, blur=fit.blur, control=FitControl(start.free_blur, iterations=5),
-        start=ModelImage.blank(image.shape, len(radius), complete=False),
+        start=ModelImage.over(fit.model, len(radius), complete=False),
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
     joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)

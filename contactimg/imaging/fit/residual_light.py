@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import Illumination, fit_illumination
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
 from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import CONTRAST, FitProblem
 from contactimg.imaging.fit.settings import (
@@ -86,9 +86,10 @@ def remove_halo(
 
 
 def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, free_blur: bool) -> FittedDisks:
-    """Fit some of the disks of a fit again."""
+    """Fit some of the disks of a fit, whose model image is overwritten, again."""
     control = FitControl(free_blur, robust=False, iterations=4)
-    return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control)
+    start = ModelImage.over(fit.model, np.count_nonzero(kept))
+    return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
 
 
 def remove_illumination(

@@ -187,7 +187,7 @@ def settle_optics(
         )
         fit = fit_disks(
             stepped, _follow(fit.disks, scores, step), blur=blur, control=CONTROL, brightness=fit.brightness,
-            start=ModelImage.blank(problem.image.shape, len(fit.disks), complete=False),
+            start=ModelImage.over(fit.model, len(fit.disks), complete=False),
         )  # fmt: skip
     # where the frame determines nothing, its own covariance stays finite
     least_information = np.diag(1e-6 / np.array([1.0, fit.blur]) ** 2)
