@@ -5,7 +5,7 @@ ImageJ counts from the corner of the first pixel, this package from its centre: 
 
 import zipfile
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from roifile import ROI_OPTIONS, ROI_TYPE, ImagejRoi, roiread
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
+from contactimg.tables.outlines import Outline
 
 ROI_SUFFIXES = (".roi", ".zip")
 """File name extensions of ImageJ ROIs: one region, or a set of them."""
@@ -66,6 +67,29 @@ class Region:
         angle = 2 * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
         turn = np.column_stack([np.cos(angle), np.sin(angle)])
         return turn * [self.radius_x, self.radius_y] + [self.x, self.y]
+
+
+def region_of(outline: Outline, *, name: str, colour: str = "") -> Region:
+    """The region of a contact: an oval, or a polygon for a tilted ellipse or a free shape.
+
+    Examples
+    --------
+    >>> region_of(Outline(3, 10.0, 20.0, 5.0, 4.0, 0.5), name="a").points[0]
+    (14.387912809451864, 22.397127693021016)
+    """
+    major, minor, angle = outline.semi_major, outline.semi_minor, outline.angle
+    if not outline.lines and (major == minor or angle == 0.0):
+        return Region(name, outline.x, outline.y, major, minor, colour=colour)
+    if outline.lines:
+        points = outline.polygon[:-1]
+    else:
+        turn = 2 * np.pi * np.arange(OUTLINE_POINTS) / OUTLINE_POINTS
+        along = np.array([np.cos(angle), np.sin(angle)])
+        points = np.outer(major * np.cos(turn), along) + np.outer(minor * np.sin(turn), [-along[1], along[0]])
+        points += [outline.x, outline.y]
+    region = polygon_region(name, points)
+    round_ = Region(name, outline.x, outline.y, major, minor)
+    return replace(round_ if region is None else region, colour=colour)
 
 
 def read_regions(path: str | Path) -> list[Region]:

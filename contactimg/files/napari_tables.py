@@ -7,19 +7,39 @@ import csv
 import io
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from contactimg.files.atomic import write_text
 from contactimg.tables import flag_names
+from contactimg.tables.outlines import Outline, contact_outlines
 
 
-def write_napari_shapes(contacts: pd.DataFrame, path: Path) -> None:
-    """Write the outlines as a shapes layer: an ellipse is given by the four corners around it."""
-    rows: list[list[object]] = []
-    for index, (x, y, radius) in enumerate(contacts[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()):
-        corners = [(-radius, -radius), (-radius, radius), (radius, radius), (radius, -radius)]
-        rows += [[index, "ellipse", vertex, y + dy, x + dx] for vertex, (dy, dx) in enumerate(corners)]
+def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Path) -> None:
+    """Write the outlines of the contacts of one frame as a shapes layer.
+
+    An ellipse is given by the four corners around it; a free shape is a polygon, each of its holes a path.
+    """
+    shapes = [shape for outline in contact_outlines(contacts, outlines) for shape in _shapes(outline)]
+    rows: list[list[object]] = [
+        [index, kind, vertex, y, x]
+        for index, (kind, points) in enumerate(shapes)
+        for vertex, (x, y) in enumerate(points.tolist())
+    ]
     _write(path, ["index", "shape-type", "vertex-index", "axis-0", "axis-1"], rows)
+
+
+def _shapes(outline: Outline) -> list[tuple[str, NDArray[np.float64]]]:
+    """Napari's shapes for one contact, each with its points (x, y)."""
+    if outline.lines:
+        holes = [("path", hole) for hole in outline.lines[1:]]
+        return [("polygon", outline.lines[0][:-1]), *holes]
+    a, b, angle = outline.semi_major, outline.semi_minor, outline.angle
+    along = a * np.array([np.cos(angle), np.sin(angle)])
+    across = b * np.array([-np.sin(angle), np.cos(angle)])
+    corners = np.array([-along - across, along - across, along + across, across - along])
+    return [("ellipse", corners + np.array([outline.x, outline.y]))]
 
 
 def write_napari_points(contacts: pd.DataFrame, path: Path) -> None:

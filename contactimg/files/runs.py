@@ -24,7 +24,7 @@ from contactimg.files.run_record import check_record
 from contactimg.files.table_hashes import changed_tables
 from contactimg.forces import sums_of_contacts
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import CONTACTS, FRAMES
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES
 from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
@@ -158,6 +158,12 @@ class RunFolder:
     scene: Scene | None
     provenance: dict[str, Any]
     changed: tuple[str, ...] = ()
+
+    @property
+    def outlines(self) -> pd.DataFrame:
+        """Outlines of the contacts of free shape, columns of `contactimg.tables.OUTLINES`."""
+        path = self.folder / "outlines.csv"
+        return read_table(path, OUTLINES) if path.is_file() else OUTLINES.empty()
 
     @property
     def command(self) -> str:

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, RunFolder, open_experiment, read_table
-from contactimg.files.imagej import Region, write_overlay_tiff, write_regions
+from contactimg.files.imagej import Region, region_of, write_overlay_tiff, write_regions
 from contactimg.files.labels import write_labels
 from contactimg.files.napari_tables import write_napari_points, write_napari_shapes
 from contactimg.files.workbook import write_workbook
-from contactimg.tables import CONTACTS, FRAMES, REJECTED, Flag
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Flag
+from contactimg.tables.outlines import contact_outlines
 
 CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0e442", "#cc79a7", "#d55e00"
 """Of contacts, flagged ones, those drawn by hand and rejected candidates: safe for colour-blind eyes (the
@@ -58,17 +59,20 @@ def export_run(
     sources = _frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
     groups = dict(list(run.contacts.groupby("frame")))
     refused = dict(list(rejected_of(run).groupby("frame")))
+    lines = dict(list(run.outlines.groupby("frame")))
     for frame in run.frames["frame"]:
         contacts, rejected = groups.get(frame, CONTACTS.empty()), refused.get(frame, REJECTED.empty())
+        outlines = lines.get(frame, OUTLINES.empty())
         stem = file_stem(frame)
         image = sources[frame].read().image if frame in sources else None
         if "napari" in formats:
-            write_napari_shapes(contacts, folder / "napari" / f"{stem}_shapes.csv")
+            write_napari_shapes(contacts, outlines, folder / "napari" / f"{stem}_shapes.csv")
             write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
-            _write_fiji(run, image, contacts, rejected, folder / "fiji" / stem)
+            regions = contact_regions(contacts, outlines) + rejected_regions(rejected)
+            _write_fiji(run, image, regions, folder / "fiji" / stem)
         if "labels" in formats and image is not None:
-            write_labels(contacts, image.shape, folder / "labels" / f"{stem}_labels.tif")
+            write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
         if advance is not None:
             advance()
 
@@ -90,13 +94,18 @@ def file_stem(frame: str) -> str:
     return frame.replace("[", "_").replace("]", "")
 
 
-def contact_regions(contacts: pd.DataFrame, rejected: pd.DataFrame) -> list[Region]:
-    """Contacts and rejected candidates of one frame as regions, named and coloured by what they are."""
-    columns = ["label", "x_px", "y_px", "radius_px", "flags"]
-    regions = [
-        Region(region_name(int(label)), x, y, radius, radius, colour=_colour(int(flags)))
-        for label, x, y, radius, flags in contacts[columns].astype(float).to_numpy().tolist()
+def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Region]:
+    """Contacts of one frame as regions, named and coloured by what they are."""
+    shapes = contact_outlines(contacts, outlines)
+    return [
+        region_of(outline, name=region_name(outline.label), colour=_colour(int(flags)))
+        for outline, flags in zip(shapes, contacts["flags"], strict=True)
     ]
+
+
+def rejected_regions(rejected: pd.DataFrame) -> list[Region]:
+    """Rejected candidates of one frame as regions."""
+    regions = []
     places = rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
     for number, ((x, y, radius), reason) in enumerate(zip(places, rejected["reason"], strict=True), start=1):
         name = f"rejected_{number:04d} {reason.partition(':')[0]}".replace("/", " ")
@@ -128,11 +137,8 @@ def _colour(flags: int) -> str:
     return FLAGGED_COLOUR if flags else CONTACT_COLOUR
 
 
-def _write_fiji(
-    run: RunFolder, image: NDArray | None, contacts: pd.DataFrame, rejected: pd.DataFrame, stem: Path
-) -> None:
+def _write_fiji(run: RunFolder, image: NDArray | None, regions: list[Region], stem: Path) -> None:
     """Regions for the ROI Manager, and the frame with the same regions as its overlay."""
-    regions = contact_regions(contacts, rejected)
     write_regions(regions, stem.with_name(f"{stem.name}.zip"))
     if image is not None:
         camera = None if run.scene is None else run.scene.camera

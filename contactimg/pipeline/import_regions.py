@@ -8,7 +8,7 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.files import RunFolder
 from contactimg.files.imagej import Region, read_regions
-from contactimg.pipeline.export import file_stem, label_of
+from contactimg.pipeline.export import contact_regions, file_stem, label_of
 from contactimg.tables import EDITS
 
 SAME_PX = 0.02
@@ -49,10 +49,12 @@ def edits_from_regions(
     if frame not in set(run.frames["frame"]):
         raise InputError(f"{run.folder}: has no frame {frame!r}")
     contacts = run.contacts[run.contacts["frame"] == frame]
+    columns = ["label", "x_px", "y_px", "radius_px"]
     places = {
-        int(label): (x, y, radius)
-        for label, x, y, radius in contacts[["label", "x_px", "y_px", "radius_px"]].astype(float).to_numpy()
+        int(label): (x, y, radius) for label, x, y, radius in contacts[columns].astype(float).to_numpy()
     }
+    lines = run.outlines
+    exported = {region.name: region for region in contact_regions(contacts, lines[lines["frame"] == frame])}
     rows: list[dict[str, object]] = []
     kept: set[int] = set()
     for region in read_regions(path):
@@ -63,7 +65,7 @@ def edits_from_regions(
             rows.append(_row("add", (region.x, region.y, region.radius), "drawn in ImageJ"))
             continue
         kept.add(label)
-        if not _same(region, places[label]):
+        if not _same(region, exported[region.name]):
             rows.append(_row("exclude", places[label], "moved in ImageJ"))
             rows.append(_row("add", (region.x, region.y, region.radius), "moved in ImageJ"))
     gone = [_row("exclude", places[label], "deleted in ImageJ") for label in sorted(places.keys() - kept)]
@@ -80,10 +82,10 @@ def _row(action: str, place: tuple[float, float, float], reason: str) -> dict[st
     return {"action": action, "x_px": place[0], "y_px": place[1], "radius_px": radius, "reason": reason}
 
 
-def _same(region: Region, place: tuple[float, float, float]) -> bool:
-    """Whether a region is where the contact was."""
-    x, y, radius = place
-    return bool(max(abs(region.x - x), abs(region.y - y), abs(region.radius - radius)) < SAME_PX)
+def _same(region: Region, exported: Region) -> bool:
+    """Whether a region is as it was exported."""
+    names = ("x", "y", "radius_x", "radius_y")
+    return all(abs(getattr(region, name) - getattr(exported, name)) < SAME_PX for name in names)
 
 
 def _frame_of(run: RunFolder, path: Path) -> str:

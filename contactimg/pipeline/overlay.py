@@ -27,6 +27,7 @@ from contactimg.prediction import (
 )
 from contactimg.scene import Scene
 from contactimg.tables import FAILED, MATCHES, SCORES
+from contactimg.tables.outlines import contact_outlines
 from contactimg.timings import stage
 
 
@@ -239,7 +240,7 @@ def _draw(
     """Read one frame again and draw it."""
     ax = draw_predicted(
         source.read().image,
-        run.contacts[run.contacts["frame"] == source.name],
+        contact_outlines(*(table[table["frame"] == source.name] for table in (run.contacts, run.outlines))),
         predicted,
         hertz_circle(run.scene, load),
         pose=run.need_pose(),

@@ -21,10 +21,12 @@ from contactimg.plots import (
     legend_of_circles,
     plot_circles,
     plot_image,
+    plot_outlines,
     plot_scale_bar,
 )
 from contactimg.pose import Pose
-from contactimg.tables import CONTACTS, Status
+from contactimg.tables import CONTACTS, OUTLINES, Status
+from contactimg.tables.outlines import Outline, contact_outlines
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -44,7 +46,18 @@ def draw_overlays(
     pose = None if run.pose is None else run.pose.pose
     sources = [source for source in experiment.frames if source.name not in failed]
     groups = dict(list(run.contacts.groupby("frame")))
-    jobs = ((source, groups.get(source.name, CONTACTS.empty()), pose, folder) for source in sources)
+    lines = dict(list(run.outlines.groupby("frame")))
+    jobs = (
+        (
+            source,
+            contact_outlines(
+                groups.get(source.name, CONTACTS.empty()), lines.get(source.name, OUTLINES.empty())
+            ),
+            pose,
+            folder,
+        )
+        for source in sources
+    )
     for _ in in_parallel(_draw_frame, jobs, count=len(sources), workers=workers):
         if advance is not None:
             advance()
@@ -56,21 +69,21 @@ def picture_name(frame: str) -> str:
 
 
 @stage("pictures")
-def _draw_frame(source: FrameSource, contacts: pd.DataFrame, pose: Pose | None, folder: Path) -> None:
+def _draw_frame(source: FrameSource, contacts: list[Outline], pose: Pose | None, folder: Path) -> None:
     """Read one frame again and draw it."""
     ax = draw_measured(source.read().image, contacts, pose=pose, title=source.name)
     write_figure(ax, folder / picture_name(source.name))
 
 
 def draw_measured(
-    image: NDArray, contacts: pd.DataFrame, *, pose: Pose | None, title: str, ax: Axes | None = None
+    image: NDArray, contacts: list[Outline], *, pose: Pose | None, title: str, ax: Axes | None = None
 ) -> Axes:
     """Draw the outlines of the measured contacts on their frame.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-    contacts : DataFrame
+    contacts : list of Outline
         This frame's contacts.
     pose : Pose or None
         For the scale bar.
@@ -85,7 +98,7 @@ def draw_measured(
 
 def draw_predicted(
     image: NDArray,
-    contacts: pd.DataFrame,
+    contacts: list[Outline],
     predicted: dict[str, pd.DataFrame],
     hertz_circle: tuple[float, float, float] | None,
     *,
@@ -98,7 +111,7 @@ def draw_predicted(
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-    contacts : DataFrame
+    contacts : list of Outline
         This frame's measured contacts.
     predicted : dict
         Contacts tables of the ``"coupled"`` and the ``"uncoupled"`` model.
@@ -130,26 +143,21 @@ def draw_predicted(
     return _finish(ax, circles, pose, title)
 
 
-def _region(image: NDArray, contacts: pd.DataFrame, predicted: dict[str, pd.DataFrame]) -> Axes:
+def _region(image: NDArray, contacts: list[Outline], predicted: dict[str, pd.DataFrame]) -> Axes:
     """The part of the image that holds every contact."""
-    tables = [contacts, *predicted.values()]
-    x = np.concatenate([table["x_px"].to_numpy(float) for table in tables])
-    y = np.concatenate([table["y_px"].to_numpy(float) for table in tables])
+    measured = [[contact.x for contact in contacts], [contact.y for contact in contacts]]
+    x, y = (
+        np.concatenate([known, *(table[name].to_numpy(float) for table in predicted.values())])
+        for known, name in zip(measured, ("x_px", "y_px"), strict=True)
+    )
     part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
     return plot_image(part, top=top, left=left)
 
 
-def _measured(contacts: pd.DataFrame, ax: Axes) -> EllipseCollection:
+def _measured(contacts: list[Outline], ax: Axes) -> EllipseCollection:
     """Outlines of measured contacts."""
-    return plot_circles(
-        contacts["x_px"],
-        contacts["y_px"],
-        contacts["radius_px"],
-        ax=ax,
-        color=MEASURED,
-        linewidth=0.9,
-        label=f"measured ({len(contacts)})",
-    )
+    label = f"measured ({len(contacts)})"
+    return plot_outlines(contacts, ax=ax, color=MEASURED, linewidth=0.9, label=label)
 
 
 def _in_pixels(

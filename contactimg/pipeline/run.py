@@ -101,7 +101,7 @@ def run_of_folder(folder: RunFolder) -> Run:
         n_matched=record["n_matched"],
         residual=nan if record["residual_m"] is None else record["residual_m"],
     )
-    return Run(folder.scene, folder.contacts, REJECTED.empty(), folder.frames, fit)
+    return Run(folder.scene, folder.contacts, REJECTED.empty(), folder.frames, fit, outlines=folder.outlines)
 
 
 def _pose_record(fit: PoseFit) -> dict[str, Any]:

@@ -29,6 +29,7 @@ from contactimg.plots.images import (
     legend_of_circles,
     plot_circles,
     plot_image,
+    plot_outlines,
     plot_scale_bar,
 )
 
@@ -49,6 +50,7 @@ __all__ = [
     "plot_image",
     "plot_jkr",
     "plot_jkr_residuals",
+    "plot_outlines",
     "plot_plateau",
     "plot_pressure_law",
     "plot_profile",

@@ -7,12 +7,13 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from contactimg.plots.axes import image_axes
 from contactimg.pose import Pose
+from contactimg.tables.outlines import Outline
 
 MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
 """Colours of measured contacts, of the two predictions, and of the Hertz circle, as in Fig.
@@ -88,22 +89,49 @@ def plot_circles(
     **style
         Of the outlines: ``color``, ``linewidth``, ``linestyle``.
     """
-    diameter = 2 * np.asarray(radius, float)
+    places = np.column_stack([np.asarray(part, float) for part in (x, y, radius)]).tolist()
+    disks = [Outline(0, *place, place[-1]) for place in places]
+    return plot_outlines(disks, ax=ax, label=label, **style)
+
+
+def plot_outlines(
+    outlines: Sequence[Outline], *, ax: Axes, label: str = "", **style: Any
+) -> EllipseCollection:
+    """Draw contacts as they were measured: circles, ellipses and, for free shapes, their lines.
+
+    Parameters
+    ----------
+    outlines : sequence of Outline
+    ax : Axes
+    label : str
+        Text for the legend; empty for none.
+    **style
+        Of the outlines: ``color``, ``linewidth``, ``linestyle``.
+
+    Returns
+    -------
+    EllipseCollection
+        Circles and ellipses, for the legend.
+    """
     color = style.pop("color", MEASURED)
-    circles = EllipseCollection(
-        diameter,
-        diameter,
-        np.zeros_like(diameter),
+    lines = [line for outline in outlines for line in outline.lines]
+    if lines:
+        ax.add_collection(LineCollection(lines, colors=color, **style), autolim=False)
+    round_ = [outline for outline in outlines if not outline.lines]
+    ellipses = EllipseCollection(
+        [2 * outline.semi_major for outline in round_],
+        [2 * outline.semi_minor for outline in round_],
+        [np.degrees(outline.angle) for outline in round_],
         units="xy",
-        offsets=np.column_stack([np.asarray(x, float), np.asarray(y, float)]),
+        offsets=np.array([(outline.x, outline.y) for outline in round_]).reshape(-1, 2),
         offset_transform=ax.transData,
         facecolors="none",
         edgecolors=color,
         label=label,
         **style,
     )
-    ax.add_collection(circles, autolim=False)
-    return circles
+    ax.add_collection(ellipses, autolim=False)
+    return ellipses
 
 
 def plot_scale_bar(pose: Pose, *, ax: Axes) -> Axes:

@@ -15,7 +15,7 @@ from contactimg.files import read_edits
 from contactimg.files.imagej import read_regions, write_regions
 from contactimg.files.labels import label_image
 from contactimg.files.workbook import write_workbook
-from contactimg.tables import CONTACTS, FRAMES
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +86,27 @@ def test_labels_count_the_pixels_of_each_contact(folder):
 def test_a_contact_between_pixel_centres_has_one_pixel():
     contacts = CONTACTS.conform({"label": [3], "x_px": [1.4], "y_px": [1.4], "radius_px": [0.3]})
     assert (label_image(contacts, (4, 4)) == 3).sum() == 1
+
+
+def test_labels_fill_ellipses_and_leave_out_holes():
+    contacts = CONTACTS.conform(
+        {
+            "label": [1, 2], "x_px": [20.0, 60.0], "y_px": [20.0, 20.0], "radius_px": [8.0, 10.0],
+            "shape": ["ellipse", "free"], "semi_major_px": [16.0, 1.0], "semi_minor_px": [4.0, 1.0],
+            "angle_rad": [np.pi / 4, 0.0],
+        }
+    )  # fmt: skip
+    square = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)])
+    lines = np.vstack([[60.1, 20.0] + 10.2 * square, [60.1, 20.0] + 4.2 * square[::-1]])
+    outlines = OUTLINES.conform(
+        {"label": [2] * 10, "outline": [0] * 5 + [1] * 5, "point": range(10), "x_px": lines[:, 0],
+         "y_px": lines[:, 1]}
+    )  # fmt: skip
+    labels = label_image(contacts, (50, 90), outlines)
+    assert (labels == 1).sum() == pytest.approx(np.pi * 64, rel=0.03)
+    assert labels[30, 30] == 1  # down and to the right: a positive angle
+    assert labels[10, 30] == 0
+    assert (labels == 2).sum() == 21**2 - 9**2
 
 
 def test_changes_made_in_imagej_come_back_as_edits_that_process_applies(folder, tmp_path):

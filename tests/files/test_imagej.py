@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 import tifffile
 
-from contactimg.files.imagej import Region, polygon_region, read_regions, write_overlay_tiff, write_regions
+from contactimg.files.imagej import (
+    Region,
+    polygon_region,
+    read_regions,
+    region_of,
+    write_overlay_tiff,
+    write_regions,
+)
+from contactimg.tables.outlines import Outline
 
 IMAGEJ = Path("/usr/share/java/ij.jar")  # of Debian's libij-java
 HAS_IMAGEJ = IMAGEJ.exists() and shutil.which("javac") is not None and shutil.which("java") is not None
@@ -85,3 +93,16 @@ def test_imagej_itself_reads_and_writes_the_same_disks(regions, tmp_path):
         assert abs(y + height / 2 - 0.5 - region.y) < 1e-3
         assert abs(math.sqrt(width * height) / 2 - region.radius) < 1e-3
     check(read_regions(tmp_path / "b.zip"), regions, moved=1.25)
+
+
+def test_ellipses_and_shapes_with_holes_are_polygons_of_their_area():
+    ellipse = region_of(Outline(1, 20.0, 30.0, 9.0, 4.0, 0.7), name="a")
+    assert (ellipse.x, ellipse.y) == pytest.approx((20.0, 30.0))
+    assert math.pi * ellipse.radius**2 == pytest.approx(math.pi * 36.0, rel=3e-4)
+    far = np.array(ellipse.points)[0] - [20.0, 30.0]
+    assert far == pytest.approx([9 * math.cos(0.7), 9 * math.sin(0.7)])
+    square = np.array([(0.0, 0.0), (8.0, 0.0), (8.0, 8.0), (0.0, 8.0), (0.0, 0.0)])
+    hole = square[::-1] / 4 + 3.0
+    pierced = region_of(Outline(2, 4.0, 4.0, 4.4, 4.4, lines=(square, hole)), name="b")
+    assert math.pi * pierced.radius**2 == pytest.approx(64 - 4)
+    assert len(pierced.points) == 4 + 4 + 2

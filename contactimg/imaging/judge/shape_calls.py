@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.fit.quality import FittedDetections, FrameFit
 from contactimg.imaging.fit.settings import FEWEST_COMMON_CHI_SQUARE, LARGEST_USUAL_CHI_SQUARE
 from contactimg.imaging.kernels.quadrupole import screen_quadrupoles
+from contactimg.imaging.reject.scratches import find_chains
 from contactimg.imaging.shapes.overlap import find_overlaps
 from contactimg.tables import Flag
 
@@ -48,7 +49,10 @@ def find_calls(detections: FittedDetections, frame_fit: FrameFit) -> tuple[NDArr
         called |= score[rows] > LEAST_SIGNIFICANCE * scale
         least = UNEVEN_SHARE * problem.contrast**2 / (noise[0] * (1.0 + noise[1]))
         called |= inside[rows] > np.maximum(least, UNEVEN_RATIO * _usual(inside, 1.0, np.inf))
-    return called | _overlapping(fit.disks, fit.blur)[rows], scale
+    other = _overlapping(fit.disks, fit.blur)
+    for chain in find_chains(problem.image, fit.disks, blur_px=fit.blur):
+        other[chain] = True
+    return called | other[rows], scale
 
 
 def _usual(values: NDArray, median: float, most: float) -> float:

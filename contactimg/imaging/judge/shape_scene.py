@@ -20,6 +20,7 @@ from contactimg.imaging.judge.second_opinion import AreaNoise
 from contactimg.imaging.judge.shape_calls import OVERLAP_BLUR_WIDTHS, OVERLAP_SHARE, usual_chi_square
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS
+from contactimg.imaging.reject.scratches import find_chains
 from contactimg.imaging.shapes.overlap import find_overlaps
 
 WINDOW_MARGIN_BLUR_WIDTHS = 4.0
@@ -35,8 +36,11 @@ CALLED_OVERLAP_BLUR_WIDTHS, CALLED_OVERLAP_SHARE = 0.3, 0.14
 BAD_CHI_SQUARE = 2.8
 """Mean squared residual, over the usual one, of two disks that any overlap makes one contact. Chosen: few
 of the disks of touching beads exceed it."""
-LARGEST_GROUP = 20
-"""Disks of the largest group that may be one contact. Chosen, as for covers."""
+LARGEST_GROUP = 60
+"""Disks of the largest group that may be one contact. Chosen: a ring 60 times as long as wide."""
+FEWEST_OF_REGION, CALLED_SHARE = 3, 0.5
+"""Disks of a region, and the share of them that must call, for it to be asked as one contact. Chosen: of
+disks that touch few call."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
 """Below, the image is smoothed before its pixels are connected. Chosen: twice six standard deviations."""
 
@@ -106,12 +110,22 @@ class ShapeScene:
         near = find_overlaps(self.disks, CALLED_OVERLAP_BLUR_WIDTHS * blur, CALLED_OVERLAP_SHARE)
         any_overlap = find_overlaps(self.disks, 0.0, 0.0)
         bad = self.chi_square > BAD_CHI_SQUARE * usual_chi_square(self.chi_square)
-        pairs = np.vstack([deep, near[called[near].all(axis=1)], any_overlap[bad[any_overlap].all(axis=1)]])
-        n = len(self.disks)
-        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-        labels = connected_components(graph, directed=False)[1]
+        pairs = np.vstack([
+            deep, near[called[near].all(axis=1)], any_overlap[bad[any_overlap].all(axis=1)],
+            self._regions(any_overlap, called),
+            *(np.column_stack([chain[:-1], chain[1:]])
+              for chain in find_chains(self.image, self.disks, blur_px=blur)),
+        ])  # fmt: skip
+        labels = _components(pairs, len(self.disks))
         groups = [np.flatnonzero(labels == label) for label in np.unique(labels[called])]
         return [members for members in groups if len(members) <= LARGEST_GROUP]
+
+    def _regions(self, touching: NDArray[np.intp], called: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Pairs that link the disks of each region in which most of them call."""
+        labels = _components(touching, len(self.disks))
+        size, calling = np.bincount(labels), np.bincount(labels, weights=called)
+        asked = (size >= FEWEST_OF_REGION) & (calling >= CALLED_SHARE * size)
+        return touching[asked[labels[touching[:, 0]]]] if len(touching) else touching
 
     def view(self, members: NDArray[np.intp]) -> "GroupView | None":
         """The window about a group of disks; None where its pixels cannot be told from the rest."""
@@ -193,6 +207,12 @@ class GroupView:
         corner = np.array([*self.window.corner, 0.0, 0.0])
         disks = self.scene.disks[self.members] - corner
         return render_disks(disks, self.scene.optics.blur, self.window.image.shape)
+
+
+def _components(pairs: NDArray[np.intp], count: int) -> NDArray[np.int32]:
+    """Number of the group of each disk, where pairs belong to the same."""
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _box(disks: NDArray, margin: float, shape: tuple[int, ...]) -> tuple[slice, slice]:

@@ -1,9 +1,11 @@
 """Scratches: a faint line that both methods take for a chain of small contacts.
 
 Between the centres of two contacts the image falls to the background, or to a neck where they touch. Along a
-scratch it does not.
+scratch it does not. A contact of another shape than a disk is a chain as well, but it is wide for its length,
+or it closes a ring.
 """
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -22,6 +24,11 @@ FEWEST_PIECES = 5
 """Pieces of a scratch. Chosen: pairs and triples of small contacts that touch are real."""
 FEWEST_DIAMETERS = 3.0
 """Length of a scratch in mean diameters of its pieces, at least. Chosen: shorter chains are no line."""
+LEAST_SLENDERNESS = 3.0
+"""Area of a scratch over its squared width, at least. Theory: length over width; 0.8 for a disk, 1.8 for a
+bone, 2.5 for a crescent."""
+LEAST_HOLE_BLUR_WIDTHS = 1.0
+"""Radius of the smallest hole that makes a chain a ring. Chosen."""
 
 
 def find_scratches(image: NDArray[np.float32], disks: NDArray, *, blur_px: float) -> NDArray[np.bool_]:
@@ -49,9 +56,19 @@ def find_scratches(image: NDArray[np.float32], disks: NDArray, *, blur_px: float
     np.True_
     """
     out = np.zeros(len(disks), np.bool_)
+    for chain in find_chains(image, disks, blur_px=blur_px):
+        out[chain] = _is_line(image, disks[chain], blur_px)
+    return out
+
+
+def find_chains(image: NDArray[np.float32], disks: NDArray, *, blur_px: float) -> list[NDArray[np.intp]]:
+    """Chains of small disks between which the image hardly falls: the rows of each.
+
+    The parameters are those of `find_scratches`.
+    """
     small = np.flatnonzero(disks[:, 2] < LARGEST_BLUR_WIDTHS * blur_px)
     if len(small) < FEWEST_PIECES:
-        return out
+        return []
     places = np.ascontiguousarray(disks[small, :3], float)
     pairs = find_pairs(places, 0.5 * LARGEST_GAP_BLUR_WIDTHS * blur_px)
     one, two = places[pairs[:, 0], :2], places[pairs[:, 1], :2]
@@ -62,12 +79,30 @@ def find_scratches(image: NDArray[np.float32], disks: NDArray, *, blur_px: float
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     count, labels = connected_components(graph, directed=False)
     sizes = np.bincount(labels, minlength=count)
-    for label in np.flatnonzero(sizes >= FEWEST_PIECES):
-        members = places[labels == label]
-        length = float(np.hypot(*np.ptp(members[:, :2], axis=0)))
-        if length > FEWEST_DIAMETERS * 2.0 * float(members[:, 2].mean()):
-            out[small[labels == label]] = True
-    return out
+    chains = [small[labels == label] for label in np.flatnonzero(sizes >= FEWEST_PIECES)]
+    length = [float(np.hypot(*np.ptp(disks[chain, :2], axis=0))) for chain in chains]
+    width = [2.0 * float(disks[chain, 2].mean()) for chain in chains]
+    return [chain for chain, a, b in zip(chains, length, width, strict=True) if a > FEWEST_DIAMETERS * b]
+
+
+def _is_line(image: NDArray[np.float32], pieces: NDArray[np.float64], blur_px: float) -> bool:
+    """Whether the pixels above half the brightness of a chain of disks are a line that does not close."""
+    reach = float(pieces[:, 2].max()) + LARGEST_GAP_BLUR_WIDTHS * blur_px
+    low = np.maximum(np.floor(pieces[:, :2].min(axis=0) - reach).astype(int), 0)
+    high = np.ceil(pieces[:, :2].max(axis=0) + reach).astype(int) + 1
+    part = image[low[1] : high[1], low[0] : high[0]]
+    above = np.pad(part > 0.5 * np.median(_brightness(image, pieces[:, :2])), 1).astype(np.uint8)
+    labels = cv2.connectedComponents(above, connectivity=8)[1]
+    rows, columns = np.rint(pieces[:, 1::-1] - low[::-1] + 1).astype(int).T
+    found = np.bincount(
+        labels[np.clip(rows, 0, labels.shape[0] - 1), np.clip(columns, 0, labels.shape[1] - 1)], minlength=2
+    )
+    chain = (labels == 1 + int(np.argmax(found[1:]))).astype(np.uint8)
+    half_width = float(cv2.distanceTransform(chain, cv2.DIST_L2, cv2.DIST_MASK_5).max())
+    slender = np.count_nonzero(chain) > LEAST_SLENDERNESS * (2.0 * half_width) ** 2
+    contours, levels = cv2.findContours(chain, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
+    holes = [cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0]
+    return bool(slender and max(holes, default=0.0) <= np.pi * (LEAST_HOLE_BLUR_WIDTHS * blur_px) ** 2)
 
 
 def _brightness(image: NDArray[np.float32], places: NDArray) -> NDArray[np.float64]:
