@@ -62,7 +62,7 @@ def _power(outline: Outline, columns: NDArray[np.intp], rows: NDArray[np.intp]) 
     if outline.lines:
         corner = np.array([rows[0], columns[0]])
         points = outline.polygon[:, ::-1] - corner
-        return np.where(grid_points_in_poly((len(rows), len(columns)), points), -a * b, np.hypot(x, y))
+        return np.where(grid_points_in_poly((len(rows), len(columns)), points), -a * b, 1.0 + x**2 + y**2)
     cosine, sine = np.cos(outline.angle), np.sin(outline.angle)
     along, across = (cosine * x + sine * y) / a, (cosine * y - sine * x) / b
     return np.asarray(a * b * (along**2 + across**2 - 1.0))

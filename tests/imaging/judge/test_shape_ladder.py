@@ -112,3 +112,14 @@ def test_outlines_become_a_table():
     x, y = (table.loc[table["outline"] == 0, name].to_numpy() for name in ("x_px", "y_px"))
     assert (x[0], y[0]) == (x[-1], y[-1])
     assert np.hypot(x - 165, y - 45) == pytest.approx(12 / np.sqrt(0.75), abs=0.5)
+
+
+def test_rings_and_bones_without_any_disk_are_found_and_are_no_scratches():
+    shapes = [ring(0.7), ring(0.5), ring(0.6), triangle(), bone(), bone()]
+    found, areas, _ = measured(shapes)
+    table = in_order(found, PLACES)
+    assert len(found.disks) == 6
+    assert set(table["shape"]) == {"free"}
+    assert table["holes"].tolist() == [1, 1, 1, 0, 0, 0]
+    pulls = (table["area_px2"].to_numpy() - areas) / table["area_std_px2"].to_numpy()
+    assert np.abs(pulls).max() < 3.5  # six normal deviates: 3e-3
