@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects.local_law import law_name
 from contactimg.errors import InputError
-from contactimg.mechanics import sphere
+from contactimg.mechanics import hertz_ellipse, sphere
 from contactimg.mechanics.contact_force import ForceLaw, adhesive_pull, pressing_force
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
@@ -50,6 +50,7 @@ def assign_forces(
     modulus_relative_std: float = 0.0,
     law: ForceLaw = "hertz",
     work_of_adhesion: float = 0.0,
+    elliptic: bool = False,
 ) -> pd.DataFrame:
     """Fill ``force_N``, ``force_std_N`` and ``force_hertz_N``; flag ``BEYOND_HERTZ``.
 
@@ -70,6 +71,9 @@ def assign_forces(
     law : {"hertz", "sphere"}
     work_of_adhesion : float, J/m^2
         w; 0 for contacts that do not adhere.
+    elliptic : bool
+        Whether contacts measured as ellipses follow Hertz's law of elliptic contacts
+        (`contactimg.mechanics.hertz_ellipse.load_ratio`), not that of the circle of equal area.
 
     Returns
     -------
@@ -103,6 +107,8 @@ def assign_forces(
     R = np.broadcast_to(np.asarray(sphere_radius, float), a.shape)
     exponent = force_exponents(a, R, law=law)
     pressed = pressing_force(a, R, contact_modulus=contact_modulus, law=law)
+    if elliptic:
+        pressed = pressed * _elliptic_ratio(contacts)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
     slope = exponent * pressed - ADHESION_EXPONENT * pulled
     beyond = np.zeros(a.shape, bool)
@@ -115,6 +121,13 @@ def assign_forces(
         force_hertz_N=pressing_force(a, R, contact_modulus=contact_modulus),
         flags=flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0),
     )
+
+
+def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
+    """Load over that of the circle of equal area: of ellipses; 1 for all other contacts."""
+    axes = contacts[["semi_major_px", "semi_minor_px"]].to_numpy(float, copy=True)
+    axes[(contacts["shape"] != "ellipse").to_numpy(bool)] = 1.0
+    return hertz_ellipse.load_ratio(*axes.T)
 
 
 def force_exponents(
@@ -352,7 +365,7 @@ def _sums(
     )
     if np.isfinite(smallest) and np.isfinite(force.value):
         sums |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
-    law = law_name(scene) if np.isfinite(force.value) else ""
+    law = law_name(scene, elliptic=scene.measure.hertz == "ellipse") if np.isfinite(force.value) else ""
     sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std, "law": law}
     return sums | _hertz_sum(contacts)
 
@@ -388,6 +401,7 @@ def local_forces(
         modulus_relative_std=elastic.young_modulus_std / elastic.young_modulus,
         law=law,
         work_of_adhesion=work,
+        elliptic=scene.measure.hertz == "ellipse",
     )
     pulled = adhesive_pull(
         contacts["radius_m"], contact_modulus=elastic.contact_modulus, work_of_adhesion=work

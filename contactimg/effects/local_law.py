@@ -36,8 +36,10 @@ def support_error(radius_over_thickness: float) -> float:
     return float(np.interp(radius_over_thickness, SUPPORT_RATIO, SUPPORT_ERROR))
 
 
-def law_name(scene: Scene) -> str:
+def law_name(scene: Scene, *, elliptic: bool = False) -> str:
     """What tables call the law of the local forces of a scene whose switches are set.
+
+    ``elliptic``: ellipses follow Hertz's law of elliptic contacts.
 
     Examples
     --------
@@ -46,7 +48,7 @@ def law_name(scene: Scene) -> str:
     'sphere+jkr'
     """
     profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    return profile + ("+jkr" if scene.effects.adhesion == "on" else "")
+    return profile + ("+ellipse" if elliptic else "") + ("+jkr" if scene.effects.adhesion == "on" else "")
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,9 @@ class LawPlan:
     def sentence(self) -> str:
         """The law, and what it leaves out."""
         lost = [f"{name} ({100 * change:.2g} % of the forces)" for name, change in self.left_out.items()]
+        law = law_name(self.scene, elliptic=self.scene.measure.hertz == "ellipse")
         left = f"; left out: {', '.join(lost)}" if lost else "; nothing that acts on it is left out"
-        return "; ".join([f"local forces by the law {law_name(self.scene)}{left}", *self.messages])
+        return "; ".join([f"local forces by the law {law}{left}", *self.messages])
 
 
 def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> LawPlan:
