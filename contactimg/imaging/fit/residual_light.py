@@ -88,7 +88,7 @@ def remove_halo(
 def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, free_blur: bool) -> FittedDisks:
     """Fit some of the disks of a fit, whose model image is overwritten, again."""
     control = FitControl(free_blur, robust=False, iterations=4)
-    start = ModelImage.over(fit.model, np.count_nonzero(kept))
+    start = ModelImage.over(fit.model, int(np.count_nonzero(kept)))
     return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
 
 
