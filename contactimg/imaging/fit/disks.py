@@ -12,7 +12,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.settings import (
     ASSUMED_SPREAD_FRACTION,
     BRIGHTEST_RATIO,
@@ -23,12 +23,10 @@ from contactimg.imaging.fit.settings import (
     WIDE_RADIUS_BLUR_WIDTHS,
 )
 from contactimg.imaging.kernels.gauss_newton import (
-    COUPLING_REACH_BLUR_WIDTHS,
     WELL_FITTED_CHI_SQUARE,
     draw_disks,
     iterate,
 )
-from contactimg.imaging.kernels.normal_equations import REACH_BLUR_WIDTHS
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.pixels.robust import MAD_TO_STD
@@ -205,7 +203,7 @@ def fit_disks(
     n = len(disks)
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     start = start or ModelImage.blank(problem.image.shape, n)
-    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score = iterate(
+    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, work = iterate(
         problem.image,
         for_kernel(problem.valid, problem.saturated),
         np.array(disks, float),
@@ -223,25 +221,14 @@ def fit_disks(
         start.drawn.copy(),
         start.complete,
         np.full(n, np.inf) if largest is None else largest,
+        problem.work.left,
     )
-    _count_work(problem, fitted if active is None else fitted[active], blur, int(steps))
+    problem.work.count_fit(float(work))
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(fitted)[:, None]
     return FittedDisks(
         fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, brightness
     )
-
-
-def _count_work(problem: FitProblem, disks: NDArray[np.float64], blur: float, iterations: int) -> None:
-    """Count what a fit has cost."""
-    reach = REACH_BLUR_WIDTHS * blur
-    rims = (disks[:, RADIUS] + reach) ** 2 - np.maximum(disks[:, RADIUS] - reach, 0.0) ** 2
-    first, second = disks[find_pairs(disks, COUPLING_REACH_BLUR_WIDTHS * blur)].transpose(1, 0, 2)
-    distance = np.hypot(first[:, X] - second[:, X], first[:, Y] - second[:, Y])
-    narrow = 2.0 * (np.minimum(first[:, RADIUS], second[:, RADIUS]) + reach)
-    shared = narrow * np.clip(first[:, RADIUS] + second[:, RADIUS] + 2.0 * reach - distance, 0.0, narrow)
-    pixels = float(np.pi * rims.sum() + shared.sum())
-    problem.work.count_fit(iterations, disks=len(disks) + len(first), pixels=pixels)
 
 
 def _contrast_bounds(problem: FitProblem, brightness: NDArray[np.float64]) -> NDArray[np.float64]:

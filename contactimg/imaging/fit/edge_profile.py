@@ -142,6 +142,8 @@ def learn_edge(
     if len(first.score) < FEWEST_CONTACTS or not first.is_suspicious(search.prior(joint, edge)):
         return current
     for _ in range(ROUNDS):
+        if problem.work.is_done:
+            break
         scores = search.scores(current.joint, edge, isolated)
         if len(scores.score) < FEWEST_CONTACTS:
             return current

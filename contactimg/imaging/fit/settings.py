@@ -84,9 +84,8 @@ WORK_PER_SMALL_FRAME = 1e6
 """Work that any frame may cost. Chosen: 0.04 s."""
 COVER_SHARE = 0.6
 """Share of it after which no more covers are tried. By hand."""
-WORK_PER_FIT, WORK_PER_DISK = 2e4, 200.0
-"""What a fit, and in each iteration a disk or a coupled pair, cost besides their pixels. By hand; not
-measured."""
+WORK_PER_FIT = 2e4
+"""What a fit costs besides its pixels and disks. By hand; not measured."""
 
 # Covers of badly fitted groups (`covers`, `group_window`)
 GROUP_GAP_BLUR_WIDTHS = 2.0

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 from contactimg.imaging.fit.settings import (
     COVER_SHARE,
-    WORK_PER_DISK,
     WORK_PER_FIT,
     WORK_PER_PIXEL,
     WORK_PER_SMALL_FRAME,
 )
+from contactimg.imaging.kernels.gauss_newton import WORK_PER_DISK
 
 
 @dataclass
@@ -38,9 +38,14 @@ class Work:
         """What a frame of so many pixels may cost."""
         return cls(WORK_PER_SMALL_FRAME + WORK_PER_PIXEL * pixels)
 
-    def count_fit(self, iterations: int, *, disks: int, pixels: float) -> None:
-        """Add a fit of so many disks and coupled pairs of them, which have so many pixels together."""
-        self.done += WORK_PER_FIT + iterations * (pixels + WORK_PER_DISK * disks)
+    def count_fit(self, work: float) -> None:
+        """Add a fit that took so much besides its overhead."""
+        self.done += WORK_PER_FIT + work
+
+    @property
+    def left(self) -> float:
+        """What may still be done."""
+        return max(self.limit - self.done, 0.0)
 
     def most_disks(self, iterations: int, *, pixels: float) -> int:
         """How many disks of so many pixels each may still be fitted."""

@@ -14,6 +14,7 @@ from contactimg.imaging.kernels.normal_equations import (
     CROSS,
     GRADIENT,
     PIXEL_COUNT,
+    REACH_BLUR_WIDTHS,
     SATURATED,
     SUMS,
     add_disk,
@@ -35,18 +36,20 @@ MOST_SWEEPS = 40  # of the Gauss-Seidel iteration, which stops at 1e-4 px; accur
 SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accuracy
 CLEARED_PIXELS = 6000  # of the model image for each disk to erase, up to which all is cleared; speed only
 NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
+WORK_PER_DISK = 200.0  # pixels: what a disk, or a coupled pair, costs besides its own; by hand, not measured
 WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
 
 
 @njit(cache=True)
 def iterate(
     image, weight, disks, s, noise, prior, brightness, free_blur, robust, moving, table, iterations,
-    tolerance, model, drawn, complete, largest,
+    tolerance, model, drawn, complete, largest, most_work,
 ):  # fmt: skip
     """Gauss-Newton iteration of the moving disks until all have settled.
 
     ``model`` contains the disks marked in ``drawn``. Isolated disks are kept out of it while they move; at
-    the end it contains all disks if it is to be ``complete``.
+    the end it contains all disks if it is to be ``complete``. No iteration but the first is begun that would
+    take the work (`_iteration_work`) beyond ``most_work``.
     """
     # longer than 40 lines: its parts would need nearly all of these arrays
     n = len(disks)
@@ -60,15 +63,18 @@ def iterate(
     near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
     pairs = np.empty((0, 2), np.int64)
     blocks = np.zeros((0, 4, 4))
-    count = 0
+    count, work = 0, 0.0
     for iteration in range(iterations):
-        count += 1
         if s > 1.1 * paired_blur or _largest_move(disks, paired) > PAIR_MARGIN_PX:
             near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
+        close = select_close(near_pairs, disks, coupling * s)
+        next_work = _iteration_work(disks, s, moving, close)
+        if iteration > 0 and work + next_work > most_work:
+            break
+        pairs, count, work = close, count + 1, work + next_work
         isolated = _find_isolated(n, select_close(near_pairs, disks, 0.5 * _isolation_gap(table) * s))
         isolated &= not saturated
         draw_disks(model, disks, s, drawn, ~(isolated & moving), near_pairs, table)
-        pairs = select_close(near_pairs, disks, coupling * s)
         blocks = np.zeros((len(pairs), 4, 4))
         row_step = 1 if robust else (4 if iteration == 0 else 2)
         for i in range(n):
@@ -106,7 +112,24 @@ def iterate(
         ~moving,
         _with_blur(normals, cross, blurs),
         blurs[:, 1].copy(),
+        work,
     )
+
+
+@njit(cache=True)
+def _iteration_work(disks, s, moving, pairs):
+    """Pixels at the rims of the moving disks, and those that two disks share; with what else these cost."""
+    reach, work = REACH_BLUR_WIDTHS * s, 0.0
+    for i in range(len(disks)):
+        if moving[i]:
+            a = disks[i, 2]
+            work += WORK_PER_DISK + np.pi * ((a + reach) ** 2 - max(a - reach, 0.0) ** 2)
+    for p in range(len(pairs)):
+        first, second = disks[pairs[p, 0]], disks[pairs[p, 1]]
+        narrow = 2.0 * (min(first[2], second[2]) + reach)
+        gap = np.hypot(first[0] - second[0], first[1] - second[1]) - first[2] - second[2]
+        work += WORK_PER_DISK + narrow * min(max(2.0 * reach - gap, 0.0), narrow)
+    return work
 
 
 @njit(cache=True)
