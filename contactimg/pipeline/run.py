@@ -12,7 +12,7 @@ from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
 from contactimg.files import RunFolder, write_table
 from contactimg.pose import Pose
-from contactimg.pose.fit import PoseFit
+from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
 from contactimg.tradeoff.choice import Choice

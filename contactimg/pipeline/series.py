@@ -24,8 +24,9 @@ from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
-from contactimg.pose.fit import PoseFit, PoseSearch, fit_pose
+from contactimg.pose.fit import PoseSearch, fit_pose
 from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
 from contactimg.timings import stage

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.pose.pairs import pairing_distance
 from contactimg.pose.pose import Pose
-
-MIN_PAIRS = 3
-"""Theory: two pairs determine a similarity; a third one tests it."""
+from contactimg.pose.refine import MIN_PAIRS, PoseFit, as_complex, as_real, oriented, refine
 
 COMPLETE_FRACTION = 0.9
 """The search ends with a pose that explains this fraction of the points. Chosen by hand; sensitivity not
@@ -32,19 +30,6 @@ deviations."""
 
 POINTS_PER_VOTE = 3
 """One point in this many must agree on a shift. Chosen by hand; sensitivity not measured."""
-
-OUTLIER_SIGMA = 5.0
-"""Distance of a pair, in robust standard deviations, beyond which it is dropped. Chosen by hand; sensitivity
-not measured."""
-
-MIN_REACH_PX = 0.25
-"""Lower limit of that distance: exact points have no scatter. Chosen by hand; sensitivity not measured."""
-
-MAD_TO_STD = 1.4826
-"""Theory: standard deviation over median absolute deviation of a normal distribution."""
-
-MAX_ITERATIONS = 50
-"""Rounds of pairing and fitting; the pairs usually settle after a few."""
 
 
 @dataclass(frozen=True)
@@ -67,35 +52,6 @@ class PoseSearch:
     rotation: float = np.deg2rad(3.0)
     scale: float = 0.03
     mirror: bool = True
-
-
-@dataclass(frozen=True)
-class PoseFit:
-    """A pose and how well it explains the points.
-
-    Attributes
-    ----------
-    pose : Pose
-        The fitted pose, or the guess when nothing better is significant.
-    fitted : bool
-        False if the guess was kept.
-    n_points, n_matched : int
-        Points given, and points that fall on a target.
-    residual : float
-        RMS distance of the matched pairs, m (nan if none).
-    chance : float
-        Number of matches expected if the targets had nothing to do with the points.
-    length_relative_std : float
-        Relative standard uncertainty of a fitted pixel size; 0 for one that was given.
-    """
-
-    pose: Pose
-    fitted: bool
-    n_points: int
-    n_matched: int
-    residual: float
-    chance: float = 0.0
-    length_relative_std: float = 0.0
 
 
 def fit_pose(
@@ -128,14 +84,14 @@ def fit_pose(
         - guess.image_centre[0]
         + 1j * (np.asarray(y_px, float) - guess.image_centre[1])
     )
-    spots = _complex(np.asarray(targets, float).reshape(-1, 2))
-    gate = pairing_distance(_real(spots), guess)
+    spots = as_complex(np.asarray(targets, float).reshape(-1, 2))
+    gate = pairing_distance(as_real(spots), guess)
     best = PoseFit(guess, fitted=False, n_points=len(points), n_matched=0, residual=np.nan)
     if len(points) < MIN_PAIRS or len(spots) < MIN_PAIRS:
         return best
-    tree = KDTree(_real(spots))
+    tree = KDTree(as_real(spots))
     for start in _candidates(points, tree, guess, search, gate):
-        fit = _refine(points, spots, guess, start, gate)
+        fit = refine(points, spots, guess, start, gate)
         if fit.n_matched > best.n_matched:
             best = fit
         if best.n_matched >= COMPLETE_FRACTION * len(points):
@@ -143,16 +99,6 @@ def fit_pose(
     by_chance = best.chance + CHANCE_SIGMA * np.sqrt(best.chance)
     significant = best.n_matched >= max(MIN_PAIRS, SIGNIFICANT_FRACTION * len(points), by_chance)
     return best if significant else replace(best, pose=guess, fitted=False, length_relative_std=0.0)
-
-
-def _complex(points: NDArray) -> NDArray[np.complex128]:
-    """(n, 2) real -> (n,) complex."""
-    return points[:, 0] + 1j * points[:, 1]
-
-
-def _real(points: NDArray) -> NDArray[np.float64]:
-    """(n,) complex -> (n, 2) real."""
-    return np.column_stack([points.real, points.imag])
 
 
 def _candidates(
@@ -165,13 +111,13 @@ def _candidates(
     scales = _outward(search.scale, step)
     grid = sorted(((abs(t) + abs(s), t, s) for t in turns for s in scales), key=lambda item: item[0])
     for mirrored in (guess.mirrored, not guess.mirrored) if search.mirror else (guess.mirrored,):
-        oriented = _oriented(points, mirrored)
+        turned = oriented(points, mirrored)
         for _, turn, scale in grid:
             # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
             rotation = guess.rotation + turn
             angle = rotation if mirrored else -rotation
             alpha = guess.pixel_size * (1 + scale) * np.exp(1j * angle)
-            shift = _vote(alpha * oriented + complex(*guess.centre), tree, search.shift + gate, gate)
+            shift = _vote(alpha * turned + complex(*guess.centre), tree, search.shift + gate, gate)
             if shift is not None:
                 yield alpha, complex(*guess.centre) + shift, mirrored
 
@@ -182,17 +128,12 @@ def _outward(limit: float, step: float) -> list[float]:
     return [k * limit / n for k in range(-n, n + 1)] if n else [0.0]
 
 
-def _oriented(points: NDArray[np.complex128], mirrored: bool) -> NDArray[np.complex128]:  # noqa: FBT001
-    """Pixel points, conjugated if the image is mirrored."""
-    return points.conj() if mirrored else points
-
-
 def _vote(points: NDArray[np.complex128], tree: KDTree, reach: float, cell: float) -> complex | None:
     """The shift on which most pairs (point, target) agree, if more than a third of the points do."""
-    pairs = KDTree(_real(points)).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
+    pairs = KDTree(as_real(points)).sparse_distance_matrix(tree, reach, output_type="coo_matrix")
     if pairs.nnz == 0:
         return None
-    shifts = tree.data[pairs.col] - _real(points)[pairs.row]
+    shifts = tree.data[pairs.col] - as_real(points)[pairs.row]
     n = int(np.ceil(reach / cell)) + 1
     count, x, y = np.histogram2d(shifts[:, 0], shifts[:, 1], bins=2 * n, range=[[-n * cell, n * cell]] * 2)
     i, j = np.unravel_index(int(count.argmax()), count.shape)
@@ -201,51 +142,3 @@ def _vote(points: NDArray[np.complex128], tree: KDTree, reach: float, cell: floa
     if close.sum() < max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
         return None
     return complex(*np.median(shifts[close], axis=0))
-
-
-def _refine(
-    points: NDArray[np.complex128],
-    spots: NDArray[np.complex128],
-    guess: Pose,
-    start: tuple[complex, complex, bool],
-    gate: float,
-) -> PoseFit:
-    """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
-    alpha, beta, mirrored = start
-    oriented, reach, pairs = _oriented(points, mirrored), 2 * gate, None
-    for _ in range(MAX_ITERATIONS):
-        i, j, distance = pair_points(_real(alpha * oriented + beta), _real(spots), max_distance=reach)
-        now = (tuple(i), tuple(j))
-        if now == pairs or len(i) < MIN_PAIRS:
-            break
-        pairs = now
-        design = np.column_stack([oriented[i], np.ones(len(i))])
-        alpha, beta = np.linalg.lstsq(design, spots[j])[0]
-        robust_std = MAD_TO_STD * float(np.median(distance))
-        reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_REACH_PX * guess.pixel_size))
-    area = np.ptp(spots.real) * np.ptp(spots.imag)
-    chance = len(points) * len(spots) * np.pi * gate**2 / area if area > 0 else float(len(points))
-    return PoseFit(
-        pose=replace(
-            guess,
-            pixel_size=float(abs(alpha)),
-            centre=(float(beta.real), float(beta.imag)),
-            rotation=float(np.angle(alpha) if mirrored else -np.angle(alpha)),
-            mirrored=mirrored,
-        ),
-        fitted=True,
-        n_points=len(points),
-        n_matched=len(i),
-        residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
-        length_relative_std=_scale_std(oriented[i], distance) / float(abs(alpha)),
-        chance=float(chance),
-    )
-
-
-def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) -> float:
-    """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
-    n = len(points)
-    if n < MIN_PAIRS:
-        return 0.0
-    variance = float(np.sum(distance**2)) / (2 * n - 4)
-    return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
