@@ -14,7 +14,7 @@ from contactimg.files import RunFolder, write_table
 from contactimg.pose import Pose
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Status
 from contactimg.tradeoff.choice import Choice
 
 
@@ -51,6 +51,12 @@ class Run:
         """The pose of the camera, or an `InputError` that says how to get one."""
         if self.pose is None:
             raise InputError("this run has no pose of the camera; run `process` with a pixel size")
+        if (self.frames["status"] == Status.NO_POSE).any():
+            raise InputError(
+                "this run found no pose of the camera: its contacts fall on no asperity; check [camera] "
+                "pixel_size_m, centre_m and rotation_deg, [indenter] apex_m and the asperity table, and run "
+                "`process` again"
+            )
         return self.pose.pose
 
 

@@ -24,11 +24,12 @@ from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
-from contactimg.pose.fit import PoseSearch, fit_pose
+from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseSearch, fit_pose
+from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Status
 from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
@@ -230,8 +231,17 @@ def _with_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> 
     located = CONTACTS.conform(pd.concat(contacts, ignore_index=True)) if contacts else run.contacts
     frames = run.frames
     if targets is not None:
-        frames = _with_notes(frames, _unmatched_notes(located))
+        frames = _with_pose_status(_with_notes(frames, _unmatched_notes(located)), located)
     return replace(run, contacts=located, frames=frames, pose=pose)
+
+
+def _with_pose_status(frames: pd.DataFrame, contacts: pd.DataFrame) -> pd.DataFrame:
+    """The frames table where frames that no pose explains are no longer ok."""
+    on_asperity = contacts["asperity"].notna().groupby(contacts["frame"]).agg(["sum", "size"])
+    lost = on_asperity["sum"] < SIGNIFICANT_FRACTION * on_asperity["size"]
+    lost &= on_asperity["size"] >= LEAST_VOTING_POINTS
+    without = (frames["status"] == Status.OK) & frames["frame"].isin(on_asperity.index[lost])
+    return frames.assign(status=frames["status"].mask(without, Status.NO_POSE))
 
 
 def _unmatched_notes(contacts: pd.DataFrame) -> dict[str, str]:
@@ -242,21 +252,36 @@ def _unmatched_notes(contacts: pd.DataFrame) -> dict[str, str]:
         if matched < MATCHED_FRACTION * len(part):
             notes[str(name)] = (
                 f"only {matched} of {len(part)} contacts fall on an asperity: "
-                "check the asperity table, the pixel size and where the camera looks"
+                "check the asperity table, [camera] pixel_size_m and centre_m, and [indenter] apex_m"
             )
     return notes
 
 
 def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
-    """The pose from the frame with the most contacts."""
+    """The pose from the frame with the most contacts: near the stated one, or else anywhere on the sample."""
     counts = run.frames["n_contacts"].fillna(0)
     name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
     part = run.contacts[run.contacts["frame"] == name]
     shift = frame_shift(run.frames, name)
     reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
-    return fit_pose(
-        part["x_px"] - shift[0], part["y_px"] - shift[1], targets, guess, search=PoseSearch(shift=reach)
+    x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
+    fit = fit_pose(x_px, y_px, targets, guess, search=PoseSearch(shift=reach))
+    if fit.fitted:
+        return fit
+    found = search_everywhere(x_px, y_px, targets, guess)
+    if found is None:
+        return fit
+    centre = ", ".join(f"{value:.6g}" for value in found.pose.centre)
+    logger.warning(
+        "the camera does not look where the scene says; %d of %d contacts fall on asperities with [camera] "
+        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here",
+        found.n_matched,
+        found.n_points,
+        centre,
+        np.rad2deg(found.pose.rotation),
+        str(found.pose.mirrored).lower(),
     )
+    return found
 
 
 def locate_frame(

@@ -66,5 +66,9 @@ class Status(enum.StrEnum):
     """The width of the edges grows with the contacts. Where in it a contact ends cannot be seen in one image;
     the uncertainties, common to all contacts, include that."""
 
+    NO_POSE = "no pose"
+    """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:
+    contacts have no asperities. Radii and areas do not depend on that."""
+
 
 FAILED = Status.FAILED

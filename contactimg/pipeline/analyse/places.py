@@ -16,7 +16,7 @@ from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.run import frame_shift, run_of_folder
 from contactimg.pose import Pose
 from contactimg.scene import Scene
-from contactimg.tables import LOADS
+from contactimg.tables import LOADS, Status
 
 logger = logging.getLogger(__name__)
 
@@ -133,7 +133,16 @@ def _centre_in(record: Mapping[str, Any]) -> Point | None:
 
 def _pose(run: RunFolder) -> Pose | None:
     """The camera's pose, if the run has one."""
-    return run_of_folder(run).need_pose() if "pose" in run.provenance else None
+    if "pose" not in run.provenance:
+        return None
+    if (run.frames["status"] == Status.NO_POSE).any():
+        logger.warning(
+            "%s: contacts fall on no asperity, so the apex is where the scene states it; profiles and local "
+            "pressures depend on that",
+            run.folder,
+        )
+    fit = run_of_folder(run).pose
+    return None if fit is None else fit.pose
 
 
 def _centre(run: RunFolder, pose: Pose | None, centre_px: Point | None) -> Point:
