@@ -159,13 +159,13 @@ def _measure_frames(
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
-        logger.info("with the contrast and blur of the series: %s", part.summary())
+        logger.info("with the contrast, the blur and the edge of the series: %s", part.summary())
         parts[k] = part.with_choice(parts[k].choice)
     return parts, shape
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
-    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller.
+    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller, or their edge differs.
 
     A frame without a contact is measured again too: a faint contact may be detected once its contrast is
     known.
@@ -178,10 +178,19 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     contacts = part.contacts
     slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
     shifts = contacts[["contrast_shift_px", "blur_shift_px"]].to_numpy(float)
-    shared = np.sum(shifts**2, axis=1) + contacts["edge_shift_px"].to_numpy(float) ** 2
+    edge = contacts["edge_shift_px"].to_numpy(float)
+    shared = np.sum(shifts**2, axis=1) + edge**2
     alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - shared, 0.0)
-    gain = gain_of_pooling(slope @ shifts, float(np.sqrt(slope**2 @ alone)), own, pooled)
-    return gain > POOLING_GAIN
+    own_part, edge_part = float(np.sqrt(slope**2 @ alone)), float(slope @ edge)
+    gain = gain_of_pooling(slope @ shifts, own_part, own, pooled, edge_part=edge_part)
+    return gain > POOLING_GAIN or _lacks_edge(own, pooled)
+
+
+def _lacks_edge(own: SharedOptics, pooled: SharedOptics) -> bool:
+    """Whether the frame missed the edge that the others have, with fewer contacts to see it."""
+    if own.edge is None or pooled.edge is None:
+        return False
+    return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 
 def _same_size(parts: list[MeasuredFrame]) -> tuple[list[MeasuredFrame], tuple[int, int]]:

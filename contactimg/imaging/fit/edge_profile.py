@@ -4,7 +4,8 @@ A plain edge, a disk behind one Gaussian, is assumed first. If the residuals of 
 it (`contactimg.imaging.fit.edge_scores`), the family of edges that explains them best joins the fit, and so
 on until no other family is significant. The difference between learned and plain profile of each contact is
 subtracted from the image, which the plain fit then measures: at the solution the residuals of the learned
-edge have no part along any derivative.
+edge have no part along any derivative. What other frames of a series know of the edge enters as a prior, and
+what remains undecided as an uncertainty (`contactimg.imaging.fit.undecided_edge`).
 """
 
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.edge_scores import (
     FEW_CONTACTS,
     FEWEST_CONTACTS,
+    FEWEST_SCORES,
     FINE_STEPS_PER_BLUR,
     SHARED,
     Edge,
@@ -31,6 +33,7 @@ from contactimg.imaging.fit.edge_scores import (
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
 from contactimg.imaging.fit.settings import FEWEST_WIDE_DISKS, WIDE_RADIUS_BLUR_WIDTHS
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
+from contactimg.imaging.fit.undecided_edge import POSITIVE, EdgeEvidence, undecided_modes
 from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.profile.edge_shape import (
     DOME,
@@ -38,11 +41,13 @@ from contactimg.imaging.profile.edge_shape import (
     FIELD,
     LARGEST,
     RESPONSE,
+    RIM,
     SOFTNESS,
     TREND,
     BlurredDisks,
     edge_profile,
 )
+from contactimg.imaging.profile.optics import EdgeKnowledge
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -62,8 +67,12 @@ lowers a coverage of 68 % by one per cent."""
 SHARPEST_BLUR_PX = 0.75
 """Blur, pixel included, below which a misfit at the rims is that of coarse pixels (`coarse_rims`), not of the
 edge. Chosen: the edge then rises within 1.5 px."""
-INDISTINCT = {"softness", "response"}
-"""Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response."""
+INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
+"""Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
+and light outside like a soft rim."""
+UNDECIDED_FRACTION = 0.3
+"""Part of the uncertainty of the sum of the areas that may stay undecided after a look at some of the
+contacts. Chosen: it widens the whole by 4 %."""
 RELEVANT_SUM_SIGMA = 1.0
 """The same for the sum of the areas."""
 
@@ -79,11 +88,18 @@ class LearnedEdge:
         That take part, keys of `contactimg.imaging.profile.edge_shape.FAMILIES`; empty for a plain edge.
     std : ndarray
         Standard uncertainties of the parameters of the edge; 0 for those that take no part.
+    undecided : ndarray, shape (n,), px
+        Change of the radii by one standard uncertainty of what the frame does not decide about its edges;
+        empty where it was not looked at.
+    knowledge : EdgeKnowledge or None
+        What the frame alone says of its edges, for others.
     """
 
     edge: Edge
     families: tuple[str, ...] = ()
     std: Values = field(default_factory=lambda: np.zeros(0))
+    undecided: Values = field(default_factory=lambda: np.zeros(0))
+    knowledge: EdgeKnowledge | None = None
 
     @property
     def gamma(self) -> tuple[float, float]:
@@ -101,10 +117,24 @@ class EdgeFit:
     joint: JointFit
     learned: LearnedEdge
 
+    @property
+    def is_undecided(self) -> bool:
+        """Whether what is undecided widens the uncertainty of the sum of the areas."""
+        fit, radius = self.joint.fit, self.joint.fit.disks[:, RADIUS]
+        known = np.hypot(radius @ self.joint.radius_shifts[:, 0], radius @ self.joint.radius_shifts[:, 1])
+        known = np.hypot(known, np.linalg.norm(radius * fit.std[:, RADIUS]))
+        return bool(abs(radius @ self.learned.undecided) > UNDECIDED_FRACTION * known)
+
 
 @stage("edge")
 def learn_edge(
-    problem: FitProblem, joint: JointFit, optics_prior: OpticsPrior, *, ratio: float, refine: Refine
+    problem: FitProblem,
+    joint: JointFit,
+    optics_prior: OpticsPrior,
+    *,
+    ratio: float,
+    refine: Refine,
+    lent: EdgeKnowledge | None = None,
 ) -> EdgeFit:
     """Learn the edge of a frame's contacts, and fit them with it.
 
@@ -118,50 +148,39 @@ def learn_edge(
         Contrast over background level; negative for dark contacts.
     refine : callable
         Fits the disks of a problem anew: ``refine(problem, fit, optics_prior)``.
+    lent : EdgeKnowledge or None
+        What other frames say of the edge.
 
     Returns
     -------
     EdgeFit
-        The arguments unchanged where nothing is significant, where fewer than `FEWEST_CONTACTS` are isolated,
-        where too few of them are wide, or where the pixels are too coarse for the rims.
+        With a plain edge where nothing else is significant, where fewer than `FEWEST_CONTACTS` are isolated,
+        or too few of them wide; uncertainties include what is undecided. Unchanged where the pixels are too
+        coarse for the rims.
     """
-    edge = Edge.plain(joint.fit.blur)
-    families: tuple[str, ...] = ()
-    current = EdgeFit(problem, joint, LearnedEdge(edge))
-    disks = joint.fit.disks
-    isolated = isolated_disks(disks, problem.image.shape, blur=edge.blur)
-    # a plateau that is cut off by the sensor looks like another edge
-    isolated = isolated[~touches(problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
-    if len(isolated) < FEWEST_CONTACTS or (problem.noise.rim > 0 and edge.blur < SHARPEST_BLUR_PX):
-        return current
-    wide = disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * edge.blur
-    if np.count_nonzero(wide) < FEWEST_WIDE_DISKS:
-        return current  # where no contact shows its contrast, any edge fits with another one
-    search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio))
-    first = search.scores(joint, edge, evenly(isolated, FEW_CONTACTS))
-    if len(first.score) < FEWEST_CONTACTS or not first.is_suspicious(search.prior(joint, edge)):
-        return current
-    for _ in range(ROUNDS):
-        if problem.work.is_done:
-            break
-        scores = search.scores(current.joint, edge, isolated)
-        if len(scores.score) < FEWEST_CONTACTS:
-            return current
-        prior = search.prior(current.joint, edge)
-        step = scores.step(parameters_of(families), prior)
-        moved = _moved(edge, step)
-        if not families or _has_settled(edge, moved, step):
-            found = search.next_family(scores, families, prior)
-            if not found:
-                break
-            families = (*families, found)
-            step = scores.step(parameters_of(families), prior)
-            moved = _moved(edge, step)
-        edge = moved
-        current = search.refit(current.joint, edge, step, refine)
-    if not families or np.median(current.joint.fit.chi_square) > np.median(joint.fit.chi_square):
-        return EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))  # it does not fit better
-    return search.finish(current, edge, families, step)
+    search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent)
+    plain = current = EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))
+    if problem.noise.rim > 0 and joint.fit.blur < SHARPEST_BLUR_PX:
+        return plain
+    isolated = search.isolated(joint)
+    if lent is not None and lent.families:
+        plain = current = search.begin_with(joint, lent, refine)
+    if len(isolated) < FEWEST_SCORES:
+        return search.finish(current, search.unseen(current))
+    scores = search.scores(current, evenly(isolated, FEW_CONTACTS))
+    if len(scores.score) < FEWEST_SCORES:
+        return search.finish(current, search.unseen(current))
+    if not current.learned.families:
+        if not search.may_learn(joint, isolated):
+            return search.finish(current, scores)
+        if not scores.is_suspicious(search.prior(current)):
+            result = search.finish(current, scores, of=len(isolated))
+            if len(isolated) <= FEW_CONTACTS or not result.is_undecided:
+                return result
+    current, scores = search.learn(current, isolated, refine)
+    if np.median(current.joint.fit.chi_square) > np.median(plain.joint.fit.chi_square):
+        current, scores = plain, search.scores(plain, isolated)  # it does not fit better
+    return search.finish(current, scores)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,41 +193,123 @@ class _Search:
         With the original image.
     optics_prior : OpticsPrior
     placement : Placement
+    lent : EdgeKnowledge or None
+        What other frames say of the edge.
     """
 
     problem: FitProblem
     optics_prior: OpticsPrior
     placement: Placement
+    lent: EdgeKnowledge | None
 
     def _with_prior(self, joint: JointFit) -> FitProblem:
         """With the contrast and spread of a fit."""
         return replace(self.problem, prior=replace(self.problem.prior, mean=joint.contrast, std=joint.spread))
 
-    def scores(self, joint: JointFit, edge: Edge, chosen: NDArray[np.int64]) -> EdgeScores:
+    def isolated(self, joint: JointFit) -> NDArray[np.int64]:
+        """Contacts whose profile nothing disturbs."""
+        disks = joint.fit.disks
+        isolated = isolated_disks(disks, self.problem.image.shape, blur=joint.fit.blur)
+        # a plateau that is cut off by the sensor looks like another edge
+        return isolated[~touches(self.problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
+
+    def scores(self, current: EdgeFit, chosen: NDArray[np.int64]) -> EdgeScores:
         """Of some contacts, as far as no hole disturbs them."""
-        disks = joint.fit.disks[chosen]
-        return EdgeScores.of(self._with_prior(joint), disks, edge, self.placement)
+        joint, edge = current.joint, current.learned.edge
+        scores = EdgeScores.of(self._with_prior(joint), joint.fit.disks[chosen], edge, self.placement)
+        return self._with_noise(scores, joint, chosen)
 
-    def prior(self, joint: JointFit, edge: Edge) -> tuple[Values, Values]:
-        """Of the shared quantities: score and information."""
-        prior = self.optics_prior
-        score = prior.information @ (prior.mean - np.array([np.log(joint.contrast), edge.blur]))
-        return edge_prior(edge, (score, prior.information))
+    def unseen(self, current: EdgeFit) -> EdgeScores:
+        """Of contacts that all touch each other: whether their edges are those assumed is not known.
 
-    def next_family(self, scores: EdgeScores, families: tuple[str, ...], prior: tuple[Values, Values]) -> str:
+        Their information is the expected one, their scores are 0; where other frames lend their edge, these
+        alone count.
+        """
+        joint = current.joint
+        chosen = evenly(np.arange(len(joint.fit.disks)), FEW_CONTACTS)
+        scores = EdgeScores.expected(
+            self._with_prior(joint), joint.fit.disks[chosen], current.learned.edge, self.placement
+        )
+        share = 0.0 if current.learned.families else 1.0
+        return self._with_noise(replace(scores, information=share * scores.information), joint, chosen)
+
+    def may_learn(self, joint: JointFit, isolated: NDArray[np.int64]) -> bool:
+        """Whether enough contacts are isolated, and wide: others fit any edge with another contrast."""
+        wide = joint.fit.disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * joint.fit.blur
+        return len(isolated) >= FEWEST_CONTACTS and np.count_nonzero(wide) >= FEWEST_WIDE_DISKS
+
+    def learn(
+        self, current: EdgeFit, isolated: NDArray[np.int64], refine: Refine
+    ) -> tuple[EdgeFit, EdgeScores]:
+        """Add families and settle the edge, until no other family is significant."""
+        for _ in range(ROUNDS):
+            scores = self.scores(current, isolated)
+            if self.problem.work.is_done:
+                break
+            edge, families, prior = current.learned.edge, current.learned.families, self.prior(current)
+            step = scores.step(parameters_of(families), prior)
+            if not families or _has_settled(edge, _moved(edge, step), step):
+                found = self.next_family(scores, current, prior)
+                if not found or len(scores.score) < FEWEST_CONTACTS:
+                    break
+                families = (*families, found)
+                step = scores.step(parameters_of(families), prior)
+            current = self.refit(current.joint, LearnedEdge(edge, families), step, refine)
+        return current, scores
+
+    def _with_noise(self, scores: EdgeScores, joint: JointFit, chosen: NDArray[np.int64]) -> EdgeScores:
+        """With the variances that the fit states, which include noise that neighbouring pixels share."""
+        if len(scores.radius_std) != len(chosen) or not len(chosen):
+            return scores
+        ratio = joint.fit.std[chosen, RADIUS] / scores.radius_std
+        return replace(scores, least_factor=max(float(np.median(ratio**2)), 1.0))
+
+    def prior(self, current: EdgeFit, *, own: bool = False) -> tuple[Values, Values]:
+        """Of the shared quantities: score and information; ``own``: without what is known from elsewhere."""
+        edge = current.learned.edge
+        score, information = self._optics(current)
+        if own:
+            score, information = 0.0 * score, 1e-6 * np.diag([1.0, edge.blur**-2])
+        score, information = edge_prior(edge, (score, information))
+        if self.lent is not None and not own:
+            score[SHARED:] += self.lent.score_at(edge.shape)
+            information[SHARED:, SHARED:] += self.lent.information
+        return score, information
+
+    def _optics(self, current: EdgeFit) -> tuple[Values, Values]:
+        """Score and information of the prior of contrast and blur."""
+        prior, blur = self.optics_prior, current.learned.edge.blur
+        score = prior.information @ (prior.mean - np.array([np.log(current.joint.contrast), blur]))
+        return score, prior.information
+
+    def next_family(self, scores: EdgeScores, current: EdgeFit, prior: tuple[Values, Values]) -> str:
         """The family that explains most of the residuals, if it is significant and matters."""
-        best, most = "", 0.0
+        families, (best, most) = current.learned.families, ("", 0.0)
         for name, columns in FAMILIES.items():
-            if name in families or {name, *families} >= INDISTINCT:
+            if name in families or any({name, *families} >= pair for pair in INDISTINCT):
                 continue
             step = scores.step(parameters_of((*families, name)), prior)
+            if name in POSITIVE and step.delta[-1] <= 0.0:
+                continue
             if step.gain > most and step.excess(columns) > 1.0 and _matters(scores, step):
                 best, most = name, step.gain
         return best
 
-    def refit(self, joint: JointFit, edge: Edge, step: SharedStep, refine: Refine) -> EdgeFit:
-        """Fit the disks with another edge."""
-        disks = joint.fit.disks.copy()
+    def begin_with(self, joint: JointFit, lent: EdgeKnowledge, refine: Refine) -> EdgeFit:
+        """The frame with the edge of other frames."""
+        shape, chosen = lent.shape, parameters_of(lent.families)
+        blur = lent.blur_px / self.problem.binning if "point spread" in lent.families else joint.fit.blur
+        change = np.concatenate([[0.0, 0.0], shape])[chosen]
+        step = SharedStep(chosen, change, np.zeros((len(chosen),) * 2), 0.0)
+        return self._fit_with(joint, LearnedEdge(Edge(blur, shape), lent.families), step, refine)
+
+    def refit(self, joint: JointFit, learned: LearnedEdge, step: SharedStep, refine: Refine) -> EdgeFit:
+        """Fit the disks with the edge after a step."""
+        return self._fit_with(joint, replace(learned, edge=_moved(learned.edge, step)), step, refine)
+
+    def _fit_with(self, joint: JointFit, learned: LearnedEdge, step: SharedStep, refine: Refine) -> EdgeFit:
+        """Fit the disks with another edge, to which a step has led."""
+        disks, edge = joint.fit.disks.copy(), learned.edge
         expected = EdgeScores.expected(self._with_prior(joint), disks, edge, self.placement)
         radius = disks[:, RADIUS]
         disks[:, RADIUS] = np.clip(
@@ -217,7 +318,7 @@ class _Search:
         problem = self._corrected(disks, edge)
         fit = replace(joint.fit, disks=disks, blur=edge.blur)
         prior = self.optics_prior.with_exact_blur(edge.blur)
-        return EdgeFit(problem, refine(problem, fit, prior), LearnedEdge(edge))
+        return EdgeFit(problem, refine(problem, fit, prior), learned)
 
     def _corrected(self, disks: Values, edge: Edge) -> FitProblem:
         """The image of the same disks with a plain edge."""
@@ -228,9 +329,54 @@ class _Search:
         add_profiles(image, disks, nodes.inner, difference, nodes.step)
         return replace(self.problem, image=image)
 
-    def finish(self, current: EdgeFit, edge: Edge, families: tuple[str, ...], step: SharedStep) -> EdgeFit:
-        """With the uncertainties that the learned edge brings to all radii."""
-        joint, problem = current.joint, self._with_prior(current.joint)
+    def finish(self, current: EdgeFit, scores: EdgeScores, *, of: int = 0) -> EdgeFit:
+        """With the uncertainties that the edge brings to all radii.
+
+        ``scores`` may be those of a sample of ``of`` contacts.
+        """
+        families = current.learned.families
+        joint = self._learned(current, scores) if families else current.joint
+        share = max(of / max(len(scores.score), 1), 1.0)
+        score, information = scores.total(parameters_of(families))
+        # the others are expected to look the same: as significant together as the sample is
+        score, information = np.sqrt(share) * score, share * information
+        knowledge = self._knowledge(current, score, information, max(of, len(scores.score)))
+        if self.lent is not None:
+            score[SHARED:] += self.lent.score_at(current.learned.edge.shape)
+            information[SHARED:, SHARED:] += self.lent.information
+        evidence = EdgeEvidence(current.learned.edge, score, information, scores.radius, scores.response)
+        disks = joint.fit.disks
+        placed = self.placement.place(disks, blur=current.learned.edge.blur).disks
+        modes = undecided_modes(
+            evidence, families, self._optics(current), radius=disks[:, RADIUS], field=placed.field
+        )
+        common, rest = _common_mode(modes, disks[:, RADIUS])
+        own = joint.fit.std.copy()
+        own[:, RADIUS] = np.hypot(own[:, RADIUS], rest)
+        std = np.zeros(len(current.learned.edge.shape))
+        if families:
+            step = scores.step(parameters_of(families), self.prior(current))
+            std[step.chosen[step.chosen >= SHARED] - SHARED] = np.sqrt(
+                np.diag(step.covariance)[step.chosen >= SHARED]
+            )
+        learned = replace(current.learned, std=std, undecided=common, knowledge=knowledge)
+        return EdgeFit(current.problem, replace(joint, fit=replace(joint.fit, std=own)), learned)
+
+    def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
+        """What the frame alone says of its edges, whatever contrast and blur."""
+        learned = current.learned
+        others = np.array([0] if "point spread" in learned.families else [0, 1])
+        cross = information[np.ix_(others, range(SHARED, len(score)))]
+        along = np.linalg.solve(information[np.ix_(others, others)] + 1e-9 * np.eye(len(others)), cross)
+        own = information[SHARED:, SHARED:] - cross.T @ along
+        pull = score[SHARED:] - along.T @ score[others]
+        blur, shape = learned.edge.blur * self.problem.binning, learned.edge.shape
+        return EdgeKnowledge(learned.families, blur, shape, own, own @ shape + pull, count)
+
+    def _learned(self, current: EdgeFit, scores: EdgeScores) -> JointFit:
+        """With the uncertainties that a learned edge brings to all radii."""
+        joint, edge, families = current.joint, current.learned.edge, current.learned.families
+        step, problem = scores.step(parameters_of(families), self.prior(current)), self._with_prior(joint)
         disks, chosen = joint.fit.disks, step.chosen
         learned = EdgeScores.expected(problem, disks, edge, self.placement)
         plain = EdgeScores.expected(problem, disks, Edge.plain(edge.blur), self.placement)
@@ -239,32 +385,35 @@ class _Search:
         if edge.shape[SOFTNESS] > 0:
             # where in its soft zone the rim of a contact lies cannot be seen
             modes = np.column_stack([modes, np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS]])
-        shifts, rest = _two_modes(modes, disks[:, RADIUS])
+        if edge.shape[RIM]:
+            # whether the light outside belongs to the contact cannot be seen
+            modes = np.column_stack([modes, edge.shape[RIM] * learned.response[:, SHARED + RIM]])
+        common, rest = _common_mode(modes[:, 1:], disks[:, RADIUS])
         own[:, RADIUS] = np.hypot(own[:, RADIUS], rest)
-        everything = np.zeros((SHARED + len(edge.shape),) * 2)
-        everything[np.ix_(chosen, chosen)] = step.covariance
-        covariance = everything[:SHARED, :SHARED]
-        if not covariance[1, 1]:  # the widths of the point spread function stand for the blur
-            covariance[1, 1] = (UNDEFINED_BLUR_FRACTION * edge.blur) ** 2
-        joint = replace(
-            joint, fit=replace(joint.fit, std=own), covariance=covariance, own_covariance=covariance,
-            radius_shifts=shifts,
-        )  # fmt: skip
-        std = np.sqrt(np.diag(everything)[SHARED:])
-        return EdgeFit(current.problem, joint, LearnedEdge(edge, families, std))
+        own_step = scores.step(chosen, self.prior(current, own=True))
+        return replace(
+            joint,
+            fit=replace(joint.fit, std=own),
+            covariance=_of_optics(step, edge),
+            own_covariance=_of_optics(own_step, edge),
+            radius_shifts=np.column_stack([modes[:, 0], common]),
+        )
 
 
-def _two_modes(modes: Values, radius: Values) -> tuple[Values, Values]:
-    """Errors common to all radii as two columns with the same effect on the sum of areas, and what is left.
+def _of_optics(step: SharedStep, edge: Edge) -> Values:
+    """Covariance of ln C and blur; the widths of a point spread function stand for the blur."""
+    covariance = np.diag([0.0, (UNDEFINED_BLUR_FRACTION * edge.blur) ** 2])
+    at = step.chosen < SHARED
+    covariance[np.ix_(step.chosen[at], step.chosen[at])] = step.covariance[np.ix_(at, at)]
+    return covariance
 
-    The first mode is kept; of the others the combination that changes the sum of areas.
-    """
-    others = modes[:, 1:]
-    along = others.T @ radius
+
+def _common_mode(modes: Values, radius: Values) -> tuple[Values, Values]:
+    """Errors common to all radii as one column with the same effect on the sum of areas, and what is left."""
+    along = modes.T @ radius
     along /= max(float(np.linalg.norm(along)), 1e-30)
-    common = others @ along
-    rest = np.sqrt(np.maximum(np.sum(others**2, axis=1) - common**2, 0.0))
-    return np.column_stack([modes[:, 0], common]), rest
+    common = modes @ along
+    return common, np.sqrt(np.maximum(np.sum(modes**2, axis=1) - common**2, 0.0))
 
 
 def _matters(scores: EdgeScores, step: SharedStep) -> bool:
@@ -304,6 +453,12 @@ def describe_edge(learned: LearnedEdge, *, binning: int) -> str:
         parts.append(
             f"a width that grows with the contact ({width:.2g} of the radius): a soft rim cannot be told "
             "from a larger contact"
+        )
+    if "rim" in learned.families:
+        what = "light" if edge.shape[RIM] > 0 else "shadow"
+        parts.append(
+            f"{what} just outside the contacts ({abs(edge.shape[RIM]):.2g} of the contrast over a tenth of "
+            "the radius), which cannot be told from a larger or smaller contact"
         )
     if "plateau" in learned.families:
         middle = "brighter" if edge.shape[DOME] > 0 else "darker"

@@ -7,7 +7,8 @@ eliminated. With J the information of q left then, the shared quantities that su
     delta = (sum J)^-1 sum score,        covariance H^-1 (sum e e') H^-1,   e = score - J delta,
 
 from those assumed (a Gauss-Newton step; the covariance is that of the scatter from contact to contact, which
-holds whatever the noise). A group of parameters is significant by Wald's test of this step.
+holds whatever the noise, drawn to H^-1 where contacts are few). A group of parameters is significant by
+Wald's test of this step.
 """
 
 from dataclasses import dataclass
@@ -43,8 +44,12 @@ MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for ti
 FEW_CONTACTS = 60  # the same of the first look; for time
 FEWEST_CONTACTS = 20
 """Isolated contacts below which nothing is learned. Theory: their scatter gives a variance to a third."""
-FALSE_ALARM = 1e-6
-"""Probability that a plain edge is taken for another one. False-alarm rate: one in a million frames."""
+FEWEST_SCORES = 5
+"""Isolated contacts below which their scores say nothing. Chosen: with fewer, one odd contact decides."""
+FALSE_ALARM = 1e-5
+"""Probability that a plain edge is taken for another one. False-alarm rate: one in a hundred thousand
+frames for each family; what is less certain enters the uncertainties
+(`contactimg.imaging.fit.undecided_edge`)."""
 SUSPICION = 0.01
 """The same for a closer look, for each family. False-alarm rate: it costs time alone."""
 LEAST_CLIP_FRACTION = 0.5
@@ -96,7 +101,7 @@ class Placement:
 
     def place(self, disks: Values, *, blur: float, per_blur: int = STEPS_PER_BLUR) -> "PlacedNodes":
         """Disks with nodes from their centres to beyond their rims."""
-        x, y = (2.0 * disks[:, k] / (self.shape[1 - k] - 1.0) - 1.0 for k in (X, Y))
+        x, y = (2.0 * disks[:, k] / max(self.shape[1 - k] - 1.0, 1.0) - 1.0 for k in (X, Y))
         field = np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1)
         inner = np.maximum(disks[:, RADIUS] - INNER_BLUR_WIDTHS * blur, 0.0)
         step = blur / per_blur
@@ -184,18 +189,23 @@ class EdgeScores:
 
     Parameters
     ----------
-    score : ndarray, shape (m, 16)
-    information : ndarray, shape (m, 16, 16)
-    response : ndarray, shape (m, 16)
+    score : ndarray, shape (m, 17)
+    information : ndarray, shape (m, 17, 17)
+    response : ndarray, shape (m, 17)
         Derivative of the radius by the shared quantities, px.
     radius_std : ndarray, shape (m,), px
         For independent pixels at a known edge.
+    radius : ndarray, shape (m,), px
+    least_factor : float
+        Factor of the variances at least, for noise that neighbouring pixels share.
     """
 
     score: Values
     information: Values
     response: Values
     radius_std: Values
+    radius: Values
+    least_factor: float = 1.0
 
     @classmethod
     def of(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
@@ -252,6 +262,7 @@ class EdgeScores:
             information + np.swapaxes(cross, 1, 2) @ response,
             response[:, 1],
             np.sqrt(inverse[:, 1, 1]),
+            disks[:, RADIUS],
         )
 
     def is_suspicious(self, prior: tuple[Values, Values]) -> bool:
@@ -264,18 +275,27 @@ class EdgeScores:
     def step(self, chosen: NDArray[np.int64], prior: tuple[Values, Values]) -> SharedStep:
         """The step of some shared quantities; ``prior`` is (score, information) of a prior of all of them."""
         here = np.ix_(chosen, chosen)
+        total, factor, rest = self._scatter(chosen)
+        n, k = rest.shape
+        posterior = np.linalg.inv(total / factor + prior[1][here])
+        whole = self.score[:, chosen].sum(axis=0) / factor + prior[0][chosen]
+        expected = (FEWEST_CONTACTS + k) / n * factor * total
+        scatter = (rest.T @ rest + expected) * n / (n + FEWEST_CONTACTS) / factor**2 + prior[1][here]
+        covariance = posterior @ scatter @ posterior
+        return SharedStep(chosen, posterior @ whole, covariance, float(whole @ posterior @ whole))
+
+    def _scatter(self, chosen: NDArray[np.int64]) -> tuple[Values, float, Values]:
+        """Information of some shared quantities, the factor of the variances, and what each score leaves."""
         score, information = self.score[:, chosen], self.information[:, chosen][:, :, chosen]
         total = information.sum(axis=0)
         loose = np.linalg.inv(total + 1e-9 * np.diag(np.diag(total) + 1e-12))
-        free = loose @ score.sum(axis=0)
-        rest = score - information @ free
-        n, k = score.shape
-        factor = max(float(np.vdot(rest @ loose, rest)) / k, 1.0)
-        posterior = np.linalg.inv(total / factor + prior[1][here])
-        whole = score.sum(axis=0) / factor + prior[0][chosen]
-        scatter = rest.T @ rest * (n / (n - k)) / factor**2 + prior[1][here]
-        covariance = posterior @ scatter @ posterior
-        return SharedStep(chosen, posterior @ whole, covariance, float(whole @ posterior @ whole))
+        rest = score - information @ (loose @ score.sum(axis=0))
+        return total, max(float(np.vdot(rest @ loose, rest)) / len(chosen), self.least_factor), rest
+
+    def total(self, chosen: NDArray[np.int64]) -> tuple[Values, Values]:
+        """Score and information of all contacts, over the factor of the variances that they show."""
+        _, factor, _ = self._scatter(chosen)
+        return self.score.sum(axis=0) / factor, self.information.sum(axis=0) / factor
 
 
 @lru_cache(maxsize=64)

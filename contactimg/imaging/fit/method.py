@@ -21,7 +21,7 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
     wide_disks,
 )
-from contactimg.imaging.fit.edge_profile import learn_edge
+from contactimg.imaging.fit.edge_profile import EdgeFit, learn_edge
 from contactimg.imaging.fit.number_of_disks import assemble_disks
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.quality import FittedDetections, FrameFit, report_contacts
@@ -29,6 +29,7 @@ from contactimg.imaging.fit.residual_light import remove_halo, remove_illuminati
 from contactimg.imaging.fit.settings import (
     BINNED_BLUR_PX,
     CONTRAST_CHANGE_LOG,
+    DARKEST_RATIO,
     FEWEST_COMMON_CHI_SQUARE,
     FEWEST_WIDE_DISKS,
     FILM_BLUR_RATIO,
@@ -217,12 +218,14 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
         return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
 
-    ratio = given.sign * joint.contrast / given.level
-    learned = learn_edge(problem, joint, prior, ratio=ratio, refine=refine)
-    joint = learned.joint
-    return FrameFit(
-        learned.problem, joint.fit, dropped, detected.smallest, halo, joint, edited, learned.learned
-    )
+    ratio = max(given.sign * joint.contrast / given.level, DARKEST_RATIO)
+    found = learn_edge(problem, joint, prior, ratio=ratio, refine=refine, lent=given.prior_optics.edge)
+    return _with_edge(FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited), found)
+
+
+def _with_edge(result: FrameFit, found: EdgeFit) -> FrameFit:
+    """The result with the edge that was found."""
+    return replace(result, problem=found.problem, fit=found.joint.fit, joint=found.joint, edge=found.learned)
 
 
 def _find_film_blur(film: Rim, problem: FitProblem, guess: float) -> float:

@@ -1,4 +1,4 @@
-"""Contrast and blur of a series of frames, and how much each frame gains from them.
+"""Contrast, blur and edge of a series of frames, and how much each frame gains from them.
 
 Contacts transmit a fraction of the light, so the ratio of their contrast to the background level is the same
 in every frame, as is the blur, up to slow changes. Frames are weighted by their own variances plus the
@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from contactimg.imaging.fit.edge_scores import FEWEST_CONTACTS
 from contactimg.imaging.fit.settings import POOLING_OUTLIER_SIGMA, RESOLVED_CONTRAST_FRACTION
 from contactimg.imaging.pixels.robust import MAD_TO_STD
-from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
+from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 
 
 def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
@@ -58,11 +60,54 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
         blur_std_px=blur.std,
         correlation=best.correlation * contrast.shared * blur.shared,
         halo=best.halo,
+        edge=pool_edges([frame.edge for frame in resolved if frame.edge is not None]),
     )
 
 
+def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
+    """What the frames with the same edge as the one with most contacts say of it together.
+
+    Parameters
+    ----------
+    frames : sequence of EdgeKnowledge
+        From each frame alone.
+
+    Returns
+    -------
+    EdgeKnowledge or None
+        With variances that include the scatter between frames; None if no frame has enough contacts.
+    """
+    donors = [frame for frame in frames if frame.count >= FEWEST_CONTACTS]
+    if not donors:
+        return None
+    best = max(donors, key=lambda frame: frame.count)
+    # the widths of a point spread function go with the blur of their own frame
+    donors = [best] if "point spread" in best.families else [x for x in donors if x.families == best.families]
+    information = np.sum([frame.information for frame in donors], axis=0)
+    vector = np.sum([frame.vector for frame in donors], axis=0)
+    at = np.array([k for name in best.families for k in FAMILIES[name]], int)
+    shape = np.zeros(len(vector))
+    if len(at):
+        shape[at] = np.linalg.solve(information[np.ix_(at, at)], vector[at])
+        shape = np.clip(shape, -LARGEST, LARGEST)
+    scatter = 1.0
+    if len(at) and len(donors) > 1:
+        away = np.array([frame.shape - shape for frame in donors])
+        squares = sum(x @ frame.information @ x for x, frame in zip(away, donors, strict=True))
+        scatter = max(float(squares) / (len(at) * (len(donors) - 1)), 1.0)
+    return EdgeKnowledge(
+        best.families, best.blur_px, shape, information / scatter, vector / scatter,
+        sum(frame.count for frame in donors),
+    )  # fmt: skip
+
+
 def gain_of_pooling(
-    sums: NDArray[np.float64], own_part: float, own: SharedOptics, pooled: SharedOptics
+    sums: NDArray[np.float64],
+    own_part: float,
+    own: SharedOptics,
+    pooled: SharedOptics,
+    *,
+    edge_part: float = 0.0,
 ) -> float:
     """Factor by which pooled contrast and blur reduce the uncertainty of a sum over contacts.
 
@@ -73,6 +118,8 @@ def gain_of_pooling(
         blur, and by one of the remaining uncertainty of the blur; both from the frame alone.
     own_part : float
         Standard uncertainty of the sum from the independent errors of the contacts.
+    edge_part : float
+        The same from what the frame does not decide about its edges, which the pooled edge decides.
     own, pooled : SharedOptics
         From the frame alone (a contrast relative to the background), and from all frames.
 
@@ -85,7 +132,9 @@ def gain_of_pooling(
     slope = np.linalg.solve(np.linalg.cholesky(covariance).T, sums)
     better = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(_covariance(pooled)))
     common = float(slope @ covariance @ slope), float(slope @ better @ slope)
-    return float(np.sqrt((common[0] + own_part**2) / max(common[1] + own_part**2, 1e-300)))
+    before = common[0] + own_part**2 + edge_part**2
+    after = common[1] + own_part**2 + (edge_part**2 if pooled.edge is None else 0.0)
+    return float(np.sqrt(before / max(after, 1e-300)))
 
 
 def _covariance(optics: SharedOptics) -> NDArray[np.float64]:

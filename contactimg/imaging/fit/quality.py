@@ -62,6 +62,12 @@ class FrameFit:
         """See `JointFit`."""
         return np.zeros((0, 2)) if self.joint is None else self.joint.radius_shifts
 
+    @property
+    def edge_shift(self) -> NDArray[np.float64]:
+        """Change of each radius (px) by what the frame does not decide about its edges, shape (n,)."""
+        empty = self.edge is None or not len(self.edge.undecided)
+        return np.zeros(len(self.fit.disks)) if empty else self.edge.undecided
+
 
 @dataclass(frozen=True, eq=False)
 class FittedDetections(Detections):
@@ -104,6 +110,7 @@ def report_contacts(
             replace(result.joint.optics(covariance, binning=binning), halo=result.halo)
             for covariance in (result.joint.covariance, result.joint.own_covariance)
         )
+        own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
     accepted = {name: values[~bad] for name, values in contacts.items()}
     smallest, unresolved = result.smallest * binning, problem.work.unresolved_groups
     return FittedDetections(
@@ -127,7 +134,8 @@ def _edge_verdict(result: FrameFit) -> tuple[str, str]:
     if result.edge is None:
         return "", ""
     families = result.edge.families
-    status = Status.NONLINEAR if "response" in families else Status.SOFT if "softness" in families else ""
+    soft = {"softness", "rim"} & set(families)
+    status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
     return describe_edge(result.edge, binning=result.problem.binning), status
 
 
@@ -136,14 +144,15 @@ def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:
     problem, disks = result.problem, result.fit.disks
     std, shifts, binning = result.fit.std[:, RADIUS], result.radius_shifts, problem.binning
     gap, light = _gap_to_border(disks, problem.image.shape), disks[:, RADIUS] / (2 * std)
+    everything = np.column_stack([shifts, result.edge_shift])
     contacts = {
         "x_px": problem.in_frame(disks[:, X]),
         "y_px": problem.in_frame(disks[:, Y]),
         "radius_px": disks[:, RADIUS] * binning,
-        "radius_std_px": combine_errors(std, shifts) * binning,
+        "radius_std_px": combine_errors(std, everything) * binning,
         "contrast_shift_px": shifts[:, 0] * binning,
         "blur_shift_px": shifts[:, 1] * binning,
-        "edge_shift_px": np.zeros(len(disks)),
+        "edge_shift_px": result.edge_shift * binning,
         "flags": _flags(result, gap, light),
     }
     finite = np.isfinite(np.stack(list(contacts.values()))).all(axis=0)

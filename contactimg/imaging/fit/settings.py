@@ -20,6 +20,8 @@ LEAST_NOISE_LEVELS = 1e-3
 """Smallest noise assumed, grey levels. Accuracy: keeps weights finite in a noise-free image."""
 LEAST_NOISE_FRACTION = 5e-3
 """Smallest noise assumed. By hand: no contact is a perfect disk."""
+DARKEST_RATIO = -0.95
+"""Contrast over background level of the darkest contact. Theory: nothing is darker than black, -1."""
 LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed. By hand."""
 

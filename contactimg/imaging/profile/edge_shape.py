@@ -7,6 +7,7 @@ With P(r; a, s) the blurred uniform disk, the brightness of a contact is ``R(M(r
 - *point spread*: ``M = P(s) + sum_j w_j [P(rho_j s) - P(s)]``, a sum of Gaussians of fixed widths. It
   conserves light, so that the area is that of the light;
 - *plateau*: ``D`` is the blurred ``1/2 - r^2/a^2``, brighter in the middle for ``d > 0``, of mean 0;
+- *rim*: plus ``h [P(r; 1.1 a) - P(r; a)]``, light (h > 0) or shadow just outside;
 - *contrast*: times ``1 + e/(1 + (a/3 s)^2)``, for small contacts brighter (e > 0) or dimmer than large ones;
 - *response*: ``R(m) = ((1 + c m)^g - 1)/((1 + c)^g - 1)``, g = 1 - p, for a camera whose grey levels go as
   the g-th power of the light, and contacts of contrast c relative to the background.
@@ -29,10 +30,10 @@ sum of Gaussians hardly resolves."""
 PARAMETERS = (
     *(f"width_{ratio:g}" for ratio in WIDTH_RATIOS),
     "softness", "dome", "response", "blur_x", "blur_y", "blur_xx", "blur_xy", "blur_yy",
-    "trend",
+    "trend", "rim",
 )  # fmt: skip
-"""Parameters w, q, d, p, the components of b, and e."""
-WEIGHTS, SOFTNESS, DOME, RESPONSE, FIELD, TREND = slice(0, 5), 5, 6, 7, slice(8, 13), 13
+"""Parameters w, q, d, p, the components of b, e, and h."""
+WEIGHTS, SOFTNESS, DOME, RESPONSE, FIELD, TREND, RIM = slice(0, 5), 5, 6, 7, slice(8, 13), 13, 14
 
 FAMILIES = {
     "point spread": (0, 1, 2, 3, 4),
@@ -41,14 +42,18 @@ FAMILIES = {
     "response": (RESPONSE,),
     "blur field": (8, 9, 10, 11, 12),
     "contrast": (TREND,),
+    "rim": (RIM,),
 }
 """Parameters that a departure from the plain edge has."""
 
-PRIOR_STD = np.array([1.0] * 5 + [0.1, 0.5, 0.6] + [0.5] * 5 + [0.5])
+PRIOR_STD = np.array([1.0] * 5 + [0.1, 0.5, 0.6] + [0.5] * 5 + [0.5, 0.5])
 """Normal prior of the parameters about 0. Chosen: wide against what optics do; keeps steps finite."""
-LARGEST = np.array([4.0] * 5 + [0.2, 1.0, 0.8] + [0.7] * 5 + [0.7])
+LARGEST = np.array([4.0] * 5 + [0.2, 1.0, 0.8] + [0.7] * 5 + [0.7, 1.0])
 """Largest magnitudes. Chosen: beyond, the profile is no edge of a contact any more."""
 
+RIM_RADII = (
+    0.1  # width of a rim outside. Chosen: with its height, what a blur leaves of wider and narrower ones
+)
 SMALL_BLUR_WIDTHS = 3.0  # radius of contacts half way between small and large. Chosen: they show a plateau
 DEFECT_STEP = 0.02  # of the derivative by the response; accuracy
 DARKEST = 1e-3
@@ -167,9 +172,16 @@ def edge_profile(disks: PlacedDisks, blur: float, shape: Values) -> Values:
             profile = profile + weight * BlurredDisks.of(disks, ratio * s).p
     if shape[DOME]:
         profile = profile + shape[DOME] * plain.dome(disks, s)
+    if shape[RIM]:
+        profile = profile + shape[RIM] * (BlurredDisks.of(_with_rims(disks), s).p - plain.p)
     if shape[TREND]:
         profile = profile * (1.0 + shape[TREND] * _smallness(disks, blur))
     return respond(profile, float(shape[RESPONSE]), disks.ratio)
+
+
+def _with_rims(disks: PlacedDisks) -> PlacedDisks:
+    """As wide as the rims outside them."""
+    return PlacedDisks((1.0 + RIM_RADII) * disks.radius, disks.field, disks.distance, disks.ratio)
 
 
 def _smallness(disks: PlacedDisks, blur: float) -> Values:
@@ -178,7 +190,7 @@ def _smallness(disks: PlacedDisks, blur: float) -> Values:
 
 
 def edge_templates(disks: PlacedDisks, blur: float, shape: Values) -> Values:
-    """Derivatives of the profile by blur (px) and `PARAMETERS`, shape (n, 15, k).
+    """Derivatives of the profile by blur (px) and `PARAMETERS`, shape (n, 16, k).
 
     At the plain edge, except that by the response, which is far from linear.
     """
@@ -195,6 +207,7 @@ def edge_templates(disks: PlacedDisks, blur: float, shape: Values) -> Values:
             (above - below) / (2 * DEFECT_STEP),
             *(by_s * blur * disks.field[:, [k]] for k in range(disks.field.shape[1])),
             plain.p * _smallness(disks, blur),
+            BlurredDisks.of(_with_rims(disks), blur).p - plain.p,
         ],
         axis=1,
     )

@@ -1,6 +1,6 @@
 """Contrast, blur and halo common to all contacts of a frame, with their uncertainties."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,37 @@ class Halo:
 
     fraction: float
     sigma_px: float
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeKnowledge:
+    """What frames say of the edge that all contacts share, in the neighbourhood of their best edge.
+
+    Parameters
+    ----------
+    families : tuple of str
+        That their edge has, keys of `contactimg.imaging.profile.edge_shape.FAMILIES`.
+    blur_px : float
+        Of the edge, pixel included.
+    shape : ndarray, shape (k,)
+        Most probable parameters x of the edge, 0 for those of other families.
+    information, vector : ndarray, shapes (k, k), (k,)
+        Of all parameters, in units of the variances that contacts show: the logarithm of their likelihood is
+        ``vector.x - x.information.x/2``.
+    count : int
+        Isolated contacts.
+    """
+
+    families: tuple[str, ...]
+    blur_px: float
+    shape: NDArray[np.float64]
+    information: NDArray[np.float64]
+    vector: NDArray[np.float64]
+    count: int
+
+    def score_at(self, shape: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Derivative of the logarithm of the likelihood."""
+        return np.asarray(self.vector - self.information @ shape)
 
 
 @dataclass(frozen=True)
@@ -42,6 +73,8 @@ class SharedOptics:
         Of the errors of contrast and blur.
     halo : Halo or None
         Wide part of the point spread function; None if there is none, or if it is not known.
+    edge : EdgeKnowledge or None
+        What is known of edges that are no disk behind one Gaussian; None if nothing is.
 
     Examples
     --------
@@ -56,6 +89,7 @@ class SharedOptics:
     blur_std_px: float = 0.0
     correlation: float = 0.0
     halo: Halo | None = None
+    edge: EdgeKnowledge | None = field(default=None, compare=False)
 
     def scaled(self, factor: float) -> "SharedOptics":
         """With contrasts multiplied by ``factor``."""

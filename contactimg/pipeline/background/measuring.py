@@ -106,7 +106,8 @@ def _with_excess(
     views = background.views_at(rims.x, rims.y, rims.radius)
     excess = pool.history.excess_variance(rims, views, but=but)
     factor = (1.0 + excess) / (1.0 + pool.mean_excess)
-    shared = np.sum(contacts[["contrast_shift_px", "blur_shift_px"]].fillna(0.0).to_numpy(float) ** 2, axis=1)
+    shifts = contacts[["contrast_shift_px", "blur_shift_px", "edge_shift_px"]]
+    shared = np.sum(shifts.fillna(0.0).to_numpy(float) ** 2, axis=1)
     own = np.maximum(rims.radius_std**2 - shared, 0.0)
     std = np.where(own > 0, np.sqrt(shared + own * factor), rims.radius_std)
     return replace(measured, contacts=contacts.assign(radius_std_px=std))
