@@ -165,7 +165,7 @@ def _measure_frames(
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
-    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller, or their edge differs.
+    """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller or its edge right.
 
     A frame without a contact is measured again too: a faint contact may be detected once its contrast is
     known.

@@ -9,7 +9,7 @@ what remains undecided as an uncertainty (`contactimg.imaging.fit.undecided_edge
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,20 +30,17 @@ from contactimg.imaging.fit.edge_scores import (
     isolated_disks,
     parameters_of,
 )
+from contactimg.imaging.fit.learned_edge import LearnedEdge
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
 from contactimg.imaging.fit.settings import FEWEST_WIDE_DISKS, WIDE_RADIUS_BLUR_WIDTHS
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.fit.undecided_edge import POSITIVE, EdgeEvidence, undecided_modes
 from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.profile.edge_shape import (
-    DOME,
     FAMILIES,
-    FIELD,
     LARGEST,
-    RESPONSE,
     RIM,
     SOFTNESS,
-    TREND,
     BlurredDisks,
     edge_profile,
 )
@@ -75,38 +72,6 @@ UNDECIDED_FRACTION = 0.3
 contacts. Chosen: it widens the whole by 4 %."""
 RELEVANT_SUM_SIGMA = 1.0
 """The same for the sum of the areas."""
-
-
-@dataclass(frozen=True, eq=False)
-class LearnedEdge:
-    """What the frame says of its edges.
-
-    Parameters
-    ----------
-    edge : Edge
-    families : tuple of str
-        That take part, keys of `contactimg.imaging.profile.edge_shape.FAMILIES`; empty for a plain edge.
-    std : ndarray
-        Standard uncertainties of the parameters of the edge; 0 for those that take no part.
-    undecided : ndarray, shape (n,), px
-        Change of the radii by one standard uncertainty of what the frame does not decide about its edges;
-        empty where it was not looked at.
-    knowledge : EdgeKnowledge or None
-        What the frame alone says of its edges, for others.
-    """
-
-    edge: Edge
-    families: tuple[str, ...] = ()
-    std: Values = field(default_factory=lambda: np.zeros(0))
-    undecided: Values = field(default_factory=lambda: np.zeros(0))
-    knowledge: EdgeKnowledge | None = None
-
-    @property
-    def gamma(self) -> tuple[float, float]:
-        """Exponent of the camera's response and its uncertainty; (1, 0) for a linear one."""
-        if "response" not in self.families:
-            return 1.0, 0.0
-        return 1.0 - float(self.edge.shape[RESPONSE]), float(self.std[RESPONSE])
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +196,8 @@ class _Search:
             self._with_prior(joint), joint.fit.disks[chosen], current.learned.edge, self.placement
         )
         share = 0.0 if current.learned.families else 1.0
-        return self._with_noise(replace(scores, information=share * scores.information), joint, chosen)
+        information, nothing = share * scores.information, np.zeros_like(scores.score)
+        return self._with_noise(replace(scores, score=nothing, information=information), joint, chosen)
 
     def may_learn(self, joint: JointFit, isolated: NDArray[np.int64]) -> bool:
         """Whether enough contacts are isolated, and wide: others fit any edge with another contrast."""
@@ -340,7 +306,8 @@ class _Search:
         score, information = scores.total(parameters_of(families))
         # the others are expected to look the same: as significant together as the sample is
         score, information = np.sqrt(share) * score, share * information
-        knowledge = self._knowledge(current, score, information, max(of, len(scores.score)))
+        seen = np.count_nonzero(scores.score.any(axis=1))
+        knowledge = self._knowledge(current, score, information, max(of, seen))
         if self.lent is not None:
             score[SHARED:] += self.lent.score_at(current.learned.edge.shape)
             information[SHARED:, SHARED:] += self.lent.information
@@ -353,13 +320,10 @@ class _Search:
         common, rest = _common_mode(modes, disks[:, RADIUS])
         own = joint.fit.std.copy()
         own[:, RADIUS] = np.hypot(own[:, RADIUS], rest)
-        std = np.zeros(len(current.learned.edge.shape))
-        if families:
-            step = scores.step(parameters_of(families), self.prior(current))
-            std[step.chosen[step.chosen >= SHARED] - SHARED] = np.sqrt(
-                np.diag(step.covariance)[step.chosen >= SHARED]
-            )
-        learned = replace(current.learned, std=std, undecided=common, knowledge=knowledge)
+        step = scores.step(parameters_of(families), self.prior(current))
+        std = np.zeros(SHARED + len(current.learned.edge.shape))
+        std[step.chosen] = np.sqrt(np.diag(step.covariance))
+        learned = replace(current.learned, std=std[SHARED:], undecided=common, knowledge=knowledge)
         return EdgeFit(current.problem, replace(joint, fit=replace(joint.fit, std=own)), learned)
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
@@ -441,42 +405,3 @@ def _moved(edge: Edge, step: SharedStep) -> Edge:
     change = np.clip(delta[SHARED:], -LONGEST_SHAPE_STEP * LARGEST, LONGEST_SHAPE_STEP * LARGEST)
     shape = np.clip(edge.shape + change, -LARGEST, LARGEST)
     return Edge(edge.blur + float(np.clip(delta[1], -longest, longest)), shape)
-
-
-def describe_edge(learned: LearnedEdge, *, binning: int) -> str:
-    """What to say of an edge that is not plain; empty for a plain one."""
-    edge, parts = learned.edge, []
-    if "point spread" in learned.families:
-        parts.append("a point spread function that is not a Gaussian")
-    if "softness" in learned.families:
-        width = np.sqrt(max(float(edge.shape[SOFTNESS]), 0.0))
-        parts.append(
-            f"a width that grows with the contact ({width:.2g} of the radius): a soft rim cannot be told "
-            "from a larger contact"
-        )
-    if "rim" in learned.families:
-        what = "light" if edge.shape[RIM] > 0 else "shadow"
-        parts.append(
-            f"{what} just outside the contacts ({abs(edge.shape[RIM]):.2g} of the contrast over a tenth of "
-            "the radius), which cannot be told from a larger or smaller contact"
-        )
-    if "plateau" in learned.families:
-        middle = "brighter" if edge.shape[DOME] > 0 else "darker"
-        parts.append(f"contacts {middle} in the middle (by {abs(edge.shape[DOME]):.2g} of the contrast)")
-    if "blur field" in learned.families:
-        x, y = np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9))
-        terms = np.stack([x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3], axis=-1)
-        blur = edge.blur * binning * (1 + terms @ edge.shape[FIELD])
-        parts.append(f"a blur between {blur.min():.2g} and {blur.max():.2g} px over the frame")
-    if "contrast" in learned.families:
-        trend = float(edge.shape[TREND])
-        parts.append(
-            f"small contacts {abs(trend):.2g} {'brighter' if trend > 0 else 'dimmer'} than large ones"
-        )
-    if "response" in learned.families:
-        gamma, std = learned.gamma
-        parts.append(
-            f"the camera's response looks nonlinear: gamma about {gamma:.2f} +- {std:.2f}; "
-            "set [camera] gamma, or switch it off in the camera"
-        )
-    return "" if not parts else "the edges show " + "; ".join(parts)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from contactimg.imaging.fit.edge_scores import FEWEST_CONTACTS
+from contactimg.imaging.fit.edge_scores import FEWEST_SCORES
 from contactimg.imaging.fit.settings import POOLING_OUTLIER_SIGMA, RESOLVED_CONTRAST_FRACTION
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
@@ -75,9 +75,9 @@ def pool_edges(frames: Sequence[EdgeKnowledge]) -> EdgeKnowledge | None:
     Returns
     -------
     EdgeKnowledge or None
-        With variances that include the scatter between frames; None if no frame has enough contacts.
+        With variances that include the scatter between frames; None if no frame shows enough contacts.
     """
-    donors = [frame for frame in frames if frame.count >= FEWEST_CONTACTS]
+    donors = [frame for frame in frames if frame.count >= FEWEST_SCORES]
     if not donors:
         return None
     best = max(donors, key=lambda frame: frame.count)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.disks import FittedDisks
-from contactimg.imaging.fit.edge_profile import LearnedEdge, describe_edge
+from contactimg.imaging.fit.learned_edge import LearnedEdge, describe_edge
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y, touches
 from contactimg.imaging.fit.settings import (
     EDGE_GAP_BLUR_WIDTHS,

@@ -7,7 +7,8 @@ quantities, and an assumption that leaves the parameters c free and sets the oth
 
     ln Z = S'd - d'Hd/2 + s'(H_cc + P)^-1 s/2 + ln(det P/det(H_cc + P))/2,
 
-s being ``(S - Hd)_c`` and the score of the prior, P the information of the prior (Laplace's approximation, exact for a linear problem). The prior of a
+s being ``(S - Hd)_c`` and the score of the prior, P the information of the prior (Laplace's approximation,
+exact for a linear problem). The prior of a
 family that is present vanishes at the plain edge, ``p(x) ~ (x/t)^2 N(x; 0, t^2)``: a departure too small to
 matter is not worth a name, and many contacts exclude a family quickly (V. E. Johnson and D. Rossell, J. R.
 Stat. Soc. B 72 (2010) 143, doi:10.1111/j.1467-9868.2009.00730.x, "moment

@@ -82,7 +82,9 @@ def test_every_frame_of_a_series_is_right_and_says_how_right(series):
         bound = np.interp(row["load_N"], [1e-4, 1e-3, 1e-2], [0.08, 0.025, 0.01])
         if row["load_N"] >= 1e-4:
             assert abs(row["force_sum_N"] / force - 1) < bound
-        stated = row["force_sum_std_N"] / force
+        # what the wide blur hides of the edges is more, and is not bounded here
+        contacts = run.contacts[run.contacts["frame"] == row["frame"]]
+        stated = total_force(without_edge(contacts)).std / force
         assert stated < (0.6 if row["load_N"] < 1e-4 else bound)
 
 
@@ -123,11 +125,20 @@ def test_a_contrast_and_a_blur_that_are_handed_over_are_used(series):
     )
     true = truth[truth["frame"] == "frame_2.tif"]
     assert known["area_m2"].sum() == pytest.approx(true["area_m2"].sum(), rel=0.15)
+    known = without_edge(known)  # whether it is plain was not handed over
     assert (known["radius_std_px"] / known["radius_px"]).median() < 0.05
 
 
 def read_frame(path):
     return read_frames(path)[0]
+
+
+def without_edge(contacts):
+    """Without what the frame does not decide about its edges, which are those assumed."""
+    variance = contacts["radius_std_px"] ** 2 - contacts["edge_shift_px"] ** 2
+    std = np.sqrt(variance.clip(lower=0.0))
+    scale = contacts["radius_m"] / contacts["radius_px"]
+    return contacts.assign(radius_std_px=std, radius_std_m=std * scale, edge_shift_px=0.0)
 
 
 def own_part(contacts):
@@ -155,7 +166,8 @@ def test_stated_errors_of_the_sums_cover_the_errors(load):
         data["simulate"] |= {"blur_px": 1.4, "seed": seed}
         scene, rng = scene_from_dict(data), np.random.default_rng(seed)
         frame = render_contacts(contacts, scene, rng=rng, sphere_radius=radii).frame
-        table = assign_hertz(measure_frame(frame, render_reference(scene, rng=rng), pixel_size=6e-6))
+        measured = measure_frame(frame, render_reference(scene, rng=rng), pixel_size=6e-6)
+        table = assign_hertz(without_edge(measured))
         area, force = total_area(table), total_force(table)
         pulls.append([(area.value - true_area) / area.std, (force.value - true_force) / force.std])
         alone = total_force(
@@ -222,7 +234,7 @@ def test_radius_follows_a_wrong_contrast_as_stated():
 def test_radius_std_holds_the_shares_of_contrast_and_blur():
     image, reference, disks = blurred_points(1.2, 80.0, 1.5)
     found = measure_image(image, reference, polarity="bright").disks
-    shared = found[["contrast_shift_px", "blur_shift_px"]].to_numpy()
+    shared = found[["contrast_shift_px", "blur_shift_px", "edge_shift_px"]].to_numpy()
     assert (found["radius_std_px"].to_numpy() ** 2 > np.sum(shared**2, axis=1)).all()
     # and they matter more than the noise of each contact
     assert np.median(np.linalg.norm(shared, axis=1) / found["radius_std_px"]) > 0.7

@@ -33,7 +33,8 @@ def test_frames_as_assumed_are_ok_and_not_flagged(truth, name):
     result = measure_image(*degraded_pair(name, truth, OPTICS, 5), polarity="bright")
     assert result.status == "ok"
     assert not (result.disks["flags"] & int(Flag.DISAGREES)).any()
-    assert not result.disks["edge_shift_px"].any()
+    # sixty contacts exclude most other edges
+    assert (result.disks["edge_shift_px"] < 0.7 * result.disks["radius_std_px"]).all()
     assert len(match(truth, result.disks)) == len(result.disks) == len(truth)
 
 
