@@ -63,8 +63,8 @@ class Status(enum.StrEnum):
     """The edges of the contacts look like those of a camera whose grey levels are not proportional to light
     (a gamma). The radii take it into account as far as the edges show it; ``[camera] gamma`` settles it."""
     SOFT = "soft edges"
-    """The width of the edges grows with the contacts. Where in it a contact ends cannot be seen in one image;
-    the uncertainties, common to all contacts, include that."""
+    """The width of the edges, or the light just outside, grows with the contacts. Where in it a contact ends
+    cannot be seen in one image; the uncertainties, common to all contacts, include that."""
 
     NO_POSE = "no pose"
     """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:
