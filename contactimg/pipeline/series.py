@@ -14,7 +14,7 @@ from contactimg.effects.local_law import LawPlan, plan_law
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameStore, open_experiment
 from contactimg.forces import LengthScale, fill_forces, sphere_radii
-from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
+from contactimg.imaging.fit.pooling import gain_of_pooling, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background.second_pass import measure_on_background
 from contactimg.pipeline.edits import edits_by_frame
@@ -151,8 +151,9 @@ def _measure_frames(
     pooled = pool_optics([optics for optics in own_optics if optics is not None])
     if pooled is None:
         return parts, shape
-    again = [k for k, part in enumerate(parts) if fitted[k] and _gains_by_pooling(part, pooled)]
-    jobs = [(experiment.frames[k], pooled.scaled(parts[k].level or 1.0)) for k in again]
+    shared = [_with_edge_of_others(pooled, parts, k) for k in range(len(parts))]
+    again = [k for k, part in enumerate(parts) if fitted[k] and _gains_by_pooling(part, shared[k])]
+    jobs = [(experiment.frames[k], shared[k].scaled(parts[k].level or 1.0)) for k in again]
     if background is not None:
         measure, store = background.measure, None
         jobs = [background.job(*job) for job in jobs]
@@ -162,6 +163,13 @@ def _measure_frames(
         logger.info("with the contrast, the blur and the edge of the series: %s", part.summary())
         parts[k] = part.with_choice(parts[k].choice)
     return parts, shape
+
+
+def _with_edge_of_others(pooled: SharedOptics, parts: list[MeasuredFrame], number: int) -> SharedOptics:
+    """The pooled optics with the edge that the other frames show: its own adds nothing to a frame."""
+    others = [part.own_optics for k, part in enumerate(parts) if k != number]
+    edges = [optics.edge for optics in others if optics is not None and optics.edge is not None]
+    return replace(pooled, edge=pool_edges(edges))
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:

@@ -60,7 +60,6 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
         blur_std_px=blur.std,
         correlation=best.correlation * contrast.shared * blur.shared,
         halo=best.halo,
-        edge=pool_edges([frame.edge for frame in resolved if frame.edge is not None]),
     )
 
 
@@ -119,7 +118,8 @@ def gain_of_pooling(
     own_part : float
         Standard uncertainty of the sum from the independent errors of the contacts.
     edge_part : float
-        The same from what the frame does not decide about its edges, which the pooled edge decides.
+        The same from what the frame does not decide about its edges; it shrinks as the pooled edge rests on
+        more contacts.
     own, pooled : SharedOptics
         From the frame alone (a contrast relative to the background), and from all frames.
 
@@ -133,7 +133,8 @@ def gain_of_pooling(
     better = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(_covariance(pooled)))
     common = float(slope @ covariance @ slope), float(slope @ better @ slope)
     before = common[0] + own_part**2 + edge_part**2
-    after = common[1] + own_part**2 + (edge_part**2 if pooled.edge is None else 0.0)
+    lent, seen = (0 if optics.edge is None else optics.edge.count for optics in (pooled, own))
+    after = common[1] + own_part**2 + (edge_part * max(seen, 1) / (max(seen, 1) + lent)) ** 2
     return float(np.sqrt(before / max(after, 1e-300)))
 
 
