@@ -1,7 +1,6 @@
 """The ladder of shapes against truth: half-axes, angles and areas of ellipses and of free shapes.
 
-    python benchmarks/imaging_shapes.py                     # docs/imaging_shapes.md
-    python benchmarks/imaging_shapes.py ellipses free       # some of the sets, printed
+`frame` renders contacts of known outline, `measured` joins them with what the package finds.
 
 The frames are drawn as polygons on a grid of four points a pixel, each the mean of four times four, then
 blurred and binned, by code that shares nothing with the package. Errors are in units of the stated standard
@@ -14,15 +13,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import pandas as pd
-from imaging_scores import ROOT
 from scipy.signal import fftconvolve
 from scipy.spatial import cKDTree
 from skimage.draw import polygon
 
 from contactimg.imaging.measure import measure_image
 
-PAGE = ROOT / "docs" / "imaging_shapes.md"
-SEED = 71_000
 ROWS, COLUMNS, FINE, FINER = 600, 800, 4, 4  # px; points of the blur per pixel, points of a shape per point
 LEVEL, CONTRAST, DEPTH = 80.0, 100.0, 16  # grey levels; sixteenths of a level are stored
 GAP_BLURS, MARGIN_PX = 8.0, 12.0
