@@ -199,6 +199,7 @@ def total_force(
     exponent: ArrayLike = HERTZ_EXPONENT,
     unseen: Total = NOTHING,
     modulus_relative_std: float = 0.0,
+    modulus_edge_correlation: float = 0.0,
     length_relative_std: float = 0.0,
 ) -> Total:
     """Sum of the local forces (N).
@@ -213,6 +214,9 @@ def total_force(
         Force on contacts that were not detected: not in the sum, but in its uncertainty.
     modulus_relative_std : float
         Relative standard uncertainty of the modulus, common to all contacts.
+    modulus_edge_correlation : float
+        Correlation of the errors of the modulus and of the edges (``edge_shift_px`` being the change by one
+        standard uncertainty): that of a threshold that was calibrated with this modulus.
     length_relative_std : float
         Relative standard uncertainty of the length of a pixel.
 
@@ -228,7 +232,11 @@ def total_force(
     value = float(force[known].sum())
     slope = (np.broadcast_to(np.asarray(exponent, float), force.shape) * force)[known]
     parts = [unseen.rms, modulus_relative_std * value, length_relative_std * float(slope.sum())]
-    return Total(value, float(np.linalg.norm([_std_of_sum(contacts[known], slope), *parts])))
+    variance = float(np.sum(np.square([_std_of_sum(contacts[known], slope), *parts])))
+    if modulus_edge_correlation:
+        edge = float(slope @ _relative_shifts(contacts[known])[:, SHARED_SHIFTS.index("edge_shift_px")])
+        variance += 2 * modulus_edge_correlation * modulus_relative_std * value * edge
+    return Total(value, float(np.sqrt(max(variance, 0.0))))
 
 
 def _std_of_sum(contacts: pd.DataFrame, slope: NDArray[np.float64]) -> float:
@@ -356,11 +364,13 @@ def _sums(
     if scene.elastic is None:
         return sums
     lacking = unseen_force(contacts, smallest)
+    counted = scene.measure.method == "threshold"
     force = total_force(
         contacts,
         exponent=exponent,
         unseen=lacking,
         modulus_relative_std=scene.elastic.young_modulus_std / scene.elastic.young_modulus,
+        modulus_edge_correlation=scene.measure.threshold_modulus_correlation if counted else 0.0,
         length_relative_std=scale.relative_std,
     )
     if np.isfinite(smallest) and np.isfinite(force.value):

@@ -17,6 +17,7 @@ PUBLIC_WITH_MORE_PARAMETERS = {
     "solve_adhesive",
     "solve_ensemble",
     "solve_greenwood_tripp",
+    "calibrate_jkr",
 }
 
 

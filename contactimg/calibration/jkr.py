@@ -19,6 +19,7 @@ from scipy import special, stats
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate, estimate_from_draws
 from contactimg.calibration.jkr_departures import Departure, choose_departure
+from contactimg.calibration.jkr_edge import EdgeShift, find_edge_shift, with_shifted_edge
 from contactimg.calibration.jkr_fit import (
     JkrFit,
     JkrSeries,
@@ -86,6 +87,8 @@ class JkrCalibration:
         One row a frame: load_N, radius_m, branch, fitted_N, residual_N, used.
     problem : JkrProblem
         What was fitted, for `contactimg.calibration.jkr_uncertainties`.
+    edge : EdgeShift or None
+        How far the edge seems to lie outside the true one; None where it was not looked for.
     """
 
     young_modulus: CoverageEstimate
@@ -100,6 +103,7 @@ class JkrCalibration:
     load_noise: float
     points: pd.DataFrame = field(repr=False)
     problem: "JkrProblem" = field(repr=False)
+    edge: EdgeShift | None = field(default=None, repr=False)
 
 
 def calibrate_jkr(
@@ -112,6 +116,7 @@ def calibrate_jkr(
     load_cell: LoadCell | None = None,
     thickness: float | None = None,
     sphere_radius_std: float = 0.0,
+    pixel_size: float | None = None,
 ) -> JkrCalibration:
     """Fit modulus and work of adhesion to contact radii of a smooth sphere under several loads.
 
@@ -130,6 +135,8 @@ def calibrate_jkr(
         Of the elastic layer, bonded and incompressible; default: a half-space.
     sphere_radius_std : float, m
         Standard uncertainty of the sphere's radius.
+    pixel_size : float, optional, m
+        Of the images that the radii come from, for the shift of their edges; default: it is not looked for.
 
     Returns
     -------
@@ -172,6 +179,10 @@ def calibrate_jkr(
     branch = classify_branches(plain.load)
     used = without_outliers(plain)
     found = choose_departure(plain, branch, used)
+    edge = None if pixel_size is None else find_edge_shift(found.series.part(used), pixel_size)
+    if edge is not None and edge.seen and pixel_size is not None:
+        shifted = with_shifted_edge(found.series, found.series.part(used), pixel_size)
+        found = replace(found, series=shifted)
     fit = average_noises(found.series.part(used))
     estimates = _estimates(found.series, fit, sphere, gain_std=cell.gain_std)
     if found.rival is not None:
@@ -191,6 +202,7 @@ def calibrate_jkr(
         load_noise=float(np.sqrt(np.sum(rest[used] ** 2) / freedom)),
         points=points,
         problem=JkrProblem(found, used, sphere, cell),
+        edge=edge,
     )
 
 

@@ -65,6 +65,8 @@ class JkrSeries:
         One column a work of adhesion: 1 where it acts.
     drift : ndarray, shape (n, 0 or 1), N per unit
         What one unit of a drift adds to each load, where one is fitted.
+    edge : ndarray or None, shape (n,), N per px
+        What one pixel of a shift of the edge (`contactimg.calibration.jkr_edge`) adds, where it is fitted.
     """
 
     load: Values
@@ -76,6 +78,7 @@ class JkrSeries:
     thickness: float | None
     branches: Values
     drift: Values
+    edge: Values | None = None
 
     @property
     def scaled_load(self) -> Values:
@@ -90,18 +93,21 @@ class JkrSeries:
     def part(self, used: NDArray[np.bool_]) -> "JkrSeries":
         """Some of the frames."""
         names = ("load", "radius", "radius_std", "branches", "drift")
-        return replace(self, **{name: getattr(self, name)[used] for name in names})
+        edge = None if self.edge is None else self.edge[used]
+        return replace(self, edge=edge, **{name: getattr(self, name)[used] for name in names})
 
     def design(self, radius: Values) -> Values:
-        """Scaled load per unit of the stiffness, of each branch's adhesion, of a drift and of the zero."""
+        """Scaled load per unit of the stiffness, of the adhesion, of a drift, the edge and the zero."""
         x = radius / self.radius_scale
         pressing, adhesive = (1.0, 1.0) if self.thickness is None else layer_factors(radius / self.thickness)
         zero = np.ones((len(x), int(self.zero_std > 0)))
+        edge = np.zeros((len(x), 0)) if self.edge is None else self.edge[:, None] / self.load_scale
         return np.column_stack(
             [
                 pressing * x**3,
                 -(adhesive * x**1.5)[:, None] * self.branches,
                 self.drift / self.load_scale,
+                edge,
                 zero,
             ]
         )

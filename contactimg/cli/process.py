@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -15,6 +15,7 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     import pandas as pd
 
+    from contactimg.pipeline.run import Run
     from contactimg.scene import Scene
 
 JOINED_FOLDER = "combined"
@@ -54,7 +55,7 @@ class ProcessOptions(SceneOptions):
 @click.option(
     "--calibration",
     type=click.Path(exists=True),
-    help="Take modulus and threshold from this calibration.json (or its folder) of `calibrate`.",
+    help="Take modulus, threshold and edge from this calibration.json (or its folder) of `calibrate`.",
 )
 @click.option(
     "--tolerance",
@@ -153,10 +154,11 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
 
     scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
     experiment = open_experiment(scene)
+    used = calibration_record(options.calibration, scene)
     record = provenance(
         command=shared.command_line("process"),
         scene=scene,
-        options=calibration_record(options.calibration),
+        options=used,
         inputs=experiment.inputs,
     )
     echo_first_run(quiet=options.quiet)
@@ -178,10 +180,21 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
                 )
     if not options.quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")
-        if run.law is not None:
-            click.echo(run.law.sentence())
+        _echo_run(run, used.get("calibration", {}))
         click.echo(f"results in {target}")
     return _exit_code(run.frames)
+
+
+def _echo_run(run: "Run", calibration: dict[str, Any]) -> None:
+    """Print what the calibration acts on, which law the forces follow, and what the rims say of a film."""
+    from contactimg.imaging.fit.film_choice import summarise_films
+
+    if calibration:
+        click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
+    if run.law is not None:
+        click.echo(run.law.sentence())
+    if run.films:
+        click.echo(summarise_films(run.films.values()))
 
 
 def _exit_code(frames: "pd.DataFrame") -> int:

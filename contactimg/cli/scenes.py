@@ -1,11 +1,11 @@
 """From a folder and options to a scene: options replace keys of the scene file."""
 
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from contactimg.cli.calibration_use import apply_calibration, describe_use, refuse_idle
 from contactimg.cli.shared_options import SceneOptions
 from contactimg.errors import InputError
 from contactimg.files import (
@@ -59,8 +59,8 @@ def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     data, base = _base_scene(folder, given.pop("scene", None))
     if given.pop("calibration", None) is not None:
         record = read_calibration(str(options.calibration))
-        _apply_calibration(data, record, sets_method=options.method is None)
-        _refuse_idle(data, record, str(options.calibration), options.method)
+        apply_calibration(data, record, sets_method=options.method is None)
+        refuse_idle(data, record, str(options.calibration), options.method)
     if options.pixel_size_um is not None:
         given["pixel_size_m"] = given.pop("pixel_size_um") * 1e-6
     for option, value in given.items():
@@ -85,36 +85,13 @@ def plausible(scene: Scene) -> Scene:
     return scene
 
 
-def _apply_calibration(data: dict[str, Any], record: Mapping[str, Any], *, sets_method: bool) -> None:
-    """Write a calibration's modulus, threshold and the method it is for into the sections of a scene."""
-    if "young_modulus" in record:
-        entry = record["young_modulus"]
-        data.setdefault("elastic", {})["young_modulus_Pa"] = entry["value"]
-        data["elastic"]["young_modulus_std_Pa"] = entry.get("std") or 0.0
-    elif "young_modulus" in record.get("fixed", {}):  # a threshold holds at the modulus it was found with
-        entry = record["fixed"]["young_modulus"]
-        data.setdefault("elastic", {})["young_modulus_Pa"] = entry["value"]
-        data["elastic"]["young_modulus_std_Pa"] = entry.get("std") or 0.0
-    if "threshold" in record:
-        measure = data.setdefault("measure", {})
-        measure["threshold"] = record["threshold"]["value"]
-        if sets_method and record.get("method") != "disk":
-            measure.setdefault("method", "threshold")
-
-
-def _refuse_idle(data: dict[str, Any], record: Mapping[str, Any], path: str, method: str | None) -> None:
-    """Refuse a calibration of the threshold where disks are fitted: it would change nothing."""
-    chosen = method or data.get("measure", {}).get("method", "disk")
-    if record.get("kind") in ("threshold", "plateau") and record.get("method") != "disk" and chosen == "disk":
-        raise InputError(
-            f'{path}: a threshold acts on the method "threshold" only, and the method here is "disk"; take '
-            "--method threshold, or a calibration of the modulus"
-        )
-
-
-def calibration_record(path: str | None) -> dict[str, Any]:
-    """The calibration that a run used, for its provenance: the file and its contents."""
-    return {} if path is None else {"calibration": {"file": path, "record": read_calibration(path)}}
+def calibration_record(path: str | None, scene: Scene) -> dict[str, Any]:
+    """The calibration that a run used, for its provenance: the file, its contents and what acts on what."""
+    if path is None:
+        return {}
+    record = read_calibration(path)
+    acts = describe_use(record, method=scene.measure.method)
+    return {"calibration": {"file": path, "record": record, "acts": acts}}
 
 
 def model_inputs(path: str | Path, scene: Scene) -> list[Path]:

@@ -63,6 +63,8 @@ NUMBERS = (
     "slope",
     "threshold_low",
     "threshold_high",
+    "edge_shift",
+    "edge_blur",
 )
 """Names of the numbers that a calibration may hold."""
 

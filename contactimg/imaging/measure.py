@@ -20,14 +20,16 @@ from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
+from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
+from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.review import review
 from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.profile.film_rim import Rim
+from contactimg.imaging.profile.film_rim import FilmSetting, Rim
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.detections import (
     CONTACT_COLUMNS,
@@ -37,6 +39,7 @@ from contactimg.imaging.reject.detections import (
     Detections,
     no_detections,
     shape_columns,
+    without_edge_shift,
 )
 from contactimg.imaging.reject.foreground import Foreground, find_foreground
 from contactimg.imaging.shapes.hand_edits import HandEdit, remark_on
@@ -103,6 +106,8 @@ class ImageMeasurement:
         Row of each contact of free shape, and its outlines (x, y), px; the first is the outer one.
     prepared : PreparedImage or None
         What was measured, for `count_again`.
+    film : FilmVerdict or None
+        What the rims say of an air film; None where none was looked for.
     """
 
     disks: pd.DataFrame
@@ -125,6 +130,7 @@ class ImageMeasurement:
     foreign: Mask
     outlines: Outlines = ()
     prepared: PreparedImage | None = None
+    film: FilmVerdict | None = None
 
     @property
     def foreground(self) -> NDArray[np.float32]:
@@ -145,10 +151,11 @@ def measure_image(
     method: str = "disk",
     polarity: str = "auto",
     threshold: float | str | None = None,
+    threshold_std: float = 0.0,
     full_scale: float | None = None,
     blur_px: float | None = None,
     optics: SharedOptics | None = None,
-    film: Rim | None = None,
+    film: FilmSetting | Rim | None = None,
     absent: Collection[str] = (),
     edits: Sequence[HandEdit] = (),
     shape: str = "auto",
@@ -166,17 +173,19 @@ def measure_image(
         Whether contacts are brighter or darker than the background.
     threshold : float, "auto" or None
         Fraction of the contrast for ``"threshold"`` (None: 0.5).
+    threshold_std : float
+        Its standard uncertainty.
     full_scale : float or None
         Grey level at which the sensor saturates; None: that of the pixel type.
     blur_px : float or None
         Standard deviation of the point spread function, px; None: estimated from the frame.
     optics : SharedOptics or None
         Prior knowledge of contrast and blur with uncertainties (from other frames, say), which the fit
-        combines with what the frame shows. A ``blur_px`` is taken as exact and replaces the prior blur.
-    film : Rim or None
-        Bright rim that the air film draws around the contacts, for ``"disk"``:
-        `contactimg.imaging.profile.film_rim.FilmRim` or `contactimg.imaging.profile.film_rim.PlainRim`;
-        None: the edge is sharp.
+        combines with what the frame shows, and of the place of the edge. A ``blur_px`` is taken as exact and
+        replaces the prior blur.
+    film : FilmSetting, Rim or None
+        Bright rim that the air film draws around the contacts, for ``"disk"``, and whether it is drawn
+        (`contactimg.imaging.profile.film_rim.FilmSetting`; a rim alone is); None: the edge is sharp.
     absent : collection of str
         Those of `CORRECTIONS` to leave out because their cause is absent: ``"position_drift"`` (the reference
         is not registered), ``"dust"`` (nothing is rejected as dirt).
@@ -218,19 +227,25 @@ def measure_image(
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
     prepared = PreparedImage(foreground, difference)
     if method == "threshold" or not foreground.contrast.plateau > 0:
-        counted = count_again(prepared, fraction, edits=edits)
+        counted = count_again(prepared, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
-    detections = measure_by_fit(foreground, difference, film=film, edits=edits)
+    detections = measure_by_fit(foreground, difference, film=_film_setting(film), edits=edits)
     return _judged(prepared, detections, shape, float("nan"))
 
 
 def count_again(
-    prepared: PreparedImage, fraction: float, *, edits: Sequence[HandEdit] = ()
+    prepared: PreparedImage,
+    fraction: float,
+    *,
+    fraction_std: float = 0.0,
+    edits: Sequence[HandEdit] = (),
 ) -> ImageMeasurement:
     """What `measure_image` gives with the method "threshold" at this fraction of the contrast."""
     foreground = prepared.foreground
     if foreground.contrast.plateau > 0:
-        detections = measure_by_count(foreground, prepared.difference, fraction=fraction, edits=edits)
+        detections = measure_by_count(
+            foreground, prepared.difference, fraction=fraction, fraction_std=fraction_std, edits=edits
+        )
     else:
         detections = replace(no_detections(foreground.prior_optics), unmatched=edits)
     return _judged(prepared, detections, "disk", fraction)
@@ -242,7 +257,7 @@ def _judged(prepared: PreparedImage, detections: Detections, shape: str, fractio
     seen = review(foreground, difference, detections, shape=shape)
     verdict = judge(foreground, difference, seen)
     result = _tabulate(foreground, difference, seen.detections, verdict, fraction)
-    return replace(result, outlines=seen.outlines, prepared=prepared)
+    return replace(result, outlines=seen.outlines, prepared=prepared, film=_film_verdict(seen.detections))
 
 
 def _tabulate(
@@ -254,6 +269,10 @@ def _tabulate(
 ) -> ImageMeasurement:
     """The result, in the grey levels of the frame."""
     unit, optics = foreground.frame_pair.unit, detections.optics
+    edge = foreground.prior_optics.known_edge
+    if edge is not None and isinstance(detections, FittedDetections):
+        contacts = without_edge_shift(detections.contacts, edge.shift_px)
+        detections = replace(detections, contacts=contacts)
     return ImageMeasurement(
         disks=_contacts_table(detections),
         rejected=_rejected_table(foreground.foreign.rejected, detections.rejected),
@@ -297,6 +316,17 @@ def _rejected_table(*parts: Columns) -> pd.DataFrame:
     columns = {name: np.concatenate([part[name] for part in parts]).astype(float) for name in PLACE}
     reasons = np.concatenate([part["reason"].astype(object) for part in parts])
     return pd.DataFrame({**columns, "reason": pd.array(reasons, dtype="str")})
+
+
+def _film_verdict(detections: Detections) -> FilmVerdict | None:
+    """What the rims say of an air film."""
+    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
+    return None if fit is None or fit.film is None else fit.film.verdict
+
+
+def _film_setting(film: FilmSetting | Rim | None) -> FilmSetting | None:
+    """A rim alone is drawn."""
+    return film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
 
 
 def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:

@@ -3,11 +3,10 @@
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.optics.edge_effects import film_makes_the_contrast
 from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import InputError, finite_number
 from contactimg.forces import common_radius
-from contactimg.imaging.profile.film_rim import FilmRim
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.inputs import largest_load, need_asperities
 from contactimg.scene import Scene
@@ -59,7 +58,7 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     return make_plan(scene, asperities, load=chosen)
 
 
-def resolve_measurement(scene: Scene, sites: pd.DataFrame | None) -> Scene:
+def resolve_measurement(scene: Scene) -> Scene:
     """The scene with the switches and the blur that its frames are measured with.
 
     Under "auto" a correction is on: shift, noise, dust and blur are measured on the frame itself. An effect
@@ -71,8 +70,6 @@ def resolve_measurement(scene: Scene, sites: pd.DataFrame | None) -> Scene:
     Parameters
     ----------
     scene : Scene
-    sites : DataFrame or None
-        Its asperities, if they are known.
 
     Returns
     -------
@@ -81,54 +78,45 @@ def resolve_measurement(scene: Scene, sites: pd.DataFrame | None) -> Scene:
     Examples
     --------
     >>> from contactimg.scene import scene_from_dict
-    >>> resolve_measurement(scene_from_dict({"effects": {"blur": "off"}}), None).measure.blur_px
+    >>> resolve_measurement(scene_from_dict({"effects": {"blur": "off"}})).measure.blur_px
     0.001
-    >>> resolve_measurement(scene_from_dict({}), None).effects.film
-    'off'
     """
-    film, measure = scene.effects.film, scene.measure
-    if film == "auto":
-        film = "on" if _states_a_film(scene, sites) else "off"
+    measure = scene.measure
     if scene.effects.blur == "off" and measure.blur_px is None:
         measure = measure.model_copy(update={"blur_px": SHARP_BLUR_PX})
-    effects = scene.effects.model_copy(update={"film": film})
-    return scene.model_copy(update={"effects": effects, "measure": measure})
+    return scene.model_copy(update={"measure": measure})
 
 
-def _states_a_film(scene: Scene, sites: pd.DataFrame | None) -> bool:
-    """Whether the stated contrast is that of an air film, and the radius for its rim is known."""
-    if scene.camera is None or scene.simulate is None or not film_makes_the_contrast(scene.simulate):
-        return False
-    stated = scene.asperities is not None and scene.asperities.radius is not None
-    return stated or (sites is not None and len(sites) > 0)
+def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None:
+    """The rim that the air film may draw around contacts, and whether it is drawn.
 
-
-def film_rim(scene: Scene, sites: pd.DataFrame | None) -> FilmRim | None:
-    """The rim that the air film draws around contacts, where the scene switches it on.
+    Under "auto" the pixels decide where pixel size and radius of the asperities are known; else there is no
+    film.
 
     Parameters
     ----------
     scene : Scene
-        ``[effects] film = "on"``; the light is that of ``[light]`` (by default a white LED, glass and
-        PDMS).
+        The light is that of ``[light]`` (by default a white LED, glass and PDMS).
     sites : DataFrame or None
         Composite summits of the asperities: the film of the mean radius is drawn.
 
     Raises
     ------
     InputError
-        If the pixel size or the asperities' radius is not known.
+        If the film is switched on, and the pixel size or the asperities' radius is not known.
     """
-    if scene.effects.film != "on" or scene.measure.method != "disk":
+    asked = scene.effects.film
+    if scene.measure.method != "disk":
         return None
-    camera = scene.need("camera", 'measuring with [effects] film = "on"')
     radius = common_radius(scene, sites)
     if not np.isfinite(radius) and sites is not None and len(sites):
         radius = float(sites["radius_m"].mean())
+    if asked != "on" and (scene.camera is None or not np.isfinite(radius)):
+        return None
+    camera = scene.need("camera", 'measuring with [effects] film = "on"')
     if not np.isfinite(radius):
         raise InputError(
             '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
             'with it, or set film = "off"'
         )
-    light = lamp(scene.light)
-    return FilmRim(light, radius, camera.pixel_size)
+    return FilmSetting(FilmRim(lamp(scene.light), radius, camera.pixel_size), asked)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.frame import Frame
+from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
-from contactimg.imaging.profile.film_rim import FilmRim
+from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.pipeline.parallel import FailedFrame
@@ -124,8 +125,8 @@ class FrameOptions:
     ----------
     scene : Scene
         Its ``[measure]``, ``[images]`` and ``[effects]`` apply.
-    film : FilmRim or None
-        Rim that the air film draws around the contacts.
+    film : FilmSetting or None
+        Rim that the air film may draw around the contacts.
     relative : float or None
         Tolerance of the scene's output, for which each frame's method is chosen; None for the scene's method.
     edits : dict
@@ -133,7 +134,7 @@ class FrameOptions:
     """
 
     scene: Scene
-    film: FilmRim | None = None
+    film: FilmSetting | None = None
     relative: float | None = None
     edits: dict[str, tuple[HandEdit, ...]] = field(default_factory=dict)
 
@@ -161,6 +162,8 @@ class MeasuredFrame:
         How it was measured and why, where that was chosen for a tolerance.
     outlines : DataFrame
         Of its contacts of free shape.
+    film : FilmVerdict or None
+        What its rims say of an air film; None where none was looked for.
     """
 
     contacts: pd.DataFrame
@@ -171,6 +174,7 @@ class MeasuredFrame:
     level: float = 0.0
     choice: Choice | None = None
     outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
+    film: FilmVerdict | None = None
 
     @classmethod
     def failed(cls, failure: FailedFrame) -> "MeasuredFrame":
@@ -243,6 +247,7 @@ def measure_scene_frame(
         measurement.own_optics if len(measurement.disks) else None,
         measurement.level,
         outlines=outlines_table(measurement, frame.name),
+        film=measurement.film,
     ).with_choice(choice)
 
 
@@ -268,9 +273,12 @@ def measure_prepared(
         method=method,
         polarity=scene.images.polarity,
         threshold=threshold,
+        threshold_std=scene.measure.threshold_std,
         full_scale=full_scale(frame, scene),
         blur_px=blur_px,
-        optics=optics,
+        optics=(optics or SharedOptics()).with_edge(
+            scene.measure.edge_shift_px, scene.measure.edge_shift_std_px
+        ),
         film=None if options is None else options.film,
         shape=scene.measure.shape,
         absent=scene.effects.switched_off(*CORRECTIONS),

@@ -11,6 +11,7 @@ import pandas as pd
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
 from contactimg.files import RunFolder, write_table
+from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.pose import Pose
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
@@ -36,6 +37,8 @@ class Run:
         Of the contacts of free shape.
     law : LawPlan or None
         Law of the local forces and what it leaves out; None without forces.
+    films : dict
+        Frame -> what its rims say of an air film, where one was looked for.
     """
 
     scene: Scene
@@ -46,6 +49,7 @@ class Run:
     choices: dict[str, Choice] = field(default_factory=dict)
     outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
     law: LawPlan | None = None
+    films: dict[str, FilmVerdict] = field(default_factory=dict)
 
     def need_pose(self) -> Pose:
         """The pose of the camera, or an `InputError` that says how to get one."""
@@ -77,6 +81,8 @@ def write_run(run: Run, folder: Path) -> dict[str, Any]:
     record: dict[str, Any] = {} if run.pose is None else {"pose": _pose_record(run.pose)}
     if run.law is not None:
         record["law"] = run.law.sentence()
+    if run.films:
+        record["film"] = {frame: asdict(verdict) for frame, verdict in run.films.items()}
     if run.choices:
         record["methods"] = {frame: asdict(choice) for frame, choice in run.choices.items()}
     return record

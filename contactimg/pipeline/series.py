@@ -18,7 +18,7 @@ from contactimg.imaging.fit.pooling import gain_of_pooling, pool_edges, pool_opt
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background.second_pass import measure_on_background
 from contactimg.pipeline.edits import edits_by_frame
-from contactimg.pipeline.effects import film_rim, resolve_measurement
+from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, locate_contacts, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -91,9 +91,9 @@ def measure_experiment(
     scene = experiment.scene
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
-    resolved = resolve_measurement(scene, sites)
+    resolved = resolve_measurement(scene)
     edits = edits_by_frame(experiment, relative=relative)
-    options = FrameOptions(resolved, film_rim(resolved, sites), relative, edits)
+    options = FrameOptions(resolved, film_setting(resolved, sites), relative, edits)
     parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance, store=store)
     frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
         load_N=[experiment.load_of(part.row["frame"]) for part in parts]
@@ -110,6 +110,7 @@ def measure_experiment(
         None,
         choices,
         outlines=outlines,
+        films={str(part.row["frame"]): part.film for part in parts if part.film is not None},
     )
     return run if scene.camera is None else with_forces(_with_pose(run, sites, shape), sites)
 

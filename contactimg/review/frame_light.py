@@ -13,7 +13,7 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.pipeline.edits import edits_by_frame
-from contactimg.pipeline.effects import film_rim, resolve_measurement
+from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_prepared, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, read_reference, scene_asperities
 
@@ -83,8 +83,8 @@ def frame_options(
     scene = experiment.scene
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
-    resolved = resolve_measurement(scene, sites)
-    return FrameOptions(resolved, film_rim(resolved, sites), edits=edits or {})
+    resolved = resolve_measurement(scene)
+    return FrameOptions(resolved, film_setting(resolved, sites), edits=edits or {})
 
 
 def measure_alone(experiment: Experiment, number: int) -> MeasuredFrame:

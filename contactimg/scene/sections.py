@@ -309,9 +309,15 @@ class Measure(Section):
     threshold: OpenFraction | Literal["auto"] = Field(
         0.5, description='Threshold of the pixel count as a fraction of the contact contrast, or "auto".'
     )
+    threshold_std: NonNegative = Field(0.0, description="Standard uncertainty of the threshold.")
+    threshold_modulus_correlation: Annotated[Number, Field(ge=-1, le=1)] = Field(
+        0.0, description="Correlation of threshold and modulus, as `calibrate threshold` states it."
+    )
     blur_px: Positive | None = Field(
         None, description="Standard deviation of the optical blur, px; found from the frame if not given."
     )
+    edge_shift_px: Number = Field(0.0, description="Seeming edge minus true one, px; taken off the radii.")
+    edge_shift_std_px: NonNegative | None = Field(None, description="Its standard uncertainty, px.")
     shape: Literal["auto", "disk", "ellipse", "free"] = Field(
         "auto",
         description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free '

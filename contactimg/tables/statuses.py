@@ -62,6 +62,9 @@ class Status(enum.StrEnum):
     NONLINEAR = "nonlinear response"
     """The edges of the contacts look like those of a camera whose grey levels are not proportional to light
     (a gamma). The radii take it into account as far as the edges show it; ``[camera] gamma`` settles it."""
+    FILM = "film contradicted"
+    """``[effects] film`` is set by hand, and the rims of the contacts say the opposite; the uncertainties
+    cover both."""
     SOFT = "soft edges"
     """The width of the edges, or the light just outside, grows with the contacts. Where in it a contact ends
     cannot be seen in one image; the uncertainties, common to all contacts, include that."""

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from contactimg.effects.output_change import relative_change, stated_change
 from contactimg.imaging.count.expected_error import estimate_true_radii
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
-from contactimg.imaging.profile.film_rim import Rim
+from contactimg.imaging.profile.film_rim import FilmSetting
+from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.scene import Scene
 
 
@@ -60,7 +61,7 @@ def measure_cheapest(
     scene: Scene,
     relative: float,
     full_scale: float | None,
-    film: Rim | None = None,
+    film: FilmSetting | None = None,
 ) -> tuple[ImageMeasurement, Choice]:
     """Count pixels above the threshold; fit disks if that is estimated to miss the tolerance.
 
@@ -72,8 +73,8 @@ def measure_cheapest(
     relative : float
         Tolerance of the output.
     full_scale : float or None
-    film : Rim or None
-        Bright rim around the contacts, for the fit.
+    film : FilmSetting or None
+        Bright rim that contacts may have, for the fit.
 
     Returns
     -------
@@ -85,8 +86,10 @@ def measure_cheapest(
         reference,
         polarity=scene.images.polarity,
         threshold=scene.measure.threshold,
+        threshold_std=scene.measure.threshold_std,
         full_scale=full_scale,
         blur_px=scene.measure.blur_px,
+        optics=SharedOptics().with_edge(scene.measure.edge_shift_px, scene.measure.edge_shift_std_px),
         absent=scene.effects.switched_off(*CORRECTIONS),
     )
     output = scene.tolerance.output

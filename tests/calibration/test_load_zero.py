@@ -6,7 +6,7 @@ import pytest
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.calibration.jkr_uncertainties import jkr_uncertainties, suggested_layer
-from contactimg.cli.scenes import _apply_calibration, _refuse_idle
+from contactimg.cli.calibration_use import apply_calibration, refuse_idle
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
 from contactimg.mechanics.layer_contact import layer_factors
@@ -179,8 +179,8 @@ def test_a_threshold_is_refused_where_it_cannot_act_and_brings_its_modulus_where
         "fixed": {"young_modulus": {"value": 2.85e6, "std": 1e4}},
     }
     data = {"elastic": {"young_modulus_Pa": 3e6}, "measure": {"method": "disk"}}
-    _apply_calibration(data, record, sets_method=True)
+    apply_calibration(data, record, sets_method=True)
     assert data["elastic"]["young_modulus_Pa"] == 2.85e6
     with pytest.raises(InputError, match='acts on the method "threshold" only'):
-        _refuse_idle(data, record, "calibration.json", None)
-    _refuse_idle(data, record, "calibration.json", "threshold")
+        refuse_idle(data, record, "calibration.json", None)
+    refuse_idle(data, record, "calibration.json", "threshold")

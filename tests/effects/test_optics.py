@@ -20,7 +20,7 @@ from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging.background import subtract as reference
 from contactimg.imaging.reject import reference_dust
 from contactimg.optics import render_settings
-from contactimg.pipeline.effects import SHARP_BLUR_PX, resolve_measurement
+from contactimg.pipeline.effects import SHARP_BLUR_PX, film_setting, resolve_measurement
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import explicit_switches, plan_simulation
 from contactimg.render import contacts as render_contacts_module
@@ -352,21 +352,18 @@ def test_dust_that_is_off_is_not_looked_for(monkeypatch):
 
 def test_switches_of_the_scene_reach_the_measurement():
     scene = scene_from_dict({"effects": {"blur": "off"}})
-    assert resolve_measurement(scene, None).measure.blur_px == SHARP_BLUR_PX
+    assert resolve_measurement(scene).measure.blur_px == SHARP_BLUR_PX
     given = scene_from_dict({"effects": {"blur": "off"}, "measure": {"blur_px": 2.0}})
-    assert resolve_measurement(given, None).measure.blur_px == 2.0
+    assert resolve_measurement(given).measure.blur_px == 2.0
     sites = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [0.0], "radius_m": [1e-4]})
-    film = {
-        "camera": {"pixel_size_m": 6e-6},
-        "simulate": {"background_levels": 200.0, "contrast_levels": 15.0},
-    }
-    assert resolve_measurement(scene_from_dict(film), sites).effects.film == "on"
-    assert resolve_measurement(scene_from_dict(film), None).effects.film == "off"
-    assert (
-        resolve_measurement(scene_from_dict(film | {"effects": {"film": "off"}}), sites).effects.film == "off"
-    )
-    bright = film | {"simulate": {"background_levels": 80.0, "contrast_levels": 100.0}}
-    assert resolve_measurement(scene_from_dict(bright), sites).effects.film == "off"
+    camera = {"camera": {"pixel_size_m": 6e-6}}
+    for asked in ("auto", "on", "off"):
+        film = scene_from_dict(camera | {"effects": {"film": asked}})
+        assert film_setting(film, sites).asked == asked
+    assert film_setting(scene_from_dict(camera), None) is None
+    assert film_setting(scene_from_dict({}), sites) is None
+    counted = scene_from_dict(camera | {"measure": {"method": "threshold"}})
+    assert film_setting(counted, sites) is None
 
 
 def test_a_full_scale_that_is_off_flags_nothing():

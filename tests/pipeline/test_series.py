@@ -32,6 +32,12 @@ def scaled_scene(scene, length, pressure):
     data["elastic"] = {key: value * pressure for key, value in data["elastic"].items()}
     data["camera"]["pixel_size_m"] *= length
     data["asperities"] = {"file": "asperities.csv"}
+    light = scene.light  # its waves are lengths too
+    data["light"] = {
+        "film_wavelength_nm": light.film_wavelength_nm * length,
+        "film_bandwidth_nm": light.film_bandwidth_nm * length,
+        "film_range_nm": [edge * length for edge in light.film_range_nm],
+    }
     return data
 
 

@@ -73,6 +73,7 @@ def measure_by_count(
     difference: DifferenceImage,
     *,
     fraction: float,
+    fraction_std: float = 0.0,
     edits: Sequence[HandEdit] = (),
 ) -> Detections:
     """Count the pixels of the contacts of a frame.
@@ -84,6 +85,8 @@ def measure_by_count(
         From which the foreground comes.
     fraction : float
         Threshold as a fraction of the contrast.
+    fraction_std : float
+        Its standard uncertainty.
     edits : sequence of HandEdit
         Corrections by hand to what was found.
 
@@ -120,11 +123,12 @@ def measure_by_count(
     rejected = {name: np.concatenate([part[name] for part in (rejected, dusty, by_hand)]) for name in dusty}
     contacts = {name: values[~dust] for name, values in contacts.items()}
     shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / slope)
-    contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], shift[:, None])
+    moved = np.full(len(shift), -fraction_std * contrast.plateau / slope)
+    contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], np.stack([shift, moved], axis=1))
     contacts |= {
         "contrast_shift_px": shift,
         "blur_shift_px": np.zeros(len(shift)),
-        "edge_shift_px": np.zeros(len(shift)),
+        "edge_shift_px": moved,
     }
     measured = foreground.measured_contrast
     return Detections(

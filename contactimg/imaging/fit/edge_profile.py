@@ -100,6 +100,7 @@ def learn_edge(
     ratio: float,
     refine: Refine,
     lent: EdgeKnowledge | None = None,
+    known: bool = False,
 ) -> EdgeFit:
     """Learn the edge of a frame's contacts, and fit them with it.
 
@@ -115,6 +116,8 @@ def learn_edge(
         Fits the disks of a problem anew: ``refine(problem, fit, optics_prior)``.
     lent : EdgeKnowledge or None
         What other frames say of the edge.
+    known : bool
+        Whether a reference contact has told where in its edge a contact ends.
 
     Returns
     -------
@@ -123,7 +126,7 @@ def learn_edge(
         or too few of them wide; uncertainties include what is undecided. Unchanged where the pixels are too
         coarse for the rims.
     """
-    search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent)
+    search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent, known)
     plain = current = EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))
     if problem.noise.rim > 0 and joint.fit.blur < SHARPEST_BLUR_PX:
         return plain
@@ -160,12 +163,15 @@ class _Search:
     placement : Placement
     lent : EdgeKnowledge or None
         What other frames say of the edge.
+    known : bool
+        Whether it is known where in its edge a contact ends.
     """
 
     problem: FitProblem
     optics_prior: OpticsPrior
     placement: Placement
     lent: EdgeKnowledge | None
+    known: bool = False
 
     def _with_prior(self, joint: JointFit) -> FitProblem:
         """With the contrast and spread of a fit."""
@@ -346,10 +352,10 @@ class _Search:
         plain = EdgeScores.expected(problem, disks, Edge.plain(edge.blur), self.placement)
         own = joint.fit.std * np.maximum(learned.radius_std / plain.radius_std, 1.0)[:, None]
         modes = learned.response[:, chosen] @ np.linalg.cholesky(step.covariance)
-        if edge.shape[SOFTNESS] > 0:
+        if edge.shape[SOFTNESS] > 0 and not self.known:
             # where in its soft zone the rim of a contact lies cannot be seen
             modes = np.column_stack([modes, np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS]])
-        if edge.shape[RIM]:
+        if edge.shape[RIM] and not self.known:
             # whether the light outside belongs to the contact cannot be seen
             modes = np.column_stack([modes, edge.shape[RIM] * learned.response[:, SHARED + RIM]])
         common, rest = _common_mode(modes[:, 1:], disks[:, RADIUS])

@@ -11,7 +11,7 @@ holds whatever the noise, drawn to H^-1 where contacts are few). A group of para
 Wald's test of this step.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -82,6 +82,22 @@ class Edge:
     def plain(cls, blur: float) -> "Edge":
         """A disk behind one Gaussian."""
         return cls(blur, np.zeros(len(PARAMETERS)))
+
+    def profile(self, disks: PlacedDisks) -> Values:
+        """Brightness of contacts over their contrast, shape (n, k)."""
+        return edge_profile(disks, self.blur, self.shape)
+
+    def by_radius(self, disks: PlacedDisks) -> Values:
+        """Derivative of the profile by the radius, 1/px."""
+        if not self.shape.any():
+            return BlurredDisks.of(disks, self.blur).by_a / self.blur
+        step = 0.05 * self.blur
+        above, below = (self.profile(disks.widened(x)) for x in (step, -step))
+        return (above - below) / (2 * step)
+
+    def templates(self, disks: PlacedDisks) -> Values:
+        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, 1 + m, k)."""
+        return edge_templates(disks, self.blur, self.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +212,12 @@ class EdgeScores:
     radius_std : ndarray, shape (m,), px
         For independent pixels at a known edge.
     radius : ndarray, shape (m,), px
+    own_step : ndarray, shape (m, 3)
+        Newton step of contrast, radius and background of each at the shared quantities assumed.
+    own_response : ndarray, shape (m, 3, 16)
+        Their derivatives by the shared quantities.
+    kept : ndarray of bool, shape (n,)
+        Which of the contacts asked for these are: those without a masked pixel.
     least_factor : float
         Factor of the variances at least, for noise that neighbouring pixels share.
     """
@@ -205,6 +227,9 @@ class EdgeScores:
     response: Values
     radius_std: Values
     radius: Values
+    own_step: Values
+    own_response: Values
+    kept: NDArray[np.bool_]
     least_factor: float = 1.0
 
     @classmethod
@@ -212,14 +237,14 @@ class EdgeScores:
         """From the pixels about isolated disks (x, y, radius, contrast)."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
-        profile = edge_profile(fine.disks, edge.blur, edge.shape)
+        profile = edge.profile(fine.disks)
         clip = max(CLIP_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
         rest = sum_residuals(
             problem.image, for_kernel(problem.valid), disks, nodes.inner, profile,
             (fine.step, nodes.step), nodes.count, clip,
         )  # fmt: skip
         whole = np.isfinite(rest[:, 0])
-        return cls._solve(problem, disks[whole], edge, placement, rest[whole])
+        return replace(cls._solve(problem, disks[whole], edge, placement, rest[whole]), kept=whole)
 
     @classmethod
     def expected(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
@@ -232,18 +257,18 @@ class EdgeScores:
     ) -> "EdgeScores":
         """Eliminate radius and contrast of each disk."""
         nodes = placement.place(disks, blur=edge.blur)
-        profile = edge_profile(nodes.disks, edge.blur, edge.shape)
+        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks)
         contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
         c = disks[:, CONTRAST, None]
         variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
         weight = 1.0 / (variance * problem.noise.at(np.clip(profile, 0.0, 1.0)))
         # columns: own contrast, radius and background, then the blur and the parameters of the edge
-        columns = np.empty((len(disks), OWN + 1 + len(PARAMETERS), profile.shape[1]))
-        columns[:, 0], columns[:, 1] = profile, c * _by_radius(nodes.disks, edge)
+        columns = np.empty((len(disks), OWN + templates.shape[1], profile.shape[1]))
+        columns[:, 0], columns[:, 1] = profile, c * edge.by_radius(nodes.disks)
         columns[:, 2] = 1.0
-        columns[:, OWN:] = c[:, None] * edge_templates(nodes.disks, edge.blur, edge.shape)
+        columns[:, OWN:] = c[:, None] * templates
         products = columns @ np.swapaxes(columns * (weight * nodes.areas)[:, None], 1, 2)
-        normal, size = products[:, :OWN, :OWN], SHARED + len(PARAMETERS)
+        normal, size = products[:, :OWN, :OWN], SHARED - 1 + templates.shape[1]
         normal[:, 0, 0] += tight
         normal[:, 2, 2] += 1.0 / (LOCAL_BACKGROUND_FRACTION * contrast) ** 2
         cross, information = np.zeros((len(disks), OWN, size)), np.zeros((len(disks), size, size))
@@ -263,6 +288,9 @@ class EdgeScores:
             response[:, 1],
             np.sqrt(inverse[:, 1, 1]),
             disks[:, RADIUS],
+            (inverse @ gradient[:, :OWN, None])[:, :, 0],
+            response,
+            np.ones(len(disks), np.bool_),
         )
 
     def is_suspicious(self, prior: tuple[Values, Values]) -> bool:
@@ -302,15 +330,6 @@ class EdgeScores:
 def _chi_square_limit(false_alarm: float, freedom: int) -> float:
     """Chi-square that is exceeded with a probability."""
     return float(stats.chi2.isf(false_alarm, freedom))
-
-
-def _by_radius(placed: PlacedDisks, edge: Edge) -> Values:
-    """Derivative of the profile by the radius, 1/px."""
-    if not edge.shape.any():
-        return BlurredDisks.of(placed, edge.blur).by_a / edge.blur
-    step = 0.05 * edge.blur
-    above, below = (edge_profile(placed.widened(x), edge.blur, edge.shape) for x in (step, -step))
-    return (above - below) / (2 * step)
 
 
 def edge_prior(edge: Edge, optics: tuple[Values, Values]) -> tuple[Values, Values]:

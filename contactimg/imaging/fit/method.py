@@ -21,7 +21,10 @@ from contactimg.imaging.fit.disks import (
     fit_disks,
     wide_disks,
 )
-from contactimg.imaging.fit.edge_profile import EdgeFit, learn_edge
+from contactimg.imaging.fit.edge_profile import learn_edge
+from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
+from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
+from contactimg.imaging.fit.film_edge import FilmEdge
 from contactimg.imaging.fit.number_of_disks import assemble_disks
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.quality import FittedDetections, FrameFit, report_contacts
@@ -32,8 +35,6 @@ from contactimg.imaging.fit.settings import (
     DARKEST_RATIO,
     FEWEST_COMMON_CHI_SQUARE,
     FEWEST_WIDE_DISKS,
-    FILM_BLUR_RATIO,
-    FILM_BLUR_STEPS,
     FULL_CONTRAST_RATIO,
     LEAST_LEVEL_FRACTION,
     LEAST_NOISE_FRACTION,
@@ -46,7 +47,8 @@ from contactimg.imaging.fit.settings import (
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, settle_optics
 from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.film_rim import Rim, rim_table
+from contactimg.imaging.profile.film_rim import FilmSetting
+from contactimg.imaging.profile.film_tables import film_table
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.shapes.hand_edits import HandEdit
@@ -59,7 +61,7 @@ def measure_by_fit(
     foreground: Foreground,
     difference: DifferenceImage,
     *,
-    film: Rim | None,
+    film: FilmSetting | None,
     edits: Sequence[HandEdit] = (),
 ) -> FittedDetections:
     """Find the contacts of a frame and fit a blurred disk to each.
@@ -69,7 +71,7 @@ def measure_by_fit(
     foreground : Foreground
     difference : DifferenceImage
         From which the foreground comes.
-    film : Rim or None
+    film : FilmSetting or None
         Bright rim that the air film draws around the contacts; None: the edge is sharp.
     edits : sequence of HandEdit
         Corrections by hand to what was found; the changed disks are fitted with the others.
@@ -98,8 +100,9 @@ def measure_by_fit(
             break
         if abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG:
             break
-        start = _next_start(start, best, joint, film)
-    return report_contacts(best or attempt, foreground, difference, contrast=start.contrast)
+        start = _next_start(start, best, joint)
+    result = replace(best or attempt, known_edge=prior.known_edge)
+    return report_contacts(result, foreground, difference, contrast=start.contrast)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +118,7 @@ class _Given:
         Background level, grey levels.
     sign : int
         1 for contacts brighter than the background, else -1.
-    film : Rim or None
+    film : FilmSetting or None
     edits : sequence of HandEdit
     """
 
@@ -123,7 +126,7 @@ class _Given:
     optics_prior: OpticsPrior
     level: float
     sign: int
-    film: Rim | None
+    film: FilmSetting | None
     edits: Sequence[HandEdit]
 
 
@@ -169,7 +172,7 @@ def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
     return _Start(replace(problem, noise=Noise(noise**2)), float(blur), free_blur)
 
 
-def _next_start(start: _Start, result: FrameFit, joint: JointFit, film: Rim | None) -> _Start:
+def _next_start(start: _Start, result: FrameFit, joint: JointFit) -> _Start:
     """At the contrast and blur found, without the illumination found."""
     removed = result.problem.removed_background - start.problem.removed_background
     moved = abs(removed[0, 0]) > CONTRAST_CHANGE_LOG * start.contrast
@@ -177,20 +180,87 @@ def _next_start(start: _Start, result: FrameFit, joint: JointFit, film: Rim | No
     return _Start(
         start.problem.without_background(removed).with_contrast(joint.contrast),
         joint.fit.blur,
-        start.free_blur and (film is not None or bool(moved) or not plain_edge),
+        start.free_blur and (result.has_film or bool(moved) or not plain_edge),
         joint.wide_contrast,
     )
 
 
 def _attempt(start: _Start, given: _Given) -> FrameFit:
-    """Detect the disks at one contrast and fit them, with noise, halo, illumination, contrast and blur."""
-    film, blur, free_blur, prior = given.film, start.blur, start.free_blur, given.optics_prior
+    """Detect the disks at one contrast and fit them; look for a film, else for another edge."""
     gain = 1.0 + start.contrast / given.level
     problem = replace(start.problem, noise=Noise(start.problem.noise.variance, gain - 1.0))
-    if film is not None:
-        blur = _find_film_blur(film, problem, blur) if free_blur else blur
-        problem, free_blur = replace(problem, profile=rim_table(film, blur)), False
-    detected = assemble_disks(problem, blur=blur, free_blur=free_blur)
+    start = replace(start, problem=problem)
+    plain = _settle(start, given, given.optics_prior)
+    if plain.joint is None:
+        return plain
+    prior, spread = given.optics_prior, given.prior_optics.spread
+    ratio = max(given.sign * plain.joint.contrast / given.level, DARKEST_RATIO)
+
+    def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
+        return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
+
+    trial, weighed = None, None
+    if given.film is not None:
+        placement = Placement(problem.image.shape, ratio)
+        likely = film_makes_contrast(given.film.rim, ratio)
+        trial = FilmTrial(plain.problem, plain.joint, prior, placement, given.film, likely)
+        weighed = trial.weigh()
+    if weighed is not None and weighed.verdict.taken and given.film is not None and given.film.asked == "on":
+        return _with_film(start, given, weighed)
+    learned = learn_edge(
+        plain.problem, plain.joint, prior, ratio=ratio, refine=refine, lent=given.prior_optics.edge,
+        known=given.prior_optics.known_edge is not None,
+    )  # fmt: skip
+    if trial is not None and weighed is not None and learned.learned.families:
+        weighed = trial.against(weighed, learned)
+    if weighed is not None and weighed.verdict.taken:
+        return _with_film(start, given, weighed)
+    return replace(
+        plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
+        film=weighed,
+    )  # fmt: skip
+
+
+def _with_film(start: _Start, given: _Given, weighed: WeighedFilm) -> FrameFit:
+    """Detect the disks and fit them with the rim of a film, at the blur that the rims show.
+
+    In the end the light of the film is subtracted from the image, and disks with a plain edge are fitted: all
+    that follows sees contacts without a film.
+    """
+    edge, film = weighed.film.edge, weighed.film
+    exact, spread = given.optics_prior.with_exact_blur(edge.blur), given.prior_optics.spread
+    start = replace(start, blur=edge.blur, free_blur=False)
+    with_rims = replace(start.problem, profile=film_table(weighed.rim, edge.blur))
+    result = _settle(replace(start, problem=with_rims), given, exact, has_film=True)
+    if result.joint is None or not isinstance(edge, FilmEdge):
+        return result
+    image = edge.without_film(result.problem.image, result.fit.disks)
+    problem = replace(result.problem, image=image, profile=start.problem.profile)
+    joint = _refine(replace(start, problem=problem), result.fit, exact, spread)
+    disks, placement = (
+        joint.fit.disks,
+        Placement(image.shape, max(given.sign * joint.contrast / given.level, DARKEST_RATIO)),
+    )
+    known = replace(problem, prior=ContrastPrior(joint.contrast, joint.spread))
+    rims, plain = (
+        EdgeScores.expected(known, disks, each, placement) for each in (edge, Edge.plain(edge.blur))
+    )
+    own = joint.fit.std * np.maximum(rims.radius_std / plain.radius_std, 1.0)[:, None]
+    shifts = rims.response[:, :2] @ np.linalg.cholesky(film.covariance)
+    joint = replace(
+        joint, fit=replace(joint.fit, std=own), covariance=film.covariance,
+        own_covariance=film.own_covariance, radius_shifts=shifts,
+    )  # fmt: skip
+    return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
+
+
+def _settle(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool = False) -> FrameFit:
+    """Detect the disks at one contrast and fit them, with noise, halo, illumination, contrast and blur.
+
+    With a film, whose fringes look like one, no halo is looked for.
+    """
+    problem, free_blur = start.problem, start.free_blur
+    detected = assemble_disks(problem, blur=start.blur, free_blur=free_blur)
     fit, halo, dropped = detected.fit, None, detected.dropped
     problem, edited = allow_for_coarse_rims(detected.problem, fit, share=0.5), None
     if given.edits and not len(fit.disks):
@@ -198,57 +268,17 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     if not len(fit.disks):
         return FrameFit(problem, fit, dropped, detected.smallest, None, None, edited)
     means = BlockMeans(problem.image, fit.model)
-    if film is None:
+    if not has_film:
         problem, fit, halo, vanished = remove_halo(
             problem, fit, means, prior_optics=given.prior_optics, free_blur=free_blur
         )
         dropped = np.vstack([dropped, vanished])
         means = means if halo is None else BlockMeans(problem.image, fit.model)
-    else:
-        prior = prior.with_exact_blur(fit.blur)  # the table of a film holds for one blur
     problem, fit = remove_illumination(problem, fit, means, free_blur=free_blur)
     if given.edits and edited is None:
         fit, edited = fit_edited(problem, fit, given.edits)
-    start = replace(start, problem=problem, free_blur=free_blur)
-    joint = _refine(start, fit, prior, given.prior_optics.spread)
-    if film is not None:
-        return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited)
-    spread = given.prior_optics.spread
-
-    def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
-        return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
-
-    ratio = max(given.sign * joint.contrast / given.level, DARKEST_RATIO)
-    found = learn_edge(problem, joint, prior, ratio=ratio, refine=refine, lent=given.prior_optics.edge)
-    return _with_edge(FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited), found)
-
-
-def _with_edge(result: FrameFit, found: EdgeFit) -> FrameFit:
-    """The result with the edge that was found."""
-    return replace(result, problem=found.problem, fit=found.joint.fit, joint=found.joint, edge=found.learned)
-
-
-def _find_film_blur(film: Rim, problem: FitProblem, guess: float) -> float:
-    """Blur at which contacts with a film fit best.
-
-    A film has lengths of its own, so its table holds for one blur. The misfit may have several minima: the
-    whole range is searched, then a parabola laid through the best three.
-    """
-    middle = round(float(np.log(guess) / np.log(FILM_BLUR_RATIO)))
-    blurs = FILM_BLUR_RATIO ** np.arange(middle - FILM_BLUR_STEPS, middle + FILM_BLUR_STEPS + 1.0)
-    misfit = np.array([_film_misfit(film, problem, float(blur)) for blur in blurs])
-    best = int(np.clip(np.argmin(misfit), 1, len(blurs) - 2))
-    left, centre, right = misfit[best - 1 : best + 2]
-    bend = left - 2.0 * centre + right
-    shift = float(np.clip(0.5 * (left - right) / bend, -1.0, 1.0)) if bend > 0 else 0.0
-    return float(blurs[best] * FILM_BLUR_RATIO**shift)
-
-
-def _film_misfit(film: Rim, problem: FitProblem, blur: float) -> float:
-    """Median chi-square of the contacts at one blur."""
-    problem = replace(problem, profile=rim_table(film, blur))
-    fit = assemble_disks(problem, blur=blur, free_blur=False, try_covers=False).fit
-    return float(np.median(fit.chi_square)) if len(fit.disks) else 0.0
+    joint = _refine(replace(start, problem=problem), fit, prior, given.prior_optics.spread)
+    return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited)
 
 
 def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: float) -> JointFit:

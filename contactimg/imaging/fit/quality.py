@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.film_choice import WeighedFilm
 from contactimg.imaging.fit.learned_edge import LearnedEdge, describe_edge
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y, touches
 from contactimg.imaging.fit.settings import (
@@ -17,7 +18,7 @@ from contactimg.imaging.fit.settings import (
     SIGNIFICANT_LIGHT_SIGMA,
 )
 from contactimg.imaging.fit.shared_optics import JointFit
-from contactimg.imaging.profile.optics import Halo, SharedOptics, combine_errors
+from contactimg.imaging.profile.optics import Halo, KnownEdge, SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.implausible_disks import reject_disks
@@ -46,6 +47,10 @@ class FrameFit:
         Which disks were changed by hand; None if none was.
     edge : LearnedEdge or None
         That the contacts share; None where none was learned.
+    film : WeighedFilm or None
+        What the rims say of an air film; None where none was looked for.
+    known_edge : KnownEdge or None
+        What a reference contact has told of the edge, px of the frame.
     """
 
     problem: FitProblem
@@ -56,6 +61,13 @@ class FrameFit:
     joint: JointFit | None
     edited: EditedDisks | None = None
     edge: LearnedEdge | None = None
+    film: WeighedFilm | None = None
+    known_edge: KnownEdge | None = None
+
+    @property
+    def has_film(self) -> bool:
+        """Whether the contacts were fitted with a film."""
+        return self.film is not None and self.film.verdict.taken
 
     @property
     def radius_shifts(self) -> NDArray[np.float64]:
@@ -64,9 +76,17 @@ class FrameFit:
 
     @property
     def edge_shift(self) -> NDArray[np.float64]:
-        """Change of each radius (px) by what the frame does not decide about its edges, shape (n,)."""
-        empty = self.edge is None or not len(self.edge.undecided)
-        return np.zeros(len(self.fit.disks)) if empty else self.edge.undecided
+        """Change of each radius (px) by one standard uncertainty of the edges that all contacts share.
+
+        By what the frame does not decide about them, by the choice between film and none, and by the
+        reference contact.
+        """
+        radius = self.fit.disks[:, RADIUS]
+        nothing = self.edge is None or not len(self.edge.undecided)
+        undecided = np.zeros(len(radius)) if self.edge is None or nothing else self.edge.undecided
+        film = np.zeros(len(radius)) if self.film is None else self.film.errors(radius)
+        known = 0.0 if self.known_edge is None else self.known_edge.shift_std_px / self.problem.binning
+        return np.copysign(np.sqrt(undecided**2 + film**2 + known**2), undecided)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +151,16 @@ def _decide_by_hand(
 
 def _edge_verdict(result: FrameFit) -> tuple[str, str]:
     """Remark on the edges, and the status that they give the frame; empty for plain ones."""
-    if result.edge is None:
-        return "", ""
-    families = result.edge.families
-    soft = {"softness", "rim"} & set(families)
-    status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
-    return describe_edge(result.edge, binning=result.problem.binning), status
+    film = None if result.film is None else result.film.verdict
+    remarks, status = [film.remark() if film is not None else ""], ""
+    if result.edge is not None:
+        families = result.edge.families
+        soft = {"softness", "rim"} & set(families) and result.known_edge is None
+        status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
+        remarks.append(describe_edge(result.edge, binning=result.problem.binning))
+    if film is not None and film.contradicted:
+        status = Status.FILM
+    return "; ".join(text for text in remarks if text), status
 
 
 def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:

@@ -164,10 +164,6 @@ CONTRAST_CHANGE_LOG = 0.1
 """Change of ln contrast after which disks are detected anew. By hand."""
 LOST_DISKS_RATIO = 2
 """Factor by which the number of disks may shrink in that. By hand."""
-FILM_BLUR_RATIO = 1.1
-"""Ratio of successive blurs tried with a film. By hand."""
-FILM_BLUR_STEPS = 5
-"""Blurs tried on each side of the guess. By hand: 0.6 to 1.6 times the guess."""
 
 # Flags and rejections (`quality`)
 POOR_CHI_SQUARE = 1.5

@@ -103,7 +103,7 @@ class BlurredDisks:
     def of(cls, disks: PlacedDisks, blur: Values | float) -> "BlurredDisks":
         """Interpolated in the table of the plain disk; ``blur`` has shape (n, 1) or is common."""
         s = np.broadcast_to(np.asarray(blur, float), disks.radius.shape)
-        value = _interpolate(disk_table().values, disks.radius[:, 0], s[:, 0], disks.distance)
+        value = look_up(disk_table().values, disks, s)
         return cls(value[0], value[1], value[2])
 
     def by_s(self, disks: PlacedDisks) -> Values:
@@ -115,6 +115,11 @@ class BlurredDisks:
         a, r = disks.radius, disks.distance
         squares = (r**2 + 2 * blur**2) * self.p + blur * (r * self.by_r - a * self.by_a)
         return 0.5 * self.p - squares / a**2
+
+
+def look_up(table: NDArray[np.float32], disks: PlacedDisks, blur: Values) -> Values:
+    """``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (3, n, k)."""
+    return np.asarray(_interpolate(table, disks.radius[:, 0], blur[:, 0], disks.distance))
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,11 +12,11 @@ others the width of the rim is given.
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
-from scipy import special
 from scipy.interpolate import CubicSpline
 
 from contactimg.errors import InputError
@@ -26,13 +26,14 @@ from contactimg.imaging.profile.blurred_disk import (
     EdgeTable,
     disk_table,
 )
-from contactimg.optics.film import Light, excess_table
+from contactimg.optics.film import Light, excess_table, thick_transmission, transmission
 
 RADII = 80  # rows of the table; accuracy, see the note of `rim_table`
 COARSE_NODES, FINE_NODES = 64, 320  # Gauss-Legendre nodes over the rim ...
 FEWEST_NODES_PER_BLUR_WIDTH = 24  # ... the coarse ones if they are as dense as this; accuracy
 SPLINE_NODES = 220  # distances at which the integral is computed, a cubic spline between; accuracy
 NEGLIGIBLE_EXCESS = 0.01  # a rim has ended below; by hand: later fringes are below the noise and average out
+FARTHEST_EXPONENT = 32.0  # light of a node beyond is 1e-14; accuracy
 WIDEST_RIM_BLUR_WIDTHS = 14.0  # a wider rim is cut off; by hand
 
 
@@ -45,6 +46,11 @@ class Rim(Hashable, Protocol):
 
     def extent_px(self, radius_px: float) -> float:
         """Distance beyond the edge at which it has ended."""
+        ...
+
+    @property
+    def contrast(self) -> float:
+        """Brightness of a contact over the background, minus 1, that comes with it; NaN if not known."""
         ...
 
 
@@ -84,6 +90,11 @@ class FilmRim:
             excess_table(self.light).around_contact(r, radius=a, sphere_radius=self.sphere_radius)
         )
 
+    @property
+    def contrast(self) -> float:
+        """Brightness of a contact against a thick film, ``T(0)/T(inf) - 1``."""
+        return float(transmission(0.0, light=self.light)) / thick_transmission(self.light) - 1.0
+
     def extent_px(self, radius_px: float) -> float:
         """Distance beyond the edge at which fringes have faded."""
         fades = excess_table(self.light).fades_at(NEGLIGIBLE_EXCESS)
@@ -114,6 +125,11 @@ class PlainRim:
         if not self.width_px > 0:
             raise InputError(f"a rim needs a positive width, got {self.width_px!r} px")
 
+    @property
+    def contrast(self) -> float:
+        """Not known."""
+        return float("nan")
+
     def excess(self, distance_px: NDArray, radius_px: float) -> NDArray[np.float64]:  # noqa: ARG002
         """Excess at distances (px) beyond the edge, whatever the radius."""
         return np.clip(1.0 - np.asarray(distance_px, float) / self.width_px, 0.0, 1.0)
@@ -121,6 +137,21 @@ class PlainRim:
     def extent_px(self, radius_px: float) -> float:  # noqa: ARG002
         """The width."""
         return self.width_px
+
+
+@dataclass(frozen=True)
+class FilmSetting:
+    """A rim that contacts may have, and whether it is drawn.
+
+    Parameters
+    ----------
+    rim : Rim
+    asked : {"on", "off", "auto"}
+        "auto": as the pixels say.
+    """
+
+    rim: Rim
+    asked: Literal["on", "off", "auto"] = "on"
 
 
 def rim_table(rim: Rim, blur: float) -> EdgeTable:
@@ -155,7 +186,7 @@ def _build(rim: Rim, blur: float) -> EdgeTable:
     values = np.zeros((RADII, len(u), 3), np.float32)
     q = np.arange(1, RADII) / (RADII - 1)
     radius = np.maximum(blur * (1 - q) / q, 1e-2 * blur)
-    profiles = np.stack([_profile(rim, np.abs(a + u * blur), a, blur) for a in radius])
+    profiles = _profiles(rim, radius, blur, u)
     along = np.gradient(profiles, 1.0 / STEPS_PER_BLUR_WIDTH, axis=1)
     # at equal distance from the rim, not from the centre, profiles hardly change with the radius
     across = np.gradient(profiles, q, axis=0) / (np.gradient(radius, q) / blur)[:, None]
@@ -164,21 +195,50 @@ def _build(rim: Rim, blur: float) -> EdgeTable:
     return EdgeTable(values, outer)
 
 
-def _profile(rim: Rim, r: NDArray, a: float, blur: float) -> NDArray[np.float64]:
-    """Blurred disk with its rim at distances r."""
-    extent = min(rim.extent_px(a), WIDEST_RIM_BLUR_WIDTHS * blur)
-    if extent <= 0:
-        return _uniform_disk(r, a, blur)
-    # the excess has infinite curvature at the edge: nodes x = extent z^2 are denser there
-    dense = FEWEST_NODES_PER_BLUR_WIDTH * extent < COARSE_NODES * blur
-    z, weight = _gauss_nodes(COARSE_NODES if dense else FINE_NODES)
-    distance, weight = extent * z**2, 2 * extent * z * weight
-    t = a + distance
-    excess = rim.excess(distance, a) * t * weight / blur**2
-    nodes = np.linspace(float(r.min()), float(r.max()), SPLINE_NODES)
-    gauss = np.exp(-((nodes[:, None] - t) ** 2) / (2 * blur**2))
-    kernel = gauss * special.i0e(np.outer(nodes, t) / blur**2)
-    return _uniform_disk(r, a, blur) + CubicSpline(nodes, kernel @ excess)(r)
+def _profiles(rim: Rim, radius: NDArray, blur: float, u: NDArray) -> NDArray[np.float64]:
+    """Blurred disks with their rims at distances u from the edge, in blur widths."""
+    coarse_u = np.linspace(u[0], u[-1], SPLINE_NODES)
+    light = np.zeros((len(radius), SPLINE_NODES))
+    for k, a in enumerate(radius):
+        extent = min(rim.extent_px(a), WIDEST_RIM_BLUR_WIDTHS * blur)
+        if extent <= 0:
+            continue
+        # the excess has infinite curvature at the edge: nodes x = extent z^2 are denser there
+        dense = FEWEST_NODES_PER_BLUR_WIDTH * extent < COARSE_NODES * blur
+        z, weight = _gauss_nodes(COARSE_NODES if dense else FINE_NODES)
+        t = a + extent * z**2
+        excess = rim.excess(t - a, a) * t * 2 * extent * z * weight / blur**2
+        light[k] = _blur_rim(np.abs(a + coarse_u * blur) / blur, t / blur, excess)
+    # the light is an even function of the distance from the centre: smooth where it is folded
+    disks = [_uniform_disk(np.abs(a + u * blur), a, blur) for a in radius]
+    return np.asarray(np.stack(disks) + CubicSpline(coarse_u, light, axis=1)(u))
+
+
+@njit(cache=True, error_model="numpy")
+def _blur_rim(r, t, excess):
+    """Sum of ``excess exp(-(r - t)^2/2) I0e(r t)`` over t, lengths in blur widths."""
+    out = np.zeros(len(r))
+    for i in range(len(r)):
+        for j in range(len(t)):
+            d = 0.5 * (r[i] - t[j]) ** 2
+            if d < FARTHEST_EXPONENT:
+                out[i] += excess[j] * np.exp(-d) * _scaled_bessel(r[i] * t[j])
+    return out
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _scaled_bessel(x):
+    """``exp(-x) I0(x)`` to 2e-7: Abramowitz and Stegun, 9.8.1 and 9.8.2."""
+    if x < 3.75:
+        y = (x / 3.75) ** 2
+        low = 3.5156229 + y * (
+            3.0899424 + y * (1.2067492 + y * (0.2659732 + y * (0.0360768 + y * 0.0045813)))
+        )
+        return np.exp(-x) * (1.0 + y * low)
+    y = 3.75 / x
+    tail = -0.02057706 + y * (0.02635537 + y * (-0.01647633 + y * 0.00392377))
+    high = 0.01328592 + y * (0.00225319 + y * (-0.00157565 + y * (0.00916281 + y * tail)))
+    return (0.39894228 + y * high) / np.sqrt(x)
 
 
 def _uniform_disk(r: NDArray, a: float, blur: float) -> NDArray[np.float64]:

@@ -54,6 +54,22 @@ class EdgeKnowledge:
 
 
 @dataclass(frozen=True)
+class KnownEdge:
+    """What a reference contact has told of the edge of contacts.
+
+    Parameters
+    ----------
+    shift_px : float
+        How far the edge seems to lie outside the true one.
+    shift_std_px : float
+        Its standard uncertainty.
+    """
+
+    shift_px: float
+    shift_std_px: float
+
+
+@dataclass(frozen=True)
 class SharedOptics:
     """Contrast and blur of the contacts, with their uncertainties.
 
@@ -75,6 +91,8 @@ class SharedOptics:
         Wide part of the point spread function; None if there is none, or if it is not known.
     edge : EdgeKnowledge or None
         What is known of edges that are no disk behind one Gaussian; None if nothing is.
+    known_edge : KnownEdge or None
+        Where contacts end in their edges, for the method "disk"; None if no reference has told.
 
     Examples
     --------
@@ -90,6 +108,7 @@ class SharedOptics:
     correlation: float = 0.0
     halo: Halo | None = None
     edge: EdgeKnowledge | None = field(default=None, compare=False)
+    known_edge: KnownEdge | None = None
 
     def scaled(self, factor: float) -> "SharedOptics":
         """With contrasts multiplied by ``factor``."""
@@ -99,6 +118,10 @@ class SharedOptics:
             contrast_std=self.contrast_std * factor,
             spread=self.spread * factor,
         )
+
+    def with_edge(self, shift_px: float, shift_std_px: float | None) -> "SharedOptics":
+        """With what a reference contact has told of the edge; unchanged without an uncertainty."""
+        return self if shift_std_px is None else replace(self, known_edge=KnownEdge(shift_px, shift_std_px))
 
     @property
     def contrast_relative_std(self) -> float:

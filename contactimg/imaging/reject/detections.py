@@ -42,6 +42,10 @@ SHAPE_COLUMNS = {
 """Further columns of contacts whose shape was asked for, with their types."""
 
 
+LEAST_RADIUS_SHARE = 0.1
+"""Share of a radius that is left when the shift of its edge is taken off. By hand: keeps radii positive."""
+
+
 @dataclass(frozen=True, eq=False)
 class Detections:
     """Contacts and rejected candidates of a frame.
@@ -85,6 +89,23 @@ def no_detections(optics: SharedOptics) -> Detections:
     return Detections(
         dict.fromkeys(CONTACT_COLUMNS, nothing), dict.fromkeys((*PLACE, "reason"), nothing), optics, optics
     )
+
+
+def without_edge_shift(contacts: Columns, shift_px: float) -> Columns:
+    """The contacts with the shift of their edges taken off the radii and half-axes.
+
+    Examples
+    --------
+    >>> without_edge_shift({"radius_px": np.array([2.0, 0.5])}, 0.5)["radius_px"]
+    array([1.5 , 0.05])
+    """
+    radii = ("radius_px", "semi_major_px", "semi_minor_px")
+    moved = {
+        name: np.maximum(contacts[name] - shift_px, LEAST_RADIUS_SHARE * contacts[name])
+        for name in radii
+        if name in contacts
+    }
+    return contacts | moved
 
 
 def shape_columns(contacts: Columns) -> Columns:

@@ -95,7 +95,7 @@ class Anchor:
         number = numbers[int(np.argmin(areas))]
         source = series.experiment.frames[number]
         look = look_of(series.parts[number], series.options)
-        flat = divide_contacts_out(np.asarray(source.read().image, np.float32), look, series.options)
+        flat = divide_contacts_out(np.asarray(source.read().image, np.float32), look)
         return cls(flat, 0, *_known(series), source=f"in the coordinates of {source.name}")
 
 
@@ -113,9 +113,7 @@ class Prepared:
     squares: NDArray[np.float32]
 
 
-def prepare_view(
-    frame: Frame, _reference: NDArray | None, look: Look, *, anchor: Anchor, options: FrameOptions
-) -> Prepared:
+def prepare_view(frame: Frame, _reference: NDArray | None, look: Look, *, anchor: Anchor) -> Prepared:
     """Place a frame on the anchor and bin what it shows of the background."""
     placement = place_frame(
         frame.image, anchor.image, background_is=anchor.background_is, registered=anchor.registered
@@ -123,4 +121,4 @@ def prepare_view(
     look = replace(look, placement=placement or Placement.unknown(), digest=digest_of(frame.image))
     if not look.placement.found:
         return Prepared(look, np.empty((0, 0), np.float32))
-    return Prepared(look, view_of(frame.image, look, options).squares())
+    return Prepared(look, view_of(frame.image, look).squares())

@@ -12,7 +12,7 @@ from contactimg.imaging.background.pooled.rims import Rims, RimSums
 from contactimg.imaging.background.pooled.views import Placement, View, to_anchor, view_background
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.film_rim import rim_table
+from contactimg.imaging.profile.film_rim import Rim, rim_table
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame
 
 HIDDEN_PX = 5.0
@@ -35,6 +35,8 @@ class Look:
         Standard deviation of the profile's Gaussian, pixel included; NaN without contacts to divide out.
     digest : bytes
         Of the pixels.
+    film : Rim or None
+        Around the contacts, where they were fitted with it.
     """
 
     placement: Placement
@@ -43,6 +45,7 @@ class Look:
     hidden: NDArray[np.float64]
     blur: float
     digest: bytes = b""
+    film: Rim | None = None
 
     def rims(self, shape: tuple[int, int]) -> Rims:
         """The contacts on the anchor."""
@@ -94,23 +97,26 @@ def look_of(part: MeasuredFrame, options: FrameOptions) -> Look:
     disks = np.column_stack([places, np.full(len(places), contrast)])
     std = np.nan_to_num(contacts["radius_std_px"].to_numpy(float), nan=1.0)
     placement = Placement.unknown()
-    look = Look(placement, disks, std, hidden, blur)
+    taken = options.film is not None and part.film is not None and part.film.taken
+    look = Look(
+        placement, disks, std, hidden, blur, film=options.film.rim if taken and options.film else None
+    )
     described = known and options.scene.measure.method == "disk" and (optics is None or optics.halo is None)
     return look if described else look.with_contacts_hidden()
 
 
-def divide_contacts_out(image: NDArray[np.float32], look: Look, options: FrameOptions) -> NDArray[np.float32]:
+def divide_contacts_out(image: NDArray[np.float32], look: Look) -> NDArray[np.float32]:
     """The image divided by the light of its contacts."""
     if not len(look.disks):
         return image
-    table = None if options.film is None else rim_table(options.film, look.blur)
+    table = None if look.film is None else rim_table(look.film, look.blur)
     model = render_disks(look.disks, look.blur, (image.shape[0], image.shape[1]), profile=table)
     return np.asarray(image / np.maximum(1.0 + model, np.float32(0.05)), np.float32)
 
 
-def view_of(image: NDArray, look: Look, options: FrameOptions) -> View:
+def view_of(image: NDArray, look: Look) -> View:
     """The view of a frame."""
-    flat = divide_contacts_out(np.asarray(image, np.float32), look, options)
+    flat = divide_contacts_out(np.asarray(image, np.float32), look)
     return view_background(flat, look.placement, look.hidden)
 
 
@@ -120,10 +126,9 @@ def contribute_view(
     own: OwnView,
     *,
     brightness: NDArray[np.float32],
-    options: FrameOptions,
 ) -> Contribution:
     """View of a frame in which the slow light is corrected and only the squares used are seen."""
-    view = view_of(frame.image, own.look, options).restricted(own.used, own.light)
+    view = view_of(frame.image, own.look).restricted(own.used, own.light)
     return Contribution(
         view, RimSums.of(own.look.rims(view.image.shape), view.image, brightness, view.seen > 0)
     )

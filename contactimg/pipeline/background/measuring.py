@@ -66,7 +66,7 @@ def measure_on_pool(
         )
     background = pool.background
     if own is not None:
-        part = contribute_view(frame, reference, own, brightness=pool.brightness, options=options)
+        part = contribute_view(frame, reference, own, brightness=pool.brightness)
         background = background.changed_by(part.sums.change(own.correction, background.count.shape))
         background = background.minus(part.view)
     measured = measure_scene_frame(frame, background.mean(), optics, options=options)

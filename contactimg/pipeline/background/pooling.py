@@ -105,7 +105,7 @@ def _choose_views(parts: list[MeasuredFrame]) -> list[int]:
 
 def _prepare(series: Series, anchor: Anchor, looks: dict[FrameSource, Look]) -> dict[FrameSource, Prepared]:
     """Frames placed on the anchor, without those that do not show its surface."""
-    call = partial(prepare_view, anchor=anchor, options=series.options)
+    call = partial(prepare_view, anchor=anchor)
     jobs = list(looks.items())
     parts = for_each_frame(series.experiment, call, jobs, workers=series.workers)
     return {
@@ -183,7 +183,7 @@ class _Pooling:
             view = View.plain(self.anchor.image).restricted(agreement.used[0], agreement.light[0])
             pooled = pooled.plus(view, self.anchor.reference_count)
         sums = []
-        call = partial(contribute_view, brightness=self.brightness, options=self.series.options)
+        call = partial(contribute_view, brightness=self.brightness)
         parts = for_each_frame(self.series.experiment, call, list(own.items()), workers=self.series.workers)
         for part in parts:
             if isinstance(part, FailedFrame):

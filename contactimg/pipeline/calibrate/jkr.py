@@ -68,6 +68,8 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     modulus = calibration.young_modulus.value / (1 - sphere.poisson_ratio**2)
     record = _jkr_record(calibration, series, modulus) | _conditions(calibration, scene)
     record |= {"uncertainties": [asdict(source) for source in sources], "notes": notes}
+    record |= _edge_record(calibration, table)
+    record["fitted"] += ["edge_shift"] if "edge_shift" in record else []
     figures = _jkr_figures(calibration, sphere.radius, modulus)
     failed = bool((table["status"] == Status.FAILED).any())
     tables = {
@@ -91,6 +93,7 @@ def _calibrate(circles: pd.DataFrame, scene: Scene) -> JkrCalibration:
         load_cell=LoadCell.stated(scene.load),
         thickness=elastic.thickness if layered and elastic is not None else None,
         sphere_radius_std=sphere_radius * mean_astigmatism(circles).curvature_std,
+        pixel_size=scene.need("camera", "a JKR fit").pixel_size,
     )
 
 
@@ -106,6 +109,18 @@ def _conditions(calibration: JkrCalibration, scene: Scene) -> dict[str, Any]:
         "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
     }
     return {"fixed": fixed, "assumed": assumed}
+
+
+def _edge_record(calibration: JkrCalibration, circles: pd.DataFrame) -> dict[str, Any]:
+    """What the reference contact tells of edges: their blur, and their shift where the loads settle it."""
+    blur = circles["blur_px"].dropna().to_numpy(float)
+    record: dict[str, Any] = {}
+    if len(blur) > 1:
+        spread = float(np.std(blur, ddof=1) / np.sqrt(len(blur)))
+        record["edge_blur"] = CoverageEstimate.of_normal(float(np.mean(blur)), spread).record("px")
+    if calibration.edge is not None and calibration.edge.settled:
+        record["edge_shift"] = calibration.edge.shift.record("px")
+    return record
 
 
 def _film_source(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> UncertaintySource:

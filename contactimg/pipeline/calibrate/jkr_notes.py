@@ -38,12 +38,29 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
             for name in left_out["frame"]
         ),
         *_zero_notes(calibration),
+        *_edge_notes(calibration),
         *_departure_notes(calibration),
         *_series_notes(calibration),
         *_lens_notes(circles),
         *_layer_notes(calibration, scene),
         *_cell_notes(calibration, scene),
     ]
+
+
+def _edge_notes(calibration: JkrCalibration) -> list[str]:
+    """What to say of an edge that lies elsewhere than it seems, or of one that the loads do not settle."""
+    edge = calibration.edge
+    if edge is None:
+        return []
+    stated = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
+    if edge.seen:
+        note = (
+            f"the edge seems to lie {stated} outside the true one: the radii were corrected; `process "
+            "--calibration` takes it off the radii of other contacts"
+        )
+        return [note]
+    used = "" if edge.settled else "; too uncertain to act on other contacts"
+    return [f"the edge lies where it seems, to {stated}{used}"]
 
 
 def _zero_notes(calibration: JkrCalibration) -> list[str]:

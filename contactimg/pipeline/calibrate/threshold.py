@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from contactimg.calibration.threshold import calibrate_threshold, load_slope
+from contactimg.calibration.threshold import ThresholdCalibration, calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.force_sums import (
@@ -62,7 +62,7 @@ def run_threshold(
     try:
         found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
         forces, threshold = found.forces, found.threshold.value
-        record |= {"threshold": found.threshold.record("1"), "slope": found.slope.record("1")}
+        record |= _found_record(found, modulus_relative_std(experiment))
     except InputError as error:
         if scene.measure.method != "disk":
             raise
@@ -84,3 +84,14 @@ def run_threshold(
         "forces.png": plot_forces(load, forces),
     }
     return force_sum_result(record, series, forces, figures, curve=curve)
+
+
+def _found_record(found: ThresholdCalibration, modulus_std: float) -> dict[str, Any]:
+    """Threshold and slope, and how the errors of threshold and modulus (relative) go together."""
+    # a modulus that is too large makes the forces and with them the threshold too large
+    share = modulus_std / found.slope.std if found.slope.std else 0.0
+    return {
+        "threshold": found.threshold.record("1"),
+        "slope": found.slope.record("1"),
+        "correlation": {"threshold, young_modulus": min(share, 1.0)},
+    }

@@ -1,0 +1,268 @@
+"""Whether contacts are surrounded by an air film: the likelihoods of all isolated rims with it and without.
+
+Each rim has a difference of log-likelihoods, film minus none. Their sum over its uncertainty, from the
+scatter between the rims, gives the odds (Vuong, Econometrica 57 (1989) 307, doi:10.2307/1912557, who compares
+models of which neither need be true): both have the same number of parameters; an edge learned from the frame
+pays one unit of log-likelihood for each of its own (Akaike). Before the pixels are looked at, odds are
+`ODDS` for a contrast that is a film's and for what was set by hand, and `OTHER_CAUSE_ODDS` against a film
+where the contrast must have another cause and no film is switched on.
+
+What the pixels leave open is an error common to all contacts: the difference of the radii times the square
+root of the probability of the other case.
+"""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from contactimg.imaging.fit.edge_profile import EdgeFit
+from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, isolated_disks
+from contactimg.imaging.fit.film_edge import FilmDirection, FilmEdge
+from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
+from contactimg.imaging.fit.rim_likelihood import RimFit, RimRatios, compare_rims, fit_rims
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
+from contactimg.imaging.profile.film_rim import FilmSetting, Rim
+
+Values = NDArray[np.float64]
+EdgeAt = Callable[[float], Edge]
+
+ODDS = 4.0
+"""Odds of a film, or of none, before the pixels are looked at. Chosen: where they tell nothing, a wrong
+choice is off by at most 1/sqrt(0.2) = 2.2 of the uncertainties that it brings."""
+OTHER_CAUSE_ODDS = 100.0
+"""Odds against a film where the contrast is not its own. Chosen: the indices or the lamp would have to be
+wrong; where the rims tell nothing, it adds a tenth of the difference."""
+DECIDED_DOUBT = 0.02
+"""Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
+difference."""
+CONTRAST_FACTOR = 2.0
+"""A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
+LEAST_AREA_CHANGE = 1e-4
+"""Relative change of the areas below which a film is not looked for. Chosen: far below any uncertainty."""
+FEWEST_RIMS = 3
+"""Rims whose scatter gives the uncertainty of their sum. Theory: two degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class FilmVerdict:
+    """What the rims of a frame say of an air film.
+
+    Parameters
+    ----------
+    asked : {"on", "off", "auto"}
+    taken : bool
+        Whether the contacts were measured with a film.
+    log_likelihood, std : float
+        With a film minus without, over all isolated rims, and its standard uncertainty.
+    rims : int
+        Number of isolated rims.
+    doubt : float
+        Probability that the choice is wrong.
+    area_change : float
+        Relative change of the sum of the areas by the other choice.
+    """
+
+    asked: str
+    taken: bool
+    log_likelihood: float
+    std: float
+    rims: int
+    doubt: float
+    area_change: float
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the rims speak against what was set by hand."""
+        return self.asked != "auto" and self.doubt > 1.0 - DECIDED_DOUBT
+
+    def remark(self) -> str:
+        """What to say of it; empty where no film was found, none is set and nothing is left open."""
+        rims = f"{self.rims} rims: log-likelihood {self.log_likelihood:+.3g} +- {self.std:.2g} with it"
+        other = "without it" if self.taken else "with it"
+        area = f"{other} the area would be {100 * abs(self.area_change):.2g} % "
+        area += "larger" if self.area_change > 0 else "smaller"
+        if self.contradicted:
+            return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}); {area}'
+        if self.doubt > DECIDED_DOUBT:
+            reason = "as set" if self.asked != "auto" else "as the contrast suggests"
+            what = "assumed" if self.taken else "not assumed"
+            return (
+                f"the rims cannot tell whether an air film surrounds the contacts ({rims}); it is {what}, "
+                f"{reason}; {area}, of which {self.doubt**0.5:.2g} is part of the uncertainties"
+            )
+        return f"an air film surrounds the contacts ({rims}); {area}" if self.taken else ""
+
+
+@dataclass(frozen=True, eq=False)
+class WeighedFilm:
+    """The verdict, and what it takes to act on it.
+
+    Parameters
+    ----------
+    verdict : FilmVerdict
+    film : RimFit
+        Rims with the film at its best blur.
+    radius, shift : ndarray, shape (n,), px
+        Radii of all contacts without a film, and how they change with it.
+    rim : Rim
+    """
+
+    verdict: FilmVerdict
+    film: RimFit
+    radius: Values
+    shift: Values
+    rim: Rim
+
+    def errors(self, radius: Values) -> Values:
+        """Change of radii, as measured by the choice taken, by one standard uncertainty of it."""
+        start = self.radius + (self.shift if self.verdict.taken else 0.0)
+        order = np.argsort(start)
+        if not len(order):
+            return np.zeros(len(radius))
+        sign = -1.0 if self.verdict.taken else 1.0
+        step = np.interp(radius, start[order], self.shift[order])
+        return np.asarray(sign * np.sqrt(self.verdict.doubt) * step)
+
+
+@dataclass(frozen=True, eq=False)
+class FilmTrial:
+    """A frame in which a film is looked for.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    joint : JointFit
+        Of it, with the plain edge.
+    optics_prior : OpticsPrior
+    placement : Placement
+    setting : FilmSetting
+    likely : bool or None
+        Whether the contrast is that of a film; None if that is not known.
+    """
+
+    problem: FitProblem
+    joint: JointFit
+    optics_prior: OpticsPrior
+    placement: Placement
+    setting: FilmSetting
+    likely: bool | None
+
+    def weigh(self) -> WeighedFilm | None:
+        """Compare the likelihoods; None where a film would change nothing and none is asked for."""
+        problem, disks, rim = self._problem, self.joint.fit.disks, self.setting.rim
+        blur = self.joint.fit.blur
+        if self.setting.asked != "on" and _changes_nothing(rim, disks[:, RADIUS]):
+            return None
+        plain, film = (self._fit(edge_at) for edge_at in (Edge.plain, self._film_at))
+        direction = FilmDirection.of(blur, rim)
+        expected = EdgeScores.expected(problem, disks, direction, self.placement)
+        moved = np.array(
+            [np.log(film.problem.contrast / plain.problem.contrast), film.edge.blur - plain.edge.blur, 1.0]
+        )
+        radius = disks[:, RADIUS]
+        shift = np.clip(expected.response @ moved, -0.5 * radius, 0.5 * radius)
+        ratios = compare_rims(film, plain, self.placement)
+        return WeighedFilm(self._verdict(ratios, radius, shift), film, radius, shift, rim)
+
+    def against(self, weighed: WeighedFilm, learned: EdgeFit) -> WeighedFilm:
+        """Compare the film with an edge that was learned from the frame instead of with the plain one."""
+        edge = learned.learned.edge
+        rival = self._fit(lambda blur: Edge(blur, edge.shape), edge.blur)
+        ratios = compare_rims(weighed.film, rival, self.placement)
+        cost = float(np.count_nonzero(edge.shape))
+        verdict = self._verdict(ratios, weighed.radius, weighed.shift, cost=cost)
+        return replace(weighed, verdict=verdict)
+
+    @property
+    def _problem(self) -> FitProblem:
+        """With the contrast and spread of the fit."""
+        joint = self.joint
+        return replace(self.problem, prior=replace(self.problem.prior, mean=joint.contrast, std=joint.spread))
+
+    @property
+    def _log_odds(self) -> float:
+        """Of a film, before the pixels are looked at."""
+        asked = self.setting.asked
+        if asked == "on" or (asked == "auto" and self.likely):
+            return float(np.log(ODDS))
+        if self.likely is None:
+            return 0.0 if asked == "auto" else -float(np.log(ODDS))
+        return -float(np.log(ODDS if self.likely else OTHER_CAUSE_ODDS))
+
+    def _film_at(self, blur: float) -> Edge:
+        return FilmEdge.of(blur, self.setting.rim)
+
+    def _fit(self, edge_at: EdgeAt, blur: float | None = None) -> RimFit:
+        """The isolated rims under an edge."""
+        fit, problem = self.joint.fit, self._problem
+        isolated = isolated_disks(fit.disks, problem.image.shape, blur=fit.blur)
+        cut = touches(problem.saturated, 1, fit.disks, fit.disks[:, RADIUS])
+        return fit_rims(
+            problem, fit.disks[isolated[~cut[isolated]]], blur=blur or fit.blur, edge_at=edge_at,
+            optics_prior=self.optics_prior, placement=self.placement,
+        )  # fmt: skip
+
+    def _verdict(self, ratios: RimRatios, radius: Values, shift: Values, *, cost: float = 0.0) -> FilmVerdict:
+        """From the log-likelihood ratios of the rims; ``cost`` is what the edge without a film pays."""
+        asked, n, total, std = self.setting.asked, len(ratios.values), ratios.total + cost, ratios.std
+        data = 0.0
+        if n >= FEWEST_RIMS:
+            z = total / max(std, 1e-12)
+            data = float(stats.t.logsf(-z, n - 1) - stats.t.logsf(z, n - 1))
+        odds = data + self._log_odds
+        taken = odds > 0 if asked == "auto" else asked == "on"
+        doubt = float(1.0 / (1.0 + np.exp(np.clip(odds if taken else -odds, -700.0, 700.0))))
+        with_film = float(np.sum((radius + shift) ** 2) / np.sum(radius**2))
+        change = 1.0 / with_film - 1.0 if taken else with_film - 1.0
+        return FilmVerdict(asked, bool(taken), total, std, n, doubt, change)
+
+
+def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
+    """One line on the air films of a series.
+
+    Examples
+    --------
+    >>> summarise_films([FilmVerdict("auto", False, -9.1, 1.5, 200, 1e-6, -0.02)])
+    'air film: none on 1 of 1 frames; log-likelihood -9.1 +- 1.5 with it, over 200 rims'
+    """
+    found = list(verdicts)
+    taken = sum(verdict.taken for verdict in found)
+    frames = f"taken on {taken}" if taken else f"none on {len(found)}"
+    total = sum(verdict.log_likelihood for verdict in found)
+    std = float(np.sqrt(np.nansum([verdict.std**2 for verdict in found])))
+    undecided = sum(verdict.doubt > DECIDED_DOUBT for verdict in found)
+    left = f"; the rims of {undecided} cannot tell, their uncertainties allow for both" if undecided else ""
+    return (
+        f"air film: {frames} of {len(found)} frames; log-likelihood {total:+.3g} +- {std:.2g} with it, over "
+        f"{sum(verdict.rims for verdict in found)} rims{left}"
+    )
+
+
+def film_makes_contrast(rim: Rim, ratio: float) -> bool | None:
+    """Whether a contrast over the background is that of a film, within `CONTRAST_FACTOR`; None if unknown.
+
+    Examples
+    --------
+    >>> from contactimg.imaging.profile.film_rim import FilmRim
+    >>> from contactimg.optics.film import Light
+    >>> rim = FilmRim(Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9)), 1e-4, 1e-6)
+    >>> film_makes_contrast(rim, 0.07), film_makes_contrast(rim, 1.2)
+    (True, False)
+    """
+    own = rim.contrast
+    if not (np.isfinite(own) and np.isfinite(ratio)):
+        return None
+    return bool(1.0 / CONTRAST_FACTOR <= ratio / own <= CONTRAST_FACTOR)
+
+
+def _changes_nothing(rim: Rim, radius: Values) -> bool:
+    """Whether the light of the film is too little to change areas, from an upper bound at the quartiles."""
+    for a in np.quantile(radius, [0.25, 0.75]):
+        distance = np.linspace(0.0, max(rim.extent_px(float(a)), 1e-6), 200)
+        light = float(np.trapezoid(np.abs(rim.excess(distance, float(a))), distance))
+        if 2.0 * light / a > LEAST_AREA_CHANGE:
+            return False
+    return True

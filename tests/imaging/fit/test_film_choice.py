@@ -1,0 +1,79 @@
+"""Whether there is an air film: decided by the rims where they can tell, part of the uncertainty else."""
+
+import numpy as np
+import pytest
+from film_frames import LED, SPHERE_M, film_frame
+
+from contactimg.imaging.measure import measure_image
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
+from contactimg.tables import Status
+
+FINE_PIXEL, COARSE_PIXEL = 2e-6, 6e-6
+
+
+def measured(pixel_size, *, film, asked, seed=31, contrast=0.9):
+    """Relative error of the sum of the areas, its stated uncertainty, and the measurement."""
+    frame, reference, truth = film_frame(pixel_size, film=film, seed=seed, contrast=contrast)
+    setting = FilmSetting(FilmRim(LED, SPHERE_M, pixel_size), asked)
+    result = measure_image(frame, reference, polarity="bright", film=setting)
+    disks, area = result.disks, float(np.sum(truth["radius_px"] ** 2))
+    assert len(disks) == len(truth)
+    slope = 2.0 * disks["radius_px"].to_numpy()
+    shifts = disks[["contrast_shift_px", "blur_shift_px", "edge_shift_px"]].to_numpy()
+    own = disks["radius_std_px"].to_numpy() ** 2 - np.sum(shifts**2, axis=1)
+    std = np.sqrt(np.sum((slope @ shifts) ** 2) + np.sum(slope**2 * np.maximum(own, 0.0))) / area
+    return float(np.sum(disks["radius_px"] ** 2)) / area - 1.0, std, result
+
+
+@pytest.mark.parametrize("film", [True, False])
+def test_rims_decide_where_they_show_the_film(film):
+    error, std, result = measured(FINE_PIXEL, film=film, asked="auto", contrast=0.08)
+    verdict = result.film
+    assert verdict.taken is film
+    assert (verdict.log_likelihood > 0) is film
+    assert abs(verdict.area_change) == pytest.approx(0.055, abs=0.02)
+    assert abs(error) < 3 * std < 0.05
+    assert abs(error) < 0.005
+    assert result.status == Status.OK
+    if film:
+        assert result.optics.blur_px == pytest.approx(1.4, abs=0.05)
+        assert 0 < result.optics.blur_std_px < 0.05
+        assert "an air film surrounds the contacts" in result.message or verdict.doubt > 0.01
+
+
+@pytest.mark.parametrize(("film", "asked"), [(True, "off"), (False, "on")])
+def test_what_is_set_by_hand_against_the_rims_is_said(film, asked):
+    error, std, result = measured(1e-6, film=film, asked=asked)
+    assert result.film.contradicted
+    assert result.status == Status.FILM or "the rims say the opposite" in result.message
+    assert result.status != Status.OK
+    assert abs(error) > 0.05
+    assert abs(error) < 3 * std
+
+
+@pytest.mark.parametrize("film", [True, False])
+@pytest.mark.parametrize("asked", ["auto", "on", "off"])
+def test_what_the_rims_leave_open_is_part_of_the_uncertainty(film, asked):
+    # 8 % of the background: such a contrast is that of a film
+    error, std, result = measured(COARSE_PIXEL, film=film, asked=asked, contrast=0.08)
+    assert 0.02 < result.film.doubt < 0.5
+    assert "the rims cannot tell" in result.message
+    assert result.film.taken is (asked != "off")
+    assert abs(error) < 3 * std
+    assert abs(result.film.area_change) == pytest.approx(0.013, abs=0.006)
+    assert (result.disks["edge_shift_px"].abs() > 0).all()
+
+
+def test_a_contrast_of_another_cause_leaves_little_doubt():
+    error, std, result = measured(COARSE_PIXEL, film=False, asked="auto")
+    assert not result.film.taken
+    assert abs(error) < 3 * std < 0.02
+
+
+def test_a_film_that_changes_nothing_is_not_looked_for():
+    frame, reference, _ = film_frame(COARSE_PIXEL, film=False, seed=31)
+    narrow = FilmSetting(FilmRim(LED, 1e-9, 1e-3), "auto")
+    with_question = measure_image(frame, reference, polarity="bright", film=narrow)
+    assert with_question.film is None
+    without = measure_image(frame, reference, polarity="bright")
+    assert with_question.disks["radius_px"].tolist() == without.disks["radius_px"].tolist()
