@@ -67,6 +67,9 @@ edge. Chosen: the edge then rises within 1.5 px."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
+WORSE_CHI_SQUARE_RATIO = 1.02
+"""Median chi-square over that with the plain edge above which a learned edge fits worse. Chosen: real edges
+raised it by up to 0.3 % by chance."""
 UNDECIDED_FRACTION = 0.3
 """Part of the uncertainty of the sum of the areas that may stay undecided after a look at some of the
 contacts. Chosen: it widens the whole by 4 %."""
@@ -146,7 +149,8 @@ def learn_edge(
             if len(isolated) <= FEW_CONTACTS or not result.is_undecided:
                 return result
     current, scores = search.learn(current, isolated, refine)
-    if np.median(current.joint.fit.chi_square) > np.median(plain.joint.fit.chi_square):
+    worst = WORSE_CHI_SQUARE_RATIO * np.median(plain.joint.fit.chi_square)
+    if np.median(current.joint.fit.chi_square) > worst:
         current, scores = plain, search.scores(plain, isolated)  # it does not fit better
     return search.finish(current, scores)
 
