@@ -90,7 +90,7 @@ def plot_circles(
         Of the outlines: ``color``, ``linewidth``, ``linestyle``.
     """
     places = np.column_stack([np.asarray(part, float) for part in (x, y, radius)]).tolist()
-    disks = [Outline(0, *place, place[-1]) for place in places]
+    disks = [Outline(0, x_px, y_px, radius_px, radius_px) for x_px, y_px, radius_px in places]
     return plot_outlines(disks, ax=ax, label=label, **style)
 
 

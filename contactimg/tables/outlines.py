@@ -62,9 +62,12 @@ def contact_outlines(contacts: pd.DataFrame, outlines: pd.DataFrame | None = Non
     [Outline(label=7, x=2.0, y=1.0, semi_major=1.5, semi_minor=1.5, angle=0.0, lines=())]
     """
     lines = dict(_lines(outlines)) if outlines is not None and len(outlines) else {}
-    columns = [contacts[name].to_numpy(float) for name in ("label", "x_px", "y_px", "radius_px")]
+    columns = [contacts[name].to_numpy(float) for name in ("label", "x_px", "y_px")]
     rows = np.column_stack([*columns, half_axes(contacts)]).tolist()
-    return [Outline(int(row[0]), row[1], row[2], *row[4:], lines.get(int(row[0]), ())) for row in rows]
+    return [
+        Outline(int(label), x, y, semi_major, semi_minor, angle, lines.get(int(label), ()))
+        for label, x, y, semi_major, semi_minor, angle in rows
+    ]
 
 
 def half_axes(contacts: pd.DataFrame) -> NDArray[np.float64]:
