@@ -55,11 +55,12 @@ class Run:
         """The pose of the camera, or an `InputError` that says how to get one."""
         if self.pose is None:
             raise InputError("this run has no pose of the camera; run `process` with a pixel size")
-        if (self.frames["status"] == Status.NO_POSE).any():
+        lost = (self.frames["status"] == Status.NO_POSE).any()
+        if lost and self.scene.measure.pose == "fit":
             raise InputError(
                 "this run found no pose of the camera: its contacts fall on no asperity; check [camera] "
                 "pixel_size_m, centre_m and rotation_deg, [indenter] apex_m and the asperity table, and run "
-                "`process` again"
+                '`process` again; pose = "given" in [measure] takes the pose as it is stated'
             )
         return self.pose.pose
 
