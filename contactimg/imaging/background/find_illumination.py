@@ -47,6 +47,10 @@ SAME_BACKGROUND_SIGMA = 10.0
 """Distance of the plain background from the other illumination, in scatters of the blocks, where it lies
 on it at most. Chosen: contacts of 14 levels of 80 are at 35."""
 
+MOST_SCATTER_RATIO = 3.0
+"""Scatter of the blocks about the other illumination over that about the plain one. Chosen: changed light
+gives 0.9, a contact wider than the window of the envelope 17."""
+
 CHANGE_SCATTER = 0.25  # of the scatter of the blocks: squares must change the illumination by more
 DARKEST_FRACTION = 0.05  # of the squares: those least covered by contacts
 POPULATED_FRACTION = 0.05  # of the highest bin of the histogram: lower peaks are no level
@@ -119,7 +123,8 @@ def _follow_envelope(
         rest = fit_illumination(flat, shape, level=level, scatter=scatter)
         other = replace(rest, coefficients=rest.coefficients + sign * envelope.coefficients)
         everywhere = _lost_share(other.background) < LARGEST_SHARE_LEFT
-        if everywhere and _goes_through(other, plain, blocks, shape):
+        tight = other.scatter <= MOST_SCATTER_RATIO * plain.scatter
+        if everywhere and tight and _goes_through(other, plain, blocks, shape):
             return other
     return plain
 
