@@ -34,11 +34,12 @@ from scipy.special import ndtri
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.free_shape import ellipse_of_moments
+from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
-from contactimg.imaging.reject.detections import PLACE, Columns, Detections
+from contactimg.imaging.reject.detections import PLACE, Columns, CountedDetections, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.reference_dust import find_reference_dust
 from contactimg.imaging.shapes.hand_edits import HandEdit
@@ -59,6 +60,9 @@ SMOOTHING_PX = 1.4
 NOISY_CONTRAST_TO_NOISE = 12.0
 """Contrast over noise below which noise notches the outline of components: twice six standard deviations at
 half height. Chosen by hand."""
+SHARPEST_SLOPE_PX = 0.45
+"""Blur below which rims lie between pixels and their slopes show nothing. Chosen: slopes give 0.59 px or
+more."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. Chosen by hand."""
 SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
@@ -86,7 +90,7 @@ def measure_by_count(
     fraction : float
         Threshold as a fraction of the contrast.
     fraction_std : float
-        Its standard uncertainty.
+        Its standard uncertainty, where it was calibrated.
     edits : sequence of HandEdit
         Corrections by hand to what was found.
 
@@ -96,13 +100,13 @@ def measure_by_count(
 
     Notes
     -----
-    The uncertainty of a radius has three parts: counting (a pixel of the rim is in or out, variance 1/12 px^2
-    of its position), noise, and the uncertainty of the contrast, which moves the threshold in all contacts
-    alike. The last two act through the slope of the rim at the threshold. The bias of the threshold is not
-    included.
+    The uncertainty of a radius has five parts (`contactimg.imaging.count.rim_errors`): counting (a pixel of
+    the rim is in or out, variance 1/12 px^2 of its position), noise, the scatter of the contrasts, the
+    uncertainty of the contrast, and the distance of the threshold from the rim of the contact behind the
+    blur. The last two are shared by all contacts. The radius is that of the counted pixels, whatever the
+    blur.
     """
     contrast, frame_pair, image = foreground.contrast, foreground.frame_pair, foreground.image
-    slope = rim_slope(contrast.plateau, _blur_of(foreground), fraction)
     contacts, rejected = count_contacts(
         image,
         fraction=fraction,
@@ -110,8 +114,8 @@ def measure_by_count(
         noise=foreground.noise,
         saturated=frame_pair.saturated,
     )
+    blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
-    contacts["radius_std_px"] = counting_std(contacts["radius_px"], foreground.noise / slope)
     reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
     cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
@@ -122,16 +126,10 @@ def measure_by_count(
     dusty["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
     rejected = {name: np.concatenate([part[name] for part in (rejected, dusty, by_hand)]) for name in dusty}
     contacts = {name: values[~dust] for name, values in contacts.items()}
-    shift = np.full(len(contacts["x_px"]), -fraction * contrast.std / slope)
-    moved = np.full(len(shift), -fraction_std * contrast.plateau / slope)
-    contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], np.stack([shift, moved], axis=1))
-    contacts |= {
-        "contrast_shift_px": shift,
-        "blur_shift_px": np.zeros(len(shift)),
-        "edge_shift_px": moved,
-    }
+    crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
+    contacts |= _uncertainties(contacts, crossing)
     measured = foreground.measured_contrast
-    return Detections(
+    return CountedDetections(
         contacts,
         rejected,
         optics=SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan),
@@ -139,15 +137,47 @@ def measure_by_count(
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
         unmatched=unmatched,
+        remark=_remark_on_threshold(contacts, crossing),
+        rim_blur_px=blur,
     )
 
 
-def _blur_of(foreground: Foreground) -> float:
-    """Standard deviation of the blur, pixel included, px: the prior one, else from the slope of the rims."""
+def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
+    """What to say of the distance between threshold and rims, if it is most of the uncertainties."""
+    shift, std = contacts["edge_shift_px"], contacts["radius_std_px"]
+    if not len(shift) or np.median(shift**2 / std**2) < 0.5:
+        return ""
+    middle = float(np.median(shift))
+    return (
+        f"pixels above {crossing.fraction:.2g} of the contrast make radii {'larger' if middle > 0 else 'smaller'} "
+        f"than those of the contacts, by {abs(middle):.2g} px in the median behind a blur of "
+        f"{crossing.blur_px:.2g} px; the uncertainties include that"
+    )
+
+
+def _uncertainties(contacts: Columns, crossing: Crossing) -> Columns:
+    """Columns of the uncertainties of counted contacts."""
+    errors = rim_errors(contacts["radius_px"], contacts["height"], crossing)
+    shared = np.stack([errors.contrast_shift, errors.threshold_shift], axis=1)
+    return {
+        "radius_std_px": combine_errors(errors.own, shared),
+        "contrast_shift_px": errors.contrast_shift,
+        "blur_shift_px": np.zeros(len(shared)),
+        "edge_shift_px": errors.threshold_shift,
+    }
+
+
+def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> float:
+    """Standard deviation of the blur, pixel included, px: the prior one, else from the slope of the rims.
+
+    Rims sharper than the pixels have no slope; the light of their contacts shows it.
+    """
+    plateau = foreground.contrast.plateau
     prior = foreground.prior_optics.blur_px
     if np.isfinite(prior):
         return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
-    return estimate_blur(foreground.image, foreground.contrast.plateau)
+    by_light = blur_of_heights(contacts["radius_px"], contacts["height"] / plateau, fraction)
+    return by_light if by_light < SHARPEST_SLOPE_PX else estimate_blur(foreground.image, plateau)
 
 
 def count_at_fraction(
@@ -229,7 +259,8 @@ def count_contacts(
     Returns
     -------
     contacts, rejected : dict of arrays
-        Columns x_px, y_px, radius_px, flags; and x_px, y_px, radius_px, reason.
+        Columns x_px, y_px, radius_px, flags, height (mean grey level, NaN for parts), and those of the
+        shapes; and x_px, y_px, radius_px, reason.
     """
     noisy = plateau < NOISY_CONTRAST_TO_NOISE * noise
     components, split = split_components(
@@ -252,6 +283,7 @@ def count_contacts(
         "y_px": kept["y"],
         "radius_px": radius[~bad],
         "flags": _flags(kept, split[~bad], image.shape),
+        "height": np.where(split[~bad], np.nan, kept["flux"] / np.maximum(kept["area"], 1)),
         **_second_moments(kept),
     }
     return contacts, rejected

@@ -12,6 +12,7 @@ import numpy as np
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
 from contactimg.imaging.fit.by_hand import fit_edited
+from contactimg.imaging.fit.clipped_noise import restore_clipped_noise
 from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
@@ -46,6 +47,7 @@ from contactimg.imaging.fit.settings import (
 )
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, settle_optics
 from contactimg.imaging.pixels.blocks import BlockMeans
+from contactimg.imaging.pixels.frame_pair import CutOff
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.film_tables import film_table
@@ -89,6 +91,7 @@ def measure_by_fit(
         foreground.sign,
         film,
         edits,
+        foreground.frame_pair.cut_off(foreground.sign),
     )
     best: FrameFit | None = None
     for _ in range(MOST_ATTEMPTS):
@@ -120,6 +123,8 @@ class _Given:
         1 for contacts brighter than the background, else -1.
     film : FilmSetting or None
     edits : sequence of HandEdit
+    cut_off : CutOff or None
+        End of the grey levels at the background.
     """
 
     prior_optics: SharedOptics
@@ -128,6 +133,7 @@ class _Given:
     sign: int
     film: FilmSetting | None
     edits: Sequence[HandEdit]
+    cut_off: CutOff | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +273,7 @@ def _settle(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool 
         fit, edited = fit_edited(problem, fit, given.edits)
     if not len(fit.disks):
         return FrameFit(problem, fit, dropped, detected.smallest, None, None, edited)
+    problem, fit = restore_clipped_noise(problem, fit, given.cut_off, free_blur=free_blur)
     means = BlockMeans(problem.image, fit.model)
     if not has_film:
         problem, fit, halo, vanished = remove_halo(

@@ -25,6 +25,7 @@ from contactimg.imaging.fit.settings import (
     DISAGREEMENT_RATIO,
     EXACT_FRACTION,
     FEWEST_SCORES,
+    FEWEST_WIDE_DISKS,
     FINE_TOLERANCE_SIGMA,
     LARGEST_CONTRAST_RATIO,
     LINEAR_STEP,
@@ -38,6 +39,13 @@ from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
 NARROWEST = PIXEL_VARIANCE**0.5
+PLATEAU_BLUR_WIDTHS = 2.0
+"""Radius of contacts that show their contrast. Theory: 1 - exp(-2^2/2) = 86 % of it at the centre."""
+KURTOSIS_STD = 0.03
+"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
+be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
+ten times that."""
+LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=FINE_TOLERANCE_SIGMA)
 
 
@@ -189,6 +197,8 @@ def settle_optics(
             stepped, _follow(fit.disks, scores, step), blur=blur, control=CONTROL, brightness=fit.brightness,
             start=ModelImage.over(fit.model, len(fit.disks), complete=False),
         )  # fmt: skip
+    own = _without_point_spread_shape(own, fit)
+    covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
     # where the frame determines nothing, its own covariance stays finite
     least_information = np.diag(1e-6 / np.array([1.0, fit.blur]) ** 2)
     own_covariance = np.asarray(np.linalg.inv(own + least_information), float)
@@ -196,6 +206,24 @@ def settle_optics(
         fit, contrast, spread * contrast, wide_contrast, covariance, own_covariance,
         radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance),
     )  # fmt: skip
+
+
+def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArray[np.float64]:
+    """Information on (ln contrast, blur) with a point spread function known to `KURTOSIS_STD`.
+
+    Of a contact that does not show its plateau, the light ``C a^2`` and the variance ``s^2 + a^2/4`` are seen
+    directly; contrast and radius are told apart by the excess kurtosis ``-(q/(1+q))^2`` alone,
+    ``q = a^2/(4 s^2)``. An error k of it, which the point spread function has if it is no Gaussian, changes
+    ``ln a`` by ``k (1+q)^2/(4 q^2)``, to first order in q.
+    """
+    radius, blur = np.sort(fit.disks[:, RADIUS]), fit.blur
+    widest = radius[-min(FEWEST_WIDE_DISKS, len(radius))]
+    if widest > PLATEAU_BLUR_WIDTHS * blur:
+        return information
+    q = max(float(widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
+    mode = KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
+    weighted = information @ mode  # (I^-1 + m m^T)^-1 by Sherman and Morrison
+    return np.asarray(information - np.outer(weighted, weighted) / (1.0 + float(mode @ weighted)))
 
 
 def _within_bounds(step: NDArray, gradient: NDArray, information: NDArray, bounds: NDArray) -> NDArray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.judge.second_opinion import BLUR_RELATIVE_STD, SecondOpinion
+from contactimg.imaging.reject.detections import Columns
 
 Values = NDArray[np.float64]
 
@@ -42,17 +43,25 @@ class Agreement:
     shared_px : ndarray, shape (n,)
         Difference that all contacts share: the same for all radii, or in proportion to them; 0 if there is
         none.
+    first : str
+        What the second opinion is compared with.
     """
 
     difference_px: Values
     disagrees: NDArray[np.bool_]
     shared_px: Values
+    first: str = "the fit"
+
+    @property
+    def known(self) -> int:
+        """Number of contacts with a second opinion."""
+        return int(np.count_nonzero(np.isfinite(self.difference_px)))
 
     @property
     def many(self) -> bool:
         """Whether more contacts disagree than chance explains."""
         count = int(np.count_nonzero(self.disagrees))
-        return count >= MANY_LEAST and count > MANY_FRACTION * len(self.disagrees)
+        return count >= MANY_LEAST and count > MANY_FRACTION * self.known
 
     @property
     def is_shared(self) -> bool:
@@ -67,14 +76,14 @@ class Agreement:
         if self.is_shared:
             change = 100.0 * (np.sum((radius_px + self.shared_px) ** 2) / np.sum(radius_px**2) - 1.0)
             text = (
-                "areas measured without a model of the edge differ from those of the fit by "
+                f"areas measured without a model of the edge differ from those of {self.first} by "
                 f"{change:+.2g} % in all contacts alike (radii by {np.median(self.shared_px):+.2g} px); the "
                 "uncertainties include that"
             )
         if self.many:
             which = self.disagrees
             differ = (
-                f"{np.count_nonzero(which)} of {len(which)} contacts have another area without a model of "
+                f"{np.count_nonzero(which)} of {self.known} contacts have another area without a model of "
                 f"the edge (radii by {np.median(self.difference_px[which]):+.2g} px in the median)"
             )
             text = "; ".join(part for part in (text, differ) if part)
@@ -118,6 +127,41 @@ def compare(opinion: SecondOpinion, radius_px: Values, *, blur_px: float) -> Agr
     common = shift if significance > COMMON_SIGMA else np.zeros(len(radius_px))
     radius = np.sqrt(np.maximum(fitted + difference, 0.0) / np.pi)
     return Agreement(radius - radius_px, disagrees, common)
+
+
+def compare_counted(
+    light: tuple[Values, Values], contacts: Columns, *, contrast_relative_std: float
+) -> Agreement:
+    """Compare the light of contacts with the areas behind the rims that were counted.
+
+    Parameters
+    ----------
+    light : (ndarray, ndarray), shape (n,), px^2
+        Areas by light and their standard uncertainties; NaN where there is no second opinion.
+    contacts : dict of arrays
+        Columns radius_px, radius_std_px and edge_shift_px of `contactimg.tables.CONTACTS`.
+    contrast_relative_std : float
+        Relative uncertainty of the contrast of the light, which all contacts share.
+
+    Notes
+    -----
+    Counting is not efficient: the variances add.
+    """
+    shift = contacts["edge_shift_px"]
+    radius = contacts["radius_px"] - shift
+    rim, area = 2.0 * np.pi * radius, np.pi * radius**2
+    own = rim * np.sqrt(np.maximum(contacts["radius_std_px"] ** 2 - shift**2, 0.0))
+    common = [contrast_relative_std * area, rim * contacts["contrast_shift_px"]]
+    # the shift of a threshold goes as the blur to its square at half height, as the blur elsewhere
+    common.append(2.0 * BLUR_RELATIVE_STD * rim * shift)
+    shared = np.sqrt(np.sum(np.square(common), axis=0))
+    std = np.sqrt(light[1] ** 2 + own**2 + shared**2 + (LEAST_RELATIVE * area) ** 2)
+    compared = _Comparison(light[0] - area, std, shared)
+    disagrees = np.abs(np.nan_to_num(compared.pulls)) > DISAGREEMENT_SIGMA
+    significance, change = max(compared.shared(radius), key=lambda test: test[0])
+    change = change if significance > COMMON_SIGMA else np.zeros(len(radius))
+    difference = np.sqrt(np.maximum(light[0], 0.0) / np.pi) - radius
+    return Agreement(difference, disagrees, change, first="the pixel count behind the blur of its rims")
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.agreement import Agreement, compare
 from contactimg.imaging.judge.background_left import BackgroundLeft, inspect_background
+from contactimg.imaging.judge.counted_light import compare_some
 from contactimg.imaging.judge.second_opinion import (
     REGION_BLUR_WIDTHS,
     Scenery,
@@ -19,7 +20,7 @@ from contactimg.imaging.judge.shape_ladder import Outlines, climb
 from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import combine_errors
-from contactimg.imaging.reject.detections import PLACE, Columns, Detections
+from contactimg.imaging.reject.detections import PLACE, Columns, CountedDetections, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.scratches import find_scratches
 from contactimg.tables import Flag, Reason
@@ -55,7 +56,7 @@ class Review:
     detections : Detections
         With what is not seen among the rejected, flags of disagreement, and uncertainties that cover it.
     agreement : Agreement or None
-        Between fit and second opinion; None for the method "threshold" and without contacts.
+        Between fit or count and second opinion; None without contacts.
     invisible, scratched : int
         Contacts rejected because they are not seen, or as pieces of scratches.
     unexplained : float
@@ -99,6 +100,9 @@ def review(
         detections, remark, outlines = climbed.detections, climbed.remark, climbed.outlines
         agreement = _compare(foreground, difference, detections, blur)
         detections = _with_disagreement(detections, agreement)
+    if isinstance(detections, CountedDetections) and len(_places(detections)):
+        agreement = compare_some(_scenery(foreground, difference, detections), detections)
+        detections = _with_shared_shift(detections, agreement)
     return Review(
         detections,
         agreement,
@@ -155,6 +159,8 @@ def _rejected_places(detections: Detections) -> NDArray[np.float64]:
 
 def _edge_blur(detections: Detections) -> float:
     """Standard deviation of the blurred edge, pixel included."""
+    if isinstance(detections, CountedDetections):
+        return detections.rim_blur_px
     blur = detections.optics.blur_px
     return float(np.hypot(blur if np.isfinite(blur) else USUAL_BLUR_PX, PIXEL_VARIANCE**0.5))
 
@@ -176,20 +182,36 @@ def _without(detections: Detections, bad: NDArray[np.bool_], reasons: NDArray) -
 def _compare(
     foreground: Foreground, difference: DifferenceImage, detections: FittedDetections, blur: float
 ) -> Agreement:
-    """Second opinion and fit, on the image that was fitted: without halo and remaining illumination."""
-    image, fit = foreground.image, detections.frame_fit
-    if fit is not None and fit.problem.binning == 1:
-        image = fit.problem.image
-    valid: Mask = foreground.frame_pair.valid
-    scenery = Scenery.of(
-        image, valid=valid, background=difference.illumination.background, level=difference.level
-    )
+    """Second opinion and fit."""
     places = _places(detections)
-    opinion = measure_again(scenery, places, blur_px=blur)
+    opinion = measure_again(_scenery(foreground, difference, detections), places, blur_px=blur)
     if "shape" in detections.contacts:  # the second opinion lays its pixels out for disks
         climbed = detections.contacts["shape"] != "disk"
         opinion.light_area[climbed] = opinion.half_area[climbed] = np.nan
     return compare(opinion, places[:, 2], blur_px=blur)
+
+
+def _scenery(foreground: Foreground, difference: DifferenceImage, detections: Detections) -> Scenery:
+    """The image that was measured: a fitted one without halo and remaining illumination."""
+    image, fit = foreground.image, detections.frame_fit if isinstance(detections, FittedDetections) else None
+    if fit is not None and fit.problem.binning == 1:
+        image = fit.problem.image
+    valid: Mask = foreground.frame_pair.valid
+    background = difference.illumination.background
+    return Scenery.of(image, valid=valid, background=background, level=difference.level)
+
+
+def _with_shared_shift(detections: Detections, agreement: Agreement) -> Detections:
+    """Counted radii with uncertainties that cover what their light says of all of them."""
+    if not agreement.is_shared:
+        return detections
+    contacts = dict(detections.contacts)
+    before = contacts["edge_shift_px"]
+    after = np.where(np.sign(agreement.shared_px) == -np.sign(before), before - agreement.shared_px, before)
+    after = np.where(np.abs(after) < np.abs(agreement.shared_px), -agreement.shared_px, after)
+    own = np.sqrt(np.maximum(contacts["radius_std_px"] ** 2 - before**2, 0.0))
+    contacts |= {"edge_shift_px": after, "radius_std_px": np.hypot(own, after)}
+    return replace(detections, contacts=contacts)
 
 
 def _with_disagreement(detections: Detections, agreement: Agreement) -> Detections:

@@ -83,6 +83,19 @@ class Detections:
     status: str = ""
 
 
+@dataclass(frozen=True, eq=False)
+class CountedDetections(Detections):
+    """Detections whose radii are those of counted pixels.
+
+    Parameters
+    ----------
+    rim_blur_px : float
+        Blur of the rims, pixel included, for which ``edge_shift_px`` states how far the threshold is off.
+    """
+
+    rim_blur_px: float = float("nan")
+
+
 def no_detections(optics: SharedOptics) -> Detections:
     """Of a frame in which nothing stands out: neither contacts nor rejected candidates."""
     nothing = np.empty(0)

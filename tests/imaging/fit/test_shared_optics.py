@@ -11,6 +11,7 @@ from contactimg.errors import InputError
 from contactimg.files import read_frames, read_scene
 from contactimg.forces import total_area, total_force
 from contactimg.frame import Frame
+from contactimg.imaging.fit import shared_optics
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.pooling import gain_of_pooling, pool_optics
 from contactimg.imaging.measure import measure_image
@@ -198,7 +199,8 @@ def blurred_points(radius, contrast, blur, *, noise=1.0, seed=0, n=5):
     return image + rng.normal(0, noise, shape), 100.0 + rng.normal(0, noise, shape), disks
 
 
-def test_many_small_contacts_show_together_what_one_does_not():
+def test_many_small_contacts_show_together_what_one_does_not(monkeypatch):
+    monkeypatch.setattr(shared_optics, "KURTOSIS_STD", 0.0)
     image, reference, _ = blurred_points(2.0, 80.0, 1.5)
     many = measure_image(image, reference, polarity="bright")
     assert many.optics.contrast == pytest.approx(80.0, abs=3 * many.optics.contrast_std)
@@ -213,6 +215,17 @@ def test_many_small_contacts_show_together_what_one_does_not():
     assert ratio == pytest.approx(5.0, rel=0.3)
     assert many.resolved
     assert not one.resolved
+
+
+def test_however_many_small_contacts_show_no_more_than_the_point_spread_function_is_known():
+    """Light and width of a small spot do not tell contrast from radius; only a known kurtosis does."""
+    image, reference, _ = blurred_points(2.0, 80.0, 1.5)
+    many = measure_image(image, reference, polarity="bright")
+    q = 2.0**2 / (4.0 * (1.5**2 + PIXEL_VARIANCE))
+    expected = shared_optics.KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 2.0  # 0.17
+    assert many.own_optics.contrast_relative_std == pytest.approx(expected, rel=0.2)
+    assert not many.resolved
+    assert "too small to show their brightness" in many.message
 
 
 def test_radius_follows_a_wrong_contrast_as_stated():

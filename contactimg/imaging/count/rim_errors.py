@@ -1,0 +1,156 @@
+"""What the radius of counted pixels is uncertain by: counting, noise, contrast, and the threshold itself.
+
+The pixels above a threshold make the radius r at which the blurred contact crosses it, not the radius a of
+the contact (`contactimg.imaging.profile.threshold_radius`). ``r - a`` has the same sign in all contacts: at
+half height it is ``-s^2/(2 a)`` behind a blur s, elsewhere about the distance of a straight rim from the
+threshold. Counting does not correct for it. Everything else moves r through the slope of the rim where it
+crosses.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive, ndtr, ndtri
+
+from contactimg.imaging.pixels.robust import robust_std
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.threshold_radius import disk_radius
+
+Values = NDArray[np.float64]
+
+BLUR_STD = 0.1
+"""Relative uncertainty of the blur that slopes of rims give (`contactimg.imaging.shapes.rim_blur`)."""
+WIDE_BLUR_WIDTHS = 5.0
+"""Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by `BLUR_STD` changes it by
+1 % there."""
+FEWEST_WIDE = 5
+"""Such contacts that show how contrasts scatter. Chosen."""
+LEAST_RADIUS_PX = 2.0  # of contacts that show the blur of their rims; chosen: smaller ones are mostly rim
+LEAST_SLOPE_RATIO = 0.1
+"""Least slope at a crossing over that of a straight rim: keeps uncertainties finite where a contact hardly
+reaches the threshold. Chosen."""
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Where rims cross a threshold.
+
+    Parameters
+    ----------
+    fraction : float
+        Threshold as a fraction of the contrast.
+    contrast, contrast_std : float
+        Grey levels.
+    blur_px : float
+        Standard deviation of the blurred edge, pixel included.
+    noise : float
+        Of a pixel, grey levels.
+    fraction_std : float
+        Standard uncertainty of a fraction that was calibrated; 0 for one that was chosen.
+    """
+
+    fraction: float
+    contrast: float
+    contrast_std: float
+    blur_px: float
+    noise: float
+    fraction_std: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class RimErrors:
+    """Uncertainties of counted radii, px.
+
+    Parameters
+    ----------
+    own : ndarray, shape (n,)
+        Of each alone: counting, noise, and a contrast of its own.
+    contrast_shift : ndarray, shape (n,)
+        Change if the contrast of the frame is one standard uncertainty higher.
+    threshold_shift : ndarray, shape (n,)
+        Radius at the threshold minus that of the contact behind the blur; of a calibrated threshold, which
+        took that into account, the change if it is one standard uncertainty higher.
+    """
+
+    own: Values
+    contrast_shift: Values
+    threshold_shift: Values
+
+
+def rim_errors(radius_px: Values, height: Values, crossing: Crossing) -> RimErrors:
+    """Uncertainties of counted radii.
+
+    Parameters
+    ----------
+    radius_px : ndarray, shape (n,)
+        ``sqrt(area/pi)`` of the counted pixels.
+    height : ndarray, shape (n,)
+        Their mean grey level above the background; NaN where it is not known.
+    crossing : Crossing
+
+    Examples
+    --------
+    >>> half = Crossing(0.5, contrast=100.0, contrast_std=1.0, blur_px=1.4, noise=2.0)
+    >>> errors = rim_errors(np.array([2.0, 10.0]), np.array([80.0, 95.0]), half)
+    >>> errors.own.round(3), errors.threshold_shift.round(2)
+    (array([0.085, 0.037]), array([-0.48, -0.1 ]))
+    """
+    f, contrast = crossing.fraction, crossing.contrast
+    true = disk_radius(radius_px, blur_px=crossing.blur_px, fraction=f)
+    slope = contrast * _relative_slope(radius_px, true, crossing)
+    spread = f * contrast * _contrast_spread(radius_px, height, crossing) / slope
+    counting = (PIXEL_VARIANCE + (crossing.noise / slope) ** 2) / (2.0 * np.pi * np.maximum(radius_px, 0.5))
+    own = np.hypot(np.sqrt(counting), spread)
+    calibrated = crossing.fraction_std > 0
+    threshold_shift = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true
+    return RimErrors(own, -f * crossing.contrast_std / slope, threshold_shift)
+
+
+def _relative_slope(radius: Values, true: Values, crossing: Crossing) -> Values:
+    """Slope ``-dP/dr`` of blurred disks of known radius where they cross the threshold, per px."""
+    s = crossing.blur_px
+    straight = np.exp(-0.5 * ndtri(crossing.fraction) ** 2) / (np.sqrt(2.0 * np.pi) * s)
+    slope = true / s**2 * np.exp(-0.5 * ((true - radius) / s) ** 2) * ive(1, true * radius / s**2)
+    return np.maximum(slope, LEAST_SLOPE_RATIO * straight)
+
+
+def _contrast_spread(radius: Values, height: Values, crossing: Crossing) -> float:
+    """Relative scatter of the contrasts of wide contacts, from their mean heights; 0 if too few are wide."""
+    wide = (radius > WIDE_BLUR_WIDTHS * crossing.blur_px) & np.isfinite(height)
+    if np.count_nonzero(wide) < FEWEST_WIDE:
+        return 0.0
+    full = 1.0 - 2.0 * crossing.blur_px / radius[wide] * _missing(crossing.fraction)
+    return robust_std(height[wide] / (crossing.contrast * full))
+
+
+def blur_of_heights(radius_px: Values, height: Values, fraction: float) -> float:
+    """Blur that makes the counted pixels as dim as they are in the mean, pixel included, px.
+
+    Parameters
+    ----------
+    radius_px : ndarray, shape (n,)
+    height : ndarray, shape (n,)
+        Mean of their pixels over the contrast; NaN where it is not known.
+    fraction : float
+        Threshold as a fraction of the contrast.
+
+    Returns
+    -------
+    float
+        Median over the contacts of two pixels and more; infinite if there are none.
+    """
+    known = (radius_px > LEAST_RADIUS_PX) & np.isfinite(height)
+    if not known.any():
+        return float("inf")
+    dim = 0.5 * radius_px[known] * (1.0 - height[known]) / _missing(fraction)
+    return max(float(np.median(dim)), PIXEL_VARIANCE**0.5)
+
+
+def _missing(fraction: float) -> float:
+    """Height that is missing along a rim that ends at a fraction f: ``phi(z) - z Phi(-z)``, ``Phi(z) = f``.
+
+    In the mean over a disk of radius r that is ``2 s/r`` of it.
+    """
+    z = float(ndtri(fraction))
+    return float(np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi) - z * ndtr(-z))
