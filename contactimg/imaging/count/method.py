@@ -148,8 +148,9 @@ def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
     if not len(shift) or np.median(shift**2 / std**2) < 0.5:
         return ""
     middle = float(np.median(shift))
+    changed = "larger" if middle > 0 else "smaller"
     return (
-        f"pixels above {crossing.fraction:.2g} of the contrast make radii {'larger' if middle > 0 else 'smaller'} "
+        f"pixels above {crossing.fraction:.2g} of the contrast make radii {changed} "
         f"than those of the contacts, by {abs(middle):.2g} px in the median behind a blur of "
         f"{crossing.blur_px:.2g} px; the uncertainties include that"
     )
@@ -201,6 +202,7 @@ def count_at_fraction(
     """
     contacts, _ = count_contacts(image, fraction=fraction, plateau=plateau, noise=noise)
     slope = rim_slope(plateau, estimate_blur(image, plateau), fraction)
+    del contacts["height"]  # no column of the contacts table
     return contacts | {"radius_std_px": counting_std(contacts["radius_px"], noise / slope)}
 
 
