@@ -212,7 +212,7 @@ class _Search:
     def may_learn(self, joint: JointFit, isolated: NDArray[np.int64]) -> bool:
         """Whether enough contacts are isolated, and wide: others fit any edge with another contrast."""
         wide = joint.fit.disks[isolated, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * joint.fit.blur
-        return len(isolated) >= FEWEST_CONTACTS and np.count_nonzero(wide) >= FEWEST_WIDE_DISKS
+        return len(isolated) >= FEWEST_CONTACTS and int(np.count_nonzero(wide)) >= FEWEST_WIDE_DISKS
 
     def learn(
         self, current: EdgeFit, isolated: NDArray[np.int64], refine: Refine
@@ -316,7 +316,7 @@ class _Search:
         score, information = scores.total(parameters_of(families))
         # the others are expected to look the same: as significant together as the sample is
         score, information = np.sqrt(share) * score, share * information
-        seen = np.count_nonzero(scores.score.any(axis=1))
+        seen = int(np.count_nonzero(scores.score.any(axis=1)))
         knowledge = self._knowledge(current, score, information, max(of, seen))
         if self.lent is not None:
             score[SHARED:] += self.lent.score_at(current.learned.edge.shape)
@@ -340,7 +340,7 @@ class _Search:
         """What the frame alone says of its edges, whatever contrast and blur."""
         learned = current.learned
         others = np.array([0] if "point spread" in learned.families else [0, 1])
-        cross = information[np.ix_(others, range(SHARED, len(score)))]
+        cross = information[np.ix_(others, np.arange(SHARED, len(score)))]
         along = np.linalg.solve(information[np.ix_(others, others)] + 1e-9 * np.eye(len(others)), cross)
         own = information[SHARED:, SHARED:] - cross.T @ along
         pull = score[SHARED:] - along.T @ score[others]
