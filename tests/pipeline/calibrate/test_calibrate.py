@@ -302,7 +302,7 @@ def test_a_calibration_is_handed_on_whole(threshold_result, tmp_path, capsys):
     assert change.min() > 0.01
     assert (stated > 0.6 * change).all()
     assert stated[-1] == pytest.approx(change[-1], rel=0.4)  # the others do not show their contrast
-    # an error of the modulus and that of the threshold found with it partly cancel in the forces (a^3 ~ A^1.5)
+    # an error of the modulus and that of the threshold found with it partly cancel in a^3 ~ A^1.5
     forces = (frames["force_sum_std_N"] / frames["force_sum_N"]).to_numpy()
     assert forces[-1] < 0.8 * np.hypot(1.5 * stated[-1], 0.1 / 3.0)
 
