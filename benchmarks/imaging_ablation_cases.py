@@ -362,11 +362,6 @@ CASES = {
         dict.fromkeys(("fit.method.fit_disks", "fit.shared_optics.fit_disks"), fit_less_robustly),
     ),
     "film": Case("air film in the edge", {"measure.measure_by_fit": fit_sharp_edges}, "profile.film_rim"),
-    "blurs": Case(
-        "blur searched behind an air film: from the slopes",
-        {"fit.method._find_film_blur": lambda *arguments: arguments[-1]},
-        "fit.method._find_film_blur fit.method._film_misfit",
-    ),
     "split": Case(
         "components split in counting",
         {"count.method.split_components": label_only},

@@ -55,7 +55,9 @@ def errors(run, folder):
         for axis, size in (("x_px", SHAPE[1]), ("y_px", SHAPE[0])):
             inside &= (part[axis] > 10) & (part[axis] < size - 11)
         error = part["radius_px"].to_numpy() - there["radius_px"].to_numpy()[near]
-        rows.append(np.column_stack([error, part["radius_std_px"]])[inside])
+        # what the frame does not show of its edge, common to all contacts, is no scatter of theirs
+        own = np.sqrt(part["radius_std_px"] ** 2 - part["edge_shift_px"] ** 2)
+        rows.append(np.column_stack([error, own])[inside])
     error, std = np.concatenate(rows).T
     return error, error / std
 

@@ -419,11 +419,20 @@ def test_every_edit_that_was_acknowledged_outlives_a_killed_server(top, rng):
 @pytest.mark.skipif(os.name != "posix", reason="ends a process by a signal")
 def test_control_c_ends_it_cleanly_while_it_measures(top):
     command = [sys.executable, "-m", "contactimg", "review", str(top / "run"), "--no-browser"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as server:  # noqa: S603
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    # a shell in the background ignores Ctrl-C, and its processes inherit that
+    ignored = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        server = subprocess.Popen(command, **pipes)  # noqa: S603
+    finally:
+        signal.signal(signal.SIGINT, ignored)
+    try:
         client = Client(server.stdout.readline().split()[-1])
         assert client.post("measure", {})[0] == 200
         server.send_signal(signal.SIGINT)
         out, complaints = server.communicate(timeout=60)
+    finally:
+        server.kill()
     assert server.returncode == 0
     assert "review ended" in out
     assert complaints == ""

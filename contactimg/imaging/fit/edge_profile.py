@@ -67,7 +67,7 @@ edge. Chosen: the edge then rises within 1.5 px."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
-WORSE_CHI_SQUARE_RATIO = 1.02
+WORSE_CHI_SQUARE_RATIO = 1.004
 """Median chi-square over that with the plain edge above which a learned edge fits worse. Chosen: real edges
 raised it by up to 0.3 % by chance."""
 UNDECIDED_FRACTION = 0.3
