@@ -25,7 +25,7 @@ class Formats:
         return chosen or tuple(vars(self))
 
 
-@click.command()
+@click.command(short_help="Write a run for ImageJ, napari and Excel.")
 @click.argument("run", type=shared.existing_folder)
 @click.option(
     "-o",

@@ -6,7 +6,7 @@ from contactimg.cli import shared_options as shared
 from contactimg.timings import stage
 
 
-@click.command("import-rois")
+@click.command("import-rois", short_help="Bring regions corrected in ImageJ back as edits.csv.")
 @click.argument("run", type=shared.existing_folder)
 @click.argument("file", type=shared.existing_file)
 @click.option("--frame", help="The frame that the regions belong to.  [default: as the name of FILE says]")

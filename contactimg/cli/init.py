@@ -82,7 +82,16 @@ def _ask(text: str, given: float | None, found: float | None, unit: float, no_in
     if no_input:
         return found
     default = "" if found is None else f"{found / unit:.6g}"
-    answer = click.prompt(text, default=default, show_default=bool(default), value_proc=_positive_or_nothing)
+    try:
+        answer = click.prompt(
+            text, default=default, show_default=bool(default), value_proc=_positive_or_nothing
+        )
+    except click.Abort as end:
+        if isinstance(end.__context__, EOFError):
+            raise InputError(
+                f"no answer to the question for the {text}; give it as an option, or use --no-input"
+            ) from None
+        raise
     return None if answer is None else _in_si(answer, unit)
 
 

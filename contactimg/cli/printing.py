@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 Advance = Callable[[], None]
 
+WIDTH_OF_FILES = 160
+"""Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
+
 
 @contextmanager
 def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
@@ -39,9 +42,11 @@ def echo_first_run(*, quiet: bool) -> None:
 
 
 def echo_frames(frames: "pd.DataFrame", *, title: str) -> None:
-    """Print the table of frames in mN and mm^2, one line per frame, and then the messages."""
+    """Print the frames in mN and mm^2, one line each, without empty columns; then the messages."""
     heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")
-    _echo_table(title, heads, [_cells(row) for row in frames.to_dict("records")], left=2)
+    rows = [_cells(row) for row in frames.to_dict("records")]
+    filled = [k for k in range(len(heads)) if k < 2 or any(row[k] for row in rows)]
+    _echo_table(title, [heads[k] for k in filled], [[row[k] for k in filled] for row in rows], left=2)
     for row in frames[frames["message"] != ""].to_dict("records"):
         click.echo(f"{row['frame']}: {row['message']}")
 
@@ -151,7 +156,10 @@ def _echo_table(
         table.add_column(head, justify="left" if k < left else "right", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console(highlight=False, markup=False, stderr=stderr).print(table)
+    console = Console(highlight=False, markup=False, stderr=stderr)
+    if not console.is_terminal:
+        console.width = max(console.width, WIDTH_OF_FILES)
+    console.print(table)
 
 
 def _cells(row: Mapping[Hashable, Any]) -> list[str]:
@@ -186,5 +194,5 @@ def _with_std(value: float, std: float) -> str:
         return ""
     if not std > 0:
         return f"{value:.4g}"
-    decimals = max(0, 1 - floor(log10(std)))
+    decimals = max(0, 1 - floor(log10(float(f"{std:.1e}"))))
     return f"{value:.{decimals}f}({std * 10**decimals:.0f})" if decimals else f"{value:.0f} ± {std:.0f}"

@@ -1,5 +1,7 @@
 """`contactimg init`: what a folder's files are, the questions, and the scene file that `process` takes."""
 
+import io
+
 import cv2
 import numpy as np
 import pytest
@@ -65,6 +67,15 @@ def test_a_scene_that_is_there_and_an_implausible_answer_are_refused(frames, cap
     assert "--force" in capsys.readouterr().err
     assert "6e-6" in (frames / "scene.toml").read_text()
     assert main(["init", str(frames), "--no-input", "--force"]) == 0
+
+
+def test_a_question_that_nobody_can_answer_names_the_option(frames, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    assert main(["init", str(frames)]) == 2
+    error = capsys.readouterr().err
+    assert "--no-input" in error
+    assert "one pixel" in error
+    assert not (frames / "scene.toml").exists()
 
 
 def test_names_say_what_an_image_is(tmp_path):
