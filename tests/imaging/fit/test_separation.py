@@ -132,13 +132,7 @@ GROUPS = {
 }
 
 
-# the fit of this group ends beside the best one, and the group is then taken for one contact of free shape
-NOT_RESOLVED = pytest.mark.xfail(reason="five touching contacts come out as one of free shape", strict=True)
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=NOT_RESOLVED if name == "five" else ()) for name in GROUPS]
-)
+@pytest.mark.parametrize("name", list(GROUPS))
 def test_groups_are_resolved(name):
     rows = GROUPS[name]
     truth, frame, reference = frame_of(rows)
