@@ -126,7 +126,7 @@ class ShapeScene:
         return [members for members in groups if len(members) <= LARGEST_GROUP]
 
     def _regions(self, touching: NDArray[np.intp], called: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """Pairs that link the disks of each region in which most call, and whose pixels they do not explain."""
+        """Pairs that link the disks of each region in which most call and that they do not explain."""
         labels = _components(touching, len(self.disks))
         size, calling = np.bincount(labels), np.bincount(labels, weights=called)
         asked = (size >= FEWEST_OF_REGION) & (calling >= CALLED_SHARE * size) & (size <= LARGEST_GROUP)
