@@ -2,13 +2,15 @@
 
 Each rim has a difference of log-likelihoods, film minus none. Their sum over its uncertainty, from the
 scatter between the rims, gives the odds (Vuong, Econometrica 57 (1989) 307, doi:10.2307/1912557, who compares
-models of which neither need be true): both have the same number of parameters; an edge learned from the frame
-pays one unit of log-likelihood for each of its own (Akaike). Before the pixels are looked at, odds are
-`ODDS` for a contrast that is a film's and for what was set by hand, and `OTHER_CAUSE_ODDS` against a film
-where the contrast must have another cause and no film is switched on.
+models of which neither need be true), but never more than the ratio of the likelihoods itself. Both have the
+same number of parameters; an edge learned from the frame pays one unit of log-likelihood for each of its own
+(Akaike). Before the pixels are looked at, odds are `ODDS` for a contrast that is a film's and for what was
+set by hand. A contrast that must have another cause does not exclude a film: it is taken there if the rims
+give `TAKEN_ODDS`, and remains possible, with `ODDS` against it, until they exclude it.
 
 What the pixels leave open is an error common to all contacts: the difference of the radii times the square
-root of the probability of the other case.
+root of the probability of the other case. What was set by hand is taken as known unless the rims, or the
+contrast, contradict it.
 """
 
 from collections.abc import Callable, Iterable
@@ -32,9 +34,12 @@ EdgeAt = Callable[[float], Edge]
 ODDS = 4.0
 """Odds of a film, or of none, before the pixels are looked at. Chosen: where they tell nothing, a wrong
 choice is off by at most 1/sqrt(0.2) = 2.2 of the uncertainties that it brings."""
-OTHER_CAUSE_ODDS = 100.0
-"""Odds against a film where the contrast is not its own. Chosen: the indices or the lamp would have to be
-wrong; where the rims tell nothing, it adds a tenth of the difference."""
+TAKEN_ODDS = 100.0
+"""Odds by the rims at which a film is taken where the contrast is not its own. Chosen: a film that is not
+there is drawn in one such frame of a hundred; what is not taken remains in the uncertainties."""
+FILM_RELATIVE_STD = 0.1
+"""Standard uncertainty of the light of a film that is drawn. Chosen: indices, lamp and radius of the summits
+are known to some per cent each; sums of areas of frames as assumed are off by 0.07 of the difference."""
 DECIDED_DOUBT = 0.02
 """Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
 difference."""
@@ -63,6 +68,8 @@ class FilmVerdict:
         Probability that the choice is wrong.
     area_change : float
         Relative change of the sum of the areas by the other choice.
+    trusted : bool
+        Whether the choice was set by hand and nothing contradicts it: then it is taken as known.
     """
 
     asked: str
@@ -72,6 +79,13 @@ class FilmVerdict:
     rims: int
     doubt: float
     area_change: float
+    trusted: bool = False
+
+    @property
+    def share(self) -> float:
+        """Part of the difference between the choices that is one standard uncertainty of the radii."""
+        doubt = 0.0 if self.trusted else self.doubt
+        return float(np.hypot(doubt**0.5, FILM_RELATIVE_STD if self.taken else 0.0))
 
     @property
     def contradicted(self) -> bool:
@@ -87,12 +101,16 @@ class FilmVerdict:
         if self.contradicted:
             return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}); {area}'
         if self.doubt > DECIDED_DOUBT:
-            reason = "as set" if self.asked != "auto" else "as the contrast suggests"
             what = "assumed" if self.taken else "not assumed"
-            return (
-                f"the rims cannot tell whether an air film surrounds the contacts ({rims}); it is {what}, "
-                f"{reason}; {area}, of which {self.doubt**0.5:.2g} is part of the uncertainties"
+            undecided = (
+                f"the rims cannot tell whether an air film surrounds the contacts ({rims}); it is {what}"
             )
+            if self.trusted:
+                return f"{undecided}, as set; {area}"
+            reason = "as the contrast suggests" if self.asked == "auto" else "as set"
+            advice = '; state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
+            part = f"of which {self.share:.2g} is part of the uncertainties"
+            return f"{undecided}, {reason}; {area}, {part}{advice}"
         return f"an air film surrounds the contacts ({rims}); {area}" if self.taken else ""
 
 
@@ -124,7 +142,7 @@ class WeighedFilm:
             return np.zeros(len(radius))
         sign = -1.0 if self.verdict.taken else 1.0
         step = np.interp(radius, start[order], self.shift[order])
-        return np.asarray(sign * np.sqrt(self.verdict.doubt) * step)
+        return np.asarray(sign * self.verdict.share * step)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,12 +203,9 @@ class FilmTrial:
     @property
     def _log_odds(self) -> float:
         """Of a film, before the pixels are looked at."""
-        asked = self.setting.asked
-        if asked == "on" or (asked == "auto" and self.likely):
-            return float(np.log(ODDS))
-        if self.likely is None:
-            return 0.0 if asked == "auto" else -float(np.log(ODDS))
-        return -float(np.log(ODDS if self.likely else OTHER_CAUSE_ODDS))
+        asked, even = self.setting.asked, self.setting.asked == "auto" and self.likely is None
+        film = asked == "on" or (asked == "auto" and self.likely)
+        return 0.0 if even else float(np.log(ODDS)) * (1.0 if film else -1.0)
 
     def _film_at(self, blur: float) -> Edge:
         return FilmEdge.of(blur, self.setting.rim)
@@ -212,12 +227,18 @@ class FilmTrial:
         if n >= FEWEST_RIMS:
             z = total / max(std, 1e-12)
             data = float(stats.t.logsf(-z, n - 1) - stats.t.logsf(z, n - 1))
+            data = float(np.clip(data, -abs(total), abs(total)))
         odds = data + self._log_odds
-        taken = odds > 0 if asked == "auto" else asked == "on"
-        doubt = float(1.0 / (1.0 + np.exp(np.clip(odds if taken else -odds, -700.0, 700.0))))
+        other_cause = asked == "auto" and self.likely is False
+        taken = data > np.log(TAKEN_ODDS) if other_cause else odds > 0 if asked == "auto" else asked == "on"
+        doubt = _probability(-odds if taken else odds)
+        if other_cause and not taken and _probability(data) > DECIDED_DOUBT:
+            doubt = max(doubt, 1.0 / (1.0 + ODDS))  # rims that cannot tell do not speak for either case
+        trusted = asked == "on" or (asked == "off" and not self.likely)
+        trusted = trusted and doubt <= 1.0 - DECIDED_DOUBT
         with_film = float(np.sum((radius + shift) ** 2) / np.sum(radius**2))
         change = 1.0 / with_film - 1.0 if taken else with_film - 1.0
-        return FilmVerdict(asked, bool(taken), total, std, n, doubt, change)
+        return FilmVerdict(asked, bool(taken), total, std, n, doubt, change, trusted)
 
 
 def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
@@ -233,7 +254,7 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     frames = f"taken on {taken}" if taken else f"none on {len(found)}"
     total = sum(verdict.log_likelihood for verdict in found)
     std = float(np.sqrt(np.nansum([verdict.std**2 for verdict in found])))
-    undecided = sum(verdict.doubt > DECIDED_DOUBT for verdict in found)
+    undecided = sum(not verdict.trusted and verdict.doubt > DECIDED_DOUBT for verdict in found)
     left = f"; the rims of {undecided} cannot tell, their uncertainties allow for both" if undecided else ""
     return (
         f"air film: {frames} of {len(found)} frames; log-likelihood {total:+.3g} +- {std:.2g} with it, over "
@@ -256,6 +277,11 @@ def film_makes_contrast(rim: Rim, ratio: float) -> bool | None:
     if not (np.isfinite(own) and np.isfinite(ratio)):
         return None
     return bool(1.0 / CONTRAST_FACTOR <= ratio / own <= CONTRAST_FACTOR)
+
+
+def _probability(log_odds: float) -> float:
+    """From the logarithm of odds."""
+    return float(1.0 / (1.0 + np.exp(np.clip(-log_odds, -700.0, 700.0))))
 
 
 def _changes_nothing(rim: Rim, radius: Values) -> bool:
