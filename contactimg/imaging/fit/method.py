@@ -298,6 +298,7 @@ def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: 
     wide = prior.mean if np.count_nonzero(wide_disks(fit)) >= FEWEST_WIDE_DISKS else start.wide_contrast
     if np.isfinite(spread):
         prior = ContrastPrior(prior.mean, max(spread, LEAST_SPREAD_FRACTION * prior.mean))
+    prior = replace(prior, mean=min(prior.mean, problem.largest_contrast))
     problem = replace(problem, prior=prior)
     fit = fit_disks(
         problem, fit.disks, blur=fit.blur, control=FitControl(start.free_blur, iterations=5),

@@ -13,6 +13,7 @@ from contactimg.imaging.judge.counted_light import compare_some
 from contactimg.imaging.judge.second_opinion import (
     REGION_BLUR_WIDTHS,
     Scenery,
+    is_outshone,
     measure_again,
     measure_rise,
 )
@@ -88,8 +89,9 @@ def review(
         left = _inspect(foreground, difference, detections)
         return Review(detections, unexplained=_unexplained(foreground, detections), background=left)
     blur = _edge_blur(detections)
-    by_hand = (np.asarray(detections.contacts["flags"], np.int64) & int(Flag.MANUAL)) > 0
+    by_hand = _has_flag(detections, Flag.MANUAL)
     unseen = _is_unseen(foreground, places, blur) & ~by_hand
+    unseen |= _is_outshone(foreground, difference, detections)
     scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
@@ -97,7 +99,12 @@ def review(
     outlines: tuple[tuple[int, list[NDArray[np.float64]]], ...] = ()
     if isinstance(detections, FittedDetections) and len(_places(detections)):
         climbed = climb(detections, shape=shape)
-        detections, remark, outlines = climbed.detections, climbed.remark, climbed.outlines
+        remark = climbed.remark
+        lost = _is_outshone(foreground, difference, climbed.detections)
+        lost[[row for row, lines in climbed.outlines if len(lines) > 1]] = False  # dark in a hole
+        detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
+        unseen = np.append(unseen, lost[lost])
+    if isinstance(detections, FittedDetections) and len(_places(detections)):
         agreement = _compare(foreground, difference, detections, blur)
         detections = _with_disagreement(detections, agreement)
     if isinstance(detections, CountedDetections) and len(_places(detections)):
@@ -147,6 +154,25 @@ def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np
     return np.asarray((rise <= 0.0) | (rise < least * scatter))
 
 
+def _is_outshone(
+    foreground: Foreground, difference: DifferenceImage, detections: Detections
+) -> NDArray[np.bool_]:
+    """Which contacts are no brighter than what lies around them, other contacts included.
+
+    In a crowd that can be so of a contact as well: one that is fitted, and fits, stays.
+    """
+    image = difference.image if foreground.sign > 0 else -difference.image
+    outshone, by_contacts = is_outshone(image, _places(detections), contrast=foreground.contrast.plateau)
+    if isinstance(detections, FittedDetections):
+        outshone &= _has_flag(detections, Flag.POOR_FIT) | ~by_contacts
+    return outshone & ~_has_flag(detections, Flag.MANUAL)
+
+
+def _has_flag(detections: Detections, flag: Flag) -> NDArray[np.bool_]:
+    """Which contacts have a flag."""
+    return (np.asarray(detections.contacts["flags"], np.int64) & int(flag)) > 0
+
+
 def _places(detections: Detections) -> NDArray[np.float64]:
     """x, y, radius of the contacts, px."""
     return np.column_stack([np.asarray(detections.contacts[name], float) for name in PLACE])
@@ -177,6 +203,15 @@ def _without(detections: Detections, bad: NDArray[np.bool_], reasons: NDArray) -
     if isinstance(detections, FittedDetections):
         return replace(detections, contacts=contacts, rejected=rejected, rows=detections.rows[~bad])
     return replace(detections, contacts=contacts, rejected=rejected)
+
+
+def _without_climbed(
+    detections: Detections, outlines: Outlines, bad: NDArray[np.bool_]
+) -> tuple[Detections, Outlines]:
+    """Detections and the outlines of contacts of free shape without some contacts that are not seen."""
+    row = np.cumsum(~bad) - 1
+    left = tuple((int(row[k]), lines) for k, lines in outlines if not bad[k])
+    return _without(detections, bad, np.where(bad, Reason.INVISIBLE, "")), left
 
 
 def _compare(

@@ -27,6 +27,7 @@ from contactimg.imaging.kernels.contact_light import (
     RING_SEEN,
     SEEN,
     area_above,
+    find_outshone,
     stand_out,
     sum_light,
 )
@@ -65,6 +66,11 @@ OUTLIER_SIGMA = 4.0
 """Distance of a value from the others beyond which it stands for itself. False-alarm rate: 6e-5."""
 CHI_SQUARE_MEDIAN = 0.4549
 """Median of the square of a standard normal deviate. Theory."""
+WIDE_RING_PX = (3.0, 10.0)
+"""Distances from the rim between which a contact is compared with all that is there. Chosen: the first beyond
+the blurred edge of most frames, the second for as many pixels as a small contact and its rim have."""
+OUTSHONE_FRACTION = 1e-4
+"""Of the contrast, by which a contact must be brighter. Accuracy: sums of single precision."""
 LEAST_BLUR_PX = 0.5
 """Smallest blur that regions are laid out for: a pixel is a blur of 0.29 px, and rims lie between pixels."""
 FEWEST_BLOCKS = 30
@@ -261,6 +267,30 @@ def measure_rise(
     places = np.ascontiguousarray(disks[:, :3], float)
     rise, scatter = stand_out(image, for_kernel(valid), places, near, far).T
     return rise, scatter
+
+
+def is_outshone(
+    image: NDArray[np.float32], disks: Values, *, contrast: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which contacts are no brighter than the median of a wide ring around them, and why.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Difference image, contacts positive.
+    disks : ndarray, shape (n, >= 3)
+        x, y, radius (px).
+    contrast : float
+        Grey levels.
+
+    Returns
+    -------
+    by_anything, by_contacts : ndarray of bool, shape (n,)
+        No brighter than what is there; because other contacts fill most of the ring.
+    """
+    places = np.ascontiguousarray(disks[:, :3], float)
+    found = find_outshone(image, places, WIDE_RING_PX, OUTSHONE_FRACTION * abs(contrast))
+    return found > 0, found == 2
 
 
 def _sum_pixels(scenery: Scenery, disks: Values, blur: float) -> Values:

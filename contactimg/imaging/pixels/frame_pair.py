@@ -96,6 +96,11 @@ class FramePair:
             return level - self.black if level > 0 else float("inf")
         return self.full_scale - level if self.full_scale > level else self.full_scale
 
+    def shown_contrast(self, level: float, sign: int) -> float:
+        """Largest contrast that a plateau can have that the frame shows: at most its range of levels."""
+        largest = self.largest_contrast(level, sign)
+        return largest if np.isfinite(largest) else float(self.frame.max()) - float(self.frame.min())
+
     @property
     def trivial(self) -> bool:
         """Whether the frame carries no information on contacts."""

@@ -89,9 +89,9 @@ def find_foreground(
     image = difference.image if sign > 0 else -difference.image
     noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
     coarse, largest = BinnedImage.of(image), frame_pair.largest_contrast(difference.level, sign)
-    measured = Contrast(0.0, resolved=False)
+    measured, shown = Contrast(0.0, resolved=False), frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
-        measured = measure_contrast(coarse, noise).within(largest)
+        measured = measure_contrast(coarse, noise).within(shown)
     contradicted = _contradicts(measured, prior)
     contrast = _select_contrast(measured, SharedOptics() if contradicted or frame_pair.trivial else prior)
     foreign = NO_FOREIGN_OBJECTS
@@ -105,7 +105,7 @@ def find_foreground(
     refused = np.nan
     if contradicted:
         # the brightest objects may have been foreign: measure again without them
-        measured = measure_contrast(BinnedImage.of(image), noise).within(largest)
+        measured = measure_contrast(BinnedImage.of(image), noise).within(shown)
         if _contradicts(measured, prior):
             refused = prior.contrast
             prior = replace(prior, contrast=np.nan, contrast_std=0.0, correlation=0.0)
