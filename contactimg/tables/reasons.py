@@ -24,7 +24,8 @@ class Reason(enum.StrEnum):
     """A wide disk without an edge: uneven illumination."""
     INVISIBLE = "not seen: hardly brighter inside than around it"
     """The mean inside exceeds the median of its surroundings by less than 1.5 times their scatter (for dark
-    contacts: falls short of it)."""
+    contacts: falls short of it), or does not exceed the median of a ring 3 to 10 px from the rim, whatever
+    lies there; a contact that fits stays among others that fill this ring."""
     SCRATCH = "piece of a scratch"
     """One of a chain of small disks between which the image does not fall: a line or an arc."""
     UNNECESSARY = "not needed to explain the pixels"

@@ -162,6 +162,7 @@ def look_at(image, reference, *, method, polarity, least_rise=0.0) -> Looked:
     if not np.isfinite(disks[list(CONTACT_COLUMNS)].to_numpy(float)).all():
         found.append("numbers that are not finite")
     rise = stand_out(result.difference, places, np.sign(result.contrast) or 1)
+    rise[[row for row, lines in result.outlines if len(lines) > 1]] = np.inf  # rings: dark inside
     invisible = int(np.count_nonzero(rise <= least_rise))
     if invisible:
         found.append(f"{invisible} of {len(rise)} contacts do not stand out")

@@ -162,9 +162,11 @@ def _is_outshone(
     In a crowd that can be so of a contact as well: one that is fitted, and fits, stays.
     """
     image = difference.image if foreground.sign > 0 else -difference.image
-    outshone, by_contacts = is_outshone(image, _places(detections), contrast=foreground.contrast.plateau)
-    if isinstance(detections, FittedDetections):
-        outshone &= _has_flag(detections, Flag.POOR_FIT) | ~by_contacts
+    contrast, places = foreground.contrast.plateau, _places(detections)
+    outshone = is_outshone(image, places, contrast=contrast, spare_crowds=False)
+    if isinstance(detections, FittedDetections) and outshone.any():
+        alone = is_outshone(image, places, contrast=contrast, spare_crowds=True)
+        outshone &= _has_flag(detections, Flag.POOR_FIT) | alone
     return outshone & ~_has_flag(detections, Flag.MANUAL)
 
 

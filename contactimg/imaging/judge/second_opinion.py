@@ -270,9 +270,9 @@ def measure_rise(
 
 
 def is_outshone(
-    image: NDArray[np.float32], disks: Values, *, contrast: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which contacts are no brighter than the median of a wide ring around them, and why.
+    image: NDArray[np.float32], disks: Values, *, contrast: float, spare_crowds: bool
+) -> NDArray[np.bool_]:
+    """Which contacts are no brighter than the median of a wide ring around them.
 
     Parameters
     ----------
@@ -282,15 +282,15 @@ def is_outshone(
         x, y, radius (px).
     contrast : float
         Grey levels.
+    spare_crowds : bool
+        Leave out those whose ring other contacts fill for the most part, and that outshine the rest of it.
 
     Returns
     -------
-    by_anything, by_contacts : ndarray of bool, shape (n,)
-        No brighter than what is there; because other contacts fill most of the ring.
+    ndarray of bool, shape (n,)
     """
-    places = np.ascontiguousarray(disks[:, :3], float)
-    found = find_outshone(image, places, WIDE_RING_PX, OUTSHONE_FRACTION * abs(contrast))
-    return found > 0, found == 2
+    places, margin = np.ascontiguousarray(disks[:, :3], float), OUTSHONE_FRACTION * abs(contrast)
+    return np.asarray(find_outshone(image, places, WIDE_RING_PX, margin, spare_crowds) == 1)
 
 
 def _sum_pixels(scenery: Scenery, disks: Values, blur: float) -> Values:

@@ -197,12 +197,13 @@ def stand_out(image, valid, disks, near_px, far_px):
 
 
 @njit(cache=True)
-def find_outshone(image, disks, limits_px, margin):
+def find_outshone(image, disks, limits_px, margin, look_for_crowd):
     """Which contacts are no brighter than the median of a ring around them, and what lies in it: shape (n,).
 
-    0: brighter; 1: no brighter; 2: no brighter because other contacts fill half the ring or more, but brighter
-    than the rest of it. The ring lies between two distances from the rim. It is looked at pixel by pixel where
-    a sample of it does not decide; contacts with fewer than `FEWEST_AROUND` pixels around them pass.
+    0: brighter; 1: no brighter; 2: no brighter because other contacts fill half the ring or more, but
+    brighter than the rest of it. The ring lies between two distances from the rim. It is looked at pixel by
+    pixel where a sample of it does not decide; contacts with fewer than `FEWEST_AROUND` pixels around them
+    pass.
 
     Parameters
     ----------
@@ -212,6 +213,8 @@ def find_outshone(image, disks, limits_px, margin):
     limits_px : (float, float)
     margin : float, grey levels
         By which the inside must be brighter.
+    look_for_crowd : bool
+        Tell 2 from 1.
     """
     out, sums, everything = np.zeros(len(disks), np.int64), np.zeros(2), np.ones((1, 1), np.uint8)
     start, link = list_neighbours(len(disks), find_pairs(disks, limits_px[1]))
@@ -229,9 +232,11 @@ def find_outshone(image, disks, limits_px, margin):
             continue
         ring = _ring_pixels(image, disks[i], disks[:0], limits_px)
         if len(ring) > FEWEST_AROUND and level <= np.median(ring):
-            free = _ring_pixels(image, disks[i], disks[link[start[i] : start[i + 1], 2]], limits_px)
-            crowded = 2 * len(free) <= len(ring) and (len(free) == 0 or level > np.median(free))
-            out[i] = 2 if crowded else 1
+            out[i] = 1
+            if look_for_crowd:
+                free = _ring_pixels(image, disks[i], disks[link[start[i] : start[i + 1], 2]], limits_px)
+                crowded = 2 * len(free) <= len(ring) and (len(free) == 0 or level > np.median(free))
+                out[i] += crowded
     return out
 
 

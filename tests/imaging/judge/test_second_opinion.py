@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from contactimg.imaging.judge.agreement import compare
-from contactimg.imaging.judge.second_opinion import Scenery, measure_again
+from contactimg.imaging.judge.second_opinion import Scenery, is_outshone, measure_again
 
 RNG_SEED, NOISE, CONTRAST, FINE = 3, 2.0, 80.0, 4
 EVERYTHING = np.ones((50, 75), np.bool_)
@@ -108,3 +108,31 @@ def test_light_is_shared_between_contacts_that_touch():
     # what a small contact loses to a large one across the line between their rims: 2 % of its light
     assert found == pytest.approx(np.pi * disks[:, 2] ** 2, rel=0.02)
     assert found[:2].sum() == pytest.approx(np.pi * (14**2 + 6**2), rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("around", "spare_crowds", "rejected"),
+    [
+        (0.0, False, False),  # alone
+        (120.0, False, True),  # brighter light all around it, beyond its rim
+        (120.0, True, True),  # which no contact explains
+        (80.0, False, False),  # darker light
+    ],
+)
+def test_a_contact_outshines_what_lies_around_it(around, spare_crowds, rejected):
+    y, x = np.mgrid[0:64, 0:64]
+    r = np.hypot(x - 31.0, y - 32.0)
+    image = np.where(r < 6, 100.0, np.where((r > 8) & (r < 18), around, 0.0)).astype(np.float32)
+    found = is_outshone(image, np.array([[31.0, 32.0, 6.0]]), contrast=100.0, spare_crowds=spare_crowds)
+    assert found.tolist() == [rejected]
+
+
+def test_a_contact_among_brighter_contacts_may_be_spared():
+    y, x = np.mgrid[0:64, 0:64]
+    corners = [(31.0 + 11.5 * np.cos(t), 32.0 + 11.5 * np.sin(t), 5.5) for t in np.arange(6) * np.pi / 3]
+    disks = np.array([(31.0, 32.0, 5.0), *corners])
+    image = np.zeros(x.shape, np.float32)
+    for (cx, cy, a), level in zip(disks, [90.0, *[100.0] * 6], strict=True):
+        image[np.hypot(x - cx, y - cy) < a] = level
+    assert is_outshone(image, disks, contrast=100.0, spare_crowds=False)[0]
+    assert not is_outshone(image, disks, contrast=100.0, spare_crowds=True)[0]
