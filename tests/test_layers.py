@@ -36,6 +36,7 @@ ROOMS = [
     "pipeline",
     "report",
     "review",
+    "napari_plugin",
     "cli",
 ]
 

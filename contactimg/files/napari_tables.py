@@ -21,7 +21,7 @@ def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Pa
 
     An ellipse is given by the four corners around it; a free shape is a polygon, each of its holes a path.
     """
-    shapes = [shape for outline in contact_outlines(contacts, outlines) for shape in _shapes(outline)]
+    shapes = [shape for outline in contact_outlines(contacts, outlines) for shape in napari_shapes(outline)]
     rows: list[list[object]] = [
         [index, kind, vertex, y, x]
         for index, (kind, points) in enumerate(shapes)
@@ -30,8 +30,8 @@ def write_napari_shapes(contacts: pd.DataFrame, outlines: pd.DataFrame, path: Pa
     _write(path, ["index", "shape-type", "vertex-index", "axis-0", "axis-1"], rows)
 
 
-def _shapes(outline: Outline) -> list[tuple[str, NDArray[np.float64]]]:
-    """Napari's shapes for one contact, each with its points (x, y)."""
+def napari_shapes(outline: Outline) -> list[tuple[str, NDArray[np.float64]]]:
+    """Napari's shapes for one contact, each its type and points (x, y): the contact, then its holes."""
     if outline.lines:
         holes = [("path", hole) for hole in outline.lines[1:]]
         return [("polygon", outline.lines[0][:-1]), *holes]

@@ -56,7 +56,7 @@ def export_run(
     per_frame = [name for name in ("fiji", "napari", "labels") if name in formats]
     for name in per_frame:
         (folder / name).mkdir()
-    sources = _frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
+    sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
     groups = dict(list(run.contacts.groupby("frame")))
     refused = dict(list(rejected_of(run).groupby("frame")))
     lines = dict(list(run.outlines.groupby("frame")))
@@ -98,7 +98,7 @@ def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Regi
     """Contacts of one frame as regions, named and coloured by what they are."""
     shapes = contact_outlines(contacts, outlines)
     return [
-        region_of(outline, name=region_name(outline.label), colour=_colour(int(flags)))
+        region_of(outline, name=region_name(outline.label), colour=contact_colour(int(flags)))
         for outline, flags in zip(shapes, contacts["flags"], strict=True)
     ]
 
@@ -130,8 +130,8 @@ def label_of(name: str) -> int | None:
     return int(match[1]) if match else None
 
 
-def _colour(flags: int) -> str:
-    """By hand, flagged, or neither."""
+def contact_colour(flags: int) -> str:
+    """Colour of a contact: by hand, flagged, or neither."""
     if flags & Flag.MANUAL:
         return MANUAL_COLOUR
     return FLAGGED_COLOUR if flags else CONTACT_COLOUR
@@ -146,8 +146,14 @@ def _write_fiji(run: RunFolder, image: NDArray | None, regions: list[Region], st
         write_overlay_tiff(image, regions, stem.with_name(f"{stem.name}_overlay.tif"), pixel_size=pixel_size)
 
 
-def _frame_sources(run: RunFolder) -> dict[str, FrameSource]:
-    """The frames of a run as they were recorded, by name."""
+def frame_sources(run: RunFolder) -> dict[str, FrameSource]:
+    """The frames of a run as they were recorded, by name; without those that failed.
+
+    Raises
+    ------
+    InputError
+        If the run is a prediction, or the frames are not found.
+    """
     if run.scene is None or run.command == "predict":
         raise InputError(f"{run.folder}: has no frames; only --napari and --xlsx can be exported")
     frames = open_experiment(run.scene).frames

@@ -1,5 +1,6 @@
-"""Regions that come back from ImageJ as corrections by hand: moved, deleted and added contacts."""
+"""Regions that come back from other programs as corrections by hand: moved, deleted and added contacts."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -49,28 +50,51 @@ def edits_from_regions(
     if frame not in set(run.frames["frame"]):
         raise InputError(f"{run.folder}: has no frame {frame!r}")
     contacts = run.contacts[run.contacts["frame"] == frame]
+    lines = run.outlines
+    exported = contact_regions(contacts, lines[lines["frame"] == frame])
+    edits = edits_between(contacts, exported, read_regions(path), program="ImageJ")
+    return edits.assign(frame=frame, author=author, time=time)
+
+
+def edits_between(
+    contacts: pd.DataFrame, exported: Iterable[Region], corrected: Iterable[Region], *, program: str
+) -> pd.DataFrame:
+    """What was changed between the regions of a frame's contacts and those that came back.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Of one frame, columns of `contactimg.tables.CONTACTS`.
+    exported, corrected : iterable of Region
+        Before and after; contacts are known by their names (`contactimg.pipeline.export.region_name`).
+    program : str
+        In which they were changed, for the column reason.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `contactimg.tables.EDITS`, without frame, author and time.
+    """
     columns = ["label", "x_px", "y_px", "radius_px"]
     places = {
         int(label): (x, y, radius) for label, x, y, radius in contacts[columns].astype(float).to_numpy()
     }
-    lines = run.outlines
-    exported = {region.name: region for region in contact_regions(contacts, lines[lines["frame"] == frame])}
+    before = {region.name: region for region in exported}
     rows: list[dict[str, object]] = []
     kept: set[int] = set()
-    for region in read_regions(path):
+    for region in corrected:
         if region.name.startswith(REJECTED_PREFIX):
             continue
         label = label_of(region.name)
-        if label not in places or label in kept:
-            rows.append(_row("add", (region.x, region.y, region.radius), "drawn in ImageJ"))
+        if label is None or label not in places or label in kept:
+            rows.append(_row("add", (region.x, region.y, region.radius), f"drawn in {program}"))
             continue
         kept.add(label)
-        if not _same(region, exported[region.name]):
-            rows.append(_row("exclude", places[label], "moved in ImageJ"))
-            rows.append(_row("add", (region.x, region.y, region.radius), "moved in ImageJ"))
-    gone = [_row("exclude", places[label], "deleted in ImageJ") for label in sorted(places.keys() - kept)]
-    table = EDITS.conform(pd.DataFrame([*gone, *rows], columns=["action", *_PLACE, "reason"]))
-    return table.assign(frame=frame, author=author, time=time)
+        if not _same(region, before[region.name]):
+            rows.append(_row("exclude", places[label], f"moved in {program}"))
+            rows.append(_row("add", (region.x, region.y, region.radius), f"moved in {program}"))
+    gone = [_row("exclude", places[label], f"deleted in {program}") for label in sorted(places.keys() - kept)]
+    return EDITS.conform(pd.DataFrame([*gone, *rows], columns=["action", *_PLACE, "reason"]))
 
 
 _PLACE = ("x_px", "y_px", "radius_px")

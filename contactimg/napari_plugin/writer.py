@@ -1,0 +1,105 @@
+"""Contacts that were moved, deleted or drawn in napari, written as edits.csv."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+from contactimg.files import read_run
+from contactimg.files.edit_rows import EditsFile
+from contactimg.files.imagej import Region, polygon_region
+from contactimg.napari_plugin.reader import FRAMES_KEY, RUN_KEY, FrameContacts, contacts_by_frame
+from contactimg.pipeline.export import region_name
+from contactimg.pipeline.import_regions import edits_between
+from contactimg.tables import EDITS
+
+
+def write_corrections(path: str, data: Sequence[Any], properties: dict[str, Any]) -> list[str]:
+    """Write what was changed on the layer of contacts of a run, as rows of edits.csv.
+
+    Parameters
+    ----------
+    path : str
+        The table to write; rows are added to what is there, each correction once. `process` applies
+        ``edits.csv`` beside the frames.
+    data : sequence of ndarray, shape (n, 3)
+        Points of the shapes: number of the frame, row, column.
+    properties : dict
+        Of the layer, as napari hands them over: ``metadata``, ``features``, ``shape_type``.
+
+    Returns
+    -------
+    list of str
+        The path; empty if nothing was changed.
+
+    Raises
+    ------
+    InputError
+        If the layer is not that of the contacts of a run, or the run is not there any more.
+    """
+    metadata = properties.get("metadata", {})
+    if RUN_KEY not in metadata or FRAMES_KEY not in metadata:
+        raise InputError(
+            "this layer does not hold the contacts of a run; open a run folder and correct those"
+        )
+    run = read_run(metadata[RUN_KEY])
+    names = metadata[FRAMES_KEY]
+    drawn = _regions_by_frame(data, properties, len(names))
+    edits = [
+        _edits(frame, regions).assign(frame=name, author="", time="")
+        for name, frame, regions in zip(names, contacts_by_frame(run, names), drawn, strict=True)
+    ]
+    rows = EDITS.conform(pd.concat(edits, ignore_index=True))
+    target = EditsFile(Path(path))
+    new = rows[~_keys(rows).isin(_keys(target.read()))]
+    if len(new):
+        target.insert(new.assign(time=datetime.now(UTC).isoformat(timespec="seconds")))
+    return [path] if len(rows) else []
+
+
+def _edits(frame: FrameContacts, corrected: list[Region]) -> pd.DataFrame:
+    """The corrections of one frame."""
+    exported = [
+        region
+        for label, (outer, *_) in zip(frame.table["label"], frame.shapes, strict=True)
+        if (region := _region(region_name(int(label)), *outer)) is not None
+    ]
+    return edits_between(frame.table, exported, corrected, program="napari")
+
+
+def _regions_by_frame(data: Sequence[Any], properties: dict[str, Any], count: int) -> list[list[Region]]:
+    """The shapes with an area as regions, frame by frame; new ones carry no label of a contact."""
+    labels = pd.DataFrame(properties.get("features", {})).get("label", pd.Series([np.nan] * len(data)))
+    kinds = properties.get("shape_type", "polygon")
+    kinds = [kinds] * len(data) if isinstance(kinds, str) else kinds
+    by_frame: list[list[Region]] = [[] for _ in range(count)]
+    for points, kind, label in zip(data, kinds, labels, strict=True):
+        place = np.asarray(points, float)
+        frame = int(np.clip(np.rint(place[0, 0]), 0, count - 1))
+        name = "" if pd.isna(label) else region_name(int(label))
+        region = _region(name, kind, place[:, :0:-1])
+        if region is not None:
+            by_frame[frame].append(region)
+    return by_frame
+
+
+def _region(name: str, kind: str, points: NDArray[np.float64]) -> Region | None:
+    """The region of a shape with the points (x, y): the disk of equal area; None without an area."""
+    if kind != "ellipse":
+        return polygon_region(name, points)
+    along, across = points[1] - points[0], points[2] - points[1]
+    area = abs(along[0] * across[1] - along[1] * across[0]) / 4.0  # over pi
+    centre = points.mean(axis=0)
+    radius = float(np.sqrt(area))
+    return Region(name, float(centre[0]), float(centre[1]), radius, radius) if radius > 0 else None
+
+
+def _keys(edits: pd.DataFrame) -> pd.MultiIndex:
+    """What makes a correction the same: frame, action and place."""
+    place = edits[["x_px", "y_px", "radius_px"]].astype(float).round(6).fillna(-1.0)
+    return pd.MultiIndex.from_frame(edits[["frame", "action"]].join(place))
