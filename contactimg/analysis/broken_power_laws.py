@@ -220,7 +220,8 @@ class _BreakSearch:
         below = np.asarray(points.x) < place
         weights = np.ones_like(y)
         for _ in range(_N_REWEIGHTINGS):
-            c = np.linalg.lstsq(basis * weights[:, None], y * weights)[0]
+            weighted = basis * (weights**2)[:, None]
+            c = np.linalg.solve(weighted.T @ basis, weighted.T @ y)
             variance = points.variance(np.where(below, c[1], c[2])) + scatter**2
             weights = 1 / np.sqrt(np.maximum(variance, np.finfo(float).tiny))
         return np.append(c, place), float(np.sum(((y - basis @ c) * weights) ** 2))

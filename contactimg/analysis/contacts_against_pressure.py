@@ -1,7 +1,8 @@
 """Density and radius of the contacts against the local pressure, and the two power laws they follow."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -9,8 +10,11 @@ import pandas as pd
 from contactimg.analysis.annuli import sum_moments
 from contactimg.analysis.broken_power_laws import BrokenLaw, fit_broken_law
 from contactimg.analysis.estimates import Estimate, jackknife_covariance, student_estimate
+from contactimg.analysis.power_laws import PowerLaw, fit_power_law
 from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
+
+Law = TypeVar("Law", PowerLaw, BrokenLaw)
 
 QUANTITIES = ("density", "mean_radius")
 
@@ -75,7 +79,7 @@ def fit_contact_law(
     Parameters
     ----------
     loads : sequence of mapping
-        Per load: name of the place -> its table of `annulus_moments`.
+        Per load: name of the place -> its table of `annulus_moments`, in sectors for fewer than four places.
     quantity : {"density", "mean_radius"}
         Contacts per unit area, or mean contact radius.
     min_contacts : float
@@ -87,9 +91,10 @@ def fit_contact_law(
     -------
     BrokenLaw
         The annuli of all loads are its points. Where they do not support a break (`BrokenLaw.supported`) its
-        ``single`` law is the one to read. With four places or more at every load the exponents'
-        uncertainties come from leaving out one place at a time, which holds what the loads of one place have
-        in common; with fewer they are those of independent contacts.
+        ``single`` law is the one to read. Exponents have the uncertainties of another surface of the same
+        kind, by leaving out one place at a time; of fewer than four places, one sector of a place. This holds
+        what the loads of a place have in common. Of tables that are not in sectors, and where a place without
+        a sector has too few annuli, they are those of independent contacts.
 
     Raises
     ------
@@ -105,36 +110,74 @@ def fit_contact_law(
         raise InputError(f"quantity must be one of {', '.join(map(repr, QUANTITIES))}, got {quantity!r}")
     if not loads:
         raise InputError("a contact law needs at least one load")
-    law = _fit_pooled(loads, quantity, min_contacts, confidence)
-    if min(len(places) for places in loads) < MIN_PLACES_FOR_SCATTER:
+    law = _fit(fit_broken_law, _pooled_points(loads, min_contacts), quantity, confidence)
+    by_place = _without_one_place(loads)
+    rests = by_place or _without_one_sector(loads)
+    if not rests:
         return law
+    try:
+        points = [_pooled_points(rest, min_contacts * (1 - 1 / len(rests))) for rest in rests]
+        law = _left_out(law, points, quantity, confidence)
+    except InputError:
+        return law
+    return replace(law, single=replace(law.single, n_places=max(len(by_place), 1)))
+
+
+Rests = list[list[dict[str, pd.DataFrame]]]
+
+
+def _without_one_place(loads: Sequence[Mapping[str, pd.DataFrame]]) -> Rests:
+    """The loads without each of the places in turn; empty for few places."""
+    if min(len(places) for places in loads) < MIN_PLACES_FOR_SCATTER:
+        return []
     names = sorted({name for places in loads for name in places})
-    count = len(names)
-    rests = [[{k: v for k, v in places.items() if k != name} for places in loads] for name in names]
-    without = [_fit_pooled(rest, quantity, min_contacts, confidence) for rest in rests]
+    whole = [{name: sum_moments([table]) for name, table in places.items()} for places in loads]
+    return [[{k: v for k, v in places.items() if k != name} for places in whole] for name in names]
 
-    def renewed(values: list[Estimate], whole: Estimate) -> Estimate:
+
+def _without_one_sector(loads: Sequence[Mapping[str, pd.DataFrame]]) -> Rests:
+    """The loads without each sector of each place in turn; empty if the tables are not in sectors."""
+    tables = [(name, table) for places in loads for name, table in places.items() if "sector" in table]
+    blocks = sorted({(name, int(k)) for name, table in tables for k in table["sector"].unique()})
+    if len(blocks) < MIN_PLACES_FOR_SCATTER:
+        return []
+    return [
+        [{k: v[v["sector"] != sector] if k == name else v for k, v in places.items()} for places in loads]
+        for name, sector in blocks
+    ]
+
+
+def _left_out(law: BrokenLaw, rests: list[pd.DataFrame], quantity: str, confidence: float) -> BrokenLaw:
+    """The law with uncertainties from its exponents in the remaining points, one block left out at a time."""
+
+    def renewed(whole: Estimate, values: list[Estimate]) -> Estimate:
         std = float(np.sqrt(jackknife_covariance([[value.value] for value in values])[0, 0]))
-        return student_estimate(whole.value, std, freedom=count - 1, confidence=confidence)
+        return student_estimate(whole.value, std, freedom=len(values) - 1, confidence=confidence)
 
-    single = renewed([part.single.exponent for part in without], law.single.exponent)
+    if not law.supported:
+        single = [_fit(fit_power_law, points, quantity, confidence).exponent for points in rests]
+        return replace(law, single=replace(law.single, exponent=renewed(law.single.exponent, single)))
+    parts = [_fit(fit_broken_law, points, quantity, confidence) for points in rests]
+    exponent = renewed(law.single.exponent, [part.single.exponent for part in parts])
     return replace(
         law,
-        single=replace(law.single, exponent=single, n_places=count),
-        low_exponent=renewed([part.low_exponent for part in without], law.low_exponent),
-        high_exponent=renewed([part.high_exponent for part in without], law.high_exponent),
+        single=replace(law.single, exponent=exponent),
+        low_exponent=renewed(law.low_exponent, [part.low_exponent for part in parts]),
+        high_exponent=renewed(law.high_exponent, [part.high_exponent for part in parts]),
     )
 
 
-def _fit_pooled(
-    loads: Sequence[Mapping[str, pd.DataFrame]], quantity: str, min_contacts: float, confidence: float
-) -> BrokenLaw:
-    """The law of the annuli of all loads, each pooled over the places."""
-    points = pd.concat(
+def _pooled_points(loads: Sequence[Mapping[str, pd.DataFrame]], min_contacts: float) -> pd.DataFrame:
+    """The annuli of all loads, each pooled over the places."""
+    return pd.concat(
         [pressure_points(sum_moments(places.values()), min_contacts=min_contacts) for places in loads],
         ignore_index=True,
     )
-    return fit_broken_law(
+
+
+def _fit(law: Callable[..., Law], points: pd.DataFrame, quantity: str, confidence: float) -> Law:
+    """One or two power laws of a quantity, with the errors of both axes."""
+    return law(
         points["pressure"],
         points[quantity],
         x_std=points["pressure_std"],

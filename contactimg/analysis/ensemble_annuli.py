@@ -70,7 +70,7 @@ def gather_annuli(
             so_far[name] = so_far[name] + one if name in so_far else one
     if not sums:
         raise InputError("an ensemble needs one pattern and one load at least")
-    ends = {"inner": edges[:-1], "outer": edges[1:]}
+    ends = {"inner": edges[:-1], "outer": edges[1:], "sector": 0}
     return {
         key: {name: pd.DataFrame(ends).join(table) for name, table in tables.items()}
         for key, tables in sums.items()
@@ -93,6 +93,6 @@ def _bare_contacts(solution: InteractingSolution) -> pd.DataFrame:
 def _one_pattern(moments: pd.DataFrame) -> pd.DataFrame:
     """What one pattern adds to each annulus."""
     n, a = moments["n"].to_numpy(float), moments["a"].to_numpy(float)
-    return moments.drop(columns=["inner", "outer"]).assign(
+    return moments.drop(columns=["inner", "outer", "sector"]).assign(
         patterns=1.0, occupied=(n > 0).astype(float), own_radius=a / np.maximum(n, 1.0)
     )

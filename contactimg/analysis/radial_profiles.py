@@ -108,6 +108,7 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         raise InputError(
             f"places are averaged over the same annuli, got {len(edges)} different sets of edges"
         )
+    places = [sum_moments([place]) for place in places]
     sums = sum_moments(places)
     area = _nonzero(sums["area"])
     unknown = _pressure_unknown(sums)

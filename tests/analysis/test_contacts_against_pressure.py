@@ -84,6 +84,23 @@ def test_annuli_count_as_far_as_they_are_seen():
     assert wrong["density_per_m2"].iloc[-1] * 4e-10 < 0.5  # without clipping the annulus seems half empty
 
 
+def test_sectors_share_what_an_annulus_holds():
+    field, centre = FieldOfView(POSE), (5e-4, 2e-4)
+    edges = 1e-4 * np.arange(9)
+    whole = annulus_moments(lattice(), centre=centre, edges=edges, field=field)
+    parts = annulus_moments(lattice(), centre=centre, edges=edges, field=field, sectors=8)
+    assert len(parts) == 8 * len(whole)
+    pd.testing.assert_frame_equal(sum_moments([parts]), sum_moments([whole]))
+    # a lattice has one contact an elementary cell in the visible part of every sector, up to its boundary
+    expected = parts["area"] / 4e-10
+    assert (parts["n"] - expected).abs().max() < 4 * np.sqrt(expected.max())
+    assert (parts["area"] == 0).sum() > 0  # some sectors are out of sight
+    moved = lattice()[lambda t: (t["x_m"] > centre[0]) & (t["y_m"] > centre[1])]  # the first quadrant
+    there = annulus_moments(moved, centre=centre, edges=edges, sectors=8).groupby("sector")["n"].sum()
+    assert (there[2:] == 0).all()
+    assert (there[:2] > 0).all()
+
+
 def test_an_annulus_out_of_sight_is_empty_not_zero():
     field = FieldOfView(Pose((100, 160), 1e-5))
     profile = radial_profile(

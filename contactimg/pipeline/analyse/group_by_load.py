@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.analysis.annuli import MOMENTS, annulus_edges, annulus_moments
+from contactimg.analysis.annuli import MOMENTS, SECTORS, annulus_edges, annulus_moments
 from contactimg.analysis.area_against_load import group_loads
 from contactimg.pipeline.analyse.places import Place
 from contactimg.prediction import load_name
@@ -63,6 +63,7 @@ class LoadGroup:
                         centre=place.centre,
                         edges=edges,
                         field=place.field(frame),
+                        sectors=SECTORS,
                     )
                     for frame in self.frames_of(place)
                 ]
