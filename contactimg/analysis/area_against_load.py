@@ -232,7 +232,8 @@ def fit_area_law(
         With one place the uncertainty of the area includes the sampling of places (`sampling_std`), so that
         the interval applies to the surface; with several it comes from the scatter between places. The zero
         of the loads is averaged over (`contactimg.analysis.load_cell`): its mean is taken off the loads, and
-        what is not known of it is in the intervals; the gain is in that of the amplitude.
+        what is not known of it is in the intervals; the gain is in that of the amplitude. ``here`` leaves out
+        the sampling of places.
 
     Raises
     ------
@@ -257,6 +258,7 @@ def fit_area_law(
         "confidence": confidence,
     }
     law = fit_power_law(load, area, **errors)
+    std = _measured_std(load, area, errors, law, good["area_std"].to_numpy(float))
     width = load_cell.zero_width(load)
     if width > 0:
         average = _zero_average(load, area, errors, law, width)
@@ -265,17 +267,34 @@ def fit_area_law(
         law = replace(
             law, amplitude=_widened(law.amplitude, average.std[0] * law.amplitude.value, confidence)
         )
+        std = float(np.hypot(std, average.std[1]))
+    value = law.exponent.value
+    law = replace(law, here=_widened(Estimate(value, 0.0, value, value), std, confidence))
     gain = load_cell.gain_std * law.exponent.value * law.amplitude.value
     return replace(law, amplitude=_widened(law.amplitude, gain, confidence))
+
+
+def _weights(load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw) -> Values:
+    """Of the logarithms of the areas in the fit."""
+    variance = (errors["y_std"] / area) ** 2 + (law.exponent.value * errors["x_std"] / load) ** 2
+    return np.asarray(1 / np.maximum(variance + law.scatter**2, LEAST_RELATIVE_VARIANCE), np.float64)
+
+
+def _measured_std(
+    load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw, area_std: Values
+) -> float:
+    """Standard deviation of the exponent by the errors of the measured areas and loads alone."""
+    weight, x = _weights(load, area, errors, law), np.log(load)
+    lever = weight * (x - weight @ x / weight.sum())
+    relative = np.hypot(area_std / area, law.exponent.value * errors["x_std"] / load)
+    return float(np.sqrt(np.sum((lever * relative) ** 2)) / (lever @ x))
 
 
 def _zero_average(
     load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw, width: float
 ) -> ZeroAverage:
     """Weighted lines through the logarithms for every zero: ln A at the reference, and the exponent."""
-    variance = (errors["y_std"] / area) ** 2 + (law.exponent.value * errors["x_std"] / load) ** 2
-    weight = 1 / np.maximum(variance + law.scatter**2, LEAST_RELATIVE_VARIANCE)
-    y = np.log(area)
+    weight, y = _weights(load, area, errors, law), np.log(area)
 
     def line(zero: float) -> tuple[Values, float]:
         x = np.log((load - zero) / law.reference)

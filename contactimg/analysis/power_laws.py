@@ -36,6 +36,9 @@ class PowerLaw:
         Of the intervals.
     zero : float
         What was taken off every x before the fit.
+    here : Estimate or None
+        The exponent with what the errors of the measurement alone leave open: of these very places, where the
+        interval of ``exponent`` is that of the surface, or of another one of its kind. None if not computed.
     """
 
     exponent: Estimate
@@ -50,6 +53,7 @@ class PowerLaw:
     n_places: int
     confidence: float
     zero: float = 0.0
+    here: Estimate | None = None
 
     def value(self, x: ArrayLike) -> Values:
         """The law at x."""

@@ -319,3 +319,18 @@ def test_exponent_leaves_out_what_has_no_logarithm():
     assert law.exponent.value == pytest.approx(1.0)
     with pytest.raises(InputError, match="two different loads with contacts at least, got 1"):
         fit_area_law(areas[areas["load"] <= 0.2])
+
+
+def test_these_places_and_another_surface_are_told_apart():
+    areas = pd.DataFrame({"place": "a", "load": [0.1, 0.2, 0.4], "area": [1e-7, 1.9e-7, 3.6e-7]})
+    areas = areas.assign(area_std=0.01 * areas["area"], sampling_std=0.03 * areas["area"])
+    law = fit_area_law(areas)
+    # equal weights, x at -ln 2, 0 and ln 2: the exponent is ln(A3/A1)/(2 ln 2)
+    of_measurement = np.sqrt(2) * 0.01 / (2 * np.log(2))
+    assert law.here.std == pytest.approx(of_measurement, rel=1e-9)
+    assert law.exponent.std == pytest.approx(np.sqrt(10) * of_measurement, rel=1e-6)
+    assert law.here.value == law.exponent.value
+    assert law.here.high - law.here.value == pytest.approx(1.959964 * of_measurement, rel=1e-6)
+    exact = fit_area_law(areas.assign(area_std=0.0))
+    assert exact.here.std == 0.0  # what was measured exactly is known of these places, not of the surface
+    assert exact.exponent.std > 0.0

@@ -86,6 +86,9 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     source = "scatter between places" if law.n_places > 1 else "stated errors and counting of contacts"
     note = f"A ~ P^m, errors in A and P; interval from {source}"
     yield _row("area_exponent", model, law.exponent, "1", fit, note=note)
+    if law.here is not None:
+        note = "the same exponent, interval from the errors of areas and loads alone: of these very places"
+        yield _row("area_exponent_here", model, law.here, "1", fit, note=note)
     note = f"A of that law at {law.reference!r} N, the geometric mean of the loads"
     yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
     if law.zero:
