@@ -11,7 +11,7 @@ the truth is what the same number of places shows on average.
 
 import argparse
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -182,7 +182,7 @@ class Bank:
         return loads, pd.concat(areas, ignore_index=True)
 
 
-def coverage_on_contacts(kind: str, counts: tuple[int, ...], given: argparse.Namespace) -> pd.DataFrame:
+def coverage_on_contacts(kind: str, counts: Sequence[int], given: argparse.Namespace) -> pd.DataFrame:
     """How often intervals hold what the same places give on average over many patterns of the kind."""
     bank, rng = Bank.of(kind, given.bank, given.seed), np.random.default_rng(given.seed)
     areas = pd.concat(bank.areas).groupby("frame", as_index=False, sort=False).mean(numeric_only=True)
@@ -298,6 +298,7 @@ def main() -> None:
     parser.add_argument("--places", type=int, default=4, help="rendered places; 0 renders none")
     parser.add_argument("--repeats", type=int, default=100, help="surfaces drawn of each kind")
     parser.add_argument("--bank", type=int, default=240, help="patterns of each kind to draw from")
+    parser.add_argument("--counts", nargs="*", type=int, default=[1, 24], help="places of a surface")
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))
     parser.add_argument("--tables", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument("--seed", type=int, default=20000)
@@ -306,7 +307,7 @@ def main() -> None:
     if given.tables:
         print(pd.DataFrame(coverage_on_tables(10 * given.repeats, given.seed)).T.round(4).to_string(), "\n")
     for kind in given.kinds:
-        print(coverage_on_contacts(kind, (1, 24), given).round(4).to_string(), "\n", flush=True)
+        print(coverage_on_contacts(kind, given.counts, given).round(4).to_string(), "\n", flush=True)
     if given.places:
         print(closed_loop(given.places, given.seed).round(4).to_string())
 
