@@ -26,6 +26,7 @@ the others stands beside them.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +35,7 @@ from scipy.special import ndtri
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.free_shape import ellipse_of_moments
-from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors
+from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors, shown_contrast
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -63,6 +64,10 @@ half height. Chosen by hand."""
 SHARPEST_SLOPE_PX = 0.45
 """Blur below which rims lie between pixels and their slopes show nothing. Chosen: slopes give 0.59 px or
 more."""
+LARGEST_CONTRAST_RATIO = 10.0
+"""Largest contrast over the brightest light of contacts that do not show it. Chosen, as for the fit."""
+LEAST_PLATEAU_STD = 0.02
+"""Relative uncertainty of a plateau that is read from few pixels. Chosen, as for the fit."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. Chosen by hand."""
 SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
@@ -127,19 +132,46 @@ def measure_by_count(
     rejected = {name: np.concatenate([part[name] for part in (rejected, dusty, by_hand)]) for name in dusty}
     contacts = {name: values[~dust] for name, values in contacts.items()}
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
+    crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
     contacts |= _uncertainties(contacts, crossing)
     measured = foreground.measured_contrast
     return CountedDetections(
         contacts,
         rejected,
-        optics=SharedOptics(contrast.plateau, contrast.std, blur_std_px=np.nan),
-        own_optics=SharedOptics(max(measured.plateau, 1e-9), measured.std, blur_std_px=np.nan),
+        optics=SharedOptics(contrast.plateau, crossing.contrast_std, blur_std_px=np.nan),
+        own_optics=SharedOptics(max(measured.plateau, 1e-9), own_std, blur_std_px=np.nan),
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
         unmatched=unmatched,
         remark=_remark_on_threshold(contacts, crossing),
         rim_blur_px=blur,
     )
+
+
+def _with_unseen_contrast(
+    foreground: Foreground, radius_px: NDArray[np.float64], crossing: Crossing
+) -> tuple[Crossing, float]:
+    """The crossing with what contacts do not show of their contrast, and the error of the contrast measured.
+
+    A plateau taken for one may be the top of a spot, and bright spots may be plateaus: what decides is how
+    wide the contacts are behind their blur.
+    """
+    measured = foreground.measured_contrast
+    if not len(radius_px):
+        return crossing, measured.std
+    deficit, shown = shown_contrast(radius_px, crossing)
+    room = foreground.largest_contrast / max(measured.plateau, 1e-9)
+    if shown:
+        std = measured.std if measured.resolved else LEAST_PLATEAU_STD * measured.plateau
+        own, ratio = float(np.hypot(std, deficit * measured.plateau)), 1.0
+    else:
+        ratio = float(np.clip(room, 1.0, LARGEST_CONTRAST_RATIO))
+        own = max(np.log(ratio) / np.sqrt(12.0), LEAST_PLATEAU_STD) * measured.plateau
+    if np.isfinite(foreground.prior_optics.contrast):
+        return crossing, own
+    # the ratio says what is not seen; the plateau itself is as good as its pixels
+    std = own if shown else LEAST_PLATEAU_STD * measured.plateau
+    return replace(crossing, contrast_std=std, largest_ratio=ratio), own
 
 
 def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:

@@ -24,6 +24,9 @@ BLUR_STD = 0.1
 WIDE_BLUR_WIDTHS = 5.0
 """Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by `BLUR_STD` changes it by
 1 % there."""
+SHOWN_BLUR_WIDTHS = 2.5
+"""Radius over the blur that slopes of rims give, above which contacts show their contrast. Theory: a Gaussian
+spot of any contrast has 1.8 at half of its height, a disk of 2.5 has 96 % of its contrast at the centre."""
 FEWEST_WIDE = 5
 """Such contacts that show how contrasts scatter. Chosen."""
 LEAST_RADIUS_PX = 2.0  # of contacts that show the blur of their rims; chosen: smaller ones are mostly rim
@@ -48,6 +51,8 @@ class Crossing:
         Of a pixel, grey levels.
     fraction_std : float
         Standard uncertainty of a fraction that was calibrated; 0 for one that was chosen.
+    largest_ratio : float
+        Of the contrast that the contacts may have to that assumed; 1 where they show it.
     """
 
     fraction: float
@@ -56,6 +61,7 @@ class Crossing:
     blur_px: float
     noise: float
     fraction_std: float = 0.0
+    largest_ratio: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +73,8 @@ class RimErrors:
     own : ndarray, shape (n,)
         Of each alone: counting, noise, and a contrast of its own.
     contrast_shift : ndarray, shape (n,)
-        Change if the contrast of the frame is one standard uncertainty higher.
+        Change if the contrast of the frame is one standard uncertainty higher; where contacts do not show
+        it, root mean square error for all contrasts that they may have.
     threshold_shift : ndarray, shape (n,)
         Radius at the threshold minus that of the contact behind the blur; of a calibrated threshold, which
         took that into account, the change if it is one standard uncertainty higher.
@@ -104,7 +111,32 @@ def rim_errors(radius_px: Values, height: Values, crossing: Crossing) -> RimErro
     own = np.hypot(np.sqrt(counting), spread)
     calibrated = crossing.fraction_std > 0
     threshold_shift = -crossing.fraction_std * contrast / slope if calibrated else radius_px - true
-    return RimErrors(own, -f * crossing.contrast_std / slope, threshold_shift)
+    contrast_shift = -f * crossing.contrast_std / slope
+    unseen = _unseen_contrast_error(radius_px, true, crossing.largest_ratio)
+    unseen = np.sqrt(np.maximum(unseen**2 - threshold_shift**2, 0.0))
+    return RimErrors(own, -np.hypot(contrast_shift, unseen), threshold_shift)
+
+
+def shown_contrast(radius_px: Values, crossing: Crossing) -> tuple[float, bool]:
+    """Relative deficit of the plateau in the widest contacts, and whether they show their contrast.
+
+    A disk of radius a behind a blur s reaches ``1 - exp(-a^2/(2 s^2))`` of its contrast at the centre.
+    """
+    widest = np.sort(radius_px)[-min(FEWEST_WIDE, len(radius_px)) :].min(initial=np.inf)
+    widths = float(widest / crossing.blur_px)
+    return float(np.exp(-0.5 * widths**2)), widths > SHOWN_BLUR_WIDTHS
+
+
+def _unseen_contrast_error(radius: Values, true: Values, ratio: float) -> Values:
+    """Root mean square distance of counted radii from those of disks with the same light.
+
+    These are uniform between the radius at the contrast assumed and that at the largest possible one, whose
+    square is smaller by the ratio of the contrasts.
+    """
+    if ratio <= 1.0:
+        return np.zeros(len(radius))
+    far, near = radius - true / np.sqrt(ratio), radius - true
+    return np.sqrt(np.maximum(far**2 + far * near + near**2, 0.0) / 3.0)
 
 
 def _relative_slope(radius: Values, true: Values, crossing: Crossing) -> Values:

@@ -26,6 +26,7 @@ LEAST_SHARE, LARGEST_SHARE = 0.02, 0.98
 FOOT_FRACTION = 0.01
 """Of the contrast, up to which a pixel belongs to the background. Chosen."""
 FEWEST_PIXELS = 100  # of the background; theory: their share at the end is then known to 0.05
+LEAST_DISTANCE = 1e-3  # of two quantiles, standard deviations; keeps a noise of 0 finite
 ROUNDS = 2  # of correcting with the contrast found; accuracy
 ONE_STD = float(ndtr(1.0))  # quantile one standard deviation from the mean
 
@@ -55,8 +56,12 @@ def restore_clipped_noise(
     if not LEAST_SHARE < share < LARGEST_SHARE:
         return problem, fit
     end = -float(ndtri(share))  # of the grey levels, in standard deviations above the background
-    width = quantile(pixels, ONE_STD) - float(np.median(pixels[at_end]))
-    noise = max(width / (end + 1.0), problem.pixel_noise)
+    # levels from half a step below one are rounded to it
+    high = quantile(pixels, ONE_STD)
+    below = float(np.clip(np.mean(pixels < high + 0.5 * cut_off.step), ONE_STD, 1.0 - 1.0 / len(pixels)))
+    width = max(high - float(np.median(pixels[at_end])), 0.0)
+    noise = max(width / max(end + float(ndtri(below)), LEAST_DISTANCE), problem.pixel_noise)
+    end += 0.5 * cut_off.step / noise
     room = cut_off.span - end * noise
     seen = replace(problem, largest_contrast=room).with_noise(noise**2)
     for _ in range(ROUNDS):

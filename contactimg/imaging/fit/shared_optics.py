@@ -9,7 +9,8 @@ terms with q = (ln C, s), the Fisher information of the frame on q and the respo
 K being the terms of q alone. A wide contact shows its contrast, which increases J. A small contact shows
 only its total light: its radius goes as C^(-1/2), and it says little about C. Many small ones together still
 may. The maximum of the likelihood over q is found by Newton steps with J, with a fit of the disks in
-between. Prior knowledge of q enters as a normal prior.
+between. Prior knowledge of q enters as a normal prior. Where all contacts are about as small as the blur,
+steps of the contrast over its whole range take their place (`contactimg.imaging.fit.unseen_contrast`).
 """
 
 from dataclasses import dataclass, replace
@@ -35,16 +36,16 @@ from contactimg.imaging.fit.settings import (
     PLATEAU_STD_FRACTION,
     STEP_WORTH_SIGMA,
 )
+from contactimg.imaging.fit.unseen_contrast import KURTOSIS_STD, profile_contrast
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
 NARROWEST = PIXEL_VARIANCE**0.5
 PLATEAU_BLUR_WIDTHS = 2.0
 """Radius of contacts that show their contrast. Theory: 1 - exp(-2^2/2) = 86 % of it at the centre."""
-KURTOSIS_STD = 0.03
-"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
-be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
-ten times that."""
+LEAST_PRIOR_STD = np.array([0.05, 0.4])
+"""Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
+contacts need not be drawn to. Chosen: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
 LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=FINE_TOLERANCE_SIGMA)
 
@@ -166,8 +167,28 @@ def settle_optics(
     Returns
     -------
     JointFit
-        A fit with contrast and blur right to a fraction of their uncertainties stays as it is.
+        A fit with contrast and blur right to a fraction of their uncertainties stays as it is. Where no
+        contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
     """
+    joint = None
+    if not _is_unseen(problem, fit, optics_prior):
+        joint = _newton(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
+        problem = replace(problem, prior=ContrastPrior(joint.contrast, joint.spread))
+    if joint is None or _is_unseen(problem, joint.fit, optics_prior):
+        start = fit if joint is None else joint.fit
+        return _profiled(problem, start, float(np.median(inflation)), wide_contrast)
+    return joint
+
+
+def _newton(
+    problem: FitProblem,
+    fit: FittedDisks,
+    optics_prior: OpticsPrior,
+    *,
+    inflation: NDArray[np.float64],
+    wide_contrast: float,
+) -> JointFit:
+    """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
     contrast, spread = problem.prior.mean, problem.prior.std / problem.prior.mean
     noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
     last_step = np.zeros(2)
@@ -208,6 +229,29 @@ def settle_optics(
     )  # fmt: skip
 
 
+def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> bool:
+    """Whether no contact shows its contrast, and nothing else tells contrast and blur."""
+    std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
+    free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
+    return free and not problem.work.is_done and _widest(fit) <= PLATEAU_BLUR_WIDTHS * fit.blur
+
+
+def _widest(fit: FittedDisks) -> float:
+    """Radius that the widest contacts reach."""
+    radius = np.sort(fit.disks[:, RADIUS])
+    return float(radius[-min(FEWEST_WIDE_DISKS, len(radius))])
+
+
+def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
+    """The fit at the most probable contrast of small contacts."""
+    profile = profile_contrast(problem, fit, inflation=inflation)
+    covariance, prior = profile.covariance, profile.problem.prior
+    shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
+    return JointFit(
+        profile.fit, profile.contrast, prior.std, wide_contrast, covariance, covariance, radius_shifts=shifts
+    )
+
+
 def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArray[np.float64]:
     """Information on (ln contrast, blur) with a point spread function known to `KURTOSIS_STD`.
 
@@ -216,11 +260,10 @@ def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArr
     ``q = a^2/(4 s^2)``. An error k of it, which the point spread function has if it is no Gaussian, changes
     ``ln a`` by ``k (1+q)^2/(4 q^2)``, to first order in q.
     """
-    radius, blur = np.sort(fit.disks[:, RADIUS]), fit.blur
-    widest = radius[-min(FEWEST_WIDE_DISKS, len(radius))]
+    widest, blur = _widest(fit), fit.blur
     if widest > PLATEAU_BLUR_WIDTHS * blur:
         return information
-    q = max(float(widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
+    q = max((widest / blur) ** 2 / 4.0, LEAST_WIDTH_RATIO)
     mode = KURTOSIS_STD * (1.0 + 1.0 / q) ** 2 / 4.0 * np.array([2.0, q * blur])
     weighted = information @ mode  # (I^-1 + m m^T)^-1 by Sherman and Morrison
     return np.asarray(information - np.outer(weighted, weighted) / (1.0 + float(mode @ weighted)))

@@ -252,10 +252,13 @@ def _with_shared_shift(detections: Detections, agreement: Agreement) -> Detectio
 
 
 def _with_disagreement(detections: Detections, agreement: Agreement) -> Detections:
-    """Flags, and uncertainties that cover fit and second opinion."""
+    """Flags, and uncertainties that cover fit and second opinion.
+
+    What all contacts share is no error of each: it enters once.
+    """
     contacts = dict(detections.contacts)
-    own = np.where(agreement.disagrees, agreement.difference_px, 0.0)
     shared = agreement.shared_px
+    own = np.where(agreement.disagrees, agreement.difference_px - shared, 0.0)
     contacts["flags"] = contacts["flags"] | np.where(agreement.disagrees, int(Flag.DISAGREES), 0)
     contacts["edge_shift_px"] = np.hypot(contacts["edge_shift_px"], shared)
     contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], np.stack([own, shared], axis=1))

@@ -41,10 +41,13 @@ class CutOff:
         1 at this end.
     span : float
         Distance of the other end.
+    step : float
+        Between two levels.
     """
 
     pixels: NDArray[np.uint8]
     span: float
+    step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +129,7 @@ class FramePair:
             pixels = (self.frame == 0).view(np.uint8) if self.frame.min() == 0 else None
         else:
             pixels = self.saturated
-        return None if pixels is None else CutOff(pixels, self.full_scale - self.black)
+        return None if pixels is None else CutOff(pixels, self.full_scale - self.black, 1.0 / self.unit)
 
     def without(self, mask: Mask) -> "FramePair":
         """With further holes, where ``mask`` is 1."""

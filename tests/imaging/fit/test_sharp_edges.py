@@ -106,6 +106,45 @@ def test_coarse_pixels_are_no_edge_to_learn(diameter, blur, noise, rng):
     assert "nonlinear" not in found.message
 
 
+@pytest.mark.parametrize(
+    ("blur", "noise", "method", "relative"),
+    [
+        # largest error of the mean radius: 2 Cramer-Rao bounds with contrast and blur free, 6 and 2 % of
+        # the radius for 28 disks behind 2 px; 1 % by the rounding of the levels behind 3 px, and as much
+        # by disks of whole pixels; a count cannot tell
+        (2.0, 10.0, "disk", 0.12),
+        (2.0, 3.0, "disk", 0.04),
+        (3.0, 0.0, "disk", 0.06),
+        (2.0, 0.0, "threshold", np.inf),
+        (3.0, 0.0, "threshold", np.inf),
+    ],
+)
+def test_contacts_as_small_as_the_blur(blur, noise, method, relative, rng):
+    """Contrast, radius and blur are nearly one: the radius is found along the valley, or is not known."""
+    dark, truth = binary(5)
+    side = len(dark)
+    dark = np.tile(dark, (2, 2))
+    truth = np.vstack([truth + np.array([x, y, 0.0]) for x in (0, side) for y in (0, side)])
+    light = cv2.GaussianBlur(dark, (0, 0), blur)
+    frame = levels(255 - 255 * light + rng.normal(0, noise, dark.shape))
+    found = measure_image(frame, method=method, polarity="dark")
+    error, pull = errors(found.disks, truth)
+    assert abs(error.mean()) < relative * truth[:, 2].mean()
+    assert np.abs(pull).max() < 3
+    # other contrasts and blurs would suit the frame as well
+    assert np.median(found.disks["radius_std_px"]) > 0.05 * truth[:, 2].mean()
+
+
+def test_levels_rounded_to_full_scale_do_not_move_rims(rng):
+    """Noise of one level: half a step of rounding would make radii too large by 0.008 px."""
+    dark, truth = binary(15)
+    dark, truth = np.tile(dark, (2, 2)), np.tile(truth, (4, 1))
+    light = 255 - 255 * cv2.GaussianBlur(dark, (0, 0), 0.6)
+    found = measure_image(levels(light + rng.normal(0, 1, dark.shape)), polarity="dark").disks
+    assert len(found) == len(truth)
+    assert abs(found["radius_px"].mean() - truth[:, 2].mean()) < 0.004
+
+
 @pytest.mark.parametrize("radius", [1.25, 2.5, 7.5])
 def test_rims_smooth_within_a_pixel(radius, rng):
     coverage, truth = drawn(radius, rng)

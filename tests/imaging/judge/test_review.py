@@ -8,7 +8,11 @@ from contact_frames import Optics, expose, match, scatter
 from degraded_frames import degraded_pair
 
 from contactimg.forces import SHARED_SHIFTS
+from contactimg.imaging.judge.agreement import Agreement
+from contactimg.imaging.judge.review import _with_disagreement
 from contactimg.imaging.measure import measure_image
+from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.reject.detections import PLACE, Detections
 from contactimg.tables import Flag, Reason, Status
 
 OPTICS = Optics(shape=(360, 480), dust=4)
@@ -61,6 +65,19 @@ def test_uncertainties_cover_a_difference_that_all_contacts_share(truth):
     if result.disks["edge_shift_px"].any():
         assert (result.disks["radius_std_px"] >= result.disks["edge_shift_px"]).all()
         assert abs(sum_error(truth, result.disks)) < 4
+
+
+def test_what_all_contacts_share_is_no_error_of_each():
+    """Areas of JPEG frames differ from the fit alike in all contacts; that had counted twice."""
+    n = 6
+    contacts = {name: np.zeros(n) for name in ("edge_shift_px", *PLACE)}
+    contacts |= {"radius_std_px": np.full(n, 0.03), "flags": np.zeros(n, np.int64)}
+    shared = np.full(n, -0.4)
+    agreement = Agreement(shared + np.array([0.1, 0, 0, 0, 0, 0]), np.ones(n, bool), shared)
+    after = _with_disagreement(Detections(contacts, {}, SharedOptics(), SharedOptics(), 1.0), agreement)
+    own = np.sqrt(after.contacts["radius_std_px"] ** 2 - after.contacts["edge_shift_px"] ** 2)
+    assert own == pytest.approx([np.hypot(0.1, 0.03)] + [0.03] * 5)
+    assert after.contacts["edge_shift_px"] == pytest.approx(0.4)
 
 
 def scratched(truth, *, fraction=0.42):

@@ -1,0 +1,209 @@
+"""Contrast and blur of a frame whose contacts are all about as small as the blur: their profile likelihood.
+
+Of a contact of radius a behind a blur s, the light ``C a^2`` and the variance ``s^2 + a^2/4`` are seen
+directly. Contrast and radius are told apart by the excess kurtosis ``-u^2`` alone,
+``u = (a^2/4)/(s^2 + a^2/4)``: the likelihood of the contrast is a long, curved valley, in which Newton steps
+lose their way and a covariance is too small on the side of small radii. The contrast is therefore stepped
+from the brightest light to the largest contrast possible, with disks and blur fitted at each. With the
+decrease of chi-square, D, the probability of a contrast is ``exp(-D/2)``, uniform in its logarithm before.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.settings import (
+    FINE_TOLERANCE_SIGMA,
+    LARGEST_CONTRAST_RATIO,
+    PLATEAU_STD_FRACTION,
+)
+from contactimg.imaging.pixels.robust import median
+
+Values = NDArray[np.float64]
+
+KURTOSIS_STD = 0.03
+"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
+be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
+ten times that."""
+COARSE_STEPS, FINE_STEPS = 9, 4
+"""Contrasts that are tried over the whole range, and then in each half step about the best. Accuracy."""
+FINE_ROUNDS = 3  # of halving that; accuracy: to 1/60 of the range
+NODES = 400  # of the integrals; accuracy
+FARTHEST = 30.0  # decrease of chi-square beyond which a contrast is excluded; accuracy: exp(-15)
+CONTROL = FitControl(free_blur=True, iterations=15, tolerance=FINE_TOLERANCE_SIGMA)
+
+
+@dataclass(frozen=True, eq=False)
+class ContrastProfile:
+    """What contacts that do not show their contrast say of it.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        At the most probable contrast.
+    fit : FittedDisks
+        Disks and blur there.
+    log_std : float
+        Uncertainty of the logarithm of the contrast.
+    blur_slope : float
+        Change of the blur, px, with that logarithm.
+    radius_shift : ndarray, shape (n,), px
+        Root mean square change of each radius over all contrasts.
+    """
+
+    problem: FitProblem
+    fit: FittedDisks
+    log_std: float
+    blur_slope: float
+    radius_shift: Values
+
+    @property
+    def contrast(self) -> float:
+        """Most probable common contrast, grey levels."""
+        return self.problem.prior.mean
+
+    @property
+    def covariance(self) -> Values:
+        """Of (ln contrast, blur in px of the fit), shape (2, 2); the blur beside the valley is known well."""
+        beside = (1e-3 * self.fit.blur) ** 2
+        slope = self.blur_slope
+        return self.log_std**2 * np.array([[1.0, slope], [slope, slope**2]]) + np.diag([0.0, beside])
+
+
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """A contrast, the fit there, and its chi-square."""
+
+    log_contrast: float
+    fit: FittedDisks
+    chi_square: float
+
+    @property
+    def radius(self) -> float:
+        return float(np.median(self.fit.disks[:, RADIUS]))
+
+    @property
+    def kurtosis(self) -> float:
+        """Excess kurtosis of the median contact, without its sign."""
+        disk = 0.25 * self.radius**2
+        return float((disk / (disk + self.fit.blur**2)) ** 2)
+
+
+def profile_contrast(problem: FitProblem, fit: FittedDisks, *, inflation: float) -> ContrastProfile:
+    """Find the most probable contrast of contacts that do not show it, and how well it is known.
+
+    Parameters
+    ----------
+    problem : FitProblem
+        The width of its prior is the spread of the contrasts.
+    fit : FittedDisks
+        Of this problem; at least one disk.
+    inflation : float
+        Factor of the variances for what the noise model leaves out.
+
+    Returns
+    -------
+    ContrastProfile
+        The contrast is the mean over its probability. Its uncertainty allows for a point spread function
+        whose kurtosis is not known better than to `KURTOSIS_STD`; the contrast does not.
+    """
+    height = np.median(fit.disks[:, CONTRAST] * -np.expm1(-0.5 * (fit.disks[:, RADIUS] / fit.blur) ** 2))
+    largest = max(problem.largest_contrast, float(height))
+    low, high = np.log(height), np.log(min(largest, LARGEST_CONTRAST_RATIO * height))
+    tries = _Tries(problem, fit, inflation)
+    if high - low < PLATEAU_STD_FRACTION:
+        return _conclude(tries, [tries.at(high, fit)], (low, high))
+    found = tries.sweep(np.linspace(low + 0.1 * (high - low), high, COARSE_STEPS), fit)
+    step = 0.9 * (high - low) / (COARSE_STEPS - 1)
+    for _ in range(FINE_ROUNDS):
+        best = min(found, key=lambda each: each.chi_square)
+        places = best.log_contrast + step * np.linspace(-1.0, 1.0, FINE_STEPS + 1)
+        known = np.array([each.log_contrast for each in found])
+        new = [x for x in places if low < x <= high and np.abs(known - x).min() > 0.1 * step]
+        found += tries.sweep(np.array(new), best.fit)
+        step *= 2.0 / FINE_STEPS
+    return _conclude(tries, sorted(found, key=lambda each: each.log_contrast), (low, high))
+
+
+@dataclass(frozen=True, eq=False)
+class _Tries:
+    """Fits of one problem at several contrasts."""
+
+    problem: FitProblem
+    start: FittedDisks
+    inflation: float
+
+    def sweep(self, logs: Values, fit: FittedDisks) -> list[_Tried]:
+        """Fits at several contrasts, each from that at the nearest contrast so far."""
+        found: list[_Tried] = []
+        at = np.log(np.median(fit.disks[:, CONTRAST]))
+        for x in sorted(logs, key=lambda value: abs(value - at)):
+            start = min(found, key=lambda each: abs(each.log_contrast - x)).fit if found else fit
+            found.append(self.at(float(x), start))
+        return found
+
+    def with_contrast(self, log_contrast: float) -> FitProblem:
+        """The problem with that contrast as its prior."""
+        before, contrast = self.problem.prior, float(np.exp(log_contrast))
+        prior = ContrastPrior(contrast, before.std * contrast / before.mean)
+        slope = self.problem.noise.slope * contrast / before.mean
+        return replace(self.problem, prior=prior, noise=replace(self.problem.noise, slope=slope))
+
+    def at(self, log_contrast: float, start: FittedDisks) -> _Tried:
+        """The fit at one contrast, from a start in which light and variance of each disk are right."""
+        problem, disks = self.with_contrast(log_contrast), start.disks.copy()
+        ratio = np.exp(log_contrast) / np.median(disks[:, CONTRAST])
+        variance = start.blur**2 + 0.25 * float(np.median(disks[:, RADIUS])) ** 2
+        disks[:, CONTRAST] *= ratio
+        disks[:, RADIUS] /= np.sqrt(ratio)
+        narrow = 0.1 * variance
+        blur = np.sqrt(max(variance - 0.25 * float(np.median(disks[:, RADIUS])) ** 2, narrow))
+        fit = fit_disks(
+            problem, disks, blur=float(blur), control=CONTROL, brightness=start.brightness,
+            start=ModelImage.blank(problem.image.shape, len(disks), complete=True),
+        )  # fmt: skip
+        return _Tried(log_contrast, fit, self._chi_square(problem, fit))
+
+    def _chi_square(self, problem: FitProblem, fit: FittedDisks) -> float:
+        """Of the whole image and of the scatter of the contrasts, with the variances of the start."""
+        height = np.clip(self.start.model / self.problem.prior.mean, 0.0, 1.0)
+        variance = self.problem.noise.variance * self.problem.noise.at(height)
+        squares = (np.asarray(problem.image, float) - fit.model) ** 2 / variance
+        if problem.valid is not None:
+            squares[problem.valid == 0] = 0.0
+        excess = (fit.disks[:, CONTRAST] - problem.prior.mean) / problem.prior.std
+        scale = max(self.inflation * max(median(self.start.chi_square), 1.0), 1.0)
+        return float(squares.sum() + np.sum(excess**2)) / scale
+
+
+def _conclude(tries: _Tries, found: list[_Tried], limits: tuple[float, float]) -> ContrastProfile:
+    """The fit at the mean contrast, and its uncertainties."""
+    logs = np.array([each.log_contrast for each in found])
+    if len(found) == 1:
+        x = np.array([limits[1]])
+        decrease, kurtosis, radius, blur = (np.zeros(1) for _ in range(4))
+        mean = limits[1]
+    else:
+        x = np.linspace(logs[0], logs[-1], NODES)
+        columns = np.array([[each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found])
+        chi_square, kurtosis, radius, blur = PchipInterpolator(logs, columns)(x).T
+        decrease = np.minimum(chi_square - chi_square.min(), FARTHEST)
+        mean = float(np.average(x, weights=np.exp(-0.5 * decrease)))
+    nearest = min(found, key=lambda each: abs(each.log_contrast - mean))
+    last = tries.at(mean, nearest.fit)
+    # two independent reasons to exclude a contrast: their variances add
+    difference = (kurtosis - last.kurtosis) ** 2
+    excluded = decrease * difference / (difference + decrease * KURTOSIS_STD**2 + 1e-12)
+    weight = np.exp(-0.5 * np.where(decrease > 0, excluded, 0.0))
+    log_std = float(np.sqrt(np.average((x - mean) ** 2, weights=weight)))
+    log_std = max(log_std, PLATEAU_STD_FRACTION / 2.0)
+    relative, slope = 0.5 * log_std, 0.0
+    if len(found) > 1:
+        relative = float(np.sqrt(np.average((radius / last.radius - 1.0) ** 2, weights=weight)))
+        slope = float(np.polyfit(x, blur, 1, w=np.sqrt(weight))[0])
+    shift = -max(relative, PLATEAU_STD_FRACTION / 4.0) * last.fit.disks[:, RADIUS]
+    return ContrastProfile(tries.with_contrast(mean), last.fit, log_std, slope, shift)
