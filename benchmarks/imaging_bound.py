@@ -45,6 +45,22 @@ def radius_bounds(truth, optics, cameras, *, references=1, spread=0.0):
     return np.sqrt(np.diag(np.linalg.inv(information))[2 : 3 * len(truth) : 3])
 
 
+def mean_radius_bound(radius, blur, noise, *, contrast, count):
+    """Smallest standard deviation of the mean radius of alike contacts that stand alone, px.
+
+    Contrast and blur are unknown and common to all ``count`` contacts, their radius too; ``blur`` in px
+    without the pixel, ``noise`` of a pixel in grey levels, to which rounding adds.
+    """
+    width, side = np.hypot(blur, np.sqrt(1 / 12)), 2 * int(radius + REACH * np.hypot(blur, 1.0)) + 5
+    _, _, profile, slopes = _disk(side // 2 + 0.3, side // 2 + 0.2, radius, width, (side, side))
+    columns = [contrast * slopes[2], contrast * profile]
+    if blur:
+        columns.append(contrast * slopes[3])
+    jacobian = np.stack(columns, axis=1)
+    information = count * jacobian.T @ jacobian / (noise**2 + 1 / 12)
+    return float(np.sqrt(np.linalg.inv(information)[0, 0]))
+
+
 class _Light:
     """Mean light and its noise, grey levels."""
 

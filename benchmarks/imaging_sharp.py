@@ -5,7 +5,8 @@
 
 The images are those of github ISO-TC24-SC4-WG8/TR-19672 (MIT): two grey levels, no blur, no noise, tens of
 disks a page that do not touch; the number in the file name is the diameter. Truth is the area of the dark
-pixels.
+pixels. The bound is that of Cramer and Rao for the mean radius, contrast and blur being unknown: no estimate
+of it is better, whatever the method.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import tifffile
+from imaging_bound import mean_radius_bound
 from imaging_scores import ROOT
 from scipy.spatial import cKDTree
 
@@ -100,7 +102,10 @@ def main():
         for blur, noise, method in product(args.blur, args.noise, args.method):
             rng = np.random.default_rng([args.page, int(10 * blur), int(noise)])
             line = score(degrade(image, blur, noise, args.sharpening, rng), truth, method)
-            print(f"{name:7s} blur {blur:3.1f} noise {noise:4.1f} {method:9s} {line}", flush=True)
+            mean = float(truth[:, 2].mean())
+            bound = mean_radius_bound(mean, blur, noise, contrast=255.0, count=len(truth)) / mean
+            case = f"{name:7s} blur {blur:3.1f} noise {noise:4.1f} {method:9s}"
+            print(f"{case} {line}, bound {100 * bound:.3f} %", flush=True)
 
 
 if __name__ == "__main__":

@@ -121,3 +121,31 @@ def hostile_frame(seed):
         "blur_px": float(rng.uniform(0.2, 8)) if rng.random() < 0.2 else None,
     }
     return convert(frame, rng), None if reference is None else convert(reference, rng), options
+
+
+def dirty_plate(rng, *, shape=(600, 800), count=400):
+    """A stand-in for a real plate of bright dots on a dark field: frame, and x, y, radius of its dots.
+
+    Dots of 1.5 to 5 px that stand apart, half of them half as bright; dust, fibres and streaks of wiping, an
+    uneven glow, and no reference.
+    """
+    rows, columns = shape
+    yy, xx = np.mgrid[0:rows, 0:columns].astype(np.float32)
+    light = 18 + 14 * xx / columns + 10 * np.exp(-((xx - 0.3 * columns) ** 2 + yy**2) / (0.4 * columns) ** 2)
+    dots, cells = [], np.argwhere(np.ones((rows // 30, columns // 30), bool))
+    for row, column in rng.permutation(cells)[:count]:
+        x, y = 30 * column + 15 + rng.uniform(-6, 6), 30 * row + 15 + rng.uniform(-6, 6)
+        radius, height = rng.uniform(1.5, 5.0), rng.choice([60.0, 120.0])
+        light += height * np.clip(radius - np.hypot(xx - x, yy - y) + 0.5, 0, 1)
+        dots.append((x, y, radius))
+    dirt = np.zeros(shape, np.float32)
+    for _ in range(150):
+        x, y, angle = rng.uniform(0, columns), rng.uniform(0, rows), rng.uniform(0, 180)
+        axes = (int(rng.integers(0, 2)), int(rng.integers(0, 2)))
+        cv2.ellipse(dirt, (int(x), int(y)), axes, angle, 0, 360, float(rng.uniform(5, 40)), -1)
+    for _ in range(12):
+        start, end = rng.uniform(0, 1, (2, 2)) * (columns, rows)
+        cv2.line(dirt, start.astype(int).tolist(), end.astype(int).tolist(), float(rng.uniform(4, 20)), 1)
+    light = cv2.GaussianBlur(light, (0, 0), 1.0) + cv2.GaussianBlur(dirt, (0, 0), 1.0)
+    noisy = light + rng.normal(0, 1.0, shape) * np.sqrt(1.0 + light / 20.0)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8), np.array(dots)

@@ -5,7 +5,7 @@ the rim that an air film draws. Out: `contactimg.imaging.reject.detections.Detec
 
 Read in this order: `method` (the steps), `problem` (the record all steps take), `disks` (one fit of all
 disks), `number_of_disks` (how many disks) with `significance`, `covers` and `group_window`,
-`residual_light` with `halo`, `shared_optics` (contrast and blur common to all contacts), `quality` (flags
-and tables). `pooling` combines contrast and blur of a series of frames. `settings` is the table of the
-constants that shape the result.
+`residual_light` with `halo`, `shared_optics` (contrast and blur common to all contacts) with
+`unseen_contrast`, `quality` (flags and tables). `pooling` combines contrast and blur of a series of frames.
+`settings` is the table of the constants that shape the result.
 """

@@ -45,7 +45,7 @@ from contactimg.imaging.fit.settings import (
     MOST_ATTEMPTS,
     WIDEST_UNBINNED_BLUR_PX,
 )
-from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, settle_optics
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, hides_contrast, settle_optics
 from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.pixels.frame_pair import CutOff
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -96,8 +96,11 @@ def measure_by_fit(
     best: FrameFit | None = None
     for _ in range(MOST_ATTEMPTS):
         attempt = _attempt(start, given)
-        if best is not None and LOST_DISKS_RATIO * len(attempt.fit.disks) < len(best.fit.disks):
-            break  # a contrast at which most contacts vanish is wrong
+        if best is not None:
+            # a contrast at which most contacts vanish is wrong; small ones are faint at any
+            ratio = 1.0 if hides_contrast(best.fit) else LOST_DISKS_RATIO
+            if ratio * len(attempt.fit.disks) < len(best.fit.disks):
+                break
         best, joint = attempt, attempt.joint
         if joint is None or start.problem.work.is_done:
             break

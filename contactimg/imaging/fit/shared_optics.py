@@ -233,7 +233,13 @@ def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> boo
     """Whether no contact shows its contrast, and nothing else tells contrast and blur."""
     std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
     free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
-    return free and not problem.work.is_done and _widest(fit) <= PLATEAU_BLUR_WIDTHS * fit.blur
+    return free and not problem.work.is_done and hides_contrast(fit)
+
+
+def hides_contrast(fit: FittedDisks) -> bool:
+    """Whether all contacts are too small to show their contrast."""
+    lit = len(fit.disks) > 0 and float(np.median(fit.disks[:, CONTRAST])) > 0.0
+    return lit and _widest(fit) <= PLATEAU_BLUR_WIDTHS * fit.blur
 
 
 def _widest(fit: FittedDisks) -> float:

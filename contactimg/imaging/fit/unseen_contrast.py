@@ -10,6 +10,7 @@ decrease of chi-square, D, the probability of a contrast is ``exp(-D/2)``, unifo
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
@@ -29,9 +30,10 @@ KURTOSIS_STD = 0.03
 """Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
 be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
 ten times that."""
-COARSE_STEPS, FINE_STEPS = 9, 4
+COARSE_STEPS, FINE_STEPS = 7, 4
 """Contrasts that are tried over the whole range, and then in each half step about the best. Accuracy."""
-FINE_ROUNDS = 3  # of halving that; accuracy: to 1/60 of the range
+FINE_ROUNDS = 2  # of halving that; accuracy: to 1/25 of the range
+REACH_BLUR_WIDTHS = 2.0  # beyond the disks of the start, of the pixels that are compared; accuracy
 NODES = 400  # of the integrals; accuracy
 FARTHEST = 30.0  # decrease of chi-square beyond which a contrast is excluded; accuracy: exp(-15)
 CONTROL = FitControl(free_blur=True, iterations=15, tolerance=FINE_TOLERANCE_SIGMA)
@@ -114,7 +116,7 @@ def profile_contrast(problem: FitProblem, fit: FittedDisks, *, inflation: float)
     height = np.median(fit.disks[:, CONTRAST] * -np.expm1(-0.5 * (fit.disks[:, RADIUS] / fit.blur) ** 2))
     largest = max(problem.largest_contrast, float(height))
     low, high = np.log(height), np.log(min(largest, LARGEST_CONTRAST_RATIO * height))
-    tries = _Tries(problem, fit, inflation)
+    tries = _Tries.of(problem, fit, inflation)
     if high - low < PLATEAU_STD_FRACTION:
         return _conclude(tries, [tries.at(high, fit)], (low, high))
     found = tries.sweep(np.linspace(low + 0.1 * (high - low), high, COARSE_STEPS), fit)
@@ -131,26 +133,53 @@ def profile_contrast(problem: FitProblem, fit: FittedDisks, *, inflation: float)
 
 @dataclass(frozen=True, eq=False)
 class _Tries:
-    """Fits of one problem at several contrasts."""
+    """Fits of one problem at several contrasts.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    spread : float
+        Relative, of the contrasts.
+    pixels : ndarray of int
+        At and beside the contacts, in the flattened image.
+    variance : ndarray
+        Of these pixels.
+    """
 
     problem: FitProblem
-    start: FittedDisks
-    inflation: float
+    spread: float
+    pixels: NDArray[np.intp]
+    variance: Values
+
+    @classmethod
+    def of(cls, problem: FitProblem, fit: FittedDisks, inflation: float) -> "_Tries":
+        """About a fit, with its variances, larger where it fits badly."""
+        reach = 2 * int(np.ceil(REACH_BLUR_WIDTHS * fit.blur)) + 1
+        near = cv2.dilate((fit.model > 0).view(np.uint8), np.ones((reach, reach), np.uint8))
+        if problem.valid is not None:
+            near[problem.valid == 0] = 0
+        pixels = np.flatnonzero(near)
+        height = np.clip(fit.model.ravel()[pixels] / problem.prior.mean, 0.0, 1.0)
+        scale = max(inflation * max(median(fit.chi_square), 1.0), 1.0)
+        variance = scale * problem.noise.variance * problem.noise.at(height)
+        return cls(problem, problem.prior.std / problem.prior.mean, pixels, variance)
 
     def sweep(self, logs: Values, fit: FittedDisks) -> list[_Tried]:
         """Fits at several contrasts, each from that at the nearest contrast so far."""
         found: list[_Tried] = []
         at = np.log(np.median(fit.disks[:, CONTRAST]))
         for x in sorted(logs, key=lambda value: abs(value - at)):
+            if self.problem.work.is_done and found:
+                break
             start = min(found, key=lambda each: abs(each.log_contrast - x)).fit if found else fit
             found.append(self.at(float(x), start))
         return found
 
     def with_contrast(self, log_contrast: float) -> FitProblem:
         """The problem with that contrast as its prior."""
-        before, contrast = self.problem.prior, float(np.exp(log_contrast))
-        prior = ContrastPrior(contrast, before.std * contrast / before.mean)
-        slope = self.problem.noise.slope * contrast / before.mean
+        contrast = float(np.exp(log_contrast))
+        prior = ContrastPrior(contrast, self.spread * contrast)
+        slope = self.problem.noise.slope * contrast / self.problem.prior.mean
         return replace(self.problem, prior=prior, noise=replace(self.problem.noise, slope=slope))
 
     def at(self, log_contrast: float, start: FittedDisks) -> _Tried:
@@ -166,18 +195,13 @@ class _Tries:
             problem, disks, blur=float(blur), control=CONTROL, brightness=start.brightness,
             start=ModelImage.blank(problem.image.shape, len(disks), complete=True),
         )  # fmt: skip
-        return _Tried(log_contrast, fit, self._chi_square(problem, fit))
+        return _Tried(log_contrast, fit, self._chi_square(fit, float(np.exp(log_contrast))))
 
-    def _chi_square(self, problem: FitProblem, fit: FittedDisks) -> float:
-        """Of the whole image and of the scatter of the contrasts, with the variances of the start."""
-        height = np.clip(self.start.model / self.problem.prior.mean, 0.0, 1.0)
-        variance = self.problem.noise.variance * self.problem.noise.at(height)
-        squares = (np.asarray(problem.image, float) - fit.model) ** 2 / variance
-        if problem.valid is not None:
-            squares[problem.valid == 0] = 0.0
-        excess = (fit.disks[:, CONTRAST] - problem.prior.mean) / problem.prior.std
-        scale = max(self.inflation * max(median(self.start.chi_square), 1.0), 1.0)
-        return float(squares.sum() + np.sum(excess**2)) / scale
+    def _chi_square(self, fit: FittedDisks, contrast: float) -> float:
+        """Of the pixels and of the scatter of the contrasts."""
+        rest = self.problem.image.ravel()[self.pixels] - fit.model.ravel()[self.pixels]
+        excess = (fit.disks[:, CONTRAST] / contrast - 1.0) / self.spread
+        return float(np.sum(rest.astype(float) ** 2 / self.variance) + np.sum(excess**2))
 
 
 def _conclude(tries: _Tries, found: list[_Tried], limits: tuple[float, float]) -> ContrastProfile:
