@@ -136,7 +136,8 @@ def dirty_plate(rng, *, shape=(600, 800), count=400):
     for row, column in rng.permutation(cells)[:count]:
         x, y = 30 * column + 15 + rng.uniform(-6, 6), 30 * row + 15 + rng.uniform(-6, 6)
         radius, height = rng.uniform(1.5, 5.0), rng.choice([60.0, 120.0])
-        light += height * np.clip(radius - np.hypot(xx - x, yy - y) + 0.5, 0, 1)
+        near = (slice(30 * row, 30 * row + 30), slice(30 * column, 30 * column + 30))
+        light[near] += height * np.clip(radius - np.hypot(xx[near] - x, yy[near] - y) + 0.5, 0, 1)
         dots.append((x, y, radius))
     dirt = np.zeros(shape, np.float32)
     for _ in range(150):
