@@ -36,13 +36,17 @@ from contactimg.imaging.fit.settings import (
     PLATEAU_STD_FRACTION,
     STEP_WORTH_SIGMA,
 )
-from contactimg.imaging.fit.unseen_contrast import KURTOSIS_STD, profile_contrast
+from contactimg.imaging.fit.unseen_contrast import profile_contrast
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
 NARROWEST = PIXEL_VARIANCE**0.5
 PLATEAU_BLUR_WIDTHS = 2.0
 """Radius of contacts that show their contrast. Theory: 1 - exp(-2^2/2) = 86 % of it at the centre."""
+KURTOSIS_STD = 0.03
+"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
+be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
+ten times that."""
 LEAST_PRIOR_STD = np.array([0.05, 0.4])
 """Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
 contacts need not be drawn to. Chosen: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
@@ -250,7 +254,7 @@ def _widest(fit: FittedDisks) -> float:
 
 def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
     """The fit at the most probable contrast of small contacts."""
-    profile = profile_contrast(problem, fit, inflation=inflation)
+    profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
     covariance, prior = profile.covariance, profile.problem.prior
     shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
     return JointFit(

@@ -4,8 +4,8 @@ Of a contact of radius a behind a blur s, the light ``C a^2`` and the variance `
 directly. Contrast and radius are told apart by the excess kurtosis ``-u^2`` alone,
 ``u = (a^2/4)/(s^2 + a^2/4)``: the likelihood of the contrast is a long, curved valley, in which Newton steps
 lose their way and a covariance is too small on the side of small radii. The contrast is therefore stepped
-from the brightest light to the largest contrast possible, with disks and blur fitted at each. With the
-decrease of chi-square, D, the probability of a contrast is ``exp(-D/2)``, uniform in its logarithm before.
+from the brightest light to the largest contrast possible, with disks and blur fitted at each: the profile of
+the likelihood gives the contrast, and an interval that need not be symmetric.
 """
 
 from dataclasses import dataclass, replace
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
+from scipy.interpolate import Akima1DInterpolator
 
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
@@ -26,16 +26,14 @@ from contactimg.imaging.pixels.robust import median
 
 Values = NDArray[np.float64]
 
-KURTOSIS_STD = 0.03
-"""Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
-be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
-ten times that."""
 COARSE_STEPS, FINE_STEPS = 7, 4
 """Contrasts that are tried over the whole range, and then in each half step about the best. Accuracy."""
-FINE_ROUNDS = 2  # of halving that; accuracy: to 1/25 of the range
+FINE_ROUNDS = 5  # of halving that at most; accuracy: to 1/200 of the range
 REACH_BLUR_WIDTHS = 2.0  # beyond the disks of the start, of the pixels that are compared; accuracy
 NODES = 400  # of the integrals; accuracy
-FARTHEST = 30.0  # decrease of chi-square beyond which a contrast is excluded; accuracy: exp(-15)
+FEWEST_TRIED = 4  # contrasts that make a curve; theory: of third order
+EDGE = 0.02  # ln contrast from an end of its range within which the range cuts an interval; accuracy
+SMOOTH_RISE = 4.0  # of chi-square between neighbours, below which no contrast between them is tried; accuracy
 CONTROL = FitControl(free_blur=True, iterations=15, tolerance=FINE_TOLERANCE_SIGMA)
 
 
@@ -95,7 +93,9 @@ class _Tried:
         return float((disk / (disk + self.fit.blur**2)) ** 2)
 
 
-def profile_contrast(problem: FitProblem, fit: FittedDisks, *, inflation: float) -> ContrastProfile:
+def profile_contrast(
+    problem: FitProblem, fit: FittedDisks, *, inflation: float, kurtosis_std: float
+) -> ContrastProfile:
     """Find the most probable contrast of contacts that do not show it, and how well it is known.
 
     Parameters
@@ -106,29 +106,34 @@ def profile_contrast(problem: FitProblem, fit: FittedDisks, *, inflation: float)
         Of this problem; at least one disk.
     inflation : float
         Factor of the variances for what the noise model leaves out.
+    kurtosis_std : float
+        Uncertainty of the excess kurtosis of the point spread function along one direction.
 
     Returns
     -------
     ContrastProfile
-        The contrast is the mean over its probability. Its uncertainty allows for a point spread function
-        whose kurtosis is not known better than to `KURTOSIS_STD`; the contrast does not.
+        At the maximum of the likelihood. The uncertainty of the radii is the farther end of the interval of
+        one standard deviation, in which the kurtosis counts.
     """
     height = np.median(fit.disks[:, CONTRAST] * -np.expm1(-0.5 * (fit.disks[:, RADIUS] / fit.blur) ** 2))
     largest = max(problem.largest_contrast, float(height))
     low, high = np.log(height), np.log(min(largest, LARGEST_CONTRAST_RATIO * height))
     tries = _Tries.of(problem, fit, inflation)
     if high - low < PLATEAU_STD_FRACTION:
-        return _conclude(tries, [tries.at(high, fit)], (low, high))
+        return _conclude(tries, [tries.at(high, fit)], (low, high), kurtosis_std)
     found = tries.sweep(np.linspace(low + 0.1 * (high - low), high, COARSE_STEPS), fit)
     step = 0.9 * (high - low) / (COARSE_STEPS - 1)
     for _ in range(FINE_ROUNDS):
         best = min(found, key=lambda each: each.chi_square)
+        if sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED:
+            break
         places = best.log_contrast + step * np.linspace(-1.0, 1.0, FINE_STEPS + 1)
         known = np.array([each.log_contrast for each in found])
         new = [x for x in places if low < x <= high and np.abs(known - x).min() > 0.1 * step]
         found += tries.sweep(np.array(new), best.fit)
         step *= 2.0 / FINE_STEPS
-    return _conclude(tries, sorted(found, key=lambda each: each.log_contrast), (low, high))
+    found.sort(key=lambda each: each.log_contrast)
+    return _conclude(tries, found, (low, high), kurtosis_std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,30 +209,62 @@ class _Tries:
         return float(np.sum(rest.astype(float) ** 2 / self.variance) + np.sum(excess**2))
 
 
-def _conclude(tries: _Tries, found: list[_Tried], limits: tuple[float, float]) -> ContrastProfile:
-    """The fit at the mean contrast, and its uncertainties."""
-    logs = np.array([each.log_contrast for each in found])
-    if len(found) == 1:
-        x = np.array([limits[1]])
-        decrease, kurtosis, radius, blur = (np.zeros(1) for _ in range(4))
-        mean = limits[1]
+def _conclude(
+    tries: _Tries, found: list[_Tried], limits: tuple[float, float], kurtosis_std: float
+) -> ContrastProfile:
+    """The fit at the most probable contrast, and its uncertainties."""
+    if len(found) < FEWEST_TRIED:
+        last = max(found, key=lambda each: each.log_contrast)
+        interval, slope = np.array([limits[0], last.log_contrast]), 0.0
+        sides = np.exp(0.5 * (last.log_contrast - interval)) - 1.0
     else:
-        x = np.linspace(logs[0], logs[-1], NODES)
+        curve = _Curve.through(found)
+        at = int(np.argmin(curve.chi_square))
+        last = tries.at(
+            float(curve.x[at]), min(found, key=lambda each: abs(each.log_contrast - curve.x[at])).fit
+        )
+        inside = curve.within_one_std(at, kurtosis_std)
+        interval, slope = curve.x[inside], float(np.polyfit(curve.x[inside], curve.blur[inside], 1)[0])
+        sides = curve.radius[inside] / curve.radius[at] - 1.0
+    low, high = np.abs(interval[[0, -1]] - last.log_contrast)
+    cut = interval[0] <= limits[0] + EDGE or interval[-1] >= limits[1] - EDGE
+    log_std = float(max(low, high) if cut else np.hypot(low, high) / np.sqrt(2.0))
+    relative = max(float(np.abs(sides[[0, -1]]).max()), PLATEAU_STD_FRACTION / 4.0)
+    return ContrastProfile(
+        tries.with_contrast(last.log_contrast), last.fit, max(log_std, PLATEAU_STD_FRACTION / 2.0), slope,
+        -relative * last.fit.disks[:, RADIUS],
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Curve:
+    """Chi-square, kurtosis, radius and blur over the logarithm x of the contrast."""
+
+    x: Values
+    chi_square: Values
+    kurtosis: Values
+    radius: Values
+    blur: Values
+
+    @classmethod
+    def through(cls, found: list[_Tried]) -> "_Curve":
+        """Smooth through what was tried."""
+        logs = np.array([each.log_contrast for each in found])
         columns = np.array([[each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found])
-        chi_square, kurtosis, radius, blur = PchipInterpolator(logs, columns)(x).T
-        decrease = np.minimum(chi_square - chi_square.min(), FARTHEST)
-        mean = float(np.average(x, weights=np.exp(-0.5 * decrease)))
-    nearest = min(found, key=lambda each: abs(each.log_contrast - mean))
-    last = tries.at(mean, nearest.fit)
-    # two independent reasons to exclude a contrast: their variances add
-    difference = (kurtosis - last.kurtosis) ** 2
-    excluded = decrease * difference / (difference + decrease * KURTOSIS_STD**2 + 1e-12)
-    weight = np.exp(-0.5 * np.where(decrease > 0, excluded, 0.0))
-    log_std = float(np.sqrt(np.average((x - mean) ** 2, weights=weight)))
-    log_std = max(log_std, PLATEAU_STD_FRACTION / 2.0)
-    relative, slope = 0.5 * log_std, 0.0
-    if len(found) > 1:
-        relative = float(np.sqrt(np.average((radius / last.radius - 1.0) ** 2, weights=weight)))
-        slope = float(np.polyfit(x, blur, 1, w=np.sqrt(weight))[0])
-    shift = -max(relative, PLATEAU_STD_FRACTION / 4.0) * last.fit.disks[:, RADIUS]
-    return ContrastProfile(tries.with_contrast(mean), last.fit, log_std, slope, shift)
+        x = np.linspace(logs[0], logs[-1], NODES)
+        return cls(x, *Akima1DInterpolator(logs, columns, method="makima")(x).T)
+
+    def within_one_std(self, at: int, kurtosis_std: float) -> NDArray[np.bool_]:
+        """Where a contrast is not excluded by one standard deviation, about that at the index ``at``.
+
+        It is excluded by pixels and, if the point spread function is a Gaussian, by the kurtosis: the
+        variances of these two reasons add.
+        """
+        decrease = np.maximum(self.chi_square - self.chi_square[at], 0.0)
+        difference = (self.kurtosis - self.kurtosis[at]) ** 2
+        allowed = difference + decrease * kurtosis_std**2
+        excluded = np.divide(decrease * difference, allowed, out=np.zeros(NODES), where=allowed > 0) > 1.0
+        far = np.flatnonzero(excluded)
+        first = far[far < at].max(initial=-1) + 1
+        last = far[far > at].min(initial=NODES) - 1
+        return (np.arange(NODES) >= min(first, at - 1)) & (np.arange(NODES) <= max(last, at + 1))
