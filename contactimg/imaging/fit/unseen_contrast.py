@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import Akima1DInterpolator
 
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, render_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.settings import (
     FINE_TOLERANCE_SIGMA,
@@ -160,11 +160,12 @@ class _Tries:
     def of(cls, problem: FitProblem, fit: FittedDisks, inflation: float) -> "_Tries":
         """About a fit, with its variances, larger where it fits badly."""
         reach = 2 * int(np.ceil(REACH_BLUR_WIDTHS * fit.blur)) + 1
-        near = cv2.dilate((fit.model > 0).view(np.uint8), np.ones((reach, reach), np.uint8))
+        model = render_disks(fit.disks, fit.blur, problem.image.shape, profile=problem.profile)
+        near = cv2.dilate((model > 0).view(np.uint8), np.ones((reach, reach), np.uint8))
         if problem.valid is not None:
             near[problem.valid == 0] = 0
         pixels = np.flatnonzero(near)
-        height = np.clip(fit.model.ravel()[pixels] / problem.prior.mean, 0.0, 1.0)
+        height = np.clip(model.ravel()[pixels] / problem.prior.mean, 0.0, 1.0)
         scale = max(inflation * max(median(fit.chi_square), 1.0), 1.0)
         variance = scale * problem.noise.variance * problem.noise.at(height)
         return cls(problem, problem.prior.std / problem.prior.mean, pixels, variance)
