@@ -68,6 +68,8 @@ LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over the brightest light of contacts that do not show it. Chosen, as for the fit."""
 LEAST_PLATEAU_STD = 0.02
 """Relative uncertainty of a plateau that is read from few pixels. Chosen, as for the fit."""
+FULL_SCALE_MARGIN = 0.1
+"""Of the largest contrast, within which the brightest light leaves no room for more. Chosen."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. Chosen by hand."""
 SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
@@ -161,6 +163,8 @@ def _with_unseen_contrast(
         return crossing, measured.std
     deficit, shown = shown_contrast(radius_px, crossing)
     room = foreground.largest_contrast / max(measured.plateau, 1e-9)
+    # rims narrower than the pixels have no slope to tell the blur from
+    shown = shown and (measured.resolved or room < 1.0 + FULL_SCALE_MARGIN)
     if shown:
         std = measured.std if measured.resolved else LEAST_PLATEAU_STD * measured.plateau
         own, ratio = float(np.hypot(std, deficit * measured.plateau)), 1.0

@@ -24,9 +24,9 @@ BLUR_STD = 0.1
 WIDE_BLUR_WIDTHS = 5.0
 """Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by `BLUR_STD` changes it by
 1 % there."""
-SHOWN_BLUR_WIDTHS = 2.5
+SHOWN_BLUR_WIDTHS = 3.0
 """Radius over the blur that slopes of rims give, above which contacts show their contrast. Theory: a Gaussian
-spot of any contrast has 1.8 at half of its height, a disk of 2.5 has 96 % of its contrast at the centre."""
+spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the centre."""
 FEWEST_WIDE = 5
 """Such contacts that show how contrasts scatter. Chosen."""
 LEAST_RADIUS_PX = 2.0  # of contacts that show the blur of their rims; chosen: smaller ones are mostly rim
