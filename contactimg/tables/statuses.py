@@ -59,6 +59,9 @@ class Status(enum.StrEnum):
     """The background is uneven by more than noise after all corrections: changes of the light are left."""
     LITTLE_BACKGROUND = "little background"
     """Next to no background was found that the light could be followed on, although contacts leave room."""
+    INTERLACED = "interlaced"
+    """Odd rows are displaced against even ones by half a pixel or more: the camera reads them one after the
+    other, and the image moved. Rims are jagged, and areas biased."""
     NONLINEAR = "nonlinear response"
     """The edges of the contacts look like those of a camera whose grey levels are not proportional to light
     (a gamma). The radii take it into account as far as the edges show it; ``[camera] gamma`` settles it."""

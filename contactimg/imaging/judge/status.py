@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import measure_contrast
+from contactimg.imaging.judge.interlaced import displacement_of_rows
 from contactimg.imaging.judge.review import Review
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.reject.detections import Detections
@@ -85,6 +86,7 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
     elif difference.registration_failed:
         defects.append((Status.NOT_REGISTERED, ""))
     defects += _background_defects(difference, seen)
+    defects += _camera_defects(foreground) if count else []
     defects += [(detections.status, detections.remark), *_contact_defects(seen)]
     remarks = [difference.remark, foreground.remark, _remark_contrast(foreground, detections)]
     remarks += [_remark_unresolved(detections), seen.shapes]
@@ -125,6 +127,18 @@ def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple
         text = f"the background is uneven by {100 * left.uneven:.2g} % of the contrast after all corrections"
         defects.append((Status.LIGHT_NOT_FOLLOWED, text))
     return defects
+
+
+def _camera_defects(foreground: Foreground) -> list[tuple[str, str]]:
+    """What is wrong with the camera: statuses with their sentences."""
+    displaced = displacement_of_rows(foreground.image)
+    if not displaced:
+        return []
+    text = (
+        f"odd rows are displaced by {displaced:+.2g} px against even ones: the camera interlaces its rows, "
+        "and the image moved; measure one field alone, every second row"
+    )
+    return [(Status.INTERLACED, text)]
 
 
 def _contact_defects(seen: Review) -> list[tuple[str, str]]:

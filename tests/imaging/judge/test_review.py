@@ -47,7 +47,7 @@ NOT_OK = {
     "small ones dim": {Status.POOR_FIT, Status.DISAGREES},
     "dome": {Status.POOR_FIT, Status.DISAGREES},
     "bowl": {Status.POOR_FIT, Status.DISAGREES},
-    "interlaced": {Status.POOR_FIT},
+    "interlaced": {Status.INTERLACED},
     "ghosts": {Status.WRONG_REFERENCE},
     "wrong reference": {Status.NOT_REGISTERED},
 }
