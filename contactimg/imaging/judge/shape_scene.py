@@ -17,12 +17,7 @@ from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.quality import FrameFit
 from contactimg.imaging.fit.shared_optics import JointFit
 from contactimg.imaging.judge.second_opinion import AreaNoise
-from contactimg.imaging.judge.shape_calls import (
-    CALL_SIGMA,
-    OVERLAP_BLUR_WIDTHS,
-    OVERLAP_SHARE,
-    usual_chi_square,
-)
+from contactimg.imaging.judge.shape_calls import OVERLAP_BLUR_WIDTHS, OVERLAP_SHARE, usual_chi_square
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS
 from contactimg.imaging.reject.scratches import find_chains
@@ -44,8 +39,8 @@ of the disks of touching beads exceed it."""
 LARGEST_GROUP = 60
 """Disks of the largest group that may be one contact. Chosen: a ring 60 times as long as wide."""
 FEWEST_OF_REGION, CALLED_SHARE = 3, 0.5
-"""Disks of a region, and the share of them that must call, for it to be asked as one contact, if its disks
-do not explain its pixels together. Chosen: of disks that touch few call."""
+"""Disks of a region, and the share of them that must call, for it to be asked as one contact. Chosen: of
+disks that touch few call."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
 """Below, the image is smoothed before its pixels are connected. Chosen: twice six standard deviations."""
 
@@ -126,13 +121,10 @@ class ShapeScene:
         return [members for members in groups if len(members) <= LARGEST_GROUP]
 
     def _regions(self, touching: NDArray[np.intp], called: NDArray[np.bool_]) -> NDArray[np.intp]:
-        """Pairs that link the disks of each region in which most call and that they do not explain."""
+        """Pairs that link the disks of each region in which most of them call."""
         labels = _components(touching, len(self.disks))
         size, calling = np.bincount(labels), np.bincount(labels, weights=called)
-        asked = (size >= FEWEST_OF_REGION) & (calling >= CALLED_SHARE * size) & (size <= LARGEST_GROUP)
-        for label in np.flatnonzero(asked):
-            view = self.view(np.flatnonzero(labels == label))
-            asked[label] = view is not None and not view.is_explained_by_disks
+        asked = (size >= FEWEST_OF_REGION) & (calling >= CALLED_SHARE * size)
         return touching[asked[labels[touching[:, 0]]]] if len(touching) else touching
 
     def view(self, members: NDArray[np.intp]) -> "GroupView | None":
@@ -209,18 +201,6 @@ class GroupView:
         variance = self.noise.variance * (1.0 + self.noise.slope * level)
         squares = np.square(self.window.image - model) / variance
         return squares if self.window.valid is None else np.where(self.window.valid > 0, squares, 0.0)
-
-    @property
-    def is_explained_by_disks(self) -> bool:
-        """Whether the disks of the group fit its pixels as well as those of the frame are fitted."""
-        reach = int(WINDOW_MARGIN_BLUR_WIDTHS * self.scene.optics.blur)
-        own = cv2.dilate(self.component.astype(np.uint8), np.ones((3, 3), np.uint8), iterations=reach) > 0
-        if self.window.valid is not None:
-            own &= self.window.valid > 0
-        count = max(int(np.count_nonzero(own)), 1)
-        mean = float(self.squared_residuals(self.disk_model())[own].sum()) / count
-        usual = usual_chi_square(self.scene.chi_square)
-        return mean < usual * (1.0 + CALL_SIGMA * np.sqrt(2.0 / count))
 
     def disk_model(self) -> NDArray[np.float32]:
         """Image of the disks of the group."""

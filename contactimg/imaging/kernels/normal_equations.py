@@ -15,6 +15,7 @@ from contactimg.imaging.kernels.rim_pixels import (
     BY_Y,
     DATA,
     FAST,
+    MODEL,
     PLACE,
     WEIGHT,
     add_block,
@@ -99,11 +100,11 @@ def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, t
     """Normal matrix, gradient and chi-square of one disk into ``out`` (see `SUMS`).
 
     ``noise`` holds variance, slope and rim: ``variance (1 + slope m + rim q)`` is the variance of a pixel of
-    model level m, with ``q = 4 P (1 - P)`` at the height P of the disk's profile. An ``isolated`` disk is its
-    own model, and the model image is not used; no pixel of it is saturated. Of a wide disk only every
-    ``row_step``-th row is used, which is enough far from the solution. The normal matrix of a disk whose
-    window lies inside the image and has no masked pixel follows from its profile; only the gradient needs the
-    pixels.
+    model level m, that of the neighbours included, with ``q = 4 P (1 - P)`` at the height P of the disk's
+    profile. An ``isolated`` disk is its own model, and the model image is not used; no pixel of it is
+    saturated. Of a wide disk only every ``row_step``-th row is used, which is enough far from the solution.
+    The normal matrix of a disk whose window lies inside the image and has no masked pixel follows from its
+    profile alone; only the gradient and chi-square need the pixels.
     """
     out[:] = 0.0
     x, y, a, c = disk
@@ -162,12 +163,13 @@ def _gather(pixels, n, block, image, model, weight, x, y, isolated, masked):
 
 @njit(cache=True)
 def _take_difference(pixels, n, block, image, model):
-    """The levels of a block of pixels minus those of the model."""
+    """The levels of a block of pixels minus those of the model, and the latter."""
     for k in range(block[1]):
         line, levels = row_of_block(block, k, image, pixels[DATA], n)
-        modelled, _ = row_of_block(block, k, model, pixels[DATA], n)
+        source, modelled = row_of_block(block, k, model, pixels[MODEL], n)
         for i in range(len(line)):
-            levels[i] = line[i] - modelled[i]
+            levels[i] = line[i] - source[i]
+            modelled[i] = source[i]
 
 
 @njit(cache=True)
@@ -209,12 +211,9 @@ def _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out
     """Add the gathered pixels to gradient, chi-square, count and information."""
     n = pad_pixels(pixels, n)
     evaluate_derivatives(pixels, n, disk[2], disk[3], s, row)
-    plain, growth, rim = (
-        np.float32(1.0 / noise[0]),
-        np.float32(noise[1] * disk[3]),
-        np.float32(4.0 * noise[2]),
-    )
-    _weight_pixels(pixels, n, plain, growth, rim, np.float32(reach / END_BLUR_WIDTHS))
+    # where a neighbour is bright, so is its noise
+    light, gain = (BY_C, noise[1] * disk[3]) if isolated else (MODEL, noise[1])
+    _weight_pixels(pixels, n, pixels[light, :n], gain, noise, reach)
     if not whole:
         _add_information(pixels, n, out)
     height = np.float32(disk[3] if isolated else 0.0)
@@ -222,14 +221,16 @@ def _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
-def _weight_pixels(pixels, n, plain, growth, rim, reach):
-    """Inverse variances of pixels; 0 beyond the reach of a disk."""
+def _weight_pixels(pixels, n, light, gain, noise, reach):
+    """Inverse variances of pixels, which grow by ``gain`` with the light; 0 beyond the reach of a disk."""
     level, weight, place = pixels[BY_C, :n], pixels[WEIGHT, :n], pixels[PLACE, :n]
+    plain, growth = np.float32(1.0 / noise[0]), np.float32(gain)
+    rim, end = np.float32(4.0 * noise[2]), np.float32(reach / END_BLUR_WIDTHS)
     one, zero = np.float32(1.0), np.float32(0.0)
     for i in range(n):
-        near = one if place[i] <= reach else zero
+        near = one if place[i] <= end else zero
         p = max(level[i], zero)
-        weight[i] *= near * plain / (one + growth * p + rim * p * max(one - p, zero))
+        weight[i] *= near * plain / (one + growth * max(light[i], zero) + rim * p * max(one - p, zero))
 
 
 @njit(cache=True, error_model="numpy", fastmath=FAST, forceinline=True)
@@ -296,12 +297,7 @@ def _add_expected(pixels, disk, s, row, inner, half, noise, reach, out):
         pixels[BY_X, k], pixels[BY_Y, k], pixels[WEIGHT, k] = r, 0.0, 2.0 * np.pi * width * r
     n = pad_pixels(pixels, n)
     evaluate_derivatives(pixels, n, disk[2], disk[3], s, row)
-    plain, growth, rim = (
-        np.float32(1.0 / noise[0]),
-        np.float32(noise[1] * disk[3]),
-        np.float32(4.0 * noise[2]),
-    )
-    _weight_pixels(pixels, n, plain, growth, rim, np.float32(reach / END_BLUR_WIDTHS))
+    _weight_pixels(pixels, n, pixels[BY_C, :n], noise[1] * disk[3], noise, reach)
     weight, by_x, by_a = pixels[WEIGHT, :n], pixels[BY_X, :n], pixels[BY_A, :n]
     by_c, by_s = pixels[BY_C, :n], pixels[BY_S, :n]
     inside = np.pi * inner * inner / (noise[0] * (1.0 + noise[1] * disk[3]))

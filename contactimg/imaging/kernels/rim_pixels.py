@@ -16,9 +16,9 @@ from contactimg.imaging.profile.blurred_disk import (
     STEPS_PER_BLUR_WIDTH,
 )
 
-FIELDS = 8
+FIELDS = 9
 """Rows of the array. The first two hold the distance from the centre, then the derivatives by x and y."""
-BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE = range(FIELDS)
+BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE, MODEL = range(FIELDS)
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # all optimisations except assumptions on NaN and infinity
 CHUNK_PIXELS = 512  # pixels at a time, which fit into the fastest cache; speed only
@@ -119,7 +119,7 @@ def pad_pixels(pixels, n):
     """Append pixels without weight up to a whole number of vector passes; the number of pixels then."""
     end = -(-n // VECTOR_PIXELS) * VECTOR_PIXELS
     for i in range(n, end):
-        pixels[BY_X, i] = pixels[BY_Y, i] = pixels[DATA, i] = pixels[WEIGHT, i] = 0.0
+        pixels[BY_X, i] = pixels[BY_Y, i] = pixels[DATA, i] = pixels[WEIGHT, i] = pixels[MODEL, i] = 0.0
     return end
 
 
