@@ -134,7 +134,7 @@ def _iteration_work(disks, s, moving, pairs):
 
 @njit(cache=True)
 def _noise_of(noise, brightness, prior, i):
-    """Variance of a background pixel at a disk, its slope with the level of the model, its excess at the rim."""
+    """Variance of a background pixel at a disk, its slope with the model level, its excess at the rim."""
     return noise[0] / brightness[i], noise[1] / prior[0, i], noise[2]
 
 
