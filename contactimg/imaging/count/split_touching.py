@@ -156,6 +156,43 @@ def _along(row):
 
 
 @njit(cache=True)
+def _power(disk, i, j):
+    """Squared distance of a pixel from the centre minus the squared radius."""
+    return (i - disk[0]) ** 2 + (j - disk[1]) ** 2 - disk[2] ** 2
+
+
+@njit(cache=True)
+def _disks_of_row(disks, order, j):
+    """Disks with the least power somewhere in a row, from left to right; ``order`` is that of their x.
+
+    Along a row, powers differ by straight lines: these disks are their lower envelope.
+    """
+    kept, count = np.empty(len(disks), np.int64), 0
+    at_zero = disks[:, 0] ** 2 + (j - disks[:, 1]) ** 2 - disks[:, 2] ** 2
+    for k in order:
+        while count:
+            last = kept[count - 1]
+            rise = at_zero[k] - at_zero[last]
+            if disks[k, 0] == disks[last, 0]:
+                gone = rise < 0.0
+                if not gone:
+                    break
+            elif count > 1:
+                first = kept[count - 2]
+                run, before = disks[last, 0] - disks[first, 0], at_zero[last] - at_zero[first]
+                gone = (at_zero[k] - at_zero[first]) * run <= before * (disks[k, 0] - disks[first, 0])
+            else:
+                gone = False
+            if not gone:
+                break
+            count -= 1
+        if count == 0 or disks[k, 0] > disks[kept[count - 1], 0]:
+            kept[count] = k
+            count += 1
+    return kept[:count]
+
+
+@njit(cache=True)
 def _share(image, marks, disks, parts, corner):
     """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
 
@@ -164,17 +201,17 @@ def _share(image, marks, disks, parts, corner):
     top, left = corner
     parts["left"][:] = image.shape[1]
     parts["top"][:] = image.shape[0]
-    marked = marks.shape == image.shape
+    marked, order = marks.shape == image.shape, np.argsort(disks[:, 0], kind="mergesort")
     for j in range(image.shape[0]):
+        near, best = _disks_of_row(disks, order, j), 0
         for i in range(image.shape[1]):
+            while best + 1 < len(near) and _power(disks[near[best + 1]], i, j) < _power(
+                disks[near[best]], i, j
+            ):
+                best += 1
             if image[j, i] == 0:
                 continue
-            best, least = 0, np.inf
-            for k in range(len(disks)):
-                power = (i - disks[k, 0]) ** 2 + (j - disks[k, 1]) ** 2 - disks[k, 2] ** 2
-                if power < least:
-                    best, least = k, power
-            add_pixel(parts[best], i, j, image[j, i], marked and marks[j, i] > 0)
+            add_pixel(parts[near[best]], i, j, image[j, i], marked and marks[j, i] > 0)
     for part in parts:
         finish_component(part)
         part["x"] += left

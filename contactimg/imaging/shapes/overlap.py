@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.kernels.pairs import find_pairs, list_neighbours
 
 DEEPEST = 0.35
 """Overlap over the diameter of the smaller disk above which two disks are one contact. Chosen by hand."""
@@ -35,8 +35,12 @@ def overlapping(disks, deepest):
 def hidden(disks):
     """Whether each disk overlaps an earlier one, itself not hidden, by more than `DEEPEST`."""
     out = np.zeros(len(disks), np.bool_)
+    start, link = list_neighbours(len(disks), find_pairs(disks, 0.0))
     for i in range(len(disks)):
-        for j in range(i):
+        for q in range(start[i], start[i + 1]):
+            j = link[q, 2]
+            if j >= i:
+                continue
             distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
             deep = disks[i, 2] + disks[j, 2] - distance
             if not out[j] and deep > 2.0 * DEEPEST * min(disks[i, 2], disks[j, 2]):
