@@ -13,10 +13,9 @@ import cv2
 def main(source: str, target: str) -> None:
     picture = cv2.imread(source)
     rows, columns = picture.shape[:2]
-    part = picture[: int(0.55 * rows), : int(0.8 * columns)]
-    small = cv2.resize(part, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
+    part = picture[int(0.3 * rows) : int(0.62 * rows), int(0.3 * columns) : int(0.78 * columns)]
     Path(target).parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(target, small, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(target, part, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 if __name__ == "__main__":

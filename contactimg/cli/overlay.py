@@ -24,7 +24,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
 
     Writes scores.csv (precision and recall of each frame and model), matches.csv (pairs of a measured and a
     predicted contact), provenance.json, and a picture of each frame in overlays/: measured contacts blue,
-    predicted ones green with coupling and red without, the Hertz circle of the smooth lens dashed white.
+    predicted ones dashed, orange with coupling and yellow without, the Hertz circle of the smooth lens white.
 
     Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done.
 

@@ -28,6 +28,7 @@ class ProcessOptions(SceneOptions):
 
     tolerance: float | None
     pictures: bool
+    numbers: bool
     workers: int | None
     quiet: bool
 
@@ -67,6 +68,11 @@ class ProcessOptions(SceneOptions):
     "--pictures/--no-pictures",
     default=True,
     help="Draw the contacts on each frame, in the folder overlays.  [default: pictures]",
+)
+@click.option(
+    "--numbers/--no-numbers",
+    default=False,
+    help="Write the label of each contact beside it on the pictures.  [default: no numbers]",
 )
 @shared.workers
 @shared.quiet
@@ -176,7 +182,12 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         if options.pictures:
             with progress("drawing overlays", count, quiet=options.quiet) as advance:
                 draw_overlays(
-                    run, experiment, out.folder / "overlays", workers=options.workers, advance=advance
+                    run,
+                    experiment,
+                    out.folder / "overlays",
+                    workers=options.workers,
+                    numbers=options.numbers,
+                    advance=advance,
                 )
     if not options.quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")

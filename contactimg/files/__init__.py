@@ -33,7 +33,7 @@ from contactimg.files.experiment import (
     read_scene_loads,
     write_scene,
 )
-from contactimg.files.figures import write_figure
+from contactimg.files.figures import write_figure, write_palette_image
 from contactimg.files.frame_store import FrameStore
 from contactimg.files.output import OutputFolder
 from contactimg.files.runs import RunFolder, provenance, read_records, read_run
@@ -83,6 +83,7 @@ __all__ = [
     "write_figure",
     "write_frame",
     "write_json",
+    "write_palette_image",
     "write_scene",
     "write_table",
     "write_text",

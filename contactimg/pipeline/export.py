@@ -16,11 +16,14 @@ from contactimg.files.labels import write_labels
 from contactimg.files.napari_tables import write_napari_points, write_napari_shapes
 from contactimg.files.workbook import write_workbook
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Flag
+from contactimg.tables.contact_kinds import (
+    CONTACT_COLOUR,
+    FLAGGED_COLOUR,
+    MANUAL_COLOUR,
+    REJECTED_COLOUR,
+)
 from contactimg.tables.outlines import contact_outlines
 
-CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0e442", "#cc79a7", "#d55e00"
-"""Of contacts, flagged ones, those drawn by hand and rejected candidates: safe for colour-blind eyes (the
-palette of Okabe and Ito)."""
 _NAME = re.compile(r"contact_(\d+)")
 
 

@@ -10,13 +10,14 @@ import pandas as pd
 
 from contactimg.effects.plan import Plan
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import Experiment, FrameSource, write_figure, write_table
+from contactimg.files import Experiment, FrameSource, write_table
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.pipeline.pictures import draw_predicted, picture_name
+from contactimg.pipeline.pictures import draw_predicted, series_stretch, view_of, write_picture
 from contactimg.pipeline.run import Run, frame_shift
+from contactimg.plots.overlay import View
 from contactimg.prediction import (
     COMPARED_MODELS,
     Prediction,
@@ -224,8 +225,10 @@ def draw_comparison(
     lost = [frame for frame in comparison.predicted if frame not in sources]
     if lost:
         raise InputError(f"frame {lost[0]} of the run is not among the frames of its scene; repeat `process`")
+    stretch = series_stretch([sources[frame] for frame in comparison.predicted])
+    pixel_size = run.need_pose().pixel_size
     jobs = (
-        (sources[frame], run, predicted, experiment.load_of(frame), folder)
+        (sources[frame], run, predicted, view_of(frame, experiment, stretch, pixel_size), folder)
         for frame, predicted in comparison.predicted.items()
     )
     for _ in in_parallel(_draw, jobs, count=len(comparison.predicted), workers=workers):
@@ -235,16 +238,25 @@ def draw_comparison(
 
 @stage("pictures")
 def _draw(
-    source: FrameSource, run: Run, predicted: dict[str, pd.DataFrame], load: float, folder: Path
+    source: FrameSource,
+    run: Run,
+    predicted: dict[str, pd.DataFrame],
+    view: View,
+    folder: Path,
 ) -> None:
     """Read one frame again and draw it."""
-    ax = draw_predicted(
+    picture = draw_predicted(
         source.read().image,
         contact_outlines(*(table[table["frame"] == source.name] for table in (run.contacts, run.outlines))),
         predicted,
-        hertz_circle(run.scene, load),
+        hertz_circle(run.scene, _load_of(run, source.name)),
         pose=run.need_pose(),
         shift_px=frame_shift(run.frames, source.name),
-        title=f"{source.name}, {1e3 * load:g} mN",
+        view=view,
     )
-    write_figure(ax, folder / picture_name(source.name))
+    write_picture(picture, folder, source.name)
+
+
+def _load_of(run: Run, frame: str) -> float:
+    """The load of a frame, N."""
+    return float(run.frames.loc[run.frames["frame"] == frame, "load_N"].iloc[0])

@@ -1,35 +1,50 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from numpy.typing import NDArray
 
-from contactimg.files import Experiment, FrameSource, write_figure
+from contactimg.errors import FrameError
+from contactimg.files import Experiment, FrameSource, write_palette_image
 from contactimg.pipeline.parallel import in_parallel
 from contactimg.pipeline.run import Run
-from contactimg.plots import (
-    COUPLED,
-    HERTZ,
-    MEASURED,
-    UNCOUPLED,
-    crop_to,
-    legend_of_circles,
-    plot_circles,
-    plot_image,
-    plot_outlines,
-    plot_scale_bar,
-)
+from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
+from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
 from contactimg.pose import Pose
-from contactimg.tables import CONTACTS, OUTLINES, Status
+from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
+from contactimg.tables.contact_kinds import REJECTED_COLOUR, kinds_of_contacts
 from contactimg.tables.outlines import Outline, contact_outlines
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
+
+QUANTILES = (0.005, 0.998)
+"""Of the grey levels, shown black and white."""
+SAMPLED_FRAMES, SAMPLE_SIDE = 8, 500
+"""Frames, and pixels of each along a side, that the stretch is taken from. Chosen: a fraction of a second."""
+GAP_PX = 2.0
+"""Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
+LEAST_SQUARE_PX = 3.0
+"""Half side of the smallest square about a rejected candidate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What is drawn on a frame.
+
+    Parameters
+    ----------
+    contacts, outlines, rejected : DataFrame
+        Rows of this frame of the tables of that name.
+    """
+
+    contacts: pd.DataFrame
+    outlines: pd.DataFrame
+    rejected: pd.DataFrame
 
 
 def draw_overlays(
@@ -38,23 +53,38 @@ def draw_overlays(
     folder: Path,
     *,
     workers: int | None,
+    numbers: bool = False,
     advance: Callable[[], None] | None = None,
 ) -> None:
-    """Draw the measured contacts on every frame that could be measured, as PNG files."""
+    """Draw contacts and rejected candidates on every frame that could be measured, as PNG files.
+
+    Parameters
+    ----------
+    run : Run
+    experiment : Experiment
+    folder : Path
+        Is made.
+    workers : int or None
+        Processes that share the frames.
+    numbers : bool
+        Whether the label of each contact stands beside it.
+    advance : callable, optional
+        Called once a frame.
+    """
     folder.mkdir()
     failed = set(run.frames.loc[run.frames["status"] == Status.FAILED, "frame"])
-    pose = None if run.pose is None else run.pose.pose
+    pixel_size = None if run.pose is None else run.pose.pose.pixel_size
     sources = [source for source in experiment.frames if source.name not in failed]
-    groups = dict(list(run.contacts.groupby("frame")))
-    lines = dict(list(run.outlines.groupby("frame")))
+    stretch = series_stretch(sources)
+    groups = [dict(list(table.groupby("frame"))) for table in (run.contacts, run.outlines, run.rejected)]
+    empty = (CONTACTS.empty(), OUTLINES.empty(), REJECTED.empty())
     jobs = (
         (
             source,
-            contact_outlines(
-                groups.get(source.name, CONTACTS.empty()), lines.get(source.name, OUTLINES.empty())
-            ),
-            pose,
+            Shown(*(group.get(source.name, none) for group, none in zip(groups, empty, strict=True))),
+            view_of(source.name, experiment, stretch, pixel_size),
             folder,
+            numbers,
         )
         for source in sources
     )
@@ -63,37 +93,80 @@ def draw_overlays(
             advance()
 
 
+@stage("pictures")
+def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
+    """Grey levels that are shown black and white in every frame of a series."""
+    step = max(1, len(sources) // SAMPLED_FRAMES)
+    levels = []
+    for source in sources[::step]:
+        try:
+            image = source.read().image
+        except FrameError:
+            continue
+        strides = [max(1, size // SAMPLE_SIDE) for size in image.shape]
+        sample = image[:: strides[0], :: strides[1]].astype(float)
+        sample = sample[np.isfinite(sample)]
+        if sample.size:
+            levels.append(np.quantile(sample, QUANTILES))
+    if not levels:
+        return 0.0, 255.0
+    low, high = float(np.min(levels, axis=0)[0]), float(np.max(levels, axis=0)[1])
+    return low, high if high > low else low + 1.0
+
+
 def picture_name(frame: str) -> str:
     """File name of the picture of a frame."""
     return frame.replace("[", "_").replace("]", "") + ".png"
 
 
+def view_of(
+    frame: str, experiment: Experiment, stretch: tuple[float, float], pixel_size: float | None
+) -> View:
+    """A whole frame, with its name and load, where that is known, as title."""
+    load = experiment.load_of(frame)
+    title = f"{frame}, {1e3 * load:g} mN" if np.isfinite(load) else frame
+    return View(stretch, title=title, pixel_size=pixel_size)
+
+
 @stage("pictures")
-def _draw_frame(source: FrameSource, contacts: list[Outline], pose: Pose | None, folder: Path) -> None:
+def _draw_frame(source: FrameSource, shown: Shown, view: View, folder: Path, numbers: bool) -> None:  # noqa: FBT001 - a job
     """Read one frame again and draw it."""
-    ax = draw_measured(source.read().image, contacts, pose=pose, title=source.name)
-    write_figure(ax, folder / picture_name(source.name))
+    write_picture(draw_measured(source.read().image, shown, view, numbers=numbers), folder, source.name)
 
 
-def draw_measured(
-    image: NDArray, contacts: list[Outline], *, pose: Pose | None, title: str, ax: Axes | None = None
-) -> Axes:
-    """Draw the outlines of the measured contacts on their frame.
+def write_picture(picture: Picture, folder: Path, frame: str) -> None:
+    """Write the picture of a frame."""
+    write_palette_image(picture.indices, picture.palette, folder / picture_name(frame))
+
+
+def draw_measured(image: NDArray, shown: Shown, view: View, *, numbers: bool = False) -> Picture:
+    """Draw contacts, by what their flags say, and rejected candidates on their frame.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-    contacts : list of Outline
-        This frame's contacts.
-    pose : Pose or None
-        For the scale bar.
-    title : str
-        Title of the legend.
-    ax : Axes, optional
-        Default: new axes of the image's size.
+    shown : Shown
+    view : View
+    numbers : bool
+        Whether the label of each contact stands beside it.
     """
-    circles = [_measured(contacts, ax := plot_image(image, ax=ax))]
-    return _finish(ax, circles, pose, title)
+    outlines = contact_outlines(shown.contacts, shown.outlines)
+    flags = shown.contacts["flags"].to_numpy(np.int64)
+    free = np.ones(len(flags), bool)
+    layers = []
+    for kind in kinds_of_contacts():
+        mine = free & ((flags & kind.flags) > 0 if kind.flags else True)
+        free &= ~mine
+        if mine.any() or not kind.flags:
+            part = [outlines[k] for k in np.flatnonzero(mine)]
+            label = f"{kind.name} ({len(part)})"
+            layers.append(Layer(part, kind.colour, label, kind.dashes, GAP_PX, numbered=numbers))
+    if len(shown.rejected):
+        places = shown.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float).tolist()
+        squares = [Outline(0, x, y, max(r, LEAST_SQUARE_PX), max(r, LEAST_SQUARE_PX)) for x, y, r in places]
+        label = f"rejected ({len(squares)})"
+        layers.append(Layer(squares, REJECTED_COLOUR, label, gap_px=GAP_PX, width=0.5, square=True))
+    return draw_overlay(image, layers[::-1], view)
 
 
 def draw_predicted(
@@ -104,8 +177,8 @@ def draw_predicted(
     *,
     pose: Pose,
     shift_px: tuple[float, float],
-    title: str,
-) -> Axes:
+    view: View,
+) -> Picture:
     """Draw measured and predicted contacts and the Hertz circle on a frame, as in the paper's Fig. 6.
 
     Parameters
@@ -121,56 +194,28 @@ def draw_predicted(
         Pose over the reference frame.
     shift_px : (float, float)
         Position in this frame minus position in the reference.
-    title : str
-        Title of the legend.
+    view : View
+        Of the whole frame; the picture shows the part that holds every contact.
     """
-    ax = _region(image, contacts, predicted)
-    circles = []
-    for model, color, width in (("uncoupled", UNCOUPLED, 1.2), ("coupled", COUPLED, 2.4)):
+    layers = [Layer(contacts, MEASURED, f"measured ({len(contacts)})", width=0.7)]
+    # dashed, so that the measured contact shows where they coincide
+    for model, colour, dashes in (("uncoupled", UNCOUPLED, (4.0, 8.0)), ("coupled", COUPLED, (8.0, 8.0))):
         if model in predicted:
-            x, y, radius = _in_pixels(predicted[model], pose, shift_px)
-            label = f"predicted, {model} ({len(x)})" if len(x) > 1 else f"predicted, {model}"
-            circles.append(plot_circles(x, y, radius, ax=ax, color=color, linewidth=width, label=label))
-    circles.append(_measured(contacts, ax))
+            disks = _in_pixels(predicted[model], pose, shift_px)
+            layers.append(Layer(disks, colour, f"predicted, {model} ({len(disks)})", dashes, width=0.7))
     if hertz_circle is not None:
-        x, y, radius = (np.atleast_1d(value) for value in hertz_circle)
-        circle = pd.DataFrame({"x_m": x, "y_m": y, "radius_m": radius})
-        x, y, radius = _in_pixels(circle, pose, shift_px)
-        label = "Hertz, smooth sphere"
-        circles.append(
-            plot_circles(x, y, radius, ax=ax, color=HERTZ, linewidth=1.5, linestyle="--", label=label)
-        )
-    return _finish(ax, circles, pose, title)
-
-
-def _region(image: NDArray, contacts: list[Outline], predicted: dict[str, pd.DataFrame]) -> Axes:
-    """The part of the image that holds every contact."""
-    measured = [[contact.x for contact in contacts], [contact.y for contact in contacts]]
-    x, y = (
-        np.concatenate([known, *(table[name].to_numpy(float) for table in predicted.values())])
-        for known, name in zip(measured, ("x_px", "y_px"), strict=True)
-    )
+        circle = pd.DataFrame([hertz_circle], columns=["x_m", "y_m", "radius_m"])
+        disks = _in_pixels(circle, pose, shift_px)
+        layers.append(Layer(disks, HERTZ, "Hertz, smooth sphere", (16.0, 10.0)))
+    seen = [outline for layer in layers if layer.colour != HERTZ for outline in layer.outlines]
+    x, y = (np.array([getattr(outline, name) for outline in seen]) for name in ("x", "y"))
     part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
-    return plot_image(part, top=top, left=left)
+    return draw_overlay(part, layers, replace(view, top=top, left=left))
 
 
-def _measured(contacts: list[Outline], ax: Axes) -> EllipseCollection:
-    """Outlines of measured contacts."""
-    label = f"measured ({len(contacts)})"
-    return plot_outlines(contacts, ax=ax, color=MEASURED, linewidth=0.9, label=label)
-
-
-def _in_pixels(
-    contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float]
-) -> tuple[Values, Values, Values]:
-    """Column, row and radius (px) of contacts given in sample coordinates."""
+def _in_pixels(contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float]) -> list[Outline]:
+    """Disks (px) of contacts given in sample coordinates."""
     x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    return x + shift_px[0], y + shift_px[1], contacts["radius_m"].to_numpy(float) / pose.pixel_size
-
-
-def _finish(ax: Axes, circles: list[EllipseCollection], pose: Pose | None, title: str) -> Axes:
-    """Legend and scale bar."""
-    legend_of_circles(circles, ax=ax, title=title)
-    if pose is not None:
-        plot_scale_bar(pose, ax=ax)
-    return ax
+    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
+    places = np.column_stack([x + shift_px[0], y + shift_px[1], radius]).tolist()
+    return [Outline(0, x, y, radius, radius) for x, y, radius in places]

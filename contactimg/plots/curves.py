@@ -18,12 +18,12 @@ from contactimg.tables import RUN_MODELS
 STYLES: dict[str, dict[str, Any]] = {
     "measured": {"color": "black", "marker": "o", "linestyle": "none", "label": "measured"},
     "predicted": {"color": "black", "marker": "s", "linestyle": "none", "label": "predicted"},
-    "coupled": {"color": "tab:green", "linestyle": "--", "label": "coupled asperities"},
-    "uncoupled": {"color": "tab:red", "linestyle": "-.", "label": "uncoupled asperities"},
-    "gt": {"color": "tab:blue", "linestyle": "-", "label": "Greenwood-Tripp"},
+    "coupled": {"color": "#d55e00", "linestyle": "--", "label": "coupled asperities"},
+    "uncoupled": {"color": "#e69f00", "linestyle": "-.", "label": "uncoupled asperities"},
+    "gt": {"color": "#0072b2", "linestyle": "-", "label": "Greenwood-Tripp"},
     "hertz": {"color": "black", "linestyle": ":", "label": "Hertz"},
 }
-"""Line style of each model, as in Fig. 6 of the paper."""
+"""Line style of each model; colours of the palette of Okabe and Ito, which colour-blind eyes tell apart."""
 
 
 def plot_area(frames: pd.DataFrame, *, ax: Axes | None = None) -> Axes:

@@ -15,11 +15,9 @@ from contactimg.plots.axes import image_axes
 from contactimg.pose import Pose
 from contactimg.tables.outlines import Outline
 
-MEASURED, COUPLED, UNCOUPLED, HERTZ = "#35b5ff", "#3fe04f", "#ff4040", "#ffffff"
-"""Colours of measured contacts, of the two predictions, and of the Hertz circle, as in Fig.
-
-6 of the paper.
-"""
+MEASURED, COUPLED, UNCOUPLED, HERTZ = "#56b4e9", "#d55e00", "#f0e442", "#ffffff"
+"""Colours of measured contacts, of the two predictions, and of the Hertz circle: of the palette of Okabe and
+Ito, chosen so that they differ in grey as well."""
 
 
 def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -> tuple[NDArray, int, int]:

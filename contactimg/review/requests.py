@@ -10,10 +10,10 @@ from importlib.resources import files
 from typing import Any
 
 from contactimg.errors import InputError
-from contactimg.review.palette import flag_values, kind_of_rejected, kinds_of_contacts
 from contactimg.review.pictures import LIGHT_TOP
 from contactimg.review.session import Session
 from contactimg.review.shown_tables import TABLES
+from contactimg.tables.contact_kinds import flag_values, kind_of_rejected, kinds_of_contacts
 
 PAGE_FILES = {
     "": ("page.html", "text/html; charset=utf-8"),
@@ -139,8 +139,8 @@ def _in_one_line(edit: dict[str, Any]) -> dict[str, Any]:
 def _whole(session: Session) -> dict[str, Any]:
     """All about the run, with what does not change."""
     return session.record() | {
-        "kinds": kinds_of_contacts(),
-        "rejected": kind_of_rejected(),
+        "kinds": [kind.record for kind in kinds_of_contacts()],
+        "rejected": kind_of_rejected().record,
         "flags": flag_values(),
         "light_top": LIGHT_TOP,
     }

@@ -29,13 +29,14 @@ from contactimg.files import (
 )
 from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
 from contactimg.pipeline.edits import check_frames, edits_by_frame
+from contactimg.pipeline.pictures import series_stretch
 from contactimg.pipeline.run import write_run
 from contactimg.pipeline.series import measure_experiment
 from contactimg.review.contact_window import contact_window
 from contactimg.review.curves import ThresholdCurves
 from contactimg.review.frame_light import FrameLight, measure_alone
 from contactimg.review.jobs import Jobs
-from contactimg.review.pictures import LIGHT_TOP, picture, series_stretch
+from contactimg.review.pictures import LIGHT_TOP, picture
 from contactimg.review.shown_tables import ShownTables
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, OUTLINES
