@@ -15,6 +15,7 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     import pandas as pd
 
+    from contactimg.files import Experiment
     from contactimg.pipeline.run import Run
     from contactimg.scene import Scene
 
@@ -154,7 +155,6 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
         from contactimg.files import OutputFolder, open_experiment, provenance
         from contactimg.pipeline.edits import edits_record
-        from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import measure_experiment
 
@@ -180,20 +180,22 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
             )
         out.record |= write_run(run, out.folder) | edits_record(experiment.edits)
         if options.pictures:
-            with progress("drawing overlays", count, quiet=options.quiet) as advance:
-                draw_overlays(
-                    run,
-                    experiment,
-                    out.folder / "overlays",
-                    workers=options.workers,
-                    numbers=options.numbers,
-                    advance=advance,
-                )
+            _draw(run, experiment, out.folder / "overlays", options)
     if not options.quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")
         _echo_run(run, used.get("calibration", {}))
         click.echo(f"results in {target}")
     return _exit_code(run.frames)
+
+
+def _draw(run: "Run", experiment: "Experiment", folder: Path, options: ProcessOptions) -> None:
+    """Draw the contacts on every frame."""
+    from contactimg.pipeline.pictures import draw_overlays
+
+    with progress("drawing overlays", len(experiment.frames), quiet=options.quiet) as advance:
+        draw_overlays(
+            run, experiment, folder, workers=options.workers, numbers=options.numbers, advance=advance
+        )
 
 
 def _echo_run(run: "Run", calibration: dict[str, Any]) -> None:

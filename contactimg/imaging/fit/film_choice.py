@@ -93,20 +93,18 @@ class FilmVerdict:
         return self.asked != "auto" and self.doubt > 1.0 - DECIDED_DOUBT
 
     def remark(self) -> str:
-        """What to say of it; empty where no film was found, none is set and nothing is left open."""
+        """What to say of it; empty where no film was found and nothing is left open, or by hand only."""
         rims = f"{self.rims} rims: log-likelihood {self.log_likelihood:+.3g} +- {self.std:.2g} with it"
         other = "without it" if self.taken else "with it"
         area = f"{other} the area would be {100 * abs(self.area_change):.2g} % "
         area += "larger" if self.area_change > 0 else "smaller"
         if self.contradicted:
             return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}); {area}'
-        if self.doubt > DECIDED_DOUBT:
+        if self.doubt > DECIDED_DOUBT and not self.trusted:
             what = "assumed" if self.taken else "not assumed"
             undecided = (
                 f"the rims cannot tell whether an air film surrounds the contacts ({rims}); it is {what}"
             )
-            if self.trusted:
-                return f"{undecided}, as set; {area}"
             reason = "as the contrast suggests" if self.asked == "auto" else "as set"
             advice = '; state [effects] film = "on" or "off" if you know' if self.asked == "auto" else ""
             part = f"of which {self.share:.2g} is part of the uncertainties"
@@ -248,6 +246,9 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     --------
     >>> summarise_films([FilmVerdict("auto", False, -9.1, 1.5, 200, 1e-6, -0.02)])
     'air film: none on 1 of 1 frames; log-likelihood -9.1 +- 1.5 with it, over 200 rims'
+    >>> summarise_films([FilmVerdict("off", False, -0.5, 1.5, 40, 0.4, -0.02, trusted=True)])
+    'air film: none on 1 of 1 frames; log-likelihood -0.5 +- 1.5 with it, over 40 rims; set by hand, the rims
+    cannot tell; with it the areas would change by -2 to -2 %'
     """
     found = list(verdicts)
     taken = sum(verdict.taken for verdict in found)
@@ -256,6 +257,10 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     std = float(np.sqrt(np.nansum([verdict.std**2 for verdict in found])))
     undecided = sum(not verdict.trusted and verdict.doubt > DECIDED_DOUBT for verdict in found)
     left = f"; the rims of {undecided} cannot tell, their uncertainties allow for both" if undecided else ""
+    changes = [100 * one.area_change for one in found if one.trusted and one.doubt > DECIDED_DOUBT]
+    if changes:
+        left += f"; set by hand, the rims cannot tell; {'without' if taken else 'with'} it the areas would change by "
+        left += f"{min(changes):+.2g} to {max(changes):+.2g} %"
     return (
         f"air film: {frames} of {len(found)} frames; log-likelihood {total:+.3g} +- {std:.2g} with it, over "
         f"{sum(verdict.rims for verdict in found)} rims{left}"
