@@ -259,8 +259,8 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     left = f"; the rims of {undecided} cannot tell, their uncertainties allow for both" if undecided else ""
     changes = [100 * one.area_change for one in found if one.trusted and one.doubt > DECIDED_DOUBT]
     if changes:
-        left += f"; set by hand, the rims cannot tell; {'without' if taken else 'with'} it the areas would change by "
-        left += f"{min(changes):+.2g} to {max(changes):+.2g} %"
+        other = f"{'without' if taken else 'with'} it the areas would change by"
+        left += f"; set by hand, the rims cannot tell; {other} {min(changes):+.2g} to {max(changes):+.2g} %"
     return (
         f"air film: {frames} of {len(found)} frames; log-likelihood {total:+.3g} +- {std:.2g} with it, over "
         f"{sum(verdict.rims for verdict in found)} rims{left}"
