@@ -19,7 +19,8 @@ class Flag(enum.IntFlag):
     TOO_SMALL = enum.auto()
     """Not resolved: the radius minus its uncertainty is below the standard deviation of the blur."""
     POOR_FIT = enum.auto()
-    """The pixels differ from the fitted disk by more than the noise allows."""
+    """The pixels differ from the fitted disk by more than the noise allows, or the fit was cut off because
+    the frame would have taken too long: the uncertainty then covers the area of the contact's light."""
     BEYOND_HERTZ = enum.auto()
     """The ratio a/R of contact radius to asperity radius exceeds 0.33, the range of Hertz's law."""
     OVERLAP = enum.auto()

@@ -48,8 +48,9 @@ class Status(enum.StrEnum):
     """Much of what was measured proved to be no contact that can be seen, or a piece of a scratch; others may
     be left among the contacts."""
     UNRESOLVED = "unresolved"
-    """Part of the light belongs to no contact that was found: groups of contacts were not resolved, or
-    something that is no contact stands out."""
+    """Part of the light belongs to no contact that was found: groups of contacts were not resolved,
+    something that is no contact stands out, or the fit was cut off because the frame would have cost more
+    than one of its size may."""
     WRONG_REFERENCE = "wrong reference"
     """The reference does not belong to the frame: it is brighter in patches (contacts, another place)."""
     SATURATED = "saturated"

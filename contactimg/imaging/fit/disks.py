@@ -223,7 +223,7 @@ def fit_disks(
         np.full(n, np.inf) if largest is None else largest,
         problem.work.left,
     )
-    problem.work.count_fit(float(work))
+    problem.work.count_fit(float(work), cut_off=bool(steps < control.iterations and not settled.all()))
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(fitted)[:, None]
     return FittedDisks(

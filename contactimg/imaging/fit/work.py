@@ -27,20 +27,29 @@ class Work:
         So far.
     unresolved_groups : int
         Groups that fit badly and were left as they are.
+    unfinished_fits : int
+        Fits that were cut off before they had settled.
     """
 
     limit: float = float("inf")
     done: float = 0.0
     unresolved_groups: int = 0
+    unfinished_fits: int = 0
 
     @classmethod
     def of_frame(cls, pixels: int) -> "Work":
         """What a frame of so many pixels may cost."""
         return cls(WORK_PER_SMALL_FRAME + WORK_PER_PIXEL * pixels)
 
-    def count_fit(self, work: float) -> None:
-        """Add a fit that took so much besides its overhead."""
+    def count_fit(self, work: float, *, cut_off: bool) -> None:
+        """Add a fit that took so much besides its overhead, and may have been cut off."""
         self.done += WORK_PER_FIT + work
+        self.unfinished_fits += cut_off
+
+    @property
+    def ran_out(self) -> bool:
+        """Whether the frame would have taken more than it may."""
+        return self.is_done or self.unfinished_fits > 0
 
     @property
     def left(self) -> float:

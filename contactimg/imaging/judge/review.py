@@ -251,14 +251,24 @@ def _with_shared_shift(detections: Detections, agreement: Agreement) -> Detectio
     return replace(detections, contacts=contacts)
 
 
+def unfinished(detections: Detections) -> NDArray[np.bool_]:
+    """Contacts whose fit was cut off before it had settled, because the work would have been too much."""
+    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
+    if fit is None or not fit.problem.work.ran_out or not isinstance(detections, FittedDetections):
+        return np.zeros(len(detections.contacts["x_px"]), np.bool_)
+    return ~fit.fit.settled[detections.rows]
+
+
 def _with_disagreement(detections: Detections, agreement: Agreement) -> Detections:
     """Flags, and uncertainties that cover fit and second opinion.
 
     What all contacts share is no error of each: it enters once.
     """
     contacts = dict(detections.contacts)
-    shared = agreement.shared_px
-    own = np.where(agreement.disagrees, agreement.difference_px - shared, 0.0)
+    shared, cut_off = agreement.shared_px, unfinished(detections)
+    beyond = agreement.difference_px - shared
+    own = np.where(agreement.disagrees, beyond, np.where(cut_off, np.nan_to_num(beyond), 0.0))
+    contacts["flags"] = contacts["flags"] | np.where(cut_off, int(Flag.POOR_FIT), 0)
     contacts["flags"] = contacts["flags"] | np.where(agreement.disagrees, int(Flag.DISAGREES), 0)
     contacts["edge_shift_px"] = np.hypot(contacts["edge_shift_px"], shared)
     contacts["radius_std_px"] = combine_errors(contacts["radius_std_px"], np.stack([own, shared], axis=1))

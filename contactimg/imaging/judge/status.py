@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import measure_contrast
+from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.interlaced import displacement_of_rows
-from contactimg.imaging.judge.review import Review
+from contactimg.imaging.judge.review import Review, unfinished
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.reject.detections import Detections
 from contactimg.imaging.reject.foreground import Foreground
@@ -152,6 +153,8 @@ def _contact_defects(seen: Review) -> list[tuple[str, str]]:
             f"stand out of their surroundings, {seen.scratched} are pieces of scratches); others may be left"
         )
         defects.append((Status.FALSE_CANDIDATES, text))
+    if text := _ran_out_of_work(seen.detections):
+        defects.append((Status.UNRESOLVED, text))
     if seen.unexplained > UNEXPLAINED_FRACTION:
         text = (
             f"{100 * seen.unexplained:.2g} % of the pixels that stand out belong to no contact that was found"
@@ -170,6 +173,20 @@ def _contact_defects(seen: Review) -> list[tuple[str, str]]:
     if seen.agreement is not None and (text := seen.agreement.remark(seen.detections.contacts["radius_px"])):
         defects.append((Status.DISAGREES, text))
     return defects
+
+
+def _ran_out_of_work(detections: Detections) -> str:
+    """What to say of a fit that was cut off; empty for one that was not."""
+    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
+    if fit is None or not fit.problem.work.ran_out:
+        return ""
+    work, unsettled = fit.problem.work, int(np.count_nonzero(unfinished(detections)))
+    return (
+        f"the fit was cut off at the work that a frame of this size may cost ({work.limit:.2g} pixels times "
+        f"iterations): {unsettled} of {len(detections.contacts['x_px'])} contacts had not settled (their "
+        f"uncertainties cover the areas of their light), {work.unresolved_groups} groups were left "
+        "as fitted first"
+    )
 
 
 def _many(flags: NDArray[np.int64], flag: Flag) -> int:

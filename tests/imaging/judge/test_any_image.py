@@ -3,6 +3,12 @@
 import numpy as np
 import pytest
 from any_images import METHODS, faults, made_images, reference_of
+from contact_frames import Optics, render, scatter
+
+from contactimg.imaging.fit.work import Work
+from contactimg.imaging.judge import review
+from contactimg.imaging.measure import measure_image
+from contactimg.tables import Flag, Status
 
 IMAGES = made_images(96)
 
@@ -14,10 +20,30 @@ def test_any_image_is_measured_without_harm(name, method):
     other = IMAGES[names[(names.index(name) + 3) % len(names)]]
     number = names.index(name)
     kind, polarity = ("none", "right", "wrong")[number % 3], ("bright", "dark")[number % 2]
-    assert not faults(
-        IMAGES[name],
-        reference_of(kind, IMAGES[name], other),
-        method=method,
-        polarity=polarity,
-        least_rise=-np.inf,
-    )
+    assert not faults(IMAGES[name], reference_of(kind, IMAGES[name], other), method=method, polarity=polarity)
+
+
+@pytest.fixture(scope="module")
+def crowd():
+    """Frame, reference and truth of thirty contacts."""
+    rng, optics = np.random.default_rng(13), Optics(shape=(240, 320))
+    truth = scatter(30, optics, rng, radii=(6.0, 12.0))
+    return *render(truth, optics, rng), truth
+
+
+def test_a_frame_that_may_not_cost_more_says_so(crowd, monkeypatch):
+    assert measure_image(*crowd[:2], polarity="bright").status == Status.OK
+    monkeypatch.setattr(Work, "of_frame", classmethod(lambda cls, pixels: cls(1e5)))
+    result = measure_image(*crowd[:2], polarity="bright")
+    assert result.status == Status.UNRESOLVED
+    assert "cut off" in result.message
+
+
+def test_a_contact_whose_fit_was_cut_off_covers_the_area_of_its_light(crowd, monkeypatch):
+    frame, reference, _ = crowd
+    fitted = measure_image(frame, reference, polarity="bright").disks
+    monkeypatch.setattr(review, "unfinished", lambda found: np.ones(len(found.contacts["x_px"]), np.bool_))
+    disks = measure_image(frame, reference, polarity="bright").disks
+    assert (disks["flags"].to_numpy() & int(Flag.POOR_FIT) > 0).all()
+    assert (disks["radius_px"] == fitted["radius_px"]).all()
+    assert (disks["radius_std_px"] > fitted["radius_std_px"]).all()
