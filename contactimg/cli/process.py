@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from contactimg.files import Experiment
-    from contactimg.pipeline.run import Run
+    from contactimg.pipeline.measured_series import MeasuredSeries
+    from contactimg.pipeline.run import WrittenRun
     from contactimg.scene import Scene
 
 JOINED_FOLDER = "combined"
@@ -156,7 +157,7 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         from contactimg.files import OutputFolder, open_experiment, provenance
         from contactimg.pipeline.edits import edits_record
         from contactimg.pipeline.run import write_run
-        from contactimg.pipeline.series import measure_experiment
+        from contactimg.pipeline.series import measure_parts
 
     scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
     experiment = open_experiment(scene)
@@ -171,34 +172,35 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     count = len(experiment.frames)
     with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
         with progress("measuring frames", count, quiet=options.quiet) as advance:
-            run = measure_experiment(
+            series = measure_parts(
                 experiment,
                 relative=options.tolerance,
                 workers=options.workers,
                 advance=advance,
                 store=out.frame_store(),
             )
-        out.record |= write_run(run, out.folder) | edits_record(experiment.edits)
+        run = write_run(series, out.folder)
+        out.record |= run.record | edits_record(experiment.edits)
         if options.pictures:
-            _draw(run, experiment, out.folder / "overlays", options)
+            _draw(series, experiment, out.folder / "overlays", options)
     if not options.quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")
-        _echo_run(run, used.get("calibration", {}))
+        _echo_run(run, series, used.get("calibration", {}))
         click.echo(f"results in {target}")
     return _exit_code(run.frames)
 
 
-def _draw(run: "Run", experiment: "Experiment", folder: Path, options: ProcessOptions) -> None:
+def _draw(series: "MeasuredSeries", experiment: "Experiment", folder: Path, options: ProcessOptions) -> None:
     """Draw the contacts on every frame."""
     from contactimg.pipeline.pictures import draw_overlays
 
     with progress("drawing overlays", len(experiment.frames), quiet=options.quiet) as advance:
         draw_overlays(
-            run, experiment, folder, workers=options.workers, numbers=options.numbers, advance=advance
+            series, experiment, folder, workers=options.workers, numbers=options.numbers, advance=advance
         )
 
 
-def _echo_run(run: "Run", calibration: dict[str, Any]) -> None:
+def _echo_run(run: "WrittenRun", series: "MeasuredSeries", calibration: dict[str, Any]) -> None:
     """Print what the calibration acts on, which law the forces follow, and what the rims say of a film."""
     from contactimg.imaging.fit.film_choice import summarise_films
 
@@ -206,8 +208,8 @@ def _echo_run(run: "Run", calibration: dict[str, Any]) -> None:
         click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
     if run.law is not None:
         click.echo(run.law.sentence())
-    if run.films:
-        click.echo(summarise_films(run.films.values()))
+    if series.films:
+        click.echo(summarise_films(series.films.values()))
 
 
 def _exit_code(frames: "pd.DataFrame") -> int:

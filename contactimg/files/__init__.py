@@ -13,6 +13,7 @@ from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, sh
 from contactimg.files.commit import PROVENANCE_FILE, finish_commit
 from contactimg.files.corrections import EVERY_FRAME
 from contactimg.files.csv_tables import (
+    TableWriter,
     read_asperities,
     read_loads,
     read_table,
@@ -55,6 +56,7 @@ __all__ = [
     "FrameStore",
     "OutputFolder",
     "RunFolder",
+    "TableWriter",
     "edit_points",
     "edits_file",
     "finish_commit",

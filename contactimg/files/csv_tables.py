@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import pandas as pd
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import write_text
+from contactimg.files.atomic import replacing
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
 from contactimg.timings import stage
@@ -58,8 +58,8 @@ def read_table(
     schema : Schema
         The columns to read; others in the file are ignored, and blank lines are skipped.
     required : collection of str, optional
-        Columns that must be present with a value in every row. By default all columns must be present, and
-        cells may be empty.
+        Columns that must be present with a value in every row. By default all columns must be present but
+        those that a later version added (`Schema.later`), and cells may be empty.
     infinite : bool
         Whether ``inf`` is accepted.
 
@@ -147,7 +147,7 @@ def _check_header(rules: _Rules, header: list[str]) -> None:
         for right in rules.schema.columns:
             if name.lower() == right.lower() and name != right:
                 raise InputError(f"{rules.path}: column {name!r} must be written {right!r}")
-    needed = rules.schema.columns if rules.required is None else rules.required
+    needed = rules.schema.first if rules.required is None else rules.required
     for name in needed:
         if name not in header:
             given = ", ".join(header)[:_SHOWN_CHARACTERS] or "nothing"
@@ -360,11 +360,55 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     ...     path.read_text()
     'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
     """
-    buffer = io.StringIO(newline="")
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(schema.columns)
-    writer.writerows(text_rows(table, schema))
-    write_text(buffer.getvalue(), path)
+    with replacing(path) as part, TableWriter(schema, part) as writer:
+        writer.add(table)
+
+
+class TableWriter:
+    """A CSV file as `write_table` writes it, to which rows are added.
+
+    Parameters
+    ----------
+    schema : Schema
+    path : Path
+        In a folder that only counts when all of its files are complete (`contactimg.files.OutputFolder`).
+
+    Attributes
+    ----------
+    rows : int
+        Number of rows written.
+    """
+
+    def __init__(self, schema: Schema, path: Path) -> None:
+        self.schema, self.rows = schema, 0
+        try:
+            self._file = path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+        self._writer = csv.writer(self._file, lineterminator="\n")
+        self._writer.writerow(schema.columns)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._file.close()
+
+    @stage("writing")
+    def add(self, table: pd.DataFrame) -> None:
+        """Add the rows of a table.
+
+        Raises
+        ------
+        InputError
+            If they do not fit the schema or cannot be written.
+        """
+        try:
+            self._writer.writerows(text_rows(table, self.schema))
+            self._file.flush()
+        except OSError as error:
+            raise InputError(f"{self._file.name}: cannot be written ({error.strerror or error})") from None
+        self.rows += len(table)
 
 
 def text_rows(table: pd.DataFrame, schema: Schema) -> Iterator[tuple[object, ...]]:

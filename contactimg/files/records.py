@@ -22,8 +22,8 @@ def encode(value: Any) -> str:
     Parameters
     ----------
     value : object
-        Of JSON types, tuples, numpy numbers and arrays, DataFrames, NA, paths, and dataclasses and models of
-        contactimg made of these.
+        Of JSON types, bytes, tuples, numpy numbers and arrays, DataFrames, NA, paths, and dataclasses and
+        models of contactimg made of these.
 
     Raises
     ------
@@ -60,6 +60,8 @@ def _plain(value: Any) -> Any:
         return {_KIND: "NA"}
     if isinstance(value, np.generic):
         return _plain(value.item())
+    if isinstance(value, bytes):
+        return {_KIND: "bytes", "data": base64.b64encode(value).decode()}
     if isinstance(value, list):
         return [_plain(item) for item in value]
     if isinstance(value, tuple | set | frozenset):
@@ -145,6 +147,7 @@ def _restored_record(value: dict[str, Any]) -> Any:
 
 _RESTORE: dict[str, Callable[[dict[str, Any]], Any]] = {
     "NA": lambda _: pd.NA,
+    "bytes": lambda value: base64.b64decode(value["data"]),
     "tuple": lambda value: tuple(_restored(value["items"])),
     "dict": lambda value: {_restored(key): _restored(item) for key, item in value["items"]},
     "table": _restored_table,

@@ -1,6 +1,7 @@
 """Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from typing import Any, Literal
 
@@ -191,13 +192,48 @@ class MeasuredFrame:
         if choice is None:
             return self
         message = "; ".join(text for text in (self.row["message"], str(choice)) if text)
-        return replace(self, row=self.row | {"message": message}, choice=choice)
+        return replace(self.whole(), row=self.row | {"message": message}, choice=choice)
+
+    def whole(self) -> "MeasuredFrame":
+        """The part with its tables in memory."""
+        return self
+
+    def shelved(self, read: Callable[[], "MeasuredFrame"]) -> "ShelvedFrame":
+        """The part without its tables, which ``read`` gives when they are asked for."""
+        return ShelvedFrame(self, read)
 
     def summary(self) -> str:
         """One line about the frame, for the log."""
         numbers = (f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float))
-        head = f"{self.row['frame']}: {self.row['status']}, {len(self.contacts)} contacts, "
+        count = self.row.get("n_contacts", pd.NA)
+        head = f"{self.row['frame']}: {self.row['status']}, {0 if pd.isna(count) else count} contacts, "
         return head + ", ".join(numbers)
+
+
+class ShelvedFrame(MeasuredFrame):
+    """A measured frame whose tables stay on the disk and are read each time they are asked for."""
+
+    def __init__(self, part: MeasuredFrame, read: Callable[[], MeasuredFrame]) -> None:
+        light = {name: getattr(part, name) for name in _FIELDS if name not in _TABLES}
+        self.__dict__.update(light, _read=read)
+
+    def __getattr__(self, name: str) -> Any:
+        if name in _TABLES:
+            return getattr(self.whole(), name)
+        raise AttributeError(name)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        whole = self.whole()
+        return MeasuredFrame, tuple(getattr(whole, name) for name in _FIELDS)
+
+    def whole(self) -> MeasuredFrame:
+        """The part with its tables in memory."""
+        light = {name: value for name, value in self.__dict__.items() if name in _FIELDS}
+        return replace(self.__dict__["_read"](), **light)
+
+
+_FIELDS = tuple(item.name for item in fields(MeasuredFrame))
+_TABLES = ("contacts", "rejected", "outlines")
 
 
 def measure_scene_frame(

@@ -120,7 +120,8 @@ def for_each_frame(
     advance : callable, optional
         Called once a frame, in order.
     store : FrameStore, optional
-        Results that are in it are taken from it, the others are added; failures are not.
+        Results that are in it are taken from it, the others are added; failures are not. Results that can
+        (``shelved``) leave their tables in it.
 
     Yields
     ------
@@ -147,9 +148,15 @@ def for_each_frame(
             part = next(new)
             if store is not None and key is not None and not isinstance(part, FailedFrame):
                 store.put(key, part)
-        yield part
+        yield part if store is None or key is None or key not in store else _shelved(part, store, key)
         if advance is not None:
             advance()
+
+
+def _shelved(part: Any, store: FrameStore, key: str) -> Any:
+    """A result without what can be read again from the store."""
+    shelve = getattr(part, "shelved", None)
+    return part if shelve is None else shelve(partial(store.get, key))
 
 
 def _measure_jobs(
@@ -186,7 +193,7 @@ def _store_keys(
             job[0].path,
             [
                 _without_folder(job[0]),
-                *job[1:],
+                *(_of_frame(value, job[0].name) for value in job[1:]),
                 {name: _of_frame(value, job[0].name) for name, value in call.keywords.items()},
             ],
         )

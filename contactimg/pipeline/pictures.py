@@ -1,6 +1,6 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, write_palette_image
+from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import in_parallel
-from contactimg.pipeline.run import Run
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
 from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
 from contactimg.pose import Pose
@@ -48,7 +48,7 @@ class Shown:
 
 
 def draw_overlays(
-    run: Run,
+    series: MeasuredSeries,
     experiment: Experiment,
     folder: Path,
     *,
@@ -60,7 +60,7 @@ def draw_overlays(
 
     Parameters
     ----------
-    run : Run
+    series : MeasuredSeries
     experiment : Experiment
     folder : Path
         Is made.
@@ -72,25 +72,28 @@ def draw_overlays(
         Called once a frame.
     """
     folder.mkdir()
-    failed = set(run.frames.loc[run.frames["status"] == Status.FAILED, "frame"])
-    pixel_size = None if run.pose is None else run.pose.pose.pixel_size
-    sources = [source for source in experiment.frames if source.name not in failed]
-    stretch = series_stretch(sources)
-    groups = [dict(list(table.groupby("frame"))) for table in (run.contacts, run.outlines, run.rejected)]
-    empty = (CONTACTS.empty(), OUTLINES.empty(), REJECTED.empty())
+    pixel_size = None if series.pose is None else series.pose.pose.pixel_size
+    pairs = zip(experiment.frames, series.parts, strict=True)
+    sources = {source.name: source for source, part in pairs if part.row["status"] != Status.FAILED}
+    stretch = series_stretch(list(sources.values()))
     jobs = (
-        (
-            source,
-            Shown(*(group.get(source.name, none) for group, none in zip(groups, empty, strict=True))),
-            view_of(source.name, experiment, stretch, pixel_size),
-            folder,
-            numbers,
-        )
-        for source in sources
+        (sources[name], shown, view_of(name, experiment, stretch, pixel_size), folder, numbers)
+        for name, shown in _shown(series)
+        if name in sources
     )
     for _ in in_parallel(_draw_frame, jobs, count=len(sources), workers=workers):
         if advance is not None:
             advance()
+
+
+def _shown(series: MeasuredSeries) -> Iterator[tuple[str, Shown]]:
+    """Each frame with what is drawn on it."""
+    for block in series.blocks():
+        tables = (block.contacts, block.outlines, block.rejected)
+        groups = [dict(list(table.groupby("frame"))) for table in tables]
+        empty = (CONTACTS.empty(), OUTLINES.empty(), REJECTED.empty())
+        for name in block.frames["frame"]:
+            yield str(name), Shown(*(group.get(name, none) for group, none in zip(groups, empty, strict=True)))
 
 
 @stage("pictures")

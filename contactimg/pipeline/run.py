@@ -1,22 +1,26 @@
 """A run: the tables that a measured series gives, written to a folder and read back."""
 
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from math import degrees, nan, radians
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
-from contactimg.files import RunFolder, write_table
+from contactimg.files import RunFolder, TableWriter
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.pose import Pose
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Status
 from contactimg.tradeoff.choice import Choice
+
+if TYPE_CHECKING:
+    from contactimg.pipeline.measured_series import MeasuredSeries
 
 
 @dataclass(frozen=True)
@@ -72,20 +76,53 @@ def frame_shift(frames: pd.DataFrame, name: str) -> tuple[float, float]:
     return float(shift[0]), float(shift[1])
 
 
-def write_run(run: Run, folder: Path) -> dict[str, Any]:
-    """Write contacts, frames, rejected and, if any, outlines; return what else the provenance must state."""
-    write_table(run.contacts, CONTACTS, folder / "contacts.csv")
-    write_table(run.frames, FRAMES, folder / "frames.csv")
-    write_table(run.rejected, REJECTED, folder / "rejected.csv")
-    if len(run.outlines):
-        write_table(run.outlines, OUTLINES, folder / "outlines.csv")
-    record: dict[str, Any] = {} if run.pose is None else {"pose": _pose_record(run.pose)}
-    if run.law is not None:
-        record["law"] = run.law.sentence()
-    if run.films:
-        record["film"] = {frame: asdict(verdict) for frame, verdict in run.films.items()}
-    if run.choices:
-        record["methods"] = {frame: asdict(choice) for frame, choice in run.choices.items()}
+@dataclass(frozen=True)
+class WrittenRun:
+    """What stays in memory of a run that was written.
+
+    Attributes
+    ----------
+    frames : DataFrame
+        The frames table.
+    law : LawPlan or None
+        Law of the local forces; None without forces.
+    record : dict
+        What the provenance must state.
+    """
+
+    frames: pd.DataFrame
+    law: LawPlan | None
+    record: dict[str, Any]
+
+
+def write_run(series: "MeasuredSeries", folder: Path) -> WrittenRun:
+    """Write contacts, frames, rejected and, if any, outlines, a few frames at a time."""
+    frames, law = [FRAMES.empty()], None
+    with ExitStack() as stack:
+        tables = [
+            stack.enter_context(TableWriter(schema, folder / f"{schema.name}.csv"))
+            for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES)
+        ]
+        for block in series.blocks():
+            for table in tables:
+                table.add(getattr(block, table.schema.name))
+            frames.append(block.frames)
+            law = law or block.law
+    if not tables[-1].rows:
+        (folder / "outlines.csv").unlink()
+    whole = FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True))
+    return WrittenRun(whole, law, _record(series, law))
+
+
+def _record(series: "MeasuredSeries", law: LawPlan | None) -> dict[str, Any]:
+    """What the provenance must state of a series."""
+    record: dict[str, Any] = {} if series.pose is None else {"pose": _pose_record(series.pose)}
+    if law is not None:
+        record["law"] = law.sentence()
+    if series.films:
+        record["film"] = {frame: asdict(verdict) for frame, verdict in series.films.items()}
+    if series.choices:
+        record["methods"] = {frame: asdict(choice) for frame, choice in series.choices.items()}
     return record
 
 

@@ -31,7 +31,7 @@ from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
 from contactimg.pipeline.edits import check_frames, edits_by_frame
 from contactimg.pipeline.pictures import series_stretch
 from contactimg.pipeline.run import write_run
-from contactimg.pipeline.series import measure_experiment
+from contactimg.pipeline.series import measure_parts
 from contactimg.review.contact_window import contact_window
 from contactimg.review.curves import ThresholdCurves
 from contactimg.review.frame_light import FrameLight, measure_alone
@@ -285,10 +285,10 @@ class Session:
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = FrameStore(top / "frames", record, resumes=False)
-        run = measure_experiment(experiment, workers=self._workers, advance=advance, store=store)
+        series = measure_parts(experiment, workers=self._workers, advance=advance, store=store)
         folder = top / f"tables_{self.jobs.state.number}"
         folder.mkdir()
-        write_run(run, folder)
+        write_run(series, folder)
         tables = ShownTables.read(folder)
         with self._lock:
             self._measured = _Measured(tables, edits, scene)

@@ -27,11 +27,19 @@ class Schema:
         Column name -> (dtype, meaning with its unit).
     description : str
         One sentence: what the table holds and what a row is.
+    later : frozenset of str
+        Columns that a later version added: a file of a run need not have them, and they are empty then.
     """
 
     name: str
     columns: Mapping[str, tuple[str, str]]
     description: str = ""
+    later: frozenset[str] = frozenset()
+
+    @property
+    def first(self) -> tuple[str, ...]:
+        """The columns that every version has written."""
+        return tuple(name for name in self.columns if name not in self.later)
 
     def empty(self) -> pd.DataFrame:
         """A table with every column and no row."""
@@ -139,7 +147,12 @@ CONTACTS = Schema(
         "holes": ("Int64", "number of holes in the contact"),
     },
     "One row per contact that was measured on a frame or predicted at a load.",
-)
+    later=frozenset({
+        "edge_shift_px", "force_hertz_N", "shape", "area_px2", "area_std_px2", "semi_major_px",
+        "semi_minor_px", "angle_rad", "semi_major_m", "semi_minor_m", "semi_major_std_px",
+        "semi_minor_std_px", "angle_std_rad", "perimeter_px", "holes",
+    }),
+)  # fmt: skip
 
 OUTLINES = Schema(
     "outlines",
@@ -199,7 +212,11 @@ FRAMES = Schema(
         "law": ("str", "law that the local forces follow: hertz or sphere, with adhesion +jkr"),
     },
     "One row per frame or load, in order.",
-)
+    later=frozenset({
+        "unseen_area_m2", "unseen_area_std_m2", "unseen_force_N", "unseen_force_std_N", "force_hertz_sum_N",
+        "law",
+    }),
+)  # fmt: skip
 
 LOADS = Schema(
     "loads",

@@ -202,6 +202,9 @@ def table_page():
         lines += [f"(table-{schema.name})=", f"## `{schema.name}.csv`", "", _plain(schema.description), ""]
         rows = [(f"`{name}`", dtype, _plain(meaning)) for name, (dtype, meaning) in schema.columns.items()]
         lines += markdown_table(["column", "type", "meaning"], rows)
+        if schema.later:
+            names = ", ".join(f"`{name}`" for name in schema.columns if name in schema.later)
+            lines += [f"Files of earlier versions lack some of {names}: read back, these are empty.", ""]
     return lines
 
 

@@ -7,11 +7,19 @@ import pandas as pd
 import pytest
 from small_series import SCENE, copy_of
 
-from contactimg.files import FrameSource, open_experiment, read_scene, write_frame
+from contactimg.files import (
+    FrameSource,
+    FrameStore,
+    open_experiment,
+    provenance,
+    read_scene,
+    write_frame,
+)
 from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
+from contactimg.pipeline.background import measuring
 from contactimg.pipeline.inputs import need_asperities, read_reference
-from contactimg.pipeline.series import measure_series
+from contactimg.pipeline.series import measure_experiment, measure_series
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 
@@ -140,3 +148,26 @@ def test_several_references_are_one_with_less_noise(series, tmp_path):
     error = (mean.image - image)[8:-8, 8:-8]
     # rounding adds 1/12 to the variance of 4; the mean of three has a third of it
     assert np.std(error) == pytest.approx(np.sqrt((4 + 1 / 12) / 3), rel=0.1)
+
+
+def test_measured_again_on_the_pooled_background_only_where_something_changed(series, pooled, tmp_path):
+    experiment = open_experiment(read_scene(series))
+    record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
+    calls, measure = [], measuring.measure_scene_frame
+
+    def counting(frame, *arguments, **options):
+        calls.append(frame.name)
+        return measure(frame, *arguments, **options)
+
+    runs = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(measuring, "measure_scene_frame", counting)
+        for _ in range(2):
+            store = FrameStore(tmp_path / "store", record, resumes=False)
+            runs.append(measure_experiment(experiment, workers=1, store=store))
+            calls.append("end")
+    assert calls.index("end") >= 7
+    assert calls[calls.index("end") :] == ["end", "end"]
+    for run in runs:
+        pd.testing.assert_frame_equal(run.contacts, pooled.contacts, check_exact=True)
+        pd.testing.assert_frame_equal(run.frames, pooled.frames, check_exact=True)

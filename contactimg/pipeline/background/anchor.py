@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.files import Experiment
+from contactimg.files import Experiment, FrameStore
 from contactimg.frame import Frame
 from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.pooled.views import Placement, place_frame
@@ -35,6 +35,8 @@ class Series:
         As for `contactimg.pipeline.parallel.in_parallel`.
     reference_fault : str
         Why the reference is not used; empty if it is, or if there is none.
+    store : FrameStore, optional
+        As for `contactimg.pipeline.parallel.for_each_frame`.
     """
 
     experiment: Experiment
@@ -42,12 +44,13 @@ class Series:
     parts: list[MeasuredFrame]
     workers: int | None
     reference_fault: str = ""
+    store: FrameStore | None = None
 
     @property
     def sign(self) -> int:
         """1 if most contacts are brighter than the background, else -1."""
         light = sum(
-            np.sign(part.row["contrast"]) * len(part.contacts) for part in self.parts if is_measured(part)
+            np.sign(part.row["contrast"]) * part.row["n_contacts"] for part in self.parts if is_measured(part)
         )
         return 1 if light >= 0 else -1
 

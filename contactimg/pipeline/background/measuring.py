@@ -1,10 +1,14 @@
 """Measure a frame on the background that the other frames of its series show."""
 
-from dataclasses import dataclass, replace
+import hashlib
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.files.records import encode
 from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.rims import RimHistory, Rims
 from contactimg.imaging.background.pooled.sums import PooledBackground
@@ -30,6 +34,16 @@ class Pool:
         """What the background adds to the variance of a pixel, relative to it, on average."""
         return float(np.mean(1.0 / np.maximum(self.background.count[::4, ::4], 1)))
 
+    @cached_property
+    def _digest(self) -> str:
+        """Of everything but the options."""
+        parts = [getattr(self, field.name) for field in fields(self) if field.name != "options"]
+        return hashlib.sha256(encode(parts).encode()).hexdigest()
+
+    def of_frame(self, name: str) -> tuple[Any, ...]:
+        """What the measurement of one frame depends on, in short."""
+        return self._digest, self.options.of_frame(name)
+
 
 @dataclass(frozen=True, eq=False)
 class FirstPass:
@@ -48,6 +62,10 @@ class FirstPass:
     part: MeasuredFrame
     own: OwnView | None
     remark: str
+
+    def of_frame(self, _name: str) -> tuple[Any, ...]:
+        """What the second measurement depends on besides the pixels and the settings, in short."""
+        return self.part.row, self.own, self.remark
 
 
 def measure_on_pool(

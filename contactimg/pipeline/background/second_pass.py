@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
-from contactimg.files import Experiment
+from contactimg.files import Experiment, FrameStore
 from contactimg.frame import Frame
 from contactimg.pipeline.background.anchor import Series
 from contactimg.pipeline.background.looks import is_measured
@@ -39,6 +39,7 @@ def measure_on_background(
     parts: list[MeasuredFrame],
     *,
     workers: int | None,
+    store: FrameStore | None = None,
 ) -> tuple[list[MeasuredFrame], SeriesBackground | None]:
     """Measure the frames of a series again, on the background that they show together.
 
@@ -50,6 +51,8 @@ def measure_on_background(
         The frames as measured with the reference of the scene, or without one.
     workers : int or None
         As for `contactimg.pipeline.parallel.in_parallel`.
+    store : FrameStore, optional
+        As for `contactimg.pipeline.parallel.for_each_frame`.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def measure_on_background(
     """
     if not _is_wanted(options.scene, parts):
         return parts, None
-    series = Series(experiment, options, parts, workers)
+    series = Series(experiment, options, parts, workers, store=store)
     try:
         background = pool_views(series)
         if background is not None and background.ghosts >= FEWEST_GHOSTS:
@@ -74,7 +77,7 @@ def measure_on_background(
     numbers = [k for k, part in enumerate(series.parts) if is_measured(part)]
     jobs = [background.job(experiment.frames[k]) for k in numbers]
     again = list(series.parts)
-    second = for_each_frame(experiment, background.measure, jobs, workers=workers)
+    second = for_each_frame(experiment, background.measure, jobs, workers=workers, store=store)
     for k, part in zip(numbers, second, strict=True):
         if not isinstance(part, FailedFrame):
             again[k] = part
@@ -92,7 +95,8 @@ def _without_reference(series: Series, ghosts: int) -> Series:
     fault = f"the reference shows {ghosts} spots like contacts that no frame confirms"
     logger.warning("%s; it is not used", fault)
     call = partial(_measure_alone, options=series.options)
-    new = for_each_frame(series.experiment, call, workers=series.workers)
+    jobs = [(source,) for source in series.experiment.frames]
+    new = for_each_frame(series.experiment, call, jobs, workers=series.workers, store=series.store)
     parts = [
         old if isinstance(part, FailedFrame) or not is_measured(old) else part
         for old, part in zip(series.parts, new, strict=True)

@@ -16,8 +16,8 @@ from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.pose_and_forces import local_law, locate_frame, series_pose, with_forces
 from contactimg.pipeline.run import Run, frame_shift
-from contactimg.pipeline.series import local_law, locate_frame, series_pose, with_forces
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 

@@ -1,0 +1,125 @@
+"""A measured series: one row a frame in memory, contacts a few frames at a time."""
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+
+from contactimg.effects.local_law import LawPlan, plan_law
+from contactimg.forces import sphere_radii
+from contactimg.imaging.fit.film_choice import FilmVerdict
+from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.pipeline.pose_and_forces import find_pose, with_forces, with_pose
+from contactimg.pipeline.run import Run
+from contactimg.pose.refine import PoseFit
+from contactimg.scene import Scene
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
+from contactimg.tradeoff.choice import Choice
+
+logger = logging.getLogger(__name__)
+
+BLOCK_FRAMES = 50
+"""Frames whose tables are in memory at once. Chosen for memory: 50 frames of 1000 contacts take 15 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSeries:
+    """The measured frames of a series, with the pose of the camera over all of them.
+
+    Parameters
+    ----------
+    scene : Scene
+    parts : sequence of MeasuredFrame
+        In order. Those measured with a store leave their tables there.
+    frames : DataFrame
+        The frames table before anything is known of pose and forces.
+    sites : DataFrame or None
+        Composite summits of the asperities.
+    pose : PoseFit or None
+        None without a pixel size.
+    """
+
+    scene: Scene
+    parts: Sequence[MeasuredFrame]
+    frames: pd.DataFrame
+    sites: pd.DataFrame | None
+    pose: PoseFit | None
+
+    @classmethod
+    def of(
+        cls,
+        scene: Scene,
+        parts: Sequence[MeasuredFrame],
+        loads: pd.DataFrame,
+        sites: pd.DataFrame | None,
+        shape: tuple[int, int],
+    ) -> "MeasuredSeries":
+        """The series of measured frames with these loads and this usual shape."""
+        frames = FRAMES.conform(pd.DataFrame([part.row for part in parts]))
+        load = loads.drop_duplicates("frame").set_index("frame")["load_N"]
+        frames = frames.assign(load_N=load.reindex(frames["frame"]).to_numpy(float))
+        series = cls(scene, parts, frames, sites, None)
+        if scene.camera is None:
+            return series
+        most = int(frames["n_contacts"].fillna(0).to_numpy(float).argmax())
+        run = replace(series._run(most, most + 1), frames=frames)
+        return replace(series, pose=find_pose(run, sites, shape))
+
+    @property
+    def choices(self) -> dict[str, Choice]:
+        """Frame -> how it was measured and why, where that was chosen for a tolerance."""
+        return {str(part.row["frame"]): part.choice for part in self.parts if part.choice is not None}
+
+    @property
+    def films(self) -> dict[str, FilmVerdict]:
+        """Frame -> what its rims say of an air film, where one was looked for."""
+        return {str(part.row["frame"]): part.film for part in self.parts if part.film is not None}
+
+    def blocks(self) -> Iterator[Run]:
+        """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
+        for run in self._located():
+            yield run if self.pose is None else with_forces(run, self.sites, self._law)
+
+    def whole(self) -> Run:
+        """The run with the tables of all frames in memory."""
+        blocks = list(self.blocks())
+        tables = {
+            schema.name: schema.conform(
+                pd.concat([getattr(block, schema.name) for block in blocks], ignore_index=True)
+            )
+            for schema in (CONTACTS, REJECTED, FRAMES, OUTLINES)
+        }
+        law = next((block.law for block in blocks if block.law is not None), None)
+        return Run(self.scene, pose=self.pose, choices=self.choices, law=law, films=self.films, **tables)
+
+    @cached_property
+    def _law(self) -> LawPlan | None:
+        """The law of the local forces, on which the contacts of all frames decide; None without forces."""
+        if self.scene.elastic is None:
+            return None
+        slim, radii = [CONTACTS.empty()[["frame", "radius_m"]]], [np.empty(0)]
+        for run in self._located():
+            slim.append(run.contacts[["frame", "radius_m"]])
+            radii.append(sphere_radii(run.contacts, self.scene, self.sites))
+        return plan_law(self.scene, pd.concat(slim, ignore_index=True), np.concatenate(radii))
+
+    def _located(self) -> Iterator[Run]:
+        """The blocks without forces."""
+        for first in range(0, len(self.parts), BLOCK_FRAMES):
+            run = self._run(first, first + BLOCK_FRAMES)
+            yield run if self.pose is None else with_pose(run, self.sites, self.pose)
+
+    def _run(self, first: int, end: int) -> Run:
+        """Some frames, in pixels."""
+        parts = [part.whole() for part in self.parts[first:end]]
+        tables = {
+            schema.name: schema.conform(
+                pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True)
+            )
+            for schema in (CONTACTS, REJECTED, OUTLINES)
+        }
+        frames = self.frames.iloc[first:end].reset_index(drop=True)
+        return Run(self.scene, frames=frames, pose=None, **tables)

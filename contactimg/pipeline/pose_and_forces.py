@@ -1,0 +1,179 @@
+"""Contacts of a series in sample coordinates, each with its asperity and its local force."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.effects.local_law import LawPlan, plan_law
+from contactimg.forces import LengthScale, fill_forces, sphere_radii
+from contactimg.pipeline.frame import locate_contacts
+from contactimg.pipeline.run import Run, frame_shift
+from contactimg.pose import Pose
+from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseSearch, fit_pose
+from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
+from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.pose.refine import PoseFit
+from contactimg.tables import CONTACTS, Status
+from contactimg.timings import stage
+
+logger = logging.getLogger(__name__)
+
+POSE_REACH_FRACTION = 0.05
+"""Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
+hand; sensitivity not measured."""
+
+MATCHED_FRACTION = 0.9
+"""A frame gets a remark if fewer of its contacts fall on an asperity. Chosen by hand; changes no number."""
+
+
+def _with_notes(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
+    """The frames table with a note added to the messages of the named frames."""
+    messages = [
+        "; ".join(text for text in (row["message"], notes.get(row["frame"], "")) if text)
+        for row in frames.to_dict("records")
+    ]
+    return frames.assign(message=messages)
+
+
+@stage("pose")
+def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> PoseFit:
+    """The pose of a series: the one that its contacts confirm, or the stated one.
+
+    Parameters
+    ----------
+    run : Run
+        With the frames table of the series, and at least the contacts of the frame that has most of them.
+    sites : DataFrame or None
+        Composite summits of the asperities.
+    shape : (int, int)
+        Rows and columns of the frames.
+    """
+    guess = run.scene.pose(shape)
+    if sites is None or run.scene.measure.pose != "fit":
+        return PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
+    pose = series_pose(run, guess, sites[["x_m", "y_m"]].to_numpy(float))
+    logger.info(
+        "pose %s: %d of %d contacts on an asperity, RMS %.3g m",
+        "fitted" if pose.fitted else "as given",
+        pose.n_matched,
+        pose.n_points,
+        pose.residual,
+    )
+    return pose
+
+
+@stage("pose")
+def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
+    """The run with sample coordinates and asperities under a pose."""
+    targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
+    contacts = [
+        locate_frame(part, pose.pose, frame_shift(run.frames, str(name)), targets)
+        for name, part in run.contacts.groupby("frame", sort=False)
+    ]
+    located = CONTACTS.conform(pd.concat(contacts, ignore_index=True)) if contacts else run.contacts
+    frames = run.frames
+    if targets is not None:
+        frames = _with_pose_status(_with_notes(frames, _unmatched_notes(located)), located)
+    return replace(run, contacts=located, frames=frames, pose=pose)
+
+
+def _with_pose_status(frames: pd.DataFrame, contacts: pd.DataFrame) -> pd.DataFrame:
+    """The frames table where frames that no pose explains are no longer ok."""
+    on_asperity = contacts["asperity"].notna().groupby(contacts["frame"]).agg(["sum", "size"])
+    lost = on_asperity["sum"] < SIGNIFICANT_FRACTION * on_asperity["size"]
+    lost &= on_asperity["size"] >= LEAST_VOTING_POINTS
+    without = (frames["status"] == Status.OK) & frames["frame"].isin(on_asperity.index[lost])
+    return frames.assign(status=frames["status"].mask(without, Status.NO_POSE))
+
+
+def _unmatched_notes(contacts: pd.DataFrame) -> dict[str, str]:
+    """What to say of frames where more than a tenth of the contacts fall on no asperity."""
+    notes = {}
+    for name, part in contacts.groupby("frame"):
+        matched = int(part["asperity"].notna().sum())
+        if matched < MATCHED_FRACTION * len(part):
+            notes[str(name)] = (
+                f"only {matched} of {len(part)} contacts fall on an asperity: "
+                "check the asperity table, [camera] pixel_size_m and centre_m, and [indenter] apex_m"
+            )
+    return notes
+
+
+def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
+    """The pose from the frame with the most contacts: near the stated one, or else anywhere on the sample."""
+    counts = run.frames["n_contacts"].fillna(0)
+    name = str(run.frames["frame"].iloc[int(counts.to_numpy(float).argmax())])
+    part = run.contacts[run.contacts["frame"] == name]
+    shift = frame_shift(run.frames, name)
+    reach = POSE_REACH_FRACTION * max(guess.shape) * guess.pixel_size
+    x_px, y_px = part["x_px"] - shift[0], part["y_px"] - shift[1]
+    fit = fit_pose(x_px, y_px, targets, guess, search=PoseSearch(shift=reach))
+    if fit.fitted:
+        return fit
+    found = search_everywhere(x_px, y_px, targets, guess)
+    if found is None:
+        return fit
+    centre = ", ".join(f"{value:.6g}" for value in found.pose.centre)
+    logger.warning(
+        "the camera does not look where the scene says; %d of %d contacts fall on asperities with [camera] "
+        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here",
+        found.n_matched,
+        found.n_points,
+        centre,
+        np.rad2deg(found.pose.rotation),
+        str(found.pose.mirrored).lower(),
+    )
+    return found
+
+
+def locate_frame(
+    part: pd.DataFrame, pose: Pose, shift: tuple[float, float], targets: NDArray[np.float64] | None
+) -> pd.DataFrame:
+    """One frame's contacts in sample coordinates, each with its asperity."""
+    located = locate_contacts(part, pose, shift_px=shift)
+    if targets is None:
+        return located
+    points = located[["x_m", "y_m"]].to_numpy(float)
+    i, j, _ = pair_points(points, targets, max_distance=pairing_distance(targets, pose))
+    asperity = pd.array([pd.NA] * len(located), dtype="Int64")
+    asperity[i] = j
+    return located.assign(asperity=asperity)
+
+
+@stage("forces")
+def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None) -> Run:
+    """The run with local forces where the elastic body and the asperity's radius are known, and with sums.
+
+    Without a ``law`` the contacts of this run decide on it.
+    """
+    if run.pose is None:
+        scale = LengthScale(run.scene.need("camera", "forces").pixel_size, relative_std=0.0)
+    else:
+        scale = LengthScale(run.pose.pose.pixel_size, run.pose.length_relative_std)
+    law = law or local_law(run, sites)
+    contacts, frames = fill_forces(
+        run.scene if law is None else law.scene, run.contacts, run.frames, sites, scale
+    )
+    frames = _with_notes(frames, _missing_force_notes(contacts))
+    forces = contacts["force_N"].notna().any()
+    return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
+
+
+def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
+    """The law of the local forces of a run, and what it leaves out; None without an elastic body."""
+    if run.scene.elastic is None:
+        return None
+    return plan_law(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
+
+
+def _missing_force_notes(contacts: pd.DataFrame) -> dict[str, str]:
+    """What to say of frames where some contacts have a force and others, without an asperity, have none."""
+    notes = {}
+    for name, part in contacts.groupby("frame"):
+        missing = int(part["force_N"].isna().sum())
+        if 0 < missing < len(part):
+            notes[str(name)] = f"{missing} contacts have no asperity and so no force; the sum leaves them out"
+    return notes
