@@ -223,7 +223,9 @@ def _write_analysis(
 
 def _inputs(runs: tuple[str, ...], calibration: str | None, topography: str | None) -> list[Path]:
     """The files that the analysis depends on."""
-    tables = [Path(run) / name for run in runs for name in ("contacts.csv", "frames.csv", "provenance.json")]
+    from contactimg.files import PROVENANCE_FILE, main_tables
+
+    tables = [path for run in runs for path in (*main_tables([Path(run)]), Path(run) / PROVENANCE_FILE)]
     return [*tables, *(Path(name) for name in (calibration, topography) if name is not None)]
 
 

@@ -64,12 +64,12 @@ def export(*, run: str, output: str | None, units: str, quiet: bool, options: Fo
     with stage("loading"):
         from pathlib import Path
 
-        from contactimg.files import OutputFolder, provenance, read_run
+        from contactimg.files import OutputFolder, main_tables, provenance, read_run
         from contactimg.pipeline.export import export_run
 
     source = read_run(run)
     target = Path(output) if output is not None else Path(run) / "export"
-    tables = [source.folder / name for name in ("contacts.csv", "frames.csv")]
+    tables = main_tables([source.folder])
     record = provenance(command=shared.command_line("export"), scene=source.scene, inputs=tables)
     main_files = ["contacts.xlsx"] if "xlsx" in options.names else []
     with OutputFolder(target, record, main_files=main_files) as out:  # noqa: SIM117

@@ -34,7 +34,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
     """
     with stage("loading"):
         from contactimg.cli.scenes import plausible
-        from contactimg.files import OutputFolder, open_experiment, provenance, read_run
+        from contactimg.files import OutputFolder, main_tables, open_experiment, provenance, read_run
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
         from contactimg.pipeline.run import run_of_folder
@@ -47,7 +47,7 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         command=shared.command_line("overlay"),
         scene=measured.scene,
         options={"min_radius_px": min_radius_px},
-        inputs=[*(Path(run) / name for name in ("contacts.csv", "frames.csv")), *experiment.inputs],
+        inputs=[*main_tables([Path(run)]), *experiment.inputs],
     )
     count = len(measured.frames)
     with OutputFolder(target, record, main_files=["scores.csv", "matches.csv"]) as out:

@@ -73,7 +73,7 @@ def predict(
     """
     with stage("loading"):
         from contactimg.cli.scenes import model_inputs, plausible, with_tolerance
-        from contactimg.files import OutputFolder, provenance, read_scene
+        from contactimg.files import RUN_TABLES, OutputFolder, provenance, read_scene
         from contactimg.pipeline.predict import (
             choice_sentence,
             error_records,
@@ -93,7 +93,7 @@ def predict(
         inputs=model_inputs(scene, description),
     )
     annulus = annulus_mm * 1e-3
-    with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
+    with OutputFolder(target, record, main_files=RUN_TABLES) as out:
         predictions = predict_loads(
             description, loads, model=model, coupling=coupling, annulus=annulus, relative=tolerance
         )

@@ -15,7 +15,7 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     import pandas as pd
 
-    from contactimg.files import Experiment
+    from contactimg.files import Experiment, TableFormat
     from contactimg.pipeline.measured_series import MeasuredSeries
     from contactimg.pipeline.run import WrittenRun
     from contactimg.scene import Scene
@@ -31,6 +31,7 @@ class ProcessOptions(SceneOptions):
     tolerance: float | None
     pictures: bool
     numbers: bool
+    format: "TableFormat"
     workers: int | None
     quiet: bool
 
@@ -75,6 +76,13 @@ class ProcessOptions(SceneOptions):
     "--numbers/--no-numbers",
     default=False,
     help="Write the label of each contact beside it on the pictures.  [default: no numbers]",
+)
+@click.option(
+    "--format",
+    type=click.Choice(["csv", "parquet"]),
+    default="csv",
+    show_default=True,
+    help="Format of the tables. parquet: smaller and faster for long series; needs pyarrow.",
 )
 @shared.workers
 @shared.quiet
@@ -133,7 +141,12 @@ def _process_folders(folders: tuple[str, ...], target: Path, options: ProcessOpt
     if not codes:
         raise InputError("none of the folders could be measured")
     record = shared.command_line("process")
-    write_joined_tables({name: target / name for name in codes}, target / JOINED_FOLDER, command=record)
+    write_joined_tables(
+        {name: target / name for name in codes},
+        target / JOINED_FOLDER,
+        command=record,
+        table_format=options.format,
+    )
     if not options.quiet:
         click.echo(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
     return max(*codes.values(), int(bool(errors)))
@@ -154,12 +167,13 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     """Measure the frames of one folder; return the exit code."""
     with stage("loading"):
         from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
-        from contactimg.files import OutputFolder, open_experiment, provenance
+        from contactimg.files import RUN_TABLES, OutputFolder, open_experiment, provenance, require_format
         from contactimg.pipeline.edits import edits_record
         from contactimg.pipeline.run import write_run
         from contactimg.pipeline.series import measure_parts
 
     scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
+    require_format(options.format)
     experiment = open_experiment(scene)
     used = calibration_record(options.calibration, scene)
     record = provenance(
@@ -170,7 +184,7 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     )
     echo_first_run(quiet=options.quiet)
     count = len(experiment.frames)
-    with OutputFolder(target, record, main_files=["contacts.csv", "frames.csv"]) as out:
+    with OutputFolder(target, record, main_files=RUN_TABLES) as out:
         with progress("measuring frames", count, quiet=options.quiet) as advance:
             series = measure_parts(
                 experiment,
@@ -179,7 +193,7 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
                 advance=advance,
                 store=out.frame_store(),
             )
-        run = write_run(series, out.folder)
+        run = write_run(series, out.folder, options.format)
         out.record |= run.record | edits_record(experiment.edits)
         if options.pictures:
             _draw(series, experiment, out.folder / "overlays", options)

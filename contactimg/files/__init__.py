@@ -3,7 +3,8 @@
 In: frames, scenes, tables and calibrations. Out: tables, frames, figures and output folders.
 
 Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format, decoded by
-`tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `output` (the folder of a run),
+`tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `parquet_tables`,
+`run_tables`, `output` (the folder of a run),
 `commit` (how it replaces the earlier one), `frame_store` (frames of a run that was ended, as text by
 `records`), `runs` (its provenance), `calibrations`, `atomic`, `signals` and `figures`.
 """
@@ -13,7 +14,6 @@ from contactimg.files.calibrations import CALIBRATION_FILE, read_calibration, sh
 from contactimg.files.commit import PROVENANCE_FILE, finish_commit
 from contactimg.files.corrections import EVERY_FRAME
 from contactimg.files.csv_tables import (
-    TableWriter,
     read_asperities,
     read_loads,
     read_table,
@@ -37,9 +37,11 @@ from contactimg.files.experiment import (
 from contactimg.files.figures import write_figure, write_palette_image
 from contactimg.files.frame_store import FrameStore
 from contactimg.files.output import OutputFolder
+from contactimg.files.run_tables import TableFormat, TableWriter, main_tables, read_run_table, require_format
 from contactimg.files.runs import RunFolder, provenance, read_records, read_run
 from contactimg.files.scene_edit import set_scene_keys
 from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
+from contactimg.files.table_hashes import RUN_TABLES
 from contactimg.files.tiff import write_frame
 
 __all__ = [
@@ -48,6 +50,7 @@ __all__ = [
     "EVERY_FRAME",
     "MASK",
     "PROVENANCE_FILE",
+    "RUN_TABLES",
     "SCENE_FILE",
     "EditsFile",
     "Experiment",
@@ -56,12 +59,14 @@ __all__ = [
     "FrameStore",
     "OutputFolder",
     "RunFolder",
+    "TableFormat",
     "TableWriter",
     "edit_points",
     "edits_file",
     "finish_commit",
     "is_reference",
     "list_frames",
+    "main_tables",
     "named_file",
     "open_experiment",
     "provenance",
@@ -72,6 +77,7 @@ __all__ = [
     "read_loads",
     "read_records",
     "read_run",
+    "read_run_table",
     "read_scene",
     "read_scene_asperities",
     "read_scene_loads",
@@ -79,6 +85,7 @@ __all__ = [
     "read_topography",
     "remove_leftovers",
     "replacing",
+    "require_format",
     "set_scene_keys",
     "shares_frames",
     "write_edits",

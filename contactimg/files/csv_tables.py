@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import pandas as pd
 
@@ -360,27 +360,19 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     ...     path.read_text()
     'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
     """
-    with replacing(path) as part, TableWriter(schema, part) as writer:
-        writer.add(table)
+    with replacing(path) as part:
+        rows = CsvRows(schema, part)
+        try:
+            rows.add(table)
+        finally:
+            rows.close()
 
 
-class TableWriter:
-    """A CSV file as `write_table` writes it, to which rows are added.
-
-    Parameters
-    ----------
-    schema : Schema
-    path : Path
-        In a folder that only counts when all of its files are complete (`contactimg.files.OutputFolder`).
-
-    Attributes
-    ----------
-    rows : int
-        Number of rows written.
-    """
+class CsvRows:
+    """A CSV file as `write_table` writes it, to which rows are added."""
 
     def __init__(self, schema: Schema, path: Path) -> None:
-        self.schema, self.rows = schema, 0
+        self._schema, self._path = schema, path
         try:
             self._file = path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
         except OSError as error:
@@ -388,27 +380,17 @@ class TableWriter:
         self._writer = csv.writer(self._file, lineterminator="\n")
         self._writer.writerow(schema.columns)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._file.close()
-
-    @stage("writing")
     def add(self, table: pd.DataFrame) -> None:
-        """Add the rows of a table.
-
-        Raises
-        ------
-        InputError
-            If they do not fit the schema or cannot be written.
-        """
+        """Add the rows of a table."""
         try:
-            self._writer.writerows(text_rows(table, self.schema))
+            self._writer.writerows(text_rows(table, self._schema))
             self._file.flush()
         except OSError as error:
-            raise InputError(f"{self._file.name}: cannot be written ({error.strerror or error})") from None
-        self.rows += len(table)
+            raise InputError(f"{self._path}: cannot be written ({error.strerror or error})") from None
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._file.close()
 
 
 def text_rows(table: pd.DataFrame, schema: Schema) -> Iterator[tuple[object, ...]]:

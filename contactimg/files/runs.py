@@ -19,8 +19,8 @@ import pandas as pd
 from contactimg import __version__
 from contactimg.errors import InputError
 from contactimg.files.commit import PROVENANCE_FILE, read_settled
-from contactimg.files.csv_tables import read_table
 from contactimg.files.run_record import check_record
+from contactimg.files.run_tables import read_run_table, table_file
 from contactimg.files.table_hashes import changed_tables
 from contactimg.forces import sums_of_contacts
 from contactimg.scene import Scene, scene_from_dict
@@ -162,8 +162,7 @@ class RunFolder:
     @property
     def outlines(self) -> pd.DataFrame:
         """Outlines of the contacts of free shape, columns of `contactimg.tables.OUTLINES`."""
-        path = self.folder / "outlines.csv"
-        return read_table(path, OUTLINES) if path.is_file() else OUTLINES.empty()
+        return read_run_table(self.folder, OUTLINES, optional=True)
 
     @property
     def command(self) -> str:
@@ -209,8 +208,8 @@ def _read_run(folder: Path) -> RunFolder:
             f"{folder}: was written by a newer contactimg (schema {version}, this one reads {SCHEMA_VERSION})"
         )
     record = check_record(record, folder / PROVENANCE_FILE)
-    contacts = read_table(folder / "contacts.csv", CONTACTS, infinite=True)
-    frames = read_table(folder / "frames.csv", FRAMES, infinite=True)
+    contacts = read_run_table(folder, CONTACTS, infinite=True)
+    frames = read_run_table(folder, FRAMES, infinite=True)
     _check_tables(folder, contacts, frames)
     changed = changed_tables(record, folder)
     if changed:
@@ -225,10 +224,10 @@ def _read_run(folder: Path) -> RunFolder:
 
 
 def _record_of_contacts(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """The record of the command that wrote contacts.csv; the last one if none says so."""
+    """The record of the command that wrote the contacts; the last one if none says so."""
     for record in records:
         outputs = record.get("outputs")
-        if isinstance(outputs, list) and "contacts.csv" in outputs:
+        if isinstance(outputs, list) and {"contacts.csv", "contacts.parquet"} & set(map(str, outputs)):
             return record
     return records[0]
 
@@ -237,15 +236,18 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
     """Raise if the tables of a run do not belong together."""
     repeated = frames["frame"][frames["frame"].duplicated()]
     if len(repeated):
-        raise InputError(f"{folder / 'frames.csv'}: names frame {repeated.iloc[0]!r} more than once")
+        raise InputError(f"{table_file(folder, FRAMES)}: names frame {repeated.iloc[0]!r} more than once")
     unknown = contacts["frame"][~contacts["frame"].isin(frames["frame"])]
     if len(unknown):
         raise InputError(
-            f"{folder / 'contacts.csv'}: names frame {unknown.iloc[0]!r}, which frames.csv does not; "
+            f"{table_file(folder, CONTACTS)}: names frame {unknown.iloc[0]!r}, which "
+            f"{table_file(folder, FRAMES).name} does not; "
             "repeat the run"
         )
     if (contacts["asperity"] < 0).any():
-        raise InputError(f"{folder / 'contacts.csv'}: column asperity must not be negative; repeat the run")
+        raise InputError(
+            f"{table_file(folder, CONTACTS)}: column asperity must not be negative; repeat the run"
+        )
 
 
 def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene | None:

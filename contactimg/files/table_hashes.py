@@ -5,8 +5,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-RUN_TABLES = ("contacts.csv", "frames.csv")
-"""The tables that other results are derived from."""
+RUN_TABLES = ("contacts.csv", "frames.csv", "contacts.parquet", "frames.parquet")
+"""The tables that other results are derived from, in either format."""
 
 
 def table_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
@@ -18,7 +18,7 @@ def table_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
     names : iterable of str
         Relative to the folder.
     """
-    return {name: _sha256(folder / name) for name in names if name.endswith(".csv")}
+    return {name: _sha256(folder / name) for name in names if name.endswith((".csv", ".parquet"))}
 
 
 def changed_tables(record: Mapping[str, Any], folder: Path) -> list[str]:

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, RunFolder, open_experiment, read_table
+from contactimg.files import FrameSource, RunFolder, open_experiment, read_run_table
 from contactimg.files.imagej import Region, region_of, write_overlay_tiff, write_regions
 from contactimg.files.labels import write_labels
 from contactimg.files.napari_tables import write_napari_points, write_napari_shapes
@@ -82,8 +82,7 @@ def export_run(
 
 def rejected_of(run: RunFolder) -> pd.DataFrame:
     """The rejected candidates of a run; none for a prediction."""
-    path = run.folder / "rejected.csv"
-    return read_table(path, REJECTED) if path.is_file() else REJECTED.empty()
+    return read_run_table(run.folder, REJECTED, optional=True)
 
 
 def file_stem(frame: str) -> str:

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pandas as pd
 
-from contactimg.files import OutputFolder, provenance, read_run, write_table
+from contactimg.files import OutputFolder, TableFormat, TableWriter, main_tables, provenance, read_run
 from contactimg.tables import CONTACTS, FRAMES, Schema
 
 
-def write_joined_tables(runs: Mapping[str, Path], target: Path, *, command: str) -> None:
-    """Write all_contacts.csv and all_frames.csv of several runs.
+def write_joined_tables(
+    runs: Mapping[str, Path], target: Path, *, command: str, table_format: TableFormat = "csv"
+) -> None:
+    """Write the tables all_contacts and all_frames of several runs.
 
     Parameters
     ----------
@@ -20,6 +22,7 @@ def write_joined_tables(runs: Mapping[str, Path], target: Path, *, command: str)
         The folder to write, with its provenance.
     command : str
         For the provenance.
+    table_format : {"csv", "parquet"}
 
     Raises
     ------
@@ -27,17 +30,15 @@ def write_joined_tables(runs: Mapping[str, Path], target: Path, *, command: str)
         If a run cannot be read or the folder cannot be written.
     """
     tables = {name: read_run(folder) for name, folder in runs.items()}
-    inputs = [folder / f"{schema.name}.csv" for folder in runs.values() for schema in (CONTACTS, FRAMES)]
-    with OutputFolder(
-        target, provenance(command=command, inputs=inputs), main_files=["all_frames.csv"]
-    ) as out:
+    record = provenance(command=command, inputs=main_tables(runs.values()))
+    with OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
         for schema, parts in (
             (CONTACTS, {name: run.contacts for name, run in tables.items()}),
             (FRAMES, {name: run.frames for name, run in tables.items()}),
         ):
             whole = pd.concat([part.assign(run=name) for name, part in parts.items()], ignore_index=True)
-            joined = with_run(schema)
-            write_table(whole, joined, out.folder / f"{joined.name}.csv")
+            with TableWriter(with_run(schema), out.folder, table_format) as table:
+                table.add(whole)
 
 
 def with_run(schema: Schema) -> Schema:

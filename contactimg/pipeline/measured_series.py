@@ -16,7 +16,7 @@ from contactimg.pipeline.pose_and_forces import find_pose, with_forces, with_pos
 from contactimg.pipeline.run import Run
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
 from contactimg.tradeoff.choice import Choice
 
 logger = logging.getLogger(__name__)
@@ -86,14 +86,17 @@ class MeasuredSeries:
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
         blocks = list(self.blocks())
-        tables = {
-            schema.name: schema.conform(
-                pd.concat([getattr(block, schema.name) for block in blocks], ignore_index=True)
-            )
-            for schema in (CONTACTS, REJECTED, FRAMES, OUTLINES)
-        }
-        law = next((block.law for block in blocks if block.law is not None), None)
-        return Run(self.scene, pose=self.pose, choices=self.choices, law=law, films=self.films, **tables)
+        return Run(
+            self.scene,
+            _joined(CONTACTS, blocks),
+            _joined(REJECTED, blocks),
+            _joined(FRAMES, blocks),
+            self.pose,
+            self.choices,
+            _joined(OUTLINES, blocks),
+            next((block.law for block in blocks if block.law is not None), None),
+            self.films,
+        )
 
     @cached_property
     def _law(self) -> LawPlan | None:
@@ -115,11 +118,11 @@ class MeasuredSeries:
     def _run(self, first: int, end: int) -> Run:
         """Some frames, in pixels."""
         parts = [part.whole() for part in self.parts[first:end]]
-        tables = {
-            schema.name: schema.conform(
-                pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True)
-            )
-            for schema in (CONTACTS, REJECTED, OUTLINES)
-        }
         frames = self.frames.iloc[first:end].reset_index(drop=True)
-        return Run(self.scene, frames=frames, pose=None, **tables)
+        contacts, rejected, outlines = (_joined(schema, parts) for schema in (CONTACTS, REJECTED, OUTLINES))
+        return Run(self.scene, contacts, rejected, frames, None, outlines=outlines)
+
+
+def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:
+    """The tables of a schema of several parts as one."""
+    return schema.conform(pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True))

@@ -11,7 +11,7 @@ import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
-from contactimg.files import RunFolder, TableWriter
+from contactimg.files import RunFolder, TableFormat, TableWriter
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.pose import Pose
 from contactimg.pose.refine import PoseFit
@@ -95,12 +95,12 @@ class WrittenRun:
     record: dict[str, Any]
 
 
-def write_run(series: "MeasuredSeries", folder: Path) -> WrittenRun:
+def write_run(series: "MeasuredSeries", folder: Path, table_format: TableFormat = "csv") -> WrittenRun:
     """Write contacts, frames, rejected and, if any, outlines, a few frames at a time."""
     frames, law = [FRAMES.empty()], None
     with ExitStack() as stack:
         tables = [
-            stack.enter_context(TableWriter(schema, folder / f"{schema.name}.csv"))
+            stack.enter_context(TableWriter(schema, folder, table_format))
             for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES)
         ]
         for block in series.blocks():
@@ -109,7 +109,7 @@ def write_run(series: "MeasuredSeries", folder: Path) -> WrittenRun:
             frames.append(block.frames)
             law = law or block.law
     if not tables[-1].rows:
-        (folder / "outlines.csv").unlink()
+        tables[-1].path.unlink()
     whole = FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True))
     return WrittenRun(whole, law, _record(series, law))
 

@@ -20,6 +20,7 @@ from contactimg.files import (
     read_calibration,
     read_records,
     read_run,
+    read_run_table,
     read_table,
 )
 from contactimg.files.table_hashes import is_out_of_date
@@ -274,8 +275,7 @@ def _flag_counts(contacts: pd.DataFrame, frames: pd.Series) -> pd.DataFrame:
 
 def _rejected(folder: Path) -> pd.DataFrame:
     """Number of candidates rejected for each reason."""
-    path = folder / "rejected.csv"
-    table = read_table(path, REJECTED) if path.is_file() else REJECTED.empty()
+    table = read_run_table(folder, REJECTED, optional=True)
     return table.groupby("reason", as_index=False).size().rename(columns={"size": "count"})
 
 

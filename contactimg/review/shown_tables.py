@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from contactimg.files import read_table
+from contactimg.files import read_run_table
 from contactimg.pipeline.frame import MeasuredFrame
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
 
@@ -48,9 +48,7 @@ class ShownTables:
     def read(cls, folder: Path) -> "ShownTables":
         """Those in a folder; a run need not have rejected candidates or outlines."""
         tables = {
-            name: read_table(folder / name, schema, infinite=True)
-            if (folder / name).exists()
-            else schema.empty()
+            name: read_run_table(folder, schema, infinite=True, optional=True)
             for name, schema in TABLES.items()
         }
         groups = {name: _by_frame(tables[name]) for name in TABLES if name != "frames.csv"}
