@@ -15,9 +15,9 @@ from contactimg.timings import stage
 if TYPE_CHECKING:
     import pandas as pd
 
-    from contactimg.files import Experiment, TableFormat
+    from contactimg.files import Experiment, OutputFolder, TableFormat
     from contactimg.pipeline.measured_series import MeasuredSeries
-    from contactimg.pipeline.run import WrittenRun
+    from contactimg.pipeline.written_run import WrittenRun
     from contactimg.scene import Scene
 
 JOINED_FOLDER = "combined"
@@ -169,8 +169,6 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
         from contactimg.files import RUN_TABLES, OutputFolder, open_experiment, provenance, require_format
         from contactimg.pipeline.edits import edits_record
-        from contactimg.pipeline.run import write_run
-        from contactimg.pipeline.series import measure_parts
 
     scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
     require_format(options.format)
@@ -183,20 +181,9 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
         inputs=experiment.inputs,
     )
     echo_first_run(quiet=options.quiet)
-    count = len(experiment.frames)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
-        with progress("measuring frames", count, quiet=options.quiet) as advance:
-            series = measure_parts(
-                experiment,
-                relative=options.tolerance,
-                workers=options.workers,
-                advance=advance,
-                store=out.frame_store(),
-            )
-        run = write_run(series, out.folder, options.format)
+        series, run = _measure(experiment, out, options)
         out.record |= run.record | edits_record(experiment.edits)
-        if options.pictures:
-            _draw(series, experiment, out.folder / "overlays", options)
     if not options.quiet:
         echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")
         _echo_run(run, series, used.get("calibration", {}))
@@ -204,14 +191,36 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     return _exit_code(run.frames)
 
 
-def _draw(series: "MeasuredSeries", experiment: "Experiment", folder: Path, options: ProcessOptions) -> None:
-    """Draw the contacts on every frame."""
-    from contactimg.pipeline.pictures import draw_overlays
+def _measure(
+    experiment: "Experiment", out: "OutputFolder", options: ProcessOptions
+) -> "tuple[MeasuredSeries, WrittenRun]":
+    """Measure the frames, and write tables and pictures."""
+    with stage("loading"):
+        from contactimg.pipeline.pictures import draw_overlays
+        from contactimg.pipeline.series import measure_parts
+        from contactimg.pipeline.written_run import write_run
 
-    with progress("drawing overlays", len(experiment.frames), quiet=options.quiet) as advance:
-        draw_overlays(
-            series, experiment, folder, workers=options.workers, numbers=options.numbers, advance=advance
+    count = len(experiment.frames)
+    with progress("measuring frames", count, quiet=options.quiet) as advance:
+        series = measure_parts(
+            experiment,
+            relative=options.tolerance,
+            workers=options.workers,
+            advance=advance,
+            store=out.frame_store(),
         )
+    run = write_run(series, out.folder, options.format)
+    if options.pictures:
+        with progress("drawing overlays", count, quiet=options.quiet) as advance:
+            draw_overlays(
+                series,
+                experiment,
+                out.folder / "overlays",
+                workers=options.workers,
+                numbers=options.numbers,
+                advance=advance,
+            )
+    return series, run
 
 
 def _echo_run(run: "WrittenRun", series: "MeasuredSeries", calibration: dict[str, Any]) -> None:

@@ -93,7 +93,10 @@ def _shown(series: MeasuredSeries) -> Iterator[tuple[str, Shown]]:
         groups = [dict(list(table.groupby("frame"))) for table in tables]
         empty = (CONTACTS.empty(), OUTLINES.empty(), REJECTED.empty())
         for name in block.frames["frame"]:
-            yield str(name), Shown(*(group.get(name, none) for group, none in zip(groups, empty, strict=True)))
+            yield (
+                str(name),
+                Shown(*(group.get(name, none) for group, none in zip(groups, empty, strict=True))),
+            )
 
 
 @stage("pictures")

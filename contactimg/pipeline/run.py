@@ -1,26 +1,21 @@
-"""A run: the tables that a measured series gives, written to a folder and read back."""
+"""A run: the tables that a measured series gives."""
 
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from math import degrees, nan, radians
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
-from contactimg.files import RunFolder, TableFormat, TableWriter
+from contactimg.files import RunFolder
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.pose import Pose
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Status
+from contactimg.tables import OUTLINES, REJECTED, Status
 from contactimg.tradeoff.choice import Choice
-
-if TYPE_CHECKING:
-    from contactimg.pipeline.measured_series import MeasuredSeries
 
 
 @dataclass(frozen=True)
@@ -76,58 +71,8 @@ def frame_shift(frames: pd.DataFrame, name: str) -> tuple[float, float]:
     return float(shift[0]), float(shift[1])
 
 
-@dataclass(frozen=True)
-class WrittenRun:
-    """What stays in memory of a run that was written.
-
-    Attributes
-    ----------
-    frames : DataFrame
-        The frames table.
-    law : LawPlan or None
-        Law of the local forces; None without forces.
-    record : dict
-        What the provenance must state.
-    """
-
-    frames: pd.DataFrame
-    law: LawPlan | None
-    record: dict[str, Any]
-
-
-def write_run(series: "MeasuredSeries", folder: Path, table_format: TableFormat = "csv") -> WrittenRun:
-    """Write contacts, frames, rejected and, if any, outlines, a few frames at a time."""
-    frames, law = [FRAMES.empty()], None
-    with ExitStack() as stack:
-        tables = [
-            stack.enter_context(TableWriter(schema, folder, table_format))
-            for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES)
-        ]
-        for block in series.blocks():
-            for table in tables:
-                table.add(getattr(block, table.schema.name))
-            frames.append(block.frames)
-            law = law or block.law
-    if not tables[-1].rows:
-        tables[-1].path.unlink()
-    whole = FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True))
-    return WrittenRun(whole, law, _record(series, law))
-
-
-def _record(series: "MeasuredSeries", law: LawPlan | None) -> dict[str, Any]:
-    """What the provenance must state of a series."""
-    record: dict[str, Any] = {} if series.pose is None else {"pose": _pose_record(series.pose)}
-    if law is not None:
-        record["law"] = law.sentence()
-    if series.films:
-        record["film"] = {frame: asdict(verdict) for frame, verdict in series.films.items()}
-    if series.choices:
-        record["methods"] = {frame: asdict(choice) for frame, choice in series.choices.items()}
-    return record
-
-
 def run_of_folder(folder: RunFolder) -> Run:
-    """The run that `write_run` left in a folder, without its rejected candidates.
+    """The run that `process` left in a folder, without its rejected candidates.
 
     Raises
     ------
@@ -154,7 +99,7 @@ def run_of_folder(folder: RunFolder) -> Run:
     return Run(folder.scene, folder.contacts, REJECTED.empty(), folder.frames, fit, outlines=folder.outlines)
 
 
-def _pose_record(fit: PoseFit) -> dict[str, Any]:
+def pose_record(fit: PoseFit) -> dict[str, Any]:
     """The pose as the provenance states it; `run_of_folder` reads it back."""
     return {
         "rows": fit.pose.shape[0],

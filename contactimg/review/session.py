@@ -30,8 +30,8 @@ from contactimg.files import (
 from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
 from contactimg.pipeline.edits import check_frames, edits_by_frame
 from contactimg.pipeline.pictures import series_stretch
-from contactimg.pipeline.run import write_run
 from contactimg.pipeline.series import measure_parts
+from contactimg.pipeline.written_run import write_run
 from contactimg.review.contact_window import contact_window
 from contactimg.review.curves import ThresholdCurves
 from contactimg.review.frame_light import FrameLight, measure_alone

@@ -87,6 +87,11 @@ COMMANDS = [
         ["process", "{in}/frames", "-o", "out", "--workers", "2"],
     ),
     Command(
+        "parquet",
+        ["process", "{in}/frames", "-o", "out", "--workers", "2"],
+        ["process", "{in}/frames", "-o", "out", "--workers", "2", "--format", "parquet"],
+    ),
+    Command(
         "predict",
         ["predict", "{in}/scene.toml", "--load-N", "0.002", "-o", "out"],
         ["predict", "{in}/scene.toml", "--load-N", "0.004", "--load-N", "0.008", "-o", "out"],
