@@ -192,7 +192,11 @@ class MeasuredFrame:
         if choice is None:
             return self
         message = "; ".join(text for text in (self.row["message"], str(choice)) if text)
-        return replace(self.whole(), row=self.row | {"message": message}, choice=choice)
+        return self._with(self.row | {"message": message}, choice)
+
+    def _with(self, row: dict[str, Any], choice: Choice | None) -> "MeasuredFrame":
+        """The same with another row and choice."""
+        return replace(self, row=row, choice=choice)
 
     def whole(self) -> "MeasuredFrame":
         """The part with its tables in memory."""
@@ -225,6 +229,11 @@ class ShelvedFrame(MeasuredFrame):
     def __reduce__(self) -> tuple[Any, ...]:
         whole = self.whole()
         return MeasuredFrame, tuple(getattr(whole, name) for name in _FIELDS)
+
+    def _with(self, row: dict[str, Any], choice: Choice | None) -> MeasuredFrame:
+        changed = object.__new__(ShelvedFrame)
+        changed.__dict__.update(self.__dict__ | {"row": row, "choice": choice})
+        return changed
 
     def whole(self) -> MeasuredFrame:
         """The part with its tables in memory."""

@@ -1,5 +1,6 @@
 """A run that was ended is taken up: what was measured is not measured again, and the files are the same."""
 
+import pickle
 from functools import wraps
 
 import numpy as np
@@ -8,12 +9,14 @@ import pytest
 from small_series import copy_of
 
 from contactimg.cli import main
-from contactimg.files import FrameStore
+from contactimg.files import FrameStore, open_experiment, provenance, read_scene
 from contactimg.files.records import decode, encode
 from contactimg.imaging.profile.optics import Halo, SharedOptics
-from contactimg.pipeline import series
+from contactimg.pipeline import measured_series, series
 from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.pipeline.run import write_run
 from contactimg.tables import CONTACTS, REJECTED
+from contactimg.tradeoff.choice import Choice
 
 TABLES = ("contacts.csv", "frames.csv", "rejected.csv")
 
@@ -150,3 +153,33 @@ def test_records_come_back_bit_for_bit():
 def test_a_damaged_record_is_an_error(text):
     with pytest.raises(ValueError, match="is no"):
         decode(text)
+
+
+def test_frames_leave_their_tables_in_the_store(small_series, tmp_path):
+    experiment = open_experiment(read_scene(small_series))
+    record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
+    store = FrameStore(tmp_path / "store", record)
+    kept = series.measure_parts(experiment, workers=1, store=store)
+    held = series.measure_parts(experiment, workers=1)
+    for shelved, part in zip(kept.parts, held.parts, strict=True):
+        assert not {"contacts", "rejected", "outlines"} & set(vars(shelved))
+        again = pickle.loads(pickle.dumps(shelved))  # noqa: S301
+        assert type(again) is MeasuredFrame
+        pd.testing.assert_frame_equal(again.contacts, part.contacts, check_exact=True)
+        chosen = shelved.with_choice(Choice("disk", error=0.077, stated=0.002, relative=0.01, output="area"))
+        assert "contacts" not in vars(chosen)
+        assert chosen.whole().row["message"].endswith(str(chosen.choice))
+    pd.testing.assert_frame_equal(kept.whole().contacts, held.whole().contacts, check_exact=True)
+
+
+def test_blocks_of_frames_give_the_tables_of_all(small_series, tmp_path, monkeypatch):
+    parts = series.measure_parts(open_experiment(read_scene(small_series)), workers=1)
+    whole = parts.whole()
+    monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
+    for folder in ("alone", "together"):
+        (tmp_path / folder).mkdir()
+        written = write_run(parts, tmp_path / folder)
+        pd.testing.assert_frame_equal(written.frames, whole.frames, check_exact=True)
+        monkeypatch.undo()
+    for name in TABLES:
+        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
