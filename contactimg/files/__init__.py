@@ -2,10 +2,11 @@
 
 In: frames, scenes, tables and calibrations. Out: tables, frames, figures and output folders.
 
-Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format, decoded by
-`tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `parquet_tables`,
-`run_tables` (either of them), `output` (the folder of a run), `commit` (how it replaces the earlier one),
-`frame_store` (frames of a run that was ended, as text by `records`), `runs` (its provenance), `calibrations`, `atomic`, `signals` and `figures`.
+Read in this order: `experiment` (a scene and the files it names), `sources` (frames of any format, decoded
+by `tiff`, `stills`, `norpix`, `video`; colours by `grey`), `csv_tables`, `parquet_tables`, `run_tables`
+(either of them), `output` (the folder of a run), `commit` (how it replaces the earlier one), `frame_store`
+(frames of a run that was ended, as text by `records`), `runs` (its provenance), `calibrations`, `atomic`,
+`signals` and `figures`.
 """
 
 from contactimg.files.atomic import remove_leftovers, replacing, write_json, write_text
