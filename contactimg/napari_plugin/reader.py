@@ -14,7 +14,7 @@ from dask.array import stack as stack_of
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, RunFolder, read_run
+from contactimg.files import FrameSource, RunFolder, main_tables, read_run
 from contactimg.files.napari_tables import napari_shapes
 from contactimg.pipeline.export import REJECTED_COLOUR, contact_colour, frame_sources, rejected_of
 from contactimg.tables import CONTACTS, flag_names
@@ -43,7 +43,7 @@ def run_reader(path: str | Sequence[str]) -> Callable[[str], list[Layer]] | None
     """
     if not isinstance(path, str) or not (Path(path) / "provenance.json").is_file():
         return None
-    return read_run_layers if (Path(path) / "contacts.csv").is_file() else None
+    return read_run_layers if main_tables([Path(path)])[0].is_file() else None
 
 
 def read_run_layers(path: str) -> list[Layer]:
