@@ -90,7 +90,9 @@ def read_parquet(path: Path, schema: Schema, *, infinite: bool = False) -> pd.Da
     if not infinite and np.isinf(numbers.to_numpy()).any():
         name = numbers.columns[np.isinf(numbers.to_numpy()).any(axis=0)][0]
         raise InputError(f"{path}: column {name} must hold finite numbers")
-    return found.assign(**{name: found[name].fillna("") for name in found.select_dtypes("str")})
+    texts = [name for name, (dtype, _) in schema.columns.items() if dtype == "str"]
+    found[texts] = found[texts].fillna("")
+    return found
 
 
 def need_pyarrow() -> tuple[Any, Any]:
