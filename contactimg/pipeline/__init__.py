@@ -4,8 +4,8 @@ Read in this order, each module using only those before it: `inputs` (asperities
 `parallel` (the one loop over frames), `effects` (which effects a scene calls for, which ones its frames are
 measured with), `frame` (measure one frame), `run` (the tables of a series: record, write, read back),
 `pose_and_forces` (contacts in sample coordinates), `measured_series` (frames whose tables stay on the disk),
-`series` (measure a series frame by frame), `pictures` (contacts drawn on their
-frames), `calibrate` (the paper's calibrations), `predict` (model contacts at given loads), `simulate`
-(synthetic series), `overlay` (measured against predicted contacts), `analyse` (several runs together),
-`tradeoff` (accuracy against computing time).
+`written_run` (the tables of a series in a folder), `series` (measure a series frame by frame), `pictures`
+(contacts drawn on their frames), `calibrate` (the paper's calibrations), `predict` (model contacts at given
+loads), `simulate` (synthetic series), `overlay` (measured against predicted contacts), `analyse` (several
+runs together), `tradeoff` (accuracy against computing time).
 """

@@ -14,7 +14,7 @@ from contactimg.files.records import decode, encode
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 from contactimg.pipeline import measured_series, series
 from contactimg.pipeline.frame import MeasuredFrame
-from contactimg.pipeline.run import write_run
+from contactimg.pipeline.written_run import write_run
 from contactimg.tables import CONTACTS, REJECTED
 from contactimg.tradeoff.choice import Choice
 
