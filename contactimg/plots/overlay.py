@@ -208,10 +208,9 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
 def _draw_square(canvas: _Canvas, outline: Outline, gap: float, index: int, thickness: int) -> None:
     """Draw a square about the centre."""
     half = outline.semi_major + gap
-    corners = canvas.place(
-        np.array([[outline.x - half, outline.y - half], [outline.x + half, outline.y + half]])
-    )
-    cv2.rectangle(canvas.indices, *corners.tolist(), index, thickness, shift=SHIFT_BITS)
+    centre = np.array([outline.x, outline.y])
+    first, last = canvas.place(np.array([centre - half, centre + half])).tolist()
+    cv2.rectangle(canvas.indices, first, last, index, thickness, shift=SHIFT_BITS)
 
 
 def _ellipse(outline: Outline, gap: float, canvas: _Canvas) -> NDArray[np.float64]:
@@ -271,7 +270,7 @@ def _write_number(canvas: _Canvas, outline: Outline, gap: float) -> None:
 @lru_cache(maxsize=8)
 def _font(size: int) -> ImageFont.FreeTypeFont:
     """The font that comes with matplotlib."""
-    return ImageFont.truetype(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", size)
+    return ImageFont.truetype(str(Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans.ttf")), size)
 
 
 def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:

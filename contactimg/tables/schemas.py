@@ -11,6 +11,10 @@ from pandas.api.types import pandas_dtype
 
 from contactimg.errors import InputError
 
+# With pyarrow installed pandas would keep text as Arrow strings, which cannot hold file names that are not
+# UTF-8; tables must not depend on what else is installed.
+pd.set_option("mode.string_storage", "python")
+
 RUN_MODELS = ("measured", "predicted")
 """Names that an analysis gives to the contacts of a run itself: those of `process` and those of `predict`."""
 
