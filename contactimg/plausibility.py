@@ -45,6 +45,10 @@ ALONE_SPACINGS = 4.0
 """Distance to the next asperity, in mean spacings, from which one stands alone. Chosen: in a random pattern
 of 10^4 points the largest such distance is below 2 (theory: exp(-pi x^2) per point)."""
 
+MAX_FORCES_OVER_LOAD = 30.0
+"""Sum of the local forces over the load, or its inverse, that is doubted in a calibration. Chosen: a modulus
+that was measured otherwise agrees within a few; N for mN, MPa for kPa and a length off by ten give 1000."""
+
 _FACTORS = {1e-3: "mm", 1e-6: "µm", 1e-9: "nm", 1e-2: "cm"}
 
 
@@ -202,6 +206,33 @@ def doubts_about_calibration(
     yield from modulus.doubt("the fitted young_modulus", young_modulus)
     adhesion = PlausibleRange(WORK_OF_ADHESION.low, WORK_OF_ADHESION.high, "J/m^2", hint, hint)
     yield from adhesion.doubt("the fitted work_of_adhesion", max(work_of_adhesion, 0.0))
+
+
+def doubts_about_forces(*, slope: float, young_modulus: float) -> Iterator[str]:
+    """Sentences about the force sums of a calibration of threshold or modulus.
+
+    Parameters
+    ----------
+    slope : float
+        Sum of the local forces over the load.
+    young_modulus : float
+        With which they were found, Pa.
+
+    Yields
+    ------
+    str
+
+    Examples
+    --------
+    >>> list(doubts_about_forces(slope=0.9, young_modulus=3e6))
+    []
+    """
+    if slope > 0 and not 1 / MAX_FORCES_OVER_LOAD <= slope <= MAX_FORCES_OVER_LOAD:
+        yield (
+            f"the local forces add up to {slope:.3g} times the load with young_modulus_Pa = "
+            f"{young_modulus:g}, plausible is a factor of at most {MAX_FORCES_OVER_LOAD:g}; are loads in N, "
+            "the modulus in Pa, and pixel_size_m and the radii in metres?"
+        )
 
 
 def _points(asperities: pd.DataFrame) -> NDArray[np.float64]:

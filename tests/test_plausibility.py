@@ -2,13 +2,20 @@
 
 from pathlib import Path
 
+import pandas as pd
 import pytest
-from small_series import SCENE
+from small_series import SCENE, copy_of
 
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.files import read_asperities, read_scene, read_scene_asperities, read_scene_loads
-from contactimg.plausibility import doubts_about_calibration, doubts_about_scene, doubts_as_warnings, settle
+from contactimg.plausibility import (
+    doubts_about_calibration,
+    doubts_about_forces,
+    doubts_about_scene,
+    doubts_as_warnings,
+    settle,
+)
 from contactimg.scene import scene_from_dict
 
 SAMPLES = sorted((Path(__file__).parents[1] / "sample_data").glob("*/scene.toml"))
@@ -100,6 +107,27 @@ def test_a_slip_in_the_result_of_a_calibration(values, said):
     assert not list(
         doubts_about_calibration(young_modulus=3e6, work_of_adhesion=-0.01, contact_over_radius=0.1)
     )
+
+
+@pytest.mark.parametrize("slope", [1e-3, 0.03, 40.0, 400.0])
+def test_forces_far_from_the_load_are_doubted(slope):
+    with pytest.raises(InputError, match=f"add up to {slope:.3g} times the load .* are loads in N"):
+        settle(doubts_about_forces(slope=slope, young_modulus=3e6), "the calibration")
+    assert not list(doubts_about_forces(slope=0.2, young_modulus=3e6))
+
+
+@pytest.mark.parametrize("kind", ["modulus", "threshold"])
+@pytest.mark.parametrize("loads", ["mN", "kN"])
+def test_loads_in_another_unit_are_refused_by_the_calibrations(kind, loads, small_series, tmp_path, capfd):
+    factor = {"mN": 1e3, "kN": 1e-3}[loads]
+    folder = copy_of(small_series, tmp_path / "series")
+    table = pd.read_csv(folder / "loads.csv")
+    table.assign(load_N=factor * table["load_N"]).to_csv(folder / "loads.csv", index=False)
+    words = ["calibrate", kind, str(folder), "-o", str(tmp_path / "out"), "--workers", "1", "--quiet"]
+    assert main([*words, *(["--threshold", "0.5"] if kind == "modulus" else [])]) == 2
+    said = capfd.readouterr().err
+    assert "wider than the sample" in said or "times the load" in said or "beyond 0.5 no model holds" in said
+    assert not (tmp_path / "out" / "calibration.json").exists()
 
 
 def test_doubts_can_be_warnings(caplog):

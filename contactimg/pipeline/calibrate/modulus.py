@@ -21,6 +21,7 @@ from contactimg.pipeline.calibrate.force_sums import (
 )
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
+from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces
 
 
@@ -65,6 +66,7 @@ def run_modulus(
         young_modulus_std=measured.std,
         **common_errors(experiment, load, relative=0.0 if threshold is None else steepness * threshold.std),
     )
+    settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
     notes = frame_messages(series) + cell_notes(experiment, load) + ([found.message] if found.message else [])
     record: dict[str, Any] = {
         "kind": "modulus",

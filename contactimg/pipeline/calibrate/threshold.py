@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.calibration.threshold import ThresholdCalibration, calibrate_threshold, load_slope
 from contactimg.errors import InputError
@@ -20,6 +21,7 @@ from contactimg.pipeline.calibrate.force_sums import (
 )
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
+from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_slopes
 
 
@@ -57,7 +59,7 @@ def run_threshold(
     }
     slopes = [load_slope(row, load, **errors) for row in series.forces]
     stds = np.array([slope.std for slope in slopes])
-    values = np.array([slope.value for slope in slopes])
+    values = _plausible(np.array([slope.value for slope in slopes]), stated_modulus(experiment).value)
     forces, found, threshold = np.full(len(load), np.nan), None, np.nan
     try:
         found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
@@ -84,6 +86,13 @@ def run_threshold(
         "forces.png": plot_forces(load, forces),
     }
     return force_sum_result(record, series, forces, figures, curve=curve)
+
+
+def _plausible(slopes: NDArray[np.float64], young_modulus: float) -> NDArray[np.float64]:
+    """The slopes; refused if even the one closest to 1 is far from it."""
+    closest = float(slopes[np.argmin(np.abs(np.log(np.maximum(slopes, np.finfo(float).tiny))))])
+    settle(doubts_about_forces(slope=closest, young_modulus=young_modulus), "the calibration")
+    return slopes
 
 
 def _found_record(found: ThresholdCalibration, modulus_std: float) -> dict[str, Any]:
