@@ -78,15 +78,9 @@ class MeasuredSeries:
         """Frame -> what its rims say of an air film, where one was looked for."""
         return {str(part.row["frame"]): part.film for part in self.parts if part.film is not None}
 
-    def located(self) -> Iterator[Run]:
-        """The blocks with their pose, without forces."""
-        for first in range(0, len(self.parts), BLOCK_FRAMES):
-            run = self._run(first, first + BLOCK_FRAMES)
-            yield run if self.pose is None else with_pose(run, self.sites, self.pose)
-
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
-        for run in self.located():
+        for run in self._located():
             yield run if self.pose is None else with_forces(run, self.sites, self._law)
 
     def whole(self) -> Run:
@@ -110,10 +104,16 @@ class MeasuredSeries:
         if self.scene.elastic is None:
             return None
         slim, radii = [CONTACTS.empty()[["frame", "radius_m"]]], [np.empty(0)]
-        for run in self.located():
+        for run in self._located():
             slim.append(run.contacts[["frame", "radius_m"]])
             radii.append(sphere_radii(run.contacts, self.scene, self.sites))
         return plan_law(self.scene, pd.concat(slim, ignore_index=True), np.concatenate(radii))
+
+    def _located(self) -> Iterator[Run]:
+        """The blocks without forces."""
+        for first in range(0, len(self.parts), BLOCK_FRAMES):
+            run = self._run(first, first + BLOCK_FRAMES)
+            yield run if self.pose is None else with_pose(run, self.sites, self.pose)
 
     def _run(self, first: int, end: int) -> Run:
         """Some frames, in pixels."""

@@ -88,7 +88,7 @@ def draw_overlays(
 
 def _shown(series: MeasuredSeries) -> Iterator[tuple[str, Shown]]:
     """Each frame with what is drawn on it."""
-    for block in series.located():
+    for block in series.blocks():
         tables = (block.contacts, block.outlines, block.rejected)
         groups = [dict(list(table.groupby("frame"))) for table in tables]
         empty = (CONTACTS.empty(), OUTLINES.empty(), REJECTED.empty())
