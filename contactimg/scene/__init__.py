@@ -4,24 +4,14 @@ Keys carry their unit (``radius_m``); the attributes of the records do not (``ra
 except pixel lengths (``_px``). An unknown key, a missing key or a value out of range is an `InputError` whose
 sentence names the section, the key, the rule, the value and, for an unknown key, the allowed keys.
 
-Read in this order: `sections` (every section with its keys), `scene` (`Scene` and `scene_from_dict`),
-`messages` (the sentence for a broken rule), `template` (a first scene file with comments).
+Read in this order: `rules` (what sections share), `contact_sections` and `sections` (every section with its
+keys), `scene` (`Scene` and `scene_from_dict`), `messages` (the sentence for a broken rule), `template` (a
+first scene file with comments).
 """
 
+from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
 from contactimg.scene.scene import Scene, scene_from_dict
-from contactimg.scene.sections import (
-    Asperities,
-    Camera,
-    Effects,
-    Elastic,
-    FilmLight,
-    Images,
-    Indenter,
-    Load,
-    Measure,
-    Simulate,
-    Tolerance,
-)
+from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
 from contactimg.scene.template import scene_template
 
 __all__ = [

@@ -4,7 +4,7 @@ import difflib
 
 from pydantic_core import ErrorDetails
 
-from contactimg.scene.sections import Section
+from contactimg.scene.rules import Section
 
 
 def broken_rule(detail: ErrorDetails, name: str, root: type[Section]) -> str:

@@ -7,21 +7,10 @@ from pydantic import PrivateAttr, ValidationError
 
 from contactimg.errors import InputError
 from contactimg.pose import Pose
+from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
 from contactimg.scene.messages import broken_rule
-from contactimg.scene.sections import (
-    Asperities,
-    Camera,
-    Effects,
-    Elastic,
-    FilmLight,
-    Images,
-    Indenter,
-    Load,
-    Measure,
-    Section,
-    Simulate,
-    Tolerance,
-)
+from contactimg.scene.rules import Section
+from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
 
 INCOMPRESSIBLE_POISSON_RATIO = 0.49
 """Poisson's ratio from which on a body counts as incompressible. Theory: 0.5; chosen: 2 % below it."""

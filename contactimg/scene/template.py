@@ -7,15 +7,9 @@ from typing import Any
 import tomli_w
 from pydantic.fields import FieldInfo
 
-from contactimg.scene.sections import (
-    Asperities,
-    Camera,
-    Elastic,
-    Images,
-    Indenter,
-    Measure,
-    Section,
-)
+from contactimg.scene.contact_sections import Asperities, Elastic, Indenter
+from contactimg.scene.rules import Section
+from contactimg.scene.sections import Camera, Images, Measure
 
 _WIDTH = 100  # characters of a comment line
 
