@@ -12,6 +12,7 @@ PACKAGE = Path(__file__).parents[1] / "contactimg"
 ROOMS = [
     "errors",
     "timings",
+    "engine",
     "tables",
     "frame",
     "pose",
@@ -59,7 +60,6 @@ INNER_ROOMS = {
     ],
     "pipeline": [
         "inputs",
-        "worker_life",
         "parallel",
         "edits",
         "effects",

@@ -8,7 +8,7 @@ import pytest
 from joblib.externals.loky import get_reusable_executor
 
 from contactimg.cli import main
-from contactimg.pipeline.parallel import in_parallel
+from contactimg.engine.calls import in_parallel
 from contactimg.timings import OTHER, WAITING, Timings, collect, collect_call, gather, is_collecting, stage
 
 

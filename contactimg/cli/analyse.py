@@ -134,6 +134,7 @@ class AnalyseOptions:
     "radius_std_m. Their statistics are added to the results.",
 )
 @shared.workers
+@shared.cluster
 @shared.quiet
 @shared.gather(AnalyseOptions)
 def analyse(

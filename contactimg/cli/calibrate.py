@@ -58,6 +58,7 @@ def common_options(command: Command) -> Command:
     for option in (
         shared.verbose,
         shared.quiet,
+        shared.cluster,
         shared.workers,
         shared.output("FOLDER"),
         shared.frames,

@@ -1,5 +1,6 @@
 """``contactimg predict``: what the models say of a scene at given loads."""
 
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import click
@@ -7,6 +8,16 @@ import click
 from contactimg.cli import shared_options as shared
 from contactimg.cli.printing import echo_frames
 from contactimg.timings import stage
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictOptions:
+    """What is predicted, and how accurately."""
+
+    model: Any
+    coupling: Any
+    tolerance: float | None
+    annulus_mm: float
 
 
 @click.command(short_help="Predict the contacts at given loads with a contact model.")
@@ -43,18 +54,19 @@ from contactimg.timings import stage
     "cheapest that meet it.  [default: the scene's tolerance for the effects, rounding error for the solver]",
 )
 @shared.annulus
+@shared.one_worker
+@shared.cluster
 @shared.quiet
 @shared.verbose
+@shared.gather(PredictOptions)
 def predict(
     *,
     scene: str,
     loads: tuple[float, ...],
     output: str | None,
-    model: Any,
-    coupling: Any,
-    tolerance: float | None,
-    annulus_mm: float,
+    workers: int,
     quiet: bool,
+    options: PredictOptions,
 ) -> int:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
 
@@ -83,28 +95,32 @@ def predict(
         )
         from contactimg.tables import FAILED
 
-    description = with_tolerance(plausible(read_scene(scene)), output=None, relative=tolerance)
+    description = with_tolerance(plausible(read_scene(scene)), output=None, relative=options.tolerance)
     target = shared.output_path(output, description.folder)
-    options = {"loads_N": list(loads), "model": model, "coupling": coupling, "annulus_mm": annulus_mm}
     record = provenance(
         command=shared.command_line("predict"),
         scene=description,
-        options=options | {"tolerance": tolerance},
+        options={"loads_N": list(loads)} | asdict(options),
         inputs=model_inputs(scene, description),
     )
-    annulus = annulus_mm * 1e-3
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
         predictions = predict_loads(
-            description, loads, model=model, coupling=coupling, annulus=annulus, relative=tolerance
+            description,
+            loads,
+            model=options.model,
+            coupling=options.coupling,
+            annulus=options.annulus_mm * 1e-3,
+            relative=options.tolerance,
+            workers=workers,
         )
         frames = write_predictions(predictions, description, out.folder)
         out.record["plans"] = plan_records(predictions)
         out.record["expected_errors"] = error_records(predictions)
     if not quiet:
-        level = f", coupling {coupling}" if model == "interacting" else ""
-        echo_frames(frames, title=f"{scene}, model {model}{level}")
+        level = f", coupling {options.coupling}" if options.model == "interacting" else ""
+        echo_frames(frames, title=f"{scene}, model {options.model}{level}")
         for prediction in predictions:
             if prediction.plan is not None:
-                click.echo(choice_sentence(prediction, relative=tolerance))
+                click.echo(choice_sentence(prediction, relative=options.tolerance))
         click.echo(f"results in {target}")
     return int((frames["status"] == FAILED).any())

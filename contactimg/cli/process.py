@@ -85,6 +85,7 @@ class ProcessOptions(SceneOptions):
     help="Format of the tables. parquet: smaller and faster for long series; needs pyarrow.",
 )
 @shared.workers
+@shared.cluster
 @shared.quiet
 @shared.verbose
 @shared.gather(ProcessOptions)

@@ -132,6 +132,31 @@ workers = click.option(
     help="Number of processes that work in parallel.  [default: one per CPU core; one for fewer than 4 "
     "frames]",
 )
+
+
+def _use_cluster(context: click.Context, _parameter: click.Parameter, value: str | None) -> None:
+    """Hand the work of the command to a cluster until it ends."""
+    if value is not None:
+        with stage("loading"):
+            from contactimg.engine.cluster import on_cluster
+        context.with_resource(on_cluster(value))
+
+
+cluster = click.option(
+    "--cluster",
+    metavar="ADDRESS",
+    expose_value=False,
+    callback=_use_cluster,
+    help="Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for "
+    "example tcp://host:8786, or its scheduler file.",
+)
+one_worker = click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Number of processes that work in parallel.",
+)
 scene = click.option("--scene", type=existing_file, help="Scene file to use instead of scene.toml in FOLDER.")
 
 

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     help="Render an effect of optics or sensor only if leaving it out would change a requested output by "
     "more than allowed, instead of all that [simulate] states.",
 )
+@shared.one_worker
+@shared.cluster
 @shared.quiet
 @shared.verbose
-def simulate(*, scene: str, output: str | None, optics: bool, quiet: bool) -> None:
+def simulate(*, scene: str, output: str | None, optics: bool, workers: int, quiet: bool) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
     The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
@@ -68,7 +70,7 @@ def simulate(*, scene: str, output: str | None, optics: bool, quiet: bool) -> No
         OutputFolder(target, record, main_files=["truth.csv", "scene.toml"]) as out,
         progress("making frames", count, quiet=quiet) as advance,
     ):
-        write_simulation(planned.scene, asperities, out.folder, advance=advance)
+        write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
     if not quiet:
         for plan in planned.plans:
             click.echo(plan.sentence())

@@ -6,10 +6,10 @@ import shutil
 import zlib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 from typing import Any
 
+from contactimg.engine.installation import source_digest
 from contactimg.errors import InputError
 from contactimg.files.records import decode, encode
 
@@ -42,7 +42,7 @@ class FrameStore:
         self.folder = folder
         self.resumes = resumes
         self._file = folder / _FILE
-        self._versions = encode([record.get("versions"), record.get("platform"), _source_digest()])
+        self._versions = encode([record.get("versions"), record.get("platform"), source_digest()])
         self._digests = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
         self._places = dict(self._scan())
 
@@ -137,13 +137,3 @@ def _checksum(data: bytes) -> bytes:
 def _sha256(*texts: str) -> str:
     """The digest of texts."""
     return hashlib.sha256("\n".join(texts).encode("utf-8", "surrogateescape")).hexdigest()
-
-
-@cache
-def _source_digest() -> str:
-    """Digest of the code: a result of another one is not reused, whatever its version says."""
-    digest = hashlib.sha256()
-    top = Path(__file__).parents[1]
-    for path in sorted(top.rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()

@@ -86,6 +86,7 @@ class OutputFolder:
         self._main_files = {Path(name) for name in main_files}
         self._created: list[Path] = []
         self._store: FrameStore | None = None
+        self._inputs = _times_and_sizes(self.record)
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
@@ -159,9 +160,21 @@ class OutputFolder:
                     f"'{_task(self.record)}' does not replace; choose another output folder"
                 )
 
+    def _refuse_changed_inputs(self) -> None:
+        """Raise if an input file is another one now than when the run began: its digest would be wrong."""
+        now = _times_and_sizes(self.record)
+        changed = [path for path, before in self._inputs.items() if now.get(path, before) != before]
+        if changed:
+            raise InputError(
+                f"{changed[0]} changed while the command ran"
+                + (f" (and {len(changed) - 1} other files)" if len(changed) > 1 else "")
+                + "; start the command again when the files are complete"
+            )
+
     @stage("writing")
     def _commit(self) -> None:
         """Replace the files of the earlier run of the same command by the new ones."""
+        self._refuse_changed_inputs()
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
         records = self._records()
@@ -192,6 +205,16 @@ class OutputFolder:
         for folder in self._created:
             with suppress(OSError):
                 folder.rmdir()
+
+
+def _times_and_sizes(record: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
+    """Time of the last change and size of each input file that exists."""
+    found = {}
+    for entry in record.get("inputs", []):
+        with suppress(OSError):
+            status = Path(entry["path"]).stat()
+            found[entry["path"]] = (status.st_mtime_ns, status.st_size)
+    return found
 
 
 def _files_of(record: Mapping[str, Any]) -> set[Path]:

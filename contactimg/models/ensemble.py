@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from joblib import Parallel, delayed
 
+from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
 from contactimg.models.interacting import COUPLINGS, solve_loads
 from contactimg.models.solution import InteractingSolution
@@ -39,6 +39,7 @@ def solve_ensemble(
     seed: int,
     coverage: float | None = None,
     couplings: Sequence[str] = ("none", "asymptotic"),
+    first: int = 0,
     workers: int = 1,
 ) -> Iterator[EnsembleMember]:
     """Solve random patterns under a lens centred on each, one after the other.
@@ -59,8 +60,10 @@ def solve_ensemble(
     coverage : float, optional
     couplings : sequence of str
         Levels of coupling to solve for.
+    first : int
+        Number of the first pattern that is solved: with that of a run that was ended it goes on.
     workers : int
-        Processes; -1 for all cores.
+        Processes; -1 for all cores. Within `contactimg.engine.cluster.on_cluster` those of the cluster.
 
     Yields
     ------
@@ -82,6 +85,8 @@ def solve_ensemble(
     """
     if patterns < 0 or isinstance(patterns, bool):
         raise InputError(f"patterns must not be negative, got {patterns!r}")
+    if not 0 <= first <= patterns or isinstance(first, bool):
+        raise InputError(f"first must be between 0 and the number of patterns {patterns}, got {first!r}")
     unknown = [level for level in couplings if level not in COUPLINGS]
     if unknown:
         raise InputError(f"couplings must be among {', '.join(map(repr, COUPLINGS))}, got {unknown[0]!r}")
@@ -95,8 +100,8 @@ def solve_ensemble(
         coverage,
         tuple(couplings),
     )
-    tasks = (delayed(ensemble.solve_member)(k) for k in range(patterns))
-    yield from Parallel(n_jobs=workers, return_as="generator")(tasks)
+    members = ((k,) for k in range(first, patterns))
+    yield from in_parallel(ensemble.solve_member, members, count=patterns - first, workers=workers)
 
 
 @dataclass(frozen=True)

@@ -1,77 +1,23 @@
-"""Calls in several processes, and the one loop over the frames of an experiment."""
+"""The one loop over the frames of an experiment."""
 
 import logging
-import os
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed, effective_n_jobs
 from numpy.typing import NDArray
 
+from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, FrameStore, edits_file
 from contactimg.pipeline.inputs import read_reference
-from contactimg.pipeline.worker_life import live_with_parent
 from contactimg.tables import Status
-from contactimg.timings import collect_call, gather, is_collecting
 
 logger = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
-
-FEW_CALLS = 4
-"""Below this number of calls starting processes costs more than it gains. Chosen by hand; sensitivity not
-measured."""
-
-
-def in_parallel(
-    function: Callable[..., Result], arguments: Iterable[tuple[Any, ...]], *, count: int, workers: int | None
-) -> Iterator[Result]:
-    """Call a function for each tuple of arguments and yield the results in order, a few in memory at a time.
-
-    Parameters
-    ----------
-    function : callable
-        Must not depend on the order of the calls.
-    arguments : iterable of tuple
-        Taken as they are needed.
-    count : int
-        Number of calls.
-    workers : int or None
-        Processes; None for one per core, or only this one for fewer than `FEW_CALLS` calls.
-
-    Notes
-    -----
-    The workers end with this process, whatever ends it (`contactimg.pipeline.worker_life`).
-    """
-    if workers is None:
-        workers = 1 if count < FEW_CALLS else -1
-    processes = effective_n_jobs(workers)
-    if processes == 1:
-        return (function(*item) for item in arguments)
-    pool = Parallel(
-        n_jobs=workers,
-        backend="loky",
-        return_as="generator",
-        pre_dispatch="2*n_jobs",
-        initializer=live_with_parent,
-        initargs=(os.getpid(),),
-    )
-    if not is_collecting():
-        return _closing(pool(delayed(function)(*item) for item in arguments))
-    timed = pool(delayed(collect_call)(function, *item) for item in arguments)
-    return gather(_closing(timed), processes=processes)
-
-
-def _closing(results: Generator[Result]) -> Iterator[Result]:
-    """The results; if the caller is interrupted, the calls that still run are ended with their processes."""
-    try:
-        yield from results
-    finally:
-        results.close()
 
 
 @dataclass(frozen=True)
@@ -116,7 +62,7 @@ def for_each_frame(
     jobs : sequence of tuple, optional
         Each a `contactimg.files.FrameSource` and further arguments; default: every frame of the experiment.
     workers : int or None
-        As for `in_parallel`.
+        As for `contactimg.engine.calls.in_parallel`.
     advance : callable, optional
         Called once a frame, in order.
     store : FrameStore, optional
@@ -171,7 +117,12 @@ def _measure_jobs(
         return iter(())
     reference = read_reference(experiment)
     call = partial(_measure_source, measure, None if reference is None else reference.image)
-    return in_parallel(call, jobs, count=len(jobs), workers=workers)
+    return in_parallel(call, jobs, count=len(jobs), workers=workers, lost=_lost_frame)
+
+
+def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> FailedFrame:
+    """The failure of a frame whose workers were ended."""
+    return FailedFrame.of(source.name, FrameError(f"its measurement {error}"))
 
 
 def _store_keys(

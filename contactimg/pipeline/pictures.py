@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, write_palette_image
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.parallel import in_parallel
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
 from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
 from contactimg.pose import Pose

@@ -1,6 +1,6 @@
 """Predictions of a scene at several loads, and their files."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
@@ -43,6 +44,7 @@ def predict_loads(
     coupling: Coupling,
     annulus: float,
     relative: float | None = None,
+    workers: int | None = 1,
 ) -> list[Prediction]:
     """Predict the contacts of a scene at each load.
 
@@ -63,6 +65,8 @@ def predict_loads(
     relative : float, optional
         Tolerance of the output; the solver stops at a residual of `SOLVER_SHARE` times it. Default: it solves
         to rounding.
+    workers : int or None
+        Processes that share the loads, as for `contactimg.engine.calls.in_parallel`.
 
     Returns
     -------
@@ -103,16 +107,23 @@ def predict_loads(
                 'take the model "interacting", or switch it off'
             )
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
-    predictions, errors = [], []
-    for load in loads:
-        try:
-            predictions.append(predict(load=load))
-        except ContactimgError as error:
-            errors.append(error)
-            predictions.append(Prediction.failed(load, str(error)))
-    if len(errors) == len(predictions):
+    jobs = [(load,) for load in loads]
+    found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
+    errors = [one for one in found if isinstance(one, ContactimgError)]
+    if len(errors) == len(found):
         raise errors[0]
-    return predictions
+    return [
+        Prediction.failed(load, str(one)) if isinstance(one, ContactimgError) else one
+        for load, one in zip(loads, found, strict=True)
+    ]
+
+
+def _solve(predict: Callable[..., Prediction], load: float) -> Prediction | ContactimgError:
+    """The prediction for a load, or why there is none."""
+    try:
+        return predict(load=load)
+    except ContactimgError as error:
+        return error
 
 
 def solver_tolerance(relative: float) -> float:

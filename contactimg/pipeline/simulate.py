@@ -2,20 +2,23 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from contactimg.effects.plan import Plan, make_plan
+from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.prediction import make_mechanical_plan, predict_contacts
-from contactimg.render import Rendered, render_contacts, render_reference, render_smooth_contact
+from contactimg.render import render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
 
@@ -107,7 +110,9 @@ class SimulatedFrame:
     truth: pd.DataFrame | None
 
 
-def simulate_series(scene: Scene, asperities: pd.DataFrame | None) -> Iterator[SimulatedFrame]:
+def simulate_series(
+    scene: Scene, asperities: pd.DataFrame | None, *, workers: int | None = 1
+) -> Iterator[SimulatedFrame]:
     """Make the frames of a scene one after the other, the reference first.
 
     Asperities touch by the interacting model; without any, the smooth sphere touches by JKR.
@@ -118,6 +123,8 @@ def simulate_series(scene: Scene, asperities: pd.DataFrame | None) -> Iterator[S
         Sections ``[indenter]``, ``[elastic]``, ``[camera]`` and ``[simulate]`` (with loads) are needed.
     asperities : DataFrame or None
         Asperity table; None for a smooth flat.
+    workers : int or None
+        As for `contactimg.engine.calls.in_parallel`.
 
     Yields
     ------
@@ -135,34 +142,48 @@ def simulate_series(scene: Scene, asperities: pd.DataFrame | None) -> Iterator[S
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
     yield SimulatedFrame(np.nan, reference, None)
-    render = _smooth_renderer(scene) if asperities is None else _rough_renderer(scene, asperities)
-    for name, load, seed in zip(_frame_names(len(simulate.loads)), simulate.loads, seeds[1:], strict=True):
-        rendered = render(load, name, np.random.default_rng(seed))
-        yield SimulatedFrame(load, rendered.frame, rendered.contacts)
+    jobs = list(zip(simulate.loads, _frame_names(len(simulate.loads)), seeds[1:], strict=True))
+    yield from in_parallel(_renderer(scene, asperities), jobs, count=len(jobs), workers=workers)
 
 
-Renderer = Callable[[float, str, np.random.Generator], Rendered]
-
-
-def _smooth_renderer(scene: Scene) -> Renderer:
-    """Renders a smooth sphere on a smooth flat."""
-    return lambda load, name, rng: render_smooth_contact(load, scene, rng=rng, name=name)
-
-
-def _rough_renderer(scene: Scene, asperities: pd.DataFrame) -> Renderer:
-    """Renders asperities that interact."""
+def _renderer(
+    scene: Scene, asperities: pd.DataFrame | None
+) -> Callable[[float, str, np.random.SeedSequence], SimulatedFrame]:
+    """Renders the frame of a load."""
+    if asperities is None:
+        return partial(_render_smooth, scene)
     sphere_radius = contact_sites(asperities, scene)["radius_m"].to_numpy(float)
+    return partial(_render_rough, scene, (asperities, sphere_radius))
 
-    def render(load: float, name: str, rng: np.random.Generator) -> Rendered:
-        contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
-        radii = sphere_radius[contacts["asperity"].to_numpy(int)]
-        return render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
 
-    return render
+def _render_smooth(scene: Scene, load: float, name: str, seed: np.random.SeedSequence) -> SimulatedFrame:
+    """The frame of a smooth sphere on a smooth flat."""
+    rendered = render_smooth_contact(load, scene, rng=np.random.default_rng(seed), name=name)
+    return SimulatedFrame(load, rendered.frame, rendered.contacts)
+
+
+def _render_rough(
+    scene: Scene,
+    rough: tuple[pd.DataFrame, NDArray[np.float64]],
+    load: float,
+    name: str,
+    seed: np.random.SeedSequence,
+) -> SimulatedFrame:
+    """The frame of asperities that interact, given with the radius of each on the smooth sphere."""
+    asperities, sphere_radius = rough
+    contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
+    radii, rng = sphere_radius[contacts["asperity"].to_numpy(int)], np.random.default_rng(seed)
+    rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
+    return SimulatedFrame(load, rendered.frame, rendered.contacts)
 
 
 def write_simulation(
-    scene: Scene, asperities: pd.DataFrame | None, folder: Path, *, advance: Callable[[], None] | None = None
+    scene: Scene,
+    asperities: pd.DataFrame | None,
+    folder: Path,
+    *,
+    workers: int | None = 1,
+    advance: Callable[[], None] | None = None,
 ) -> None:
     """Write the frames of `simulate_series` with loads, asperities, truth and scene, ready for `process`.
 
@@ -172,12 +193,14 @@ def write_simulation(
         As for `simulate_series`; switches at "auto" are set by `plan_simulation` and written as set.
     folder : Path
         Exists.
+    workers : int or None
+        As for `contactimg.engine.calls.in_parallel`.
     advance : callable, optional
         Called once a frame.
     """
     scene = plan_simulation(scene, asperities).scene
     loads, truth = [], [CONTACTS.empty()]
-    for simulated in simulate_series(scene, asperities):
+    for simulated in simulate_series(scene, asperities, workers=workers):
         write_frame(simulated.frame, folder / simulated.frame.name)
         if simulated.truth is not None:
             loads.append({"frame": simulated.frame.name, "load_N": simulated.load})

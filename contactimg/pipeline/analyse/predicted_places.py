@@ -2,14 +2,15 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, cast
 
 import pandas as pd
 
+from contactimg.engine.calls import in_parallel
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.pipeline.analyse.group_by_load import usable_frames
 from contactimg.pipeline.analyse.places import Place, radius_ratios
-from contactimg.pipeline.parallel import in_parallel
 from contactimg.prediction import predict_contacts, scene_of_model
 from contactimg.tables import CONTACTS
 
@@ -52,17 +53,18 @@ def predict_places(
     list of str
         Why frames were left out.
     """
-    jobs = [(place, row, model) for place in places for row in usable_frames(place).to_dict("records")]
+    jobs = [(place.name, row) for place in places for row in usable_frames(place).to_dict("records")]
     tables: dict[str, tuple[list[pd.DataFrame], list[dict[Hashable, Any]]]] = {
         p.name: ([], []) for p in places
     }
     notes = []
-    solutions = in_parallel(_solve, jobs, count=len(jobs), workers=workers)
-    for (place, row, _), solved in zip(jobs, solutions, strict=True):
+    solve = partial(_solve, {place.name: place for place in places}, model)
+    solutions = in_parallel(solve, jobs, count=len(jobs), workers=workers)
+    for (name, row), solved in zip(jobs, solutions, strict=True):
         if isinstance(solved, str):
-            notes.append(f"{place.name}, {row['frame']}: the {model} model is left out: {solved}")
+            notes.append(f"{name}, {row['frame']}: the {model} model is left out: {solved}")
         else:
-            contacts, rows = tables[place.name]
+            contacts, rows = tables[name]
             contacts.append(solved)
             rows.append(row | {"n_contacts": len(solved), "area_m2": float(solved["area_m2"].sum())})
         if advance is not None:
@@ -70,8 +72,9 @@ def predict_places(
     return [_as_predicted(place, *tables[place.name]) for place in places], notes
 
 
-def _solve(place: Place, row: dict[Hashable, Any], model: str) -> pd.DataFrame | str:
+def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, Any]) -> pd.DataFrame | str:
     """The contacts of one frame in its field of view, or why there are none."""
+    place = places[name]
     try:
         prediction = predict_contacts(
             scene_of_model(place.scene, model),

@@ -32,7 +32,7 @@ class Series:
     options : FrameOptions
     parts : list of MeasuredFrame
     workers : int or None
-        As for `contactimg.pipeline.parallel.in_parallel`.
+        As for `contactimg.engine.calls.in_parallel`.
     reference_fault : str
         Why the reference is not used; empty if it is, or if there is none.
     store : FrameStore, optional

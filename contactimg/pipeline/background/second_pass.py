@@ -50,7 +50,7 @@ def measure_on_background(
     parts : list of MeasuredFrame
         The frames as measured with the reference of the scene, or without one.
     workers : int or None
-        As for `contactimg.pipeline.parallel.in_parallel`.
+        As for `contactimg.engine.calls.in_parallel`.
     store : FrameStore, optional
         As for `contactimg.pipeline.parallel.for_each_frame`.
 
