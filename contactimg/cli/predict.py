@@ -19,6 +19,12 @@ class PredictOptions:
     tolerance: float | None
     annulus_mm: float
 
+    @property
+    def title(self) -> str:
+        """The model in words."""
+        level = f", coupling {self.coupling}" if self.model == "interacting" else ""
+        return f"model {self.model}{level}"
+
 
 @click.command(short_help="Predict the contacts at given loads with a contact model.")
 @click.argument("scene", type=click.Path(exists=True))
@@ -117,8 +123,7 @@ def predict(
         out.record["plans"] = plan_records(predictions)
         out.record["expected_errors"] = error_records(predictions)
     if not quiet:
-        level = f", coupling {options.coupling}" if options.model == "interacting" else ""
-        echo_frames(frames, title=f"{scene}, model {options.model}{level}")
+        echo_frames(frames, title=f"{scene}, {options.title}")
         for prediction in predictions:
             if prediction.plan is not None:
                 click.echo(choice_sentence(prediction, relative=options.tolerance))
