@@ -9,5 +9,7 @@ intervals. Read in this order:
 - ``annuli`` and ``radial_profiles``: contacts summed over annuli around the centre of the apparent contact;
 - ``contacts_against_pressure``: density and mean radius of the contacts against the local pressure;
 - ``ensemble_annuli``: the same sums for simulated patterns;
-- ``friction`` (shear stress of the real contact) and ``topography`` (heights and radii of asperities).
+- ``spatial_order``: pairs of contacts or asperities at each distance, against random patterns;
+- ``friction`` (shear stress of the real contact) and ``sliding`` (against velocity; areas in two states);
+- ``topography`` (heights and radii of asperities).
 """

@@ -30,6 +30,9 @@ class Topography:
         Probability of as strong a correlation of independent heights and radii.
     height_mean, height_std, radius_mean, radius_std : float, m
         Of the asperities, stated errors not removed.
+    height_normality, radius_normality : float
+        Probability that normal values deviate as much from a normal law (Shapiro and Wilk); NaN if all are
+        equal.
     n_points : int
     confidence : float
         Of the intervals.
@@ -44,6 +47,8 @@ class Topography:
     height_std: float
     radius_mean: float
     radius_std: float
+    height_normality: float
+    radius_normality: float
     n_points: int
     confidence: float
 
@@ -84,7 +89,8 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
 
     References
     ----------
-    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Table 1 and Fig. 2.
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Table 1 and Fig. 2; Shapiro, Wilk,
+    Biometrika 52 (1965) 591, doi:10.1093/biomet/52.3-4.591.
 
     Examples
     --------
@@ -111,9 +117,16 @@ def describe_topography(table: pd.DataFrame, *, confidence: float = 0.95) -> Top
         height_std=float(h.std(ddof=1)),
         radius_mean=float(R.mean()),
         radius_std=float(R.std(ddof=1)),
+        height_normality=_normality(h),
+        radius_normality=_normality(R),
         n_points=len(h),
         confidence=confidence,
     )
+
+
+def _normality(values: NDArray[np.float64]) -> float:
+    """P-value of the test of Shapiro and Wilk."""
+    return float(stats.shapiro(values / values.mean()).pvalue) if np.ptp(values) > 0 else np.nan
 
 
 def _stated(table: pd.DataFrame, quantity: str) -> NDArray[np.float64]:

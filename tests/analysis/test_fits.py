@@ -306,3 +306,13 @@ def test_caps_higher_than_spheres_have_no_angle():
 def test_bad_topography_is_refused(table, message):
     with pytest.raises(InputError, match=message):
         describe_topography(table)
+
+
+def test_normal_heights_look_normal_and_others_do_not():
+    rng = np.random.default_rng(5)
+    normal = [describe_topography(caps(*rng.normal(5e-5, 1e-5, (2, 119)))) for _ in range(40)]
+    p_values = [p for found in normal for p in (found.height_normality, found.radius_normality)]
+    assert stats.kstest(p_values, "uniform").pvalue > 0.001
+    skew = describe_topography(caps(rng.lognormal(-10, 0.5, 119), rng.uniform(1e-5, 9e-5, 119)))
+    assert skew.height_normality < 1e-3
+    assert np.isnan(describe_topography(caps([3.0, 3.1, 2.9], [1.0, 1.0, 1.0])).radius_normality)

@@ -14,7 +14,8 @@ from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contac
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
-from contactimg.analysis.power_laws import PowerLaw
+from contactimg.analysis.power_laws import PowerLaw, fit_power_law
+from contactimg.analysis.sliding import stress_by_velocity
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
 from contactimg.pipeline.analyse.group_by_load import group_frames, joined, usable_frames
@@ -84,6 +85,8 @@ class Analysis:
     shear_stress : ShearStress or None
     stress_ratio : Estimate or None
         Over the smooth contact's.
+    velocity_law : PowerLaw or None
+        Shear stress against sliding velocity, if the loads state two velocities or more.
     notes : tuple of str
         What was left out, and why.
     """
@@ -97,6 +100,7 @@ class Analysis:
     contact_laws: dict[tuple[str, str], BrokenLaw]
     shear_stress: ShearStress | None
     stress_ratio: Estimate | None
+    velocity_law: PowerLaw | None
     notes: tuple[str, ...]
 
 
@@ -166,6 +170,7 @@ def analyse_places(
         contact_laws=_contact_laws(averages, own, options, notes),
         shear_stress=stress,
         stress_ratio=ratio,
+        velocity_law=_velocity_law(friction, options, notes),
         notes=tuple(dict.fromkeys(notes)),
     )
 
@@ -326,3 +331,25 @@ def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
 def _shear_stress(friction: pd.DataFrame, options: AnalysisOptions) -> ShearStress:
     """The shear stress of all frames."""
     return fit_shear_stress(friction, friction_std=options.friction_std, confidence=options.confidence)
+
+
+def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[str]) -> PowerLaw | None:
+    """The shear stress against velocity, if there are several velocities."""
+    if not (friction["velocity_m_s"].abs() > 0).any():
+        return None
+    stress = _fit_or_note(notes, "friction", _stress_by_velocity, friction, options)
+    if stress is None or len(stress) < 2:
+        return None
+    if (stress["stress_std_Pa"].isna()).any():  # one frame and no stated error: no weights
+        stress = stress.assign(stress_std_Pa=0.0)
+    return fit_power_law(
+        stress["velocity_m_s"],
+        stress["stress_Pa"],
+        y_std=stress["stress_std_Pa"],
+        confidence=options.confidence,
+    )
+
+
+def _stress_by_velocity(friction: pd.DataFrame, options: AnalysisOptions) -> pd.DataFrame:
+    """The shear stress at each velocity."""
+    return stress_by_velocity(friction, friction_std=options.friction_std)

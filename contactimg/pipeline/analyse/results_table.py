@@ -125,6 +125,11 @@ def _friction_rows(analysis: Analysis) -> Iterator[Row]:
     if analysis.stress_ratio is not None:
         note = "tau0 over that of the smooth contact"
         yield _row("shear_stress_ratio", "measured", analysis.stress_ratio, "1", fit, note=note)
+    if analysis.velocity_law is not None:
+        law = analysis.velocity_law
+        fit = _Fit.of_law(law, n_places, "m/s")
+        note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
+        yield _row("shear_stress_velocity_exponent", "measured", law.exponent, "1", fit, note=note)
 
 
 def topography_rows(topography: Topography) -> pd.DataFrame:
@@ -159,4 +164,7 @@ def topography_rows(topography: Topography) -> pd.DataFrame:
         error = Estimate(mean, std / np.sqrt(topography.n_points), np.nan, np.nan)
         rows.append(_row(f"{name}_mean", "measured", error, "m", fit))
         rows.append(_row(f"{name}_std", "measured", _without_interval(std), "m", fit))
+        normality = _without_interval(getattr(topography, f"{name}_normality"))
+        note = "probability that normal values deviate as much from a normal law (Shapiro, Wilk)"
+        rows.append(_row(f"{name}_normality_p_value", "measured", normality, "1", fit, note=note))
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -213,8 +214,25 @@ def test_friction_gives_the_shear_stress_and_its_ratio(rough_lens, tmp_path):
     # areas are measured to a few percent at the lowest load and better above
     assert stress["value"] == pytest.approx(0.4e6, rel=0.02)
     assert ratio["value"] == pytest.approx(stress["value"] / 0.34e6)
+    assert ("shear_stress_velocity_exponent", "measured") not in table.index  # one velocity
     assert len(pd.read_csv(tmp_path / "out" / "friction.csv")) == 3
     assert (tmp_path / "out" / "friction.svg").exists()
+
+
+def test_friction_at_several_velocities_gives_an_exponent(rough_lens):
+    place = open_place(rough_lens)
+    slid = place.loads["frame"].isin(place.frames["frame"])
+    speed = np.geomspace(1e-5, 1e-3, int(slid.sum()))
+    area = place.loads["frame"].map(place.frames.set_index("frame")["area_m2"])
+    loads = place.loads.assign(velocity_m_s=np.nan)
+    loads.loc[slid, "velocity_m_s"] = speed
+    loads = loads.assign(friction_N=4e5 * area * (loads["velocity_m_s"] / 1e-4) ** 0.1)
+    law = analyse_places([replace(place, loads=loads)], AnalysisOptions(models=False)).velocity_law
+    assert law.exponent.value == pytest.approx(0.1, abs=1e-6)
+    none = analyse_places(
+        [replace(place, loads=loads.assign(velocity_m_s=np.nan))], AnalysisOptions(models=False)
+    )
+    assert none.velocity_law is None
 
 
 def test_a_smooth_run_is_a_reference_too(rough_lens, tmp_path, capsys):
