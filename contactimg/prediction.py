@@ -26,6 +26,7 @@ from contactimg.models.greenwood_williamson import (
 )
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
+from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
@@ -35,6 +36,7 @@ from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
+Prescribed = float | LoadSpring
 PURPOSE = "a contact model"
 
 COMPARED_MODELS = ("coupled", "uncoupled")
@@ -75,10 +77,11 @@ class Prediction:
     plan: Plan | None = None
 
     @classmethod
-    def failed(cls, load: float, reason: str) -> "Prediction":
-        """No solution at a load (N): empty tables and a row that says why."""
+    def failed(cls, load: Prescribed, reason: str) -> "Prediction":
+        """No solution at a load (N) or displacement: empty tables and a row that says why."""
+        known = np.nan if isinstance(load, LoadSpring) else load
         row = pd.DataFrame(
-            {"frame": [load_name(load)], "status": [Status.FAILED], "load_N": [load], "message": [reason]}
+            {"frame": [load_name(load)], "status": [Status.FAILED], "load_N": [known], "message": [reason]}
         )
         return cls(CONTACTS.empty(), FRAMES.conform(row), PROFILE.empty())
 
@@ -87,7 +90,7 @@ def predict_contacts(
     scene: Scene,
     asperities: pd.DataFrame,
     *,
-    load: float,
+    load: Prescribed,
     coupling: Coupling = "auto",
     annulus: float = ANNULUS,
     frame: str = "",
@@ -102,8 +105,8 @@ def predict_contacts(
         "auto" are switched by the plan for ``[tolerance]`` (`contactimg.effects.plan.make_plan`).
     asperities : DataFrame
         Asperity table.
-    load : float
-        N.
+    load : float, N, or LoadSpring
+        A `LoadSpring` prescribes the displacement of the stage; the load follows.
     coupling : {"auto", "none", "asymptotic", "hertz", "full"}
         ``"auto"`` follows the plan. Any other level: the paper's model with this coupling; other effects
         only where ``[effects]`` switches them on.
@@ -134,10 +137,11 @@ def predict_contacts(
     level = scene_level(scene, coupling)
     solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance)
     if solution.validity.planes_touch:
-        raise ModelRangeError(f"at {load:g} N {solution.validity.messages()[-1]}; lower the load")
+        raise ModelRangeError(f"at {solution.load:g} N {solution.validity.messages()[-1]}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
-    row = _row(name, load, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
+    borne = solution.load if isinstance(load, LoadSpring) else load
+    row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
     row = row.assign(**_judgement(solution), law=law_name(scene))
     centre = scene.need("indenter", "a profile").apex
@@ -146,8 +150,14 @@ def predict_contacts(
     return Prediction(contacts, FRAMES.conform(row), profile, plan)
 
 
-def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
-    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`."""
+def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
+    """The plan of a scene without optics and sensor; see `contactimg.effects.plan.make_plan`.
+
+    At a displacement it is made for the load that contacts coupled by point forces bear there.
+    """
+    if isinstance(load, LoadSpring):
+        level = "none" if scene.effects.coupling == "off" else "asymptotic"
+        load = solve_scene(scene, asperities, load=load, coupling=level).load
     return make_plan(scene.model_copy(update={"simulate": None}), asperities, load=load)
 
 
@@ -305,7 +315,7 @@ def _row(name: str, load: float, area: float, force: float, indentation: float) 
 
 
 def solve_scene(
-    scene: Scene, asperities: pd.DataFrame, *, load: float, coupling: str, tolerance: float | None = None
+    scene: Scene, asperities: pd.DataFrame, *, load: Prescribed, coupling: str, tolerance: float | None = None
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
@@ -315,8 +325,7 @@ def solve_scene(
         Sections ``[indenter]`` and ``[elastic]`` are needed.
     asperities : DataFrame
         Asperity table.
-    load : float
-        N.
+    load : float, N, or LoadSpring
     coupling : {"none", "asymptotic", "hertz", "full"}
         ``[effects]`` does not enter here.
     tolerance : float, optional
@@ -430,9 +439,9 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
     return UniformHeights(first, second) if uniform else GaussianHeights(first, second)
 
 
-def load_name(load: float) -> str:
-    """One unique name a load, from its shortest exact decimal form."""
-    return f"load_{load!r}N"
+def load_name(load: Prescribed) -> str:
+    """One unique name a load or displacement, from its shortest exact decimal form."""
+    return f"displacement_{load.displacement!r}m" if isinstance(load, LoadSpring) else f"load_{load!r}N"
 
 
 def see_contacts(

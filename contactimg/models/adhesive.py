@@ -19,6 +19,7 @@ from contactimg.models.adhesive_proof import AdhesiveProof
 from contactimg.models.asperity_laws import LAWS
 from contactimg.models.coupling import Kernel
 from contactimg.models.interacting import solve_interacting
+from contactimg.models.load_spring import LoadSpring, prescribed
 from contactimg.models.proof import ADHESION_RANGE_J_M2, check_range, refuse_beyond_floats
 from contactimg.models.scaled_problem import ContactConditions, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution, Outcome
@@ -44,7 +45,7 @@ def solve_adhesive(
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
-    load: float | None = None,
+    load: float | LoadSpring | None = None,
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
@@ -64,7 +65,8 @@ def solve_adhesive(
     contact_modulus : float, Pa
     work_of_adhesion : float, J/m^2
     load, indentation : float, N or m
-        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold.
+        Exactly one of the two. The load may be a pull and the indentation negative while contacts hold. A
+        `LoadSpring` as the load prescribes the displacement of a stage that presses through a spring.
     apex : (float, float), m
     coupling : {"none", "asymptotic", "full"}
         As in `solve_interacting`.
@@ -126,7 +128,7 @@ def solve_adhesive(
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation
+        indenter_radius, float(contact_modulus), apex, float(thickness), *prescribed(load, indentation)
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
@@ -155,7 +157,7 @@ def solve_adhesive(
 def solve_adhesive_path(
     asperities: pd.DataFrame,
     *,
-    loads: Iterable[float],
+    loads: Iterable[float | LoadSpring],
     indenter_radius: float,
     contact_modulus: float,
     work_of_adhesion: float,
@@ -166,7 +168,7 @@ def solve_adhesive_path(
     Parameters
     ----------
     asperities : DataFrame
-    loads : iterable of float, N
+    loads : iterable of float, N, or of LoadSpring
         Up and down; a pull is negative.
     indenter_radius : float, m
     contact_modulus : float, Pa
@@ -193,7 +195,7 @@ def solve_adhesive_path(
             indenter_radius=indenter_radius,
             contact_modulus=contact_modulus,
             work_of_adhesion=work_of_adhesion,
-            load=float(load),
+            load=load if isinstance(load, LoadSpring) else float(load),
             start=previous,
             **options,
         )
@@ -205,21 +207,22 @@ def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of
     if not len(asperities):
         raise InputError("the asperity table is empty: no asperity can adhere")
     radius, E = float(np.median(asperities["radius_m"])), conditions.contact_modulus
-    hertz = (0.75 * abs(conditions.load or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
-    return float(
-        max(hertz, abs(conditions.indentation or 0.0), np.cbrt(radius * (work_of_adhesion / E) ** 2))
-    )
+    hertz = (0.75 * abs(conditions.force or 0.0) / E / np.sqrt(radius)) ** (2 / 3)
+    depth = abs(conditions.depth or 0.0)
+    pressed = min(hertz, depth) if conditions.spring is not None else max(hertz, depth)
+    return float(max(pressed, np.cbrt(radius * (work_of_adhesion / E) ** 2)))
 
 
 def _without_adhesion(
     asperities: pd.DataFrame, conditions: ContactConditions, coupling: str, law: str
 ) -> InteractingSolution:
     """The solution without adhesion, whose contacts are the least that first loading brings about."""
+    load = conditions.load
     return solve_interacting(
         asperities,
         indenter_radius=conditions.indenter_radius,
         contact_modulus=conditions.contact_modulus,
-        load=None if conditions.load is None else max(conditions.load, 0.0),
+        load=load if load is None or isinstance(load, LoadSpring) else max(load, 0.0),
         indentation=conditions.indentation,
         apex=conditions.apex,
         coupling="none" if coupling == "none" else "asymptotic",

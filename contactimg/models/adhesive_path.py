@@ -83,7 +83,8 @@ class AdhesivePath:
         """
         p = self.problem
         radius = previous.radius[p.order] / p.length
-        if first and not radius.any() and (p.load is not None or p.indentation >= 0):
+        reached = p.indentation >= 0 if p.load is None or p.stiffness else True
+        if first and not radius.any() and reached:
             radius[0] = self.law.touch_radius(p.radius[:1])[0]
         return self._settle(radius, previous.indentation / p.depth, first=first)
 
@@ -150,17 +151,18 @@ class AdhesivePath:
     def _parted(self) -> AdhesiveState:
         """The state without contacts, after the last one has broken."""
         p = self.problem
+        loaded = p.load is not None and not p.stiffness
         if p.load is not None and p.load > 0:
             raise ConvergenceError(
                 f"no contacts were found in equilibrium under the load of {p.load * p.force_unit:.6g} N; "
                 "approach it in smaller steps, or start at a higher load"
             )
-        if p.load is not None and p.load < 0:
+        if loaded and p.load is not None and p.load < 0:
             raise ModelRangeError(
                 "load must not be below pull-off: the contacts cannot bear a pull of "
                 f"{-p.load * p.force_unit:.6g} N"
             )
-        none, depth = np.zeros(0), 0.0 if p.load is not None else p.indentation
+        none, depth = np.zeros(0), 0.0 if loaded else p.indentation
         return AdhesiveState(np.zeros(0, dtype=np.intp), none, none, depth - p.gap, depth, 0.0)
 
     def _equilibrium(self, rows: Rows, a: Values, depth: float) -> tuple[AdhesiveState | None, int, int]:
@@ -224,7 +226,7 @@ class AdhesiveContacts:
         """Errors of the penetrations and of the load."""
         penetration = self.path.law.penetration(a, self.radius)
         force, load = self.path.law.force(a, self.radius), self.path.problem.load
-        missing = 0.0 if load is None else load - float(force.sum())
+        missing = 0.0 if load is None else load - self.path.problem.stiffness * depth - float(force.sum())
         return penetration + self.matrix @ force + self.gap - depth, missing
 
     def residual(self, error: Values, missing: float, depth: float) -> float:
@@ -251,7 +253,7 @@ class AdhesiveContacts:
     def balanced(self, a: Values, missing: float) -> bool:
         """Whether the forces sum to the load within `LOAD_TOLERANCE`, or within their rounding errors."""
         load = self.path.problem.load
-        if not load or abs(missing) <= LOAD_TOLERANCE * abs(load):
+        if not load or self.path.problem.stiffness or abs(missing) <= LOAD_TOLERANCE * abs(load):
             return True
         rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.radius))))
         return bool(abs(missing) <= rounding)
@@ -265,7 +267,7 @@ class AdhesiveContacts:
         back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
         if self.path.problem.load is None:
             return -back, 0.0
-        rise = float((missing + stiffness @ back) / (stiffness @ sink))
+        rise = float((missing + stiffness @ back) / (stiffness @ sink + self.path.problem.stiffness))
         return rise * sink - back, rise
 
     def state(self, a: Values, depth: float, residual: float) -> AdhesiveState:

@@ -9,6 +9,7 @@ from scipy.linalg import lapack
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.adhesive_path import AdhesivePath, AdhesiveState
 from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import MAX_RELATIVE_ERROR, check_finite, judge, relative_error
 from contactimg.models.scaled_problem import ContactConditions
 from contactimg.models.solution import InteractingSolution
@@ -96,13 +97,16 @@ class AdhesiveProof:
         load = self.conditions.load
         if load is None:
             return 0.0
+        if isinstance(load, LoadSpring):
+            return load.imbalance(float(np.sum(solution.force)), solution.indentation)
         if load == 0:
             return abs(float(np.sum(solution.force))) / (self._force_size(solution) or 1.0)
         return relative_error(float(np.sum(solution.force)), load)
 
     def _status(self, solution: InteractingSolution, errors: dict[str, float], size: float) -> str:
         """Status from the errors and from the asperities without contact."""
-        total, load = self._force_size(solution), self.conditions.load
+        total = self._force_size(solution)
+        load = self.conditions.force if self.conditions.spring is None else None
         away = abs(float(np.sum(solution.force)) - (load or 0.0))
         if load and errors["sum of the forces"] > MAX_RELATIVE_ERROR and away <= ROUNDING_FRACTION * total:
             errors["sum of the forces"] = 0.0
@@ -150,12 +154,13 @@ class AdhesiveProof:
         """How the solution was reached."""
         if self.previous is None:
             return "first loading"
-        load = self.conditions.load
-        now, then = (
-            (self.state.indentation * self.path.problem.depth, self.previous.indentation)
-            if load is None
-            else (load, self.previous.load)
-        )
+        load, previous = self.conditions.load, self.previous
+        if isinstance(load, LoadSpring):
+            now, then = load.displacement, previous.indentation + previous.load / load.stiffness
+        elif load is None:
+            now, then = self.state.indentation * self.path.problem.depth, previous.indentation
+        else:
+            now, then = load, previous.load
         if abs(now - then) <= MAX_RELATIVE_ERROR * abs(now):
             return "held"
         return "loading" if now > then else "unloading"
@@ -173,6 +178,7 @@ class AdhesiveProof:
             self.path.law,
             self.path.kernel,
             prescribed_load=p.load is not None,
+            stiffness=p.stiffness,
         )
 
 
@@ -183,7 +189,7 @@ class StabilityCheck:
     A contact alone is stable at fixed indentation where its penetration grows with its radius. Coupled
     contacts with the tangent stiffnesses ``k`` are stable while ``diag(1/k) + C`` has as many negative
     eigenvalues as ``diag(1/k)``. Under a prescribed load the sum of the forces must also grow with the
-    indentation.
+    indentation; with a load cell it may fall, more slowly than the force of the cell.
     """
 
     x: Values
@@ -193,6 +199,7 @@ class StabilityCheck:
     law: AdhesiveLaw
     kernel: Kernel
     prescribed_load: bool
+    stiffness: float = 0.0
 
     def __call__(self) -> str:
         """``"stable"``, ``"stable only at fixed indentation"`` or ``"unstable"``."""
@@ -213,4 +220,4 @@ class StabilityCheck:
         if not self.prescribed_load:
             return "stable"
         rise, _ = lapack.dsytrs(factor, pivots, np.ones((self.x.size, 1)), lower=1)
-        return "stable" if float(np.sum(rise)) > 0 else "stable only at fixed indentation"
+        return "stable" if float(np.sum(rise)) + self.stiffness > 0 else "stable only at fixed indentation"

@@ -43,7 +43,7 @@ def coarse_grid_start(
         state = following
     places = cells.places - 0.5
     displacement = map_coordinates(state.displacement.reshape(cells.shape), places, order=1, mode="nearest")
-    alone = ContactSystem(problem.gap, problem.radius, law, NoCoupling(), problem.load)
+    alone = ContactSystem(problem.gap, problem.radius, law, NoCoupling(), problem.load, problem.stiffness)
     if problem.load is not None:
         indentation = solve_uncoupled(alone, displacement, problem.load, guess=state.indentation)
     return alone.response(indentation - problem.gap - displacement)[0], indentation
@@ -108,7 +108,7 @@ class CoarseGrid:
         numbers = np.arange(1.0, self.count + 1)
         depth = problem.gap - highest[self.cell]
         cells = _CellLaw(law, depth, problem.radius, self.cell, self.count, weight)
-        return ContactSystem(highest, numbers, cells, coupling, problem.load)
+        return ContactSystem(highest, numbers, cells, coupling, problem.load, problem.stiffness)
 
 
 @dataclass(frozen=True, eq=False)

@@ -194,7 +194,8 @@ class ContactSolver:
 
     def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
         """The equations of the candidates with their coupling."""
-        return ContactSystem(candidates.gap, candidates.radius, self.law, operator, candidates.load)
+        load = candidates.load, candidates.stiffness
+        return ContactSystem(candidates.gap, candidates.radius, self.law, operator, *load)
 
     def _reach(self, alone: Iterate) -> float:
         """Upper estimate of the indentation: uncoupled forces, their displacement under the largest added."""
@@ -270,7 +271,7 @@ def _refuse_excessive_load(problem: ScaledProblem) -> None:
 
     One contact bears at least an equal share, and if it is wider than the pattern it covers all others.
     """
-    if problem.load is None:
+    if problem.load is None or problem.stiffness:
         return
     extent = float(np.hypot(np.ptp(problem.x), np.ptp(problem.y)))
     share = problem.load / problem.gap.size

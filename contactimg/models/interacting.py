@@ -18,6 +18,7 @@ from contactimg.errors import ConvergenceError, InputError
 from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
+from contactimg.models.load_spring import LoadSpring, prescribed
 from contactimg.models.newton_iteration import ContactSystem
 from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
 from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, check_choice, scale_problem
@@ -46,7 +47,7 @@ def solve_interacting(
     *,
     indenter_radius: float,
     contact_modulus: float,
-    load: float | None = None,
+    load: float | LoadSpring | None = None,
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
@@ -68,7 +69,8 @@ def solve_interacting(
     contact_modulus : float, Pa
         ``E* = E/(1 - nu^2)``.
     load, indentation : float, N or m
-        Exactly one of the two; the indentation counts from first touch.
+        Exactly one of the two; the indentation counts from first touch. A `LoadSpring` as the load prescribes
+        the displacement of a stage that presses through a spring.
     apex : (float, float), m
         Where the lens's apex stands.
     coupling : {"none", "asymptotic", "hertz", "full"}
@@ -127,10 +129,10 @@ def solve_interacting(
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
     check_choice("method", method, METHODS)
-    if load is not None and load < 0:
+    if load is not None and not isinstance(load, LoadSpring) and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), load, indentation
+        indenter_radius, float(contact_modulus), apex, float(thickness), *prescribed(load, indentation)
     )
     problem = scale_problem(asperities, conditions)
     if not problem.touches:
@@ -194,14 +196,18 @@ def prove_forces(
     if not np.isfinite(total + radius.sum() + expected.sum() + solution.indentation):
         check_finite({"force": force, "contact radius": radius, "force at the indentation": expected})
         check_finite({"indentation": solution.indentation})
-    size = conditions.load if conditions.load is not None else total or 1.0
+    prescribed = conditions.force if conditions.spring is None else None
+    size = prescribed if prescribed is not None else total or 1.0
     if np.any(force < 0) or np.any((force > 0) != (radius > 0)):
         raise ConvergenceError(
             "a contact of the solution pulls, or has a force without a radius: loads, lengths and moduli may "
             "be too many orders of magnitude apart; check their units"
         )
+    balance = relative_error(total, size)
+    if conditions.spring is not None:
+        balance = conditions.spring.imbalance(total, solution.indentation)
     errors = {
-        "sum of the forces": relative_error(total, size),
+        "sum of the forces": balance,
         "forces at the indentation": float(np.abs(expected - force[rows]).sum()) / size,
     }
     return judge(errors, tolerance)
@@ -210,7 +216,7 @@ def prove_forces(
 def solve_loads(
     asperities: pd.DataFrame,
     *,
-    loads: Iterable[float],
+    loads: Iterable[float | LoadSpring],
     indenter_radius: float,
     contact_modulus: float,
     **options: Unpack[InteractingOptions],
@@ -220,7 +226,7 @@ def solve_loads(
     Parameters
     ----------
     asperities : DataFrame
-    loads : iterable of float, N
+    loads : iterable of float, N, or of LoadSpring
     indenter_radius : float, m
     contact_modulus : float, Pa
     **options

@@ -42,7 +42,9 @@ class ContactSystem:
     law : AsperityLaw
     coupling : Coupling
     load : float or None
-        ``P`` over ``E*``; None when the indentation is prescribed.
+        ``P`` over ``E*``, at zero indentation with a load cell; None when the indentation is prescribed.
+    stiffness : float
+        Of the load cell: by how much the load falls with the indentation; 0 for a prescribed load.
     """
 
     gap: Values
@@ -50,6 +52,7 @@ class ContactSystem:
     law: AsperityLaw
     coupling: Coupling
     load: float | None
+    stiffness: float = 0.0
 
     def response(self, penetration: Values) -> tuple[Values, Values]:
         """Forces and contact radii at penetrations."""
@@ -96,7 +99,7 @@ def evaluate_iterate(
 ) -> Iterate:
     """Evaluate penetrations, forces and residual for given forces and indentation."""
     carried, contact_radius = system.response(indentation - system.gap - displacement)
-    load = system.load if system.load is not None else float(carried.sum())
+    load = float(carried.sum()) if system.load is None or system.stiffness else system.load
     difference = float(np.abs(carried - force).sum())
     residual = difference / load if load > 0 else float(difference > 0)
     return Iterate(force, indentation, displacement, carried, contact_radius, residual)
@@ -105,6 +108,8 @@ def evaluate_iterate(
 def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess: float = np.inf) -> float:
     """Find the indentation at which independent contacts under the gaps ``g + offset`` bear a load.
 
+    The load falls with the indentation if the system has a load cell.
+
     The load is a convex, increasing function of the indentation: Newton's method started above the root
     descends to it, and started below first steps above. ``guess`` is an indentation to start from.
     """
@@ -112,7 +117,7 @@ def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess
     lowest = float(gap.min())
     depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # of that asperity alone
     for _ in range(MAX_DOUBLINGS):
-        if not _bearing(system, lowest + depth - gap)[0] < load:
+        if not _bearing(system, lowest + depth - gap)[0] < load - system.stiffness * (lowest + depth):
             break
         depth *= 2
     if 0.01 * depth < guess - lowest < depth:
@@ -121,7 +126,7 @@ def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess
         total, stiffness = _bearing(system, lowest + depth - gap)
         if not stiffness > 0:
             break
-        step = (total - load) / stiffness
+        step = (total - load + system.stiffness * (lowest + depth)) / (stiffness + system.stiffness)
         depth = max(depth - step, 0.5 * depth)
         if abs(step) <= 1e-14 * depth:
             break
@@ -150,7 +155,7 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
         guess = indentation + float(force @ displacement) / float(force.sum())
         indentation = solve_uncoupled(system, displacement, system.load, guess=guess)
     mixed = 0.5 * (force + system.response(indentation - system.gap - displacement)[0])
-    if system.load is not None:
+    if system.load is not None and not system.stiffness:
         mixed *= system.load / mixed.sum()
     displacement = system.coupling.displacement(mixed)
     if system.load is not None:
@@ -205,8 +210,9 @@ def _direction(
     solution = system.coupling.solve_newton_system(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
     if system.load is not None:
-        missing = system.load - float(at.force.sum()) - float(leaving.sum())
-        rise = (missing - float(scale @ solution[:, 0])) / float(scale @ solution[:, 1])
+        available = system.load - system.stiffness * at.indentation
+        missing = available - float(at.force.sum()) - float(leaving.sum())
+        rise = (missing - float(scale @ solution[:, 0])) / (float(scale @ solution[:, 1]) + system.stiffness)
     change[active] = scale * (solution[:, 0] + rise * solution[:, 1])
     return change, rise
 

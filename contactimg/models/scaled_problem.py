@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
+from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.models.solution import InteractingSolution, Outcome
 from contactimg.surfaces import LENGTH_RANGE_M, composite_apexes
@@ -27,16 +28,32 @@ class ContactConditions:
     apex : (float, float), m
     thickness : float, m
         Infinite for a half-space.
-    load, indentation : float or None
-        Exactly one is given.
+    load : float, LoadSpring or None
+    indentation : float or None
+        Exactly one of the two is given.
     """
 
     indenter_radius: float
     contact_modulus: float
     apex: tuple[float, float]
     thickness: float
-    load: float | None
+    load: float | LoadSpring | None
     indentation: float | None
+
+    @property
+    def spring(self) -> LoadSpring | None:
+        """The load cell, if there is one."""
+        return self.load if isinstance(self.load, LoadSpring) else None
+
+    @property
+    def force(self) -> float | None:
+        """The prescribed load, N; with a load cell that at zero indentation, or None."""
+        return self.load.load_at(0.0) if isinstance(self.load, LoadSpring) else self.load
+
+    @property
+    def depth(self) -> float | None:
+        """The prescribed indentation, m; with a load cell the displacement, or None."""
+        return self.load.displacement if isinstance(self.load, LoadSpring) else self.indentation
 
     def check(self) -> None:
         """Refuse values that define no contact problem."""
@@ -49,12 +66,12 @@ class ContactConditions:
                 f"give exactly one of load and indentation, got load={self.load!r} "
                 f"and indentation={self.indentation!r}"
             )
-        for name, value in (("load", self.load), ("indentation", self.indentation)):
+        for name, value in (("load", self.force), ("indentation", self.indentation)):
             if value is not None and not np.isfinite(value):
                 raise InputError(f"{name} must be finite, got {value!r}")
         check_range("contact_modulus", self.contact_modulus, MODULUS_RANGE_PA, "Pa")
         check_range("thickness", self.thickness, LENGTH_RANGE_M, "m")
-        check_range("load", self.load, LOAD_RANGE_N, "N")
+        check_range("load", self.force, LOAD_RANGE_N, "N")
         check_range("indentation", self.indentation, INDENTATION_RANGE_M, "m")
 
 
@@ -70,9 +87,9 @@ class ScaledProblem:
     x, y, gap, radius : ndarray
         Composite apexes; ``gap`` is the depth below the highest apex.
     load : float or None
-        None if the indentation is prescribed.
+        None if the indentation is prescribed; with a load cell the load at zero indentation.
     indentation : float
-        The prescribed indentation; 0 if the load is prescribed.
+        The prescribed indentation, or the displacement of the load cell; 0 if the load is prescribed.
     order : ndarray
         Rows of the asperities in the table.
     length, depth, force_unit : float
@@ -80,6 +97,8 @@ class ScaledProblem:
         The composite apexes in the order of the table, m.
     height : ndarray, m
         Heights above the plane they stand on, in the order of the table.
+    stiffness : float
+        Of the load cell; 0 without one.
     """
 
     x: Values
@@ -94,6 +113,7 @@ class ScaledProblem:
     force_unit: float
     apexes: pd.DataFrame
     height: Values
+    stiffness: float = 0.0
 
     @property
     def base_gap(self) -> Values:
@@ -109,7 +129,7 @@ class ScaledProblem:
     @property
     def touches(self) -> bool:
         """Whether the prescribed load or indentation brings any asperity into contact."""
-        if self.load:
+        if self.load and (self.load > 0 or not self.stiffness):
             if not self.order.size:
                 raise InputError("the asperity table is empty: nothing can bear the load")
             return True
@@ -215,19 +235,22 @@ def scale_problem(
         y=apexes["y_m"].to_numpy()[order] / length,
         gap=(height[order[:1]] - height[order]) / depth,
         radius=radius[order] / highest,
-        load=None if setting.load is None else setting.load / unit,
-        indentation=0.0 if setting.indentation is None else setting.indentation / depth,
+        load=None if setting.force is None else setting.force / unit,
+        indentation=(setting.depth or 0.0) / depth,
         order=order,
         length=length,
         depth=depth,
         force_unit=unit,
         apexes=apexes,
         height=asperities["height_m"].to_numpy(dtype=np.float64),
+        stiffness=0.0 if setting.spring is None else setting.spring.stiffness * depth / unit,
     )
 
 
 def _natural_depth(setting: ContactConditions, highest: float) -> float:
     """Unit of height for a load or an indentation, m; zero if neither is positive."""
-    if setting.load is None:
-        return max(float(setting.indentation or 0.0), 0.0)
-    return float(max(0.75 * setting.load / setting.contact_modulus / np.sqrt(highest), 0.0) ** (2 / 3))
+    depths = [max(setting.depth, 0.0)] if setting.depth is not None else []
+    if setting.force is not None:
+        hertz = 0.75 * setting.force / setting.contact_modulus / np.sqrt(highest)
+        depths.append(float(max(hertz, 0.0) ** (2 / 3)))
+    return min(depths)

@@ -11,11 +11,14 @@ import pandas as pd
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
+from contactimg.models.load_spring import LoadSpring
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
 from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
+    Prescribed,
+    load_name,
     make_mechanical_plan,
     predict_average,
     predict_contacts,
@@ -38,7 +41,7 @@ MIN_RESIDUAL = 1e-11
 
 def predict_loads(
     scene: Scene,
-    loads: Sequence[float],
+    loads: Sequence[Prescribed],
     *,
     model: Model,
     coupling: Coupling,
@@ -53,8 +56,8 @@ def predict_loads(
     scene : Scene
         With asperities. The effects of the interacting model are planned at each load
         (`contactimg.effects.plan`); a switch that ``[effects]`` sets is obeyed.
-    loads : sequence of float
-        N, each once.
+    loads : sequence of float, N, or of LoadSpring
+        Each once. A `LoadSpring` prescribes the displacement of the stage (interacting model).
     model : {"interacting", "gw", "gt"}
         Row by row, or averages over random asperities.
     coupling : str
@@ -83,7 +86,7 @@ def predict_loads(
     """
     repeated = [load for load in loads if list(loads).count(load) > 1]
     if repeated:
-        raise InputError(f"load {repeated[0]!r} N is given more than once; give each load once")
+        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
         tolerance = None if relative is None else solver_tolerance(relative)
@@ -106,6 +109,8 @@ def predict_loads(
                 f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
                 'take the model "interacting", or switch it off'
             )
+        if any(isinstance(load, LoadSpring) for load in loads):
+            raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     jobs = [(load,) for load in loads]
     found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
@@ -152,7 +157,7 @@ def _predict_planned(
     scene: Scene,
     asperities: pd.DataFrame,
     *,
-    load: float,
+    load: Prescribed,
     coupling: Coupling,
     annulus: float,
     tolerance: float | None,
@@ -192,3 +197,16 @@ def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: P
     write_table(frames, FRAMES, folder / "frames.csv")
     write_table(profiles, PROFILE, folder / "profile.csv")
     return frames
+
+
+def prescribed_displacements(scene: Scene, displacements: Sequence[float]) -> list[LoadSpring]:
+    """What displacements of the stage (m) prescribe through the load cell of the scene.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> prescribed_displacements(scene_from_dict({"load": {"stiffness_N_m": 500.0}}), [1e-5])
+    [LoadSpring(stiffness=500.0, displacement=1e-05)]
+    """
+    stiffness = scene.load.stiffness if scene.load.stiffness is not None else float("inf")
+    return [LoadSpring(stiffness, displacement) for displacement in displacements]

@@ -60,7 +60,7 @@ class Elastic(Section):
 
 
 class Load(Section):
-    """How well the zero and the gain of the load cell are known: errors that all loads share."""
+    """The load cell: its stiffness, and how well its zero and gain are known (errors of all loads)."""
 
     zero_std: NonNegative | None = Field(
         None,
@@ -70,6 +70,12 @@ class Load(Section):
     )
     gain_std: Fraction | None = Field(
         None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."
+    )
+    stiffness: Positive | None = Field(
+        None,
+        alias="stiffness_N_m",
+        description="Stiffness of the load cell and the frame of the instrument, N/m, where `predict` is "
+        "given displacements of the stage; rigid if not given.",
     )
 
 
