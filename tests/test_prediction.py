@@ -6,7 +6,7 @@ import pytest
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
-from contactimg.pipeline.predict import predict_loads, prescribed_displacements
+from contactimg.pipeline.predict import predict_loads, prescriptions
 from contactimg.prediction import (
     asperity_density,
     hertz_circle,
@@ -273,13 +273,13 @@ def test_a_displacement_through_a_load_cell_gives_its_load(asperities):
 
 
 def predict_loads_of(asperities, scene, displacement):
-    (load,) = prescribed_displacements(scene, [displacement])
+    (load,) = prescriptions(scene, [], [displacement])
     return predict_contacts(scene, asperities, load=load)
 
 
 def test_a_displacement_is_planned_at_its_load(asperities):
     scene = scene_with(effects={"model": "planned"}, load={"stiffness_N_m": 2000.0})
-    (load,) = prescribed_displacements(scene, [4e-5])
+    (load,) = prescriptions(scene, [], [4e-5])
     prediction = predict_contacts(scene, asperities, load=load)
     assert prediction.plan.load == pytest.approx(prediction.frames["load_N"][0], rel=0.01)
     assert prediction.plan.coupling == make_mechanical_plan(scene, asperities, load=0.05).coupling

@@ -18,6 +18,17 @@ class PredictOptions:
     coupling: Any
     tolerance: float | None
     annulus_mm: float
+    displacements_um: tuple[float, ...] = ()
+
+    @property
+    def displacements(self) -> list[float]:
+        """Displacements of the stage, m."""
+        return [displacement / 1e6 for displacement in self.displacements_um]
+
+    @property
+    def annulus(self) -> float:
+        """Width of the annuli, m."""
+        return self.annulus_mm * 1e-3
 
     @property
     def title(self) -> str:
@@ -33,8 +44,15 @@ class PredictOptions:
     "loads",
     type=float,
     multiple=True,
-    required=True,
     help="Normal load in newtons; repeat the option for more loads.",
+)
+@click.option(
+    "--displacement-um",
+    "displacements_um",
+    type=float,
+    multiple=True,
+    help="Displacement of the stage from first touch, um, instead of a load: the indentation, or with "
+    "[load] stiffness_N_m in the scene what a load cell of this stiffness leaves of it. Can be repeated.",
 )
 @shared.output("the folder of SCENE")
 @click.option(
@@ -74,7 +92,7 @@ def predict(
     quiet: bool,
     options: PredictOptions,
 ) -> int:
-    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load.
+    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load or displacement.
 
     For each load a plan decides which mechanical effects are computed (see `contactimg effects`).
 
@@ -97,6 +115,7 @@ def predict(
             error_records,
             plan_records,
             predict_loads,
+            prescriptions,
             write_predictions,
         )
         from contactimg.tables import FAILED
@@ -109,13 +128,14 @@ def predict(
         options={"loads_N": list(loads)} | asdict(options),
         inputs=model_inputs(scene, description),
     )
+    prescribed = prescriptions(description, loads, options.displacements)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
         predictions = predict_loads(
             description,
-            loads,
+            prescribed,
             model=options.model,
             coupling=options.coupling,
-            annulus=options.annulus_mm * 1e-3,
+            annulus=options.annulus,
             relative=options.tolerance,
             workers=workers,
         )

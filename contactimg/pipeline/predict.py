@@ -123,7 +123,7 @@ def predict_loads(
     ]
 
 
-def _solve(predict: Callable[..., Prediction], load: float) -> Prediction | ContactimgError:
+def _solve(predict: Callable[..., Prediction], load: Prescribed) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
         return predict(load=load)
@@ -199,14 +199,23 @@ def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: P
     return frames
 
 
-def prescribed_displacements(scene: Scene, displacements: Sequence[float]) -> list[LoadSpring]:
-    """What displacements of the stage (m) prescribe through the load cell of the scene.
+def prescriptions(
+    scene: Scene, loads: Sequence[float], displacements: Sequence[float] = ()
+) -> list[Prescribed]:
+    """Loads (N) and displacements of the stage (m), these through the load cell of the scene.
+
+    Raises
+    ------
+    InputError
+        If there is neither.
 
     Examples
     --------
     >>> from contactimg.scene import scene_from_dict
-    >>> prescribed_displacements(scene_from_dict({"load": {"stiffness_N_m": 500.0}}), [1e-5])
-    [LoadSpring(stiffness=500.0, displacement=1e-05)]
+    >>> prescriptions(scene_from_dict({"load": {"stiffness_N_m": 500.0}}), [0.1], [1e-5])
+    [0.1, LoadSpring(stiffness=500.0, displacement=1e-05)]
     """
+    if not loads and not displacements:
+        raise InputError("no load is given; give --load-N, or --displacement-um")
     stiffness = scene.load.stiffness if scene.load.stiffness is not None else float("inf")
-    return [LoadSpring(stiffness, displacement) for displacement in displacements]
+    return [*loads, *(LoadSpring(stiffness, displacement) for displacement in displacements)]
