@@ -26,11 +26,6 @@ class PredictOptions:
         return [displacement / 1e6 for displacement in self.displacements_um]
 
     @property
-    def annulus(self) -> float:
-        """Width of the annuli, m."""
-        return self.annulus_mm * 1e-3
-
-    @property
     def title(self) -> str:
         """The model in words."""
         level = f", coupling {self.coupling}" if self.model == "interacting" else ""
@@ -130,15 +125,9 @@ def predict(
     )
     prescribed = prescriptions(description, loads, options.displacements)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
-        predictions = predict_loads(
-            description,
-            prescribed,
-            model=options.model,
-            coupling=options.coupling,
-            annulus=options.annulus,
-            relative=options.tolerance,
-            workers=workers,
-        )
+        choice = {"model": options.model, "coupling": options.coupling, "relative": options.tolerance}
+        annulus = options.annulus_mm * 1e-3
+        predictions = predict_loads(description, prescribed, annulus=annulus, workers=workers, **choice)
         frames = write_predictions(predictions, description, out.folder)
         out.record["plans"] = plan_records(predictions)
         out.record["expected_errors"] = error_records(predictions)
