@@ -1,6 +1,6 @@
 """Predictions of the models for a scene: contacts, row of the frames table and profile at each load."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Literal
@@ -17,7 +17,7 @@ from contactimg.effects.plan import Plan, coupling_level, make_plan
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
-from contactimg.models.adhesive import solve_adhesive
+from contactimg.models.adhesive import solve_adhesive_after
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
     RingSolution,
@@ -95,6 +95,7 @@ def predict_contacts(
     annulus: float = ANNULUS,
     frame: str = "",
     tolerance: float | None = None,
+    history: Sequence[Prescribed] = (),
 ) -> Prediction:
     """Solve the interacting-asperity model for a scene at one load.
 
@@ -116,6 +117,9 @@ def predict_contacts(
         Name entered in the tables; default: the load's own name.
     tolerance : float, optional
         Of the solver, on its residual; default: its own, close to rounding.
+    history : sequence of float, N, or of LoadSpring
+        Loads that came before, in order; default: those that ``[load] path`` lists. Adhesive contacts
+        remember them, so that adhesion is not left out then unless the scene switches it off.
 
     Returns
     -------
@@ -130,12 +134,13 @@ def predict_contacts(
     ConvergenceError
         If the solver stops above its tolerance.
     """
-    scene, plan = with_coupling(scene, coupling), None
+    history = history or scene.load.before
+    scene, plan = with_memory(with_coupling(scene, coupling), history), None
     if any(getattr(scene.effects, name) == "auto" for name in MECHANICAL_EFFECTS):
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance)
+    solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance, history=history)
     if solution.validity.planes_touch:
         raise ModelRangeError(f"at {solution.load:g} N {solution.validity.messages()[-1]}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
@@ -173,6 +178,14 @@ def with_coupling(scene: Scene, coupling: str) -> Scene:
         "full_coupling": "on" if coupling == "full" else "off",
     }
     return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+
+
+def with_memory(scene: Scene, history: Sequence[Prescribed]) -> Scene:
+    """The scene with adhesion if loads that came before can matter and it is not switched off."""
+    adheres = scene.elastic is not None and scene.elastic.work_of_adhesion > 0
+    if not history or not adheres or scene.effects.adhesion != "auto":
+        return scene
+    return scene.model_copy(update={"effects": scene.effects.model_copy(update={"adhesion": "on"})})
 
 
 def scene_of_model(scene: Scene, model: str) -> Scene:
@@ -315,34 +328,18 @@ def _row(name: str, load: float, area: float, force: float, indentation: float) 
 
 
 def solve_scene(
-    scene: Scene, asperities: pd.DataFrame, *, load: Prescribed, coupling: str, tolerance: float | None = None
+    scene: Scene,
+    asperities: pd.DataFrame,
+    *,
+    load: Prescribed,
+    coupling: str,
+    tolerance: float | None = None,
+    history: Sequence[Prescribed] = (),
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
-    Parameters
-    ----------
-    scene : Scene
-        Sections ``[indenter]`` and ``[elastic]`` are needed.
-    asperities : DataFrame
-        Asperity table.
-    load : float, N, or LoadSpring
-    coupling : {"none", "asymptotic", "hertz", "full"}
-        ``[effects]`` does not enter here.
-    tolerance : float, optional
-        Of the solver, on its residual; default: its own, close to rounding.
-
-    Returns
-    -------
-    InteractingSolution
-
-    Raises
-    ------
-    InputError
-        If a section is missing, the load is negative, or the effects switched on do not go together.
-    ModelRangeError
-        If the solution is not unique.
-    ConvergenceError
-        If the solver stops above its tolerance.
+    Scene, table, load, tolerance, history and errors are those of `predict_contacts`; ``coupling`` is one of
+    the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not enter there.
     """
     scene.check_effects()
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
@@ -353,7 +350,7 @@ def solve_scene(
             raise InputError(
                 f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"'
             )
-        solve = partial(solve_adhesive, work_of_adhesion=elastic.work_of_adhesion)
+        solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
     return solve(

@@ -6,6 +6,7 @@ import pytest
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
+from contactimg.pipeline.loading_path import loads_before
 from contactimg.pipeline.predict import predict_loads, prescriptions
 from contactimg.prediction import (
     asperity_density,
@@ -283,3 +284,24 @@ def test_a_displacement_is_planned_at_its_load(asperities):
     prediction = predict_contacts(scene, asperities, load=load)
     assert prediction.plan.load == pytest.approx(prediction.frames["load_N"][0], rel=0.01)
     assert prediction.plan.coupling == make_mechanical_plan(scene, asperities, load=0.05).coupling
+
+
+def test_unloading_keeps_the_contacts_that_loading_has_made():
+    x = 2e-3 + 2e-4 * np.arange(5)
+    heights = 4e-5 - 1e-6 * np.array([0.0, 0.9, 0.6, 1.9, 1.4])
+    level = pd.DataFrame({"x_m": x, "y_m": 2e-3, "height_m": heights, "radius_m": 1e-4})
+    sections = {
+        "indenter": {"radius_m": 10.0},
+        "elastic": {"work_of_adhesion_J_m2": 0.05},
+        "effects": {"adhesion": "auto", "model": "planned"},
+        "tolerance": {"relative": 0.5},
+    }
+    down = {"path": "unloading"}
+    up = predict_contacts(scene_with(**sections), level, load=1e-4)
+    assert loads_before(scene_with(load=down), 1e-4, [1e-4, 2e-3]) == (2e-3,)
+    back = predict_contacts(scene_with(**sections, load=down), level, load=1e-4, history=(2e-3,))
+    listed = predict_contacts(scene_with(**sections, load={"path": [2e-3]}), level, load=1e-4)
+    assert back.frames["law"][0].endswith("+jkr")  # a stated path keeps adhesion on
+    assert len(back.contacts) > len(up.contacts)
+    assert area(back) > 1.01 * area(up)
+    assert area(listed) == area(back)

@@ -132,7 +132,9 @@ def solve_adhesive(
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
-    previous = start if start is not None else _without_adhesion(asperities, conditions, coupling, law)
+    held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
+    previous = start if start is not None and held else None
+    previous = previous or _without_adhesion(asperities, conditions, coupling, law)
     path = AdhesivePath(
         problem,
         AdhesiveLaw(
@@ -143,7 +145,7 @@ def solve_adhesive(
         tolerance,
         max_iterations,
     )
-    state, steps = path.follow(previous, first=start is None)
+    state, steps = path.follow(previous, first=not held)
     if coupling == "full":
         path, state, steps = path.refined(state, steps)
     solution = problem.record(
@@ -200,6 +202,38 @@ def solve_adhesive_path(
             **options,
         )
         yield previous
+
+
+def solve_adhesive_after(
+    history: Iterable[float | LoadSpring],
+    asperities: pd.DataFrame,
+    *,
+    load: float | LoadSpring,
+    indenter_radius: float,
+    contact_modulus: float,
+    work_of_adhesion: float,
+    **options: Unpack[AdhesiveOptions],
+) -> InteractingSolution:
+    """The solution at a load that is reached after other loads; see `solve_adhesive_path`.
+
+    Parameters
+    ----------
+    history : iterable of float, N, or of LoadSpring
+        The loads before, in order.
+    asperities, load, indenter_radius, contact_modulus, work_of_adhesion
+        As in `solve_adhesive`.
+    **options
+        Further keywords of `solve_adhesive`.
+    """
+    path = solve_adhesive_path(
+        asperities,
+        loads=[*history, load],
+        indenter_radius=indenter_radius,
+        contact_modulus=contact_modulus,
+        work_of_adhesion=work_of_adhesion,
+        **options,
+    )
+    return list(path)[-1]
 
 
 def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of_adhesion: float) -> float:

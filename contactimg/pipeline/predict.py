@@ -13,6 +13,7 @@ from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.models.load_spring import LoadSpring
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
+from contactimg.pipeline.loading_path import loads_before
 from contactimg.prediction import (
     Coupling,
     Model,
@@ -24,6 +25,7 @@ from contactimg.prediction import (
     predict_contacts,
     see_contacts,
     with_coupling,
+    with_memory,
 )
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
@@ -112,7 +114,7 @@ def predict_loads(
         if any(isinstance(load, LoadSpring) for load in loads):
             raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
-    jobs = [(load,) for load in loads]
+    jobs = [(load, loads_before(scene, load, loads)) for load in loads]
     found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
     errors = [one for one in found if isinstance(one, ContactimgError)]
     if len(errors) == len(found):
@@ -123,10 +125,12 @@ def predict_loads(
     ]
 
 
-def _solve(predict: Callable[..., Prediction], load: Prescribed) -> Prediction | ContactimgError:
+def _solve(
+    predict: Callable[..., Prediction], load: Prescribed, history: Sequence[Prescribed]
+) -> Prediction | ContactimgError:
     """The prediction for a load, or why there is none."""
     try:
-        return predict(load=load)
+        return predict(load=load, history=history) if history else predict(load=load)
     except ContactimgError as error:
         return error
 
@@ -161,13 +165,20 @@ def _predict_planned(
     coupling: Coupling,
     annulus: float,
     tolerance: float | None,
+    history: Sequence[Prescribed] = (),
 ) -> Prediction:
     """Plan the effects at a load and predict the contacts with them."""
-    scene = with_coupling(scene, coupling)
+    scene = with_memory(with_coupling(scene, coupling), history)
     plan = make_mechanical_plan(scene, asperities, load=load)
     level: Coupling = "hertz" if coupling == "hertz" else "auto"
     prediction = predict_contacts(
-        plan.apply(scene), asperities, load=load, coupling=level, annulus=annulus, tolerance=tolerance
+        plan.apply(scene),
+        asperities,
+        load=load,
+        coupling=level,
+        annulus=annulus,
+        tolerance=tolerance,
+        history=history,
     )
     notes = [note for note in (*prediction.frames["message"], *plan.messages) if note]
     return replace(prediction, frames=prediction.frames.assign(message="; ".join(notes)), plan=plan)

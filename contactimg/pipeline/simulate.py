@@ -17,7 +17,8 @@ from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.prediction import make_mechanical_plan, predict_contacts
+from contactimg.pipeline.loading_path import loads_before
+from contactimg.prediction import make_mechanical_plan, predict_contacts, with_memory
 from contactimg.render import render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene
 from contactimg.tables import ASPERITIES, CONTACTS, LOADS
@@ -71,6 +72,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
     pressed = [load for load in simulate.loads if load > 0] or simulate.loads
     make = make_plan if optics else make_mechanical_plan
     plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
+    scene = with_memory(scene, loads_before(scene, min(simulate.loads), simulate.loads))
     return SimulationPlan(explicit_switches(_with_effects_of(scene, plans)), plans)
 
 
@@ -171,7 +173,9 @@ def _render_rough(
 ) -> SimulatedFrame:
     """The frame of asperities that interact, given with the radius of each on the smooth sphere."""
     asperities, sphere_radius = rough
-    contacts = predict_contacts(scene, asperities, load=load, frame=name).contacts
+    loads = scene.need("simulate", "simulating frames").loads
+    history = loads_before(scene, load, loads)
+    contacts = predict_contacts(scene, asperities, load=load, frame=name, history=history).contacts
     radii, rng = sphere_radius[contacts["asperity"].to_numpy(int)], np.random.default_rng(seed)
     rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
     return SimulatedFrame(load, rendered.frame, rendered.contacts)

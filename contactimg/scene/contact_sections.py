@@ -77,6 +77,17 @@ class Load(Section):
         description="Stiffness of the load cell and the frame of the instrument, N/m, where `predict` is "
         "given displacements of the stage; rigid if not given.",
     )
+    path: Literal["loading", "unloading"] | Annotated[list[Number], Field(max_length=1000)] = Field(
+        "loading",
+        description="How adhesive contacts reach a load: at first loading, by unloading from the larger "
+        "loads of the same command one after the other, or after these loads (N) in this order. Contacts "
+        "that have formed last until they break.",
+    )
+
+    @property
+    def before(self) -> tuple[float, ...]:
+        """The loads (N) before every load, where they are listed."""
+        return () if isinstance(self.path, str) else tuple(self.path)
 
 
 class Asperities(Section):
