@@ -60,6 +60,7 @@ INNER_ROOMS = {
     ],
     "pipeline": [
         "inputs",
+        "loading_path",
         "parallel",
         "edits",
         "effects",
