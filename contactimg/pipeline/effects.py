@@ -119,4 +119,5 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
             '[effects] film = "on" needs the radius of the asperities; give [asperities] radius_m, or a file '
             'with it, or set film = "off"'
         )
-    return FilmSetting(FilmRim(lamp(scene.light), radius, camera.pixel_size), asked)
+    rim = FilmRim(lamp(scene.light), radius, camera.pixel_size)
+    return FilmSetting(rim, asked, scene.measure.film_doubt)

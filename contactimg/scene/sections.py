@@ -201,6 +201,9 @@ class Measure(Section):
     )
     edge_shift_px: Number = Field(0.0, description="Seeming edge minus true one, px; taken off the radii.")
     edge_shift_std_px: NonNegative | None = Field(None, description="Its standard uncertainty, px.")
+    film_doubt: Annotated[Number, Field(ge=0, le=0.5)] = Field(
+        0.2, description='Probability that a film stated "on" or "off" is a mistake; 0: known for certain.'
+    )
     shape: Literal["auto", "disk", "ellipse", "free"] = Field(
         "auto",
         description='Shape of the contacts, for the method "disk". "auto": a disk, an ellipse or a free '

@@ -16,6 +16,7 @@ SCENE = {
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.002, "seed": 3},
     "camera": {"pixel_size_m": 6.0e-6},
     "effects": {"model": "paper"},
+    "measure": {"film_doubt": 0.0},  # what is rendered is known
     "tolerance": {"output": "area"},
     "simulate": {
         "loads_N": [0.005, 0.02, 0.05],

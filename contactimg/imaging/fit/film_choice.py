@@ -4,13 +4,13 @@ Each rim has a difference of log-likelihoods, film minus none. Their sum over it
 scatter between the rims, gives the odds (Vuong, Econometrica 57 (1989) 307, doi:10.2307/1912557, who compares
 models of which neither need be true), but never more than the ratio of the likelihoods itself. Both have the
 same number of parameters; an edge learned from the frame pays one unit of log-likelihood for each of its own
-(Akaike). Before the pixels are looked at, odds are `ODDS` for a contrast that is a film's and for what was
-set by hand. A contrast that must have another cause does not exclude a film: it is taken there if the rims
-give `TAKEN_ODDS`, and remains possible, with `ODDS` against it, until they exclude it.
+(Akaike). Before the pixels are looked at, odds are `ODDS` for a contrast that is a film's, and those of the
+setting for what was set by hand. A contrast that must have another cause does not exclude a film: it is taken
+there if the rims give `TAKEN_ODDS`, and remains possible, with `ODDS` against it, until they exclude it.
 
 What the pixels leave open is an error common to all contacts: the difference of the radii times the square
-root of the probability of the other case. What was set by hand is taken as known unless the rims, or the
-contrast, contradict it.
+root of the probability of the other case. What was set by hand is taken, whatever the rims say, and remains
+in doubt like any other choice: where they cannot tell, a statement that is wrong is within 2.2 uncertainties.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 
 from contactimg.imaging.fit.edge_profile import EdgeFit
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement, isolated_disks
@@ -43,6 +43,9 @@ are known to some per cent each; sums of areas of frames as assumed are off by 0
 DECIDED_DOUBT = 0.02
 """Probability of the other case below which the rims have decided. Chosen: it adds a tenth of the
 difference."""
+LEAST_DOUBT = 1e-4
+"""Probability that what was set by hand is a mistake, at least. Chosen: rims that exclude it are heard, and
+it adds a hundredth of the difference."""
 CONTRAST_FACTOR = 2.0
 """A film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
 LEAST_AREA_CHANGE = 1e-4
@@ -68,8 +71,6 @@ class FilmVerdict:
         Probability that the choice is wrong.
     area_change : float
         Relative change of the sum of the areas by the other choice.
-    trusted : bool
-        Whether the choice was set by hand and nothing contradicts it: then it is taken as known.
     """
 
     asked: str
@@ -79,13 +80,11 @@ class FilmVerdict:
     rims: int
     doubt: float
     area_change: float
-    trusted: bool = False
 
     @property
     def share(self) -> float:
         """Part of the difference between the choices that is one standard uncertainty of the radii."""
-        doubt = 0.0 if self.trusted else self.doubt
-        return float(np.hypot(doubt**0.5, FILM_RELATIVE_STD if self.taken else 0.0))
+        return float(np.hypot(self.doubt**0.5, FILM_RELATIVE_STD if self.taken else 0.0))
 
     @property
     def contradicted(self) -> bool:
@@ -100,7 +99,7 @@ class FilmVerdict:
         area += "larger" if self.area_change > 0 else "smaller"
         if self.contradicted:
             return f'[effects] film = "{self.asked}", but the rims say the opposite ({rims}); {area}'
-        if self.doubt > DECIDED_DOUBT and not self.trusted:
+        if self.doubt > DECIDED_DOUBT:
             what = "assumed" if self.taken else "not assumed"
             undecided = (
                 f"the rims cannot tell whether an air film surrounds the contacts ({rims}); it is {what}"
@@ -201,9 +200,16 @@ class FilmTrial:
     @property
     def _log_odds(self) -> float:
         """Of a film, before the pixels are looked at."""
-        asked, even = self.setting.asked, self.setting.asked == "auto" and self.likely is None
-        film = asked == "on" or (asked == "auto" and self.likely)
-        return 0.0 if even else float(np.log(ODDS)) * (1.0 if film else -1.0)
+        if self.setting.asked == "auto" and self.likely is None:
+            return 0.0
+        film = self.setting.asked == "on" or (self.setting.asked == "auto" and self.likely)
+        return float(special.logit(1.0 - self._prior_doubt)) * (1.0 if film else -1.0)
+
+    @property
+    def _prior_doubt(self) -> float:
+        """Probability of the less likely case, before the pixels are looked at."""
+        by_hand = self.setting.asked != "auto"
+        return max(self.setting.doubt, LEAST_DOUBT) if by_hand else 1.0 / (1.0 + ODDS)
 
     def _film_at(self, blur: float) -> Edge:
         return FilmEdge.of(blur, self.setting.rim)
@@ -230,13 +236,12 @@ class FilmTrial:
         other_cause = asked == "auto" and self.likely is False
         taken = data > np.log(TAKEN_ODDS) if other_cause else odds > 0 if asked == "auto" else asked == "on"
         doubt = _probability(-odds if taken else odds)
-        if other_cause and not taken and _probability(data) > DECIDED_DOUBT:
-            doubt = max(doubt, 1.0 / (1.0 + ODDS))  # rims that cannot tell do not speak for either case
-        trusted = asked == "on" or (asked == "off" and not self.likely)
-        trusted = trusted and doubt <= 1.0 - DECIDED_DOUBT
+        open_choice = asked != "auto" or (other_cause and not taken)
+        if open_choice and _probability(-data if taken else data) > DECIDED_DOUBT:
+            doubt = max(doubt, self._prior_doubt)  # rims that cannot tell do not speak for either case
         with_film = float(np.sum((radius + shift) ** 2) / np.sum(radius**2))
         change = 1.0 / with_film - 1.0 if taken else with_film - 1.0
-        return FilmVerdict(asked, bool(taken), total, std, n, doubt, change, trusted)
+        return FilmVerdict(asked, bool(taken), total, std, n, doubt, change)
 
 
 def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
@@ -246,21 +251,21 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     --------
     >>> summarise_films([FilmVerdict("auto", False, -9.1, 1.5, 200, 1e-6, -0.02)])
     'air film: none on 1 of 1 frames; log-likelihood -9.1 +- 1.5 with it, over 200 rims'
-    >>> summarise_films([FilmVerdict("off", False, -0.5, 1.5, 40, 0.4, -0.02, trusted=True)])
-    'air film: none on 1 of 1 frames; log-likelihood -0.5 +- 1.5 with it, over 40 rims; set by hand, the rims
-    cannot tell; with it the areas would change by -2 to -2 %'
+    >>> summarise_films([FilmVerdict("off", False, -0.5, 1.5, 40, 0.4, -0.02)])
+    'air film: none on 1 of 1 frames; log-likelihood -0.5 +- 1.5 with it, over 40 rims; the rims of 1 cannot
+    tell, their uncertainties allow for both; with it the areas would change by -2 to -2 %'
     """
     found = list(verdicts)
     taken = sum(verdict.taken for verdict in found)
     frames = f"taken on {taken}" if taken else f"none on {len(found)}"
     total = sum(verdict.log_likelihood for verdict in found)
     std = float(np.sqrt(np.nansum([verdict.std**2 for verdict in found])))
-    undecided = sum(not verdict.trusted and verdict.doubt > DECIDED_DOUBT for verdict in found)
-    left = f"; the rims of {undecided} cannot tell, their uncertainties allow for both" if undecided else ""
-    changes = [100 * one.area_change for one in found if one.trusted and one.doubt > DECIDED_DOUBT]
+    changes = [100 * one.area_change for one in found if one.doubt > DECIDED_DOUBT]
+    left = ""
     if changes:
+        left = f"; the rims of {len(changes)} cannot tell, their uncertainties allow for both"
         other = f"{'without' if taken else 'with'} it the areas would change by"
-        left += f"; set by hand, the rims cannot tell; {other} {min(changes):+.2g} to {max(changes):+.2g} %"
+        left += f"; {other} {min(changes):+.2g} to {max(changes):+.2g} %"
     return (
         f"air film: {frames} of {len(found)} frames; log-likelihood {total:+.3g} +- {std:.2g} with it, over "
         f"{sum(verdict.rims for verdict in found)} rims{left}"

@@ -148,10 +148,14 @@ class FilmSetting:
     rim : Rim
     asked : {"on", "off", "auto"}
         "auto": as the pixels say.
+    doubt : float
+        Probability that "on" or "off" is a mistake, before the pixels are looked at. A fifth by default: what
+        the pixels cannot check and is wrong is then off by at most 1/sqrt(0.2) = 2.2 of its uncertainties.
     """
 
     rim: Rim
     asked: Literal["on", "off", "auto"] = "on"
+    doubt: float = 0.2
 
 
 def rim_table(rim: Rim, blur: float) -> EdgeTable:

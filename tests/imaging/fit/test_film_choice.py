@@ -12,10 +12,10 @@ from contactimg.tables import Status
 FINE_PIXEL, COARSE_PIXEL = 2e-6, 6e-6
 
 
-def measured(pixel_size, *, film, asked, seed=31, contrast=0.9):
+def measured(pixel_size, *, film, asked, seed=31, contrast=0.9, doubt=0.2):
     """Relative error of the sum of the areas, its stated uncertainty, and the measurement."""
     frame, reference, truth = film_frame(pixel_size, film=film, seed=seed, contrast=contrast)
-    setting = FilmSetting(FilmRim(LED, SPHERE_M, pixel_size), asked)
+    setting = FilmSetting(FilmRim(LED, SPHERE_M, pixel_size), asked, doubt)
     result = measure_image(frame, reference, polarity="bright", film=setting)
     disks, area = result.disks, float(np.sum(truth["radius_px"] ** 2))
     assert len(disks) == len(truth)
@@ -58,7 +58,6 @@ def test_what_the_rims_leave_open_is_part_of_the_uncertainty(film, asked):
     # 8 % of the background: such a contrast is that of a film, and speaks against "off"
     error, std, result = measured(COARSE_PIXEL, film=film, asked=asked, contrast=0.08)
     assert 0.02 < result.film.doubt < 0.5
-    assert not result.film.trusted
     assert "the rims cannot tell" in result.message
     assert result.film.taken is (asked != "off")
     assert abs(error) < 3 * std
@@ -84,18 +83,37 @@ def test_a_contrast_of_another_cause_does_not_exclude_a_film(film):
     )
 
 
-@pytest.mark.parametrize(
-    ("film", "asked", "contrast"), [(True, "on", 0.08), (True, "on", 0.9), (False, "off", 0.9)]
-)
-def test_what_is_set_by_hand_and_not_contradicted_widens_nothing(film, asked, contrast):
-    error, std, result = measured(COARSE_PIXEL, film=film, asked=asked, contrast=contrast)
-    assert result.film.trusted
-    assert result.film.taken is film
-    assert abs(error) < 3 * std
-    assert std < 0.004
-    # what the other choice would mean is said all the same, once for the series
-    assert "would change by" in summarise_films([result.film]) or "the area would be" in result.message
+@pytest.mark.parametrize(("film", "asked"), [(True, "on"), (False, "off"), (True, "off"), (False, "on")])
+@pytest.mark.parametrize("pixel_size", [3e-6, COARSE_PIXEL])
+def test_a_statement_that_the_rims_cannot_check_is_taken_and_its_doubt_stated(pixel_size, film, asked):
+    error, std, result = measured(pixel_size, film=film, asked=asked)
+    right, verdict = film is (asked == "on"), result.film
+    assert verdict.taken is (asked == "on")
+    assert not verdict.contradicted
+    assert result.status == Status.OK
+    # the wrong one of two is off by sqrt(1 + ODDS) = 2.2 uncertainties at most, and by 0.5 of noise
+    assert abs(error) < (1.0 if right else 2.7) * std
+    # at least sqrt(0.2) of the difference, and little else
+    assert std > 0.44 * abs(verdict.area_change)
+    assert not right or std < 0.55 * abs(verdict.area_change)
+    assert ("the rims cannot tell" in result.message) is (verdict.doubt > 0.02)
+    assert right or "would change by" in summarise_films([verdict])
+
+
+@pytest.mark.parametrize("film", [True, False])
+def test_what_is_known_for_certain_widens_nothing(film):
+    error, std, result = measured(COARSE_PIXEL, film=film, asked="on" if film else "off", doubt=0.0)
+    assert abs(error) < 3 * std < 0.012
+    assert result.film.doubt < 0.001
     assert "cannot tell" not in result.message
+
+
+@pytest.mark.parametrize("film", [True, False])
+def test_a_statement_that_the_rims_confirm_leaves_no_doubt(film):
+    error, std, result = measured(FINE_PIXEL, film=film, asked="on" if film else "off")
+    assert result.film.doubt < 0.01
+    assert result.status == Status.OK
+    assert abs(error) < 3 * std < 0.03
 
 
 def test_a_film_that_changes_nothing_is_not_looked_for():
