@@ -30,6 +30,7 @@ from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
+from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
@@ -354,7 +355,7 @@ def solve_scene(
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
     return solve(
-        asperities,
+        shaped_asperities(asperities, scene),
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,

@@ -22,6 +22,9 @@ LENGTH_RANGE_M = (1e-15, 1e9)
 """Range of radii; coordinates and heights are limited by its upper end. Theory: the powers of lengths that
 the models form stay within floating-point numbers."""
 
+BASE_COLUMN = "base_m"
+"""Column of the height of the sample below a summit, over the plane of reference; flat without it."""
+
 MAX_CAPS = 2_000_000
 """Most caps of a generated pattern, unless told otherwise: about 10 s of placing. Chosen by hand."""
 
@@ -60,7 +63,7 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
     Parameters
     ----------
     asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``; others are left out.
+        Columns ``x_m, y_m, height_m, radius_m``, and ``base_m`` on a curved sample; others are left out.
 
     Returns
     -------
@@ -105,6 +108,8 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
                 f"asperities: row {beyond[0]}, column {name!r} must be a length up to {high:g} m (radii from "
                 f"{low:g} m), got {float(values[beyond[0]])!r}; check its unit"
             )
+    if BASE_COLUMN in asperities:
+        columns[BASE_COLUMN] = _finite_column(asperities, BASE_COLUMN)
     return pd.DataFrame(columns)
 
 
@@ -181,13 +186,14 @@ def composite_apexes(
             f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
             "check x_m, y_m and the apex"
         )
+    base = table[BASE_COLUMN].to_numpy() if BASE_COLUMN in table else 0.0
     nearness = R / indenter_radius  # R/Rl: zero under a flat
     drop = squared / (2 * R) * (nearness / (1 + nearness))
     return pd.DataFrame(
         {
             "x_m": x0 + dx / (1 + nearness),
             "y_m": y0 + dy / (1 + nearness),
-            "height_m": table["height_m"].to_numpy() - drop,
+            "height_m": table["height_m"].to_numpy() + base - drop,
             "radius_m": R / (1 + nearness),
         }
     )

@@ -20,6 +20,7 @@ ROOMS = [
     "mechanics",
     "optics",
     "surfaces",
+    "sample_shape",
     "plausibility",
     "imaging",
     "models",

@@ -10,6 +10,7 @@ from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.references import average_references
+from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
@@ -74,7 +75,8 @@ def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
     if scene.indenter is None:
         return asperities
-    return composite_apexes(asperities, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)
+    shaped = shaped_asperities(asperities, scene)
+    return composite_apexes(shaped, indenter_radius=scene.indenter.radius, apex=scene.indenter.apex)
 
 
 def largest_load(scene: Scene) -> float:

@@ -96,23 +96,11 @@ def predict_loads(
             _predict_planned, scene, asperities, coupling=coupling, annulus=annulus, tolerance=tolerance
         )
     else:
+        _refuse_beyond_averages(scene, loads, model, coupling)
         if relative is not None:
             raise InputError(
                 f'model "{model}" has no cheaper method for a larger tolerance; leave the tolerance out'
             )
-        if coupling != "auto":
-            raise InputError(
-                f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
-                'take the model "interacting"'
-            )
-        ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
-        if ordered:
-            raise InputError(
-                f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
-                'take the model "interacting", or switch it off'
-            )
-        if any(isinstance(load, LoadSpring) for load in loads):
-            raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
         predict = partial(predict_average, scene, scene_asperities(scene), model=model)
     jobs = [(load, loads_before(scene, load, loads)) for load in loads]
     found = list(in_parallel(partial(_solve, predict), jobs, count=len(jobs), workers=workers))
@@ -123,6 +111,27 @@ def predict_loads(
         Prediction.failed(load, str(one)) if isinstance(one, ContactimgError) else one
         for load, one in zip(loads, found, strict=True)
     ]
+
+
+def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: str, coupling: str) -> None:
+    """Raise `InputError` for what a statistical model cannot represent."""
+    if coupling != "auto":
+        raise InputError(
+            f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
+            'take the model "interacting"'
+        )
+    if scene.shaped:
+        raise InputError(
+            f'model "{model}" takes a flat sample under an upright lens; take the model "interacting"'
+        )
+    ordered = [name for name in BEYOND_AVERAGES if getattr(scene.effects, name) == "on"]
+    if ordered:
+        raise InputError(
+            f'model "{model}" cannot represent {", ".join(ordered)}, which [effects] switches on; '
+            'take the model "interacting", or switch it off'
+        )
+    if any(isinstance(load, LoadSpring) for load in loads):
+        raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
 
 
 def _solve(

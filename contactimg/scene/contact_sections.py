@@ -1,8 +1,9 @@
 """The sections of a scene that describe the contact: indenter, elastic body, load cell and asperities."""
 
+import math
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, PlainSerializer, field_validator, model_validator
 
 from contactimg.errors import InputError
 from contactimg.scene.rules import (
@@ -25,6 +26,63 @@ class Indenter(Section):
     apex: Point = Field(
         (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
     )
+    tilt: Annotated[
+        Number, Field(ge=0, le=10), AfterValidator(math.radians), PlainSerializer(math.degrees)
+    ] = Field(
+        0.0,
+        alias="tilt_deg",
+        description="Tilt of the indenter about its apex, degrees; a sphere touches as if its apex were "
+        "shifted by radius times tilt.",
+    )
+    tilt_direction: Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)] = Field(
+        0.0,
+        alias="tilt_direction_deg",
+        description="Direction towards which the tilted indenter comes nearer to the sample, from +x "
+        "towards +y, degrees.",
+    )
+
+    @property
+    def slope(self) -> tuple[float, float]:
+        """How much nearer the tilted indenter is per length along x and y."""
+        slope = math.tan(self.tilt)
+        return slope * math.cos(self.tilt_direction), slope * math.sin(self.tilt_direction)
+
+
+class Sample(Section):
+    """The shape of the sample below its asperities, flat if not stated; it adds to the gap."""
+
+    radius_x: Number | None = Field(
+        None,
+        alias="radius_x_m",
+        description="Radius of curvature along x, m: positive if the sample bulges towards the indenter, "
+        "negative if it is hollow; flat along x if not given.",
+    )
+    radius_y: Number | None = Field(
+        None,
+        alias="radius_y_m",
+        description="The same along y; one of the two alone makes a cylinder, equal ones a sphere.",
+    )
+    summit: Point = Field(
+        (0.0, 0.0), alias="summit_m", description="Highest (or lowest) point (x, y) of the sample, m."
+    )
+
+    @field_validator("radius_x", "radius_y")
+    @classmethod
+    def _radius(cls, value: float | None) -> float | None:
+        if value == 0:
+            raise ValueError("must not be 0; leave it out for a flat sample")
+        return value
+
+    @property
+    def flat(self) -> bool:
+        """Whether there is no curvature."""
+        return self.radius_x is None and self.radius_y is None
+
+    @property
+    def curvature(self) -> tuple[float, float]:
+        """Curvatures along x and y, 1/m."""
+        first, second = (0.0 if radius is None else 1 / radius for radius in (self.radius_x, self.radius_y))
+        return first, second
 
 
 class Elastic(Section):

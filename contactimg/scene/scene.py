@@ -7,7 +7,7 @@ from pydantic import PrivateAttr, ValidationError
 
 from contactimg.errors import InputError
 from contactimg.pose import Pose
-from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
+from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load, Sample
 from contactimg.scene.messages import broken_rule
 from contactimg.scene.rules import Section
 from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
@@ -22,6 +22,7 @@ class Scene(Section):
     indenter: Indenter | None = None
     elastic: Elastic | None = None
     asperities: Asperities | None = None
+    sample: Sample | None = None
     camera: Camera | None = None
     light: FilmLight = FilmLight()
     images: Images = Images()
@@ -48,6 +49,12 @@ class Scene(Section):
     def configuration(self) -> dict[str, Any]:
         """Every key with its value, defaults included, as a dict that gives this scene again."""
         return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+    @property
+    def shaped(self) -> bool:
+        """Whether the sample is curved or the indenter tilted."""
+        curved = self.sample is not None and not self.sample.flat
+        return curved or (self.indenter is not None and self.indenter.tilt != 0)
 
     def need(self, section: str, purpose: str) -> Any:
         """The named section, or an `InputError` that says what it is needed for."""

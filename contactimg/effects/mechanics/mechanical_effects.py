@@ -23,6 +23,7 @@ from contactimg.errors import InputError
 from contactimg.mechanics import jkr
 from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.scaled_problem import ContactConditions, scale_problem
+from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
 
@@ -121,7 +122,7 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     conditions = ContactConditions(
         indenter.radius, elastic.contact_modulus, indenter.apex, np.inf, estimated_load, None
     )
-    problem = scale_problem(asperities, conditions)
+    problem = scale_problem(shaped_asperities(asperities, scene), conditions)
     if not problem.touches:
         reason = f"at {load:g} N there is no contact"
         none = tuple(EffectEstimate(name, 0.0, reason) for name in MECHANICAL_EFFECTS)
