@@ -11,6 +11,7 @@ result; reading, keeping, resuming and writing are as they are.
 
 import argparse
 import csv
+import importlib
 import shutil
 import signal
 import subprocess
@@ -121,12 +122,14 @@ def run(folder: Path, out: Path, peak: Peak, *, stored: bool, until: int | None)
 def process(folder: str, out: str, *, stored: bool) -> int:
     """In a process of its own: the command."""
     if stored:
-        measure, known = series.measure_scene_frame, []
+        measure = series.measure_scene_frame
 
         def measure_once(frame, reference, optics=None, *, options):
-            if not known:
-                known.append(measure(frame, reference, optics, options=options))
-            part = known[0]
+            # a worker gets a new copy of this function with every frame: what it keeps belongs to a module
+            known = vars(importlib.import_module("contactimg.pipeline.series"))
+            if "stored_part" not in known:
+                known["stored_part"] = measure(frame, reference, optics, options=options)
+            part = known["stored_part"]
             return replace(
                 part, row=part.row | {"frame": frame.name}, contacts=part.contacts.assign(frame=frame.name)
             )

@@ -41,6 +41,16 @@ SUMS = (
 SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
 """Columns of the errors that all contacts of a frame share."""
 
+_SUMMED = (
+    "radius_px",
+    "radius_m",
+    "radius_std_m",
+    "area_m2",
+    "force_N",
+    "force_hertz_N",
+    *SHARED_SHIFTS,
+)  # what the sums over a frame are made of
+
 
 def assign_forces(
     contacts: pd.DataFrame,
@@ -255,7 +265,7 @@ def _relative_radius_std(contacts: pd.DataFrame) -> NDArray[np.float64]:
 def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
     """Relative change of the radii with the errors that a frame's contacts share; 0 where not stated."""
     columns = [name for name in SHARED_SHIFTS if name in contacts]
-    shift = contacts[columns].to_numpy(float) / contacts[["radius_px"] * len(columns)].to_numpy(float)
+    shift = contacts[columns].to_numpy(float) / contacts["radius_px"].to_numpy(float)[:, np.newaxis]
     return np.nan_to_num(shift, nan=0.0)
 
 
@@ -308,12 +318,13 @@ def fill_forces(
     if scene.elastic is not None:
         contacts, exponent = local_forces(scene, contacts, sites)
     groups, rows = contacts.groupby("frame").indices, []
+    summed = contacts[list(_SUMMED)]
     for row in frames.to_dict("records"):
         sums = {}
         if pd.notna(row["n_contacts"]):
             which = groups.get(row["frame"], np.empty(0, np.intp))
             smallest = row["smallest_px"] * scale.pixel_size
-            sums = _sums(scene, contacts.iloc[which], exponent[which], smallest, scale)
+            sums = _sums(scene, summed.iloc[which], exponent[which], smallest, scale)
         rows.append(row | sums)
     return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
 

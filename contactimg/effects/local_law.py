@@ -77,6 +77,43 @@ class LawPlan:
         return "; ".join([f"local forces by the law {law}{left}", *self.messages])
 
 
+@dataclass(frozen=True)
+class LawEvidence:
+    """What the contacts of some frames say of the law of their forces.
+
+    Parameters
+    ----------
+    changes : dict
+        Effect -> relative change of the forces by it, in the worst frame.
+    largest_radius : float, m
+        Of a contact; 0 without any.
+    """
+
+    changes: dict[str, float]
+    largest_radius: float
+
+    @classmethod
+    def of(cls, scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> "LawEvidence":
+        """The evidence of frames; parameters as for `plan_law`."""
+        elastic = scene.need("elastic", "local forces")
+        a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
+        parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
+        sphere = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
+        pull = adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=elastic.work_of_adhesion)
+        complete = sphere - (0.0 if scene.effects.adhesion == "off" else pull)
+        groups = [np.asarray(rows) for rows in contacts.groupby("frame").indices.values()]
+        changes = {
+            "sphere_profile": _largest_change(sphere - parabola, complete, groups),
+            "adhesion": _largest_change(pull, complete, groups),
+        }
+        return cls(changes, float(np.max(a, initial=0.0, where=np.isfinite(a))))
+
+    def __or__(self, other: "LawEvidence") -> "LawEvidence":
+        """The evidence of the frames of both."""
+        changes = {name: max(change, other.changes[name]) for name, change in self.changes.items()}
+        return LawEvidence(changes, max(self.largest_radius, other.largest_radius))
+
+
 def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> LawPlan:
     """Decide on the law of the local forces.
 
@@ -94,20 +131,15 @@ def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> Law
     LawPlan
         One law for all frames: that which the worst of them calls for.
     """
+    return decide_law(scene, LawEvidence.of(scene, contacts, sphere_radius))
+
+
+def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
+    """Decide on the law of the local forces from what the contacts of all frames say of it."""
     elastic = scene.need("elastic", "local forces")
-    a, modulus = contacts["radius_m"].to_numpy(float), elastic.contact_modulus
-    parabola = pressing_force(a, sphere_radius, contact_modulus=modulus)
-    sphere = pressing_force(a, sphere_radius, contact_modulus=modulus, law="sphere")
-    pull = adhesive_pull(a, contact_modulus=modulus, work_of_adhesion=elastic.work_of_adhesion)
-    complete = sphere - (0.0 if scene.effects.adhesion == "off" else pull)
-    groups = [np.asarray(rows) for rows in contacts.groupby("frame").indices.values()]
-    changes = {
-        "sphere_profile": _largest_change(sphere - parabola, complete, groups),
-        "adhesion": _largest_change(pull, complete, groups),
-    }
     estimates = [
         EffectEstimate(name, change, "from the measured radii", changes={"force": change, "profile": change})
-        for name, change in changes.items()
+        for name, change in evidence.changes.items()
     ]
     tolerance = scene.tolerance
     decisions, messages = decide(
@@ -116,8 +148,8 @@ def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> Law
     switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
     effects = scene.effects.model_copy(update=switches)
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
-    sentences = (*messages, *_support_messages(a, elastic.thickness, tolerance.relative))
-    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, sentences)
+    support = _support_messages(evidence.largest_radius, elastic.thickness, tolerance.relative)
+    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, (*messages, *support))
 
 
 def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[np.intp]]) -> float:
@@ -131,11 +163,11 @@ def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[n
     return max(ratios)
 
 
-def _support_messages(radius: Values, thickness: float | None, tolerance: float) -> tuple[str, ...]:
+def _support_messages(radius: float, thickness: float | None, tolerance: float) -> tuple[str, ...]:
     """A sentence if the layer is so thin that its support acts on a single contact."""
-    if thickness is None or not np.isfinite(radius).any():
+    if thickness is None:
         return ()
-    ratio = float(np.nanmax(radius)) / thickness
+    ratio = radius / thickness
     error = 3 * support_error(ratio)  # of a force ~ a^3
     if error <= tolerance:
         return ()

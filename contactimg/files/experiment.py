@@ -8,6 +8,7 @@ import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 
 import pandas as pd
@@ -76,8 +77,13 @@ class Experiment:
 
     def load_of(self, name: str) -> float:
         """Load P (N) of the frame with this name, NaN without one."""
-        loads = self.loads.loc[self.loads["frame"] == name, "load_N"]
-        return float(loads.iloc[0]) if len(loads) else math.nan
+        return self._loads.get(name, math.nan)
+
+    @cached_property
+    def _loads(self) -> dict[str, float]:
+        """Frame -> load, N; the first where a frame is listed twice."""
+        rows = self.loads.drop_duplicates("frame")
+        return dict(zip(rows["frame"], rows["load_N"].to_numpy(float).tolist(), strict=True))
 
 
 @stage("reading")

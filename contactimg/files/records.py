@@ -5,6 +5,7 @@ import importlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
+from functools import cache
 from pathlib import PurePath
 from typing import Any
 
@@ -91,16 +92,17 @@ def _plain_record(value: Any) -> Any:
 
 def _plain_table(table: pd.DataFrame) -> dict[str, Any]:
     """A DataFrame made of JSON types."""
-    columns = [
-        [
-            name,
-            str(table[name].dtype),
-            [None if item is pd.NA else _plain(item) for item in table[name].tolist()],
-        ]
-        for name in table
-    ]
+    columns = [[name, str(column.dtype), _plain_column(column)] for name, column in table.items()]
     index = None if isinstance(table.index, pd.RangeIndex) else table.index.tolist()
     return {_KIND: "table", "rows": len(table), "index": index, "columns": columns}
+
+
+def _plain_column(column: pd.Series) -> list[Any]:
+    """The cells of a column made of JSON types."""
+    cells = column.tolist()
+    if isinstance(column.dtype, np.dtype) and column.dtype.kind in "fi":
+        return cells
+    return [None if item is pd.NA else _plain(item) for item in cells]
 
 
 def _name(kind: type) -> str:
@@ -119,12 +121,25 @@ def _restored(value: Any) -> Any:
 
 def _restored_table(value: dict[str, Any]) -> pd.DataFrame:
     """The DataFrame."""
+    if value["rows"] == 0 and value["index"] is None:
+        return _empty_table(tuple((name, dtype) for name, dtype, _ in value["columns"])).copy()
     index = pd.RangeIndex(value["rows"]) if value["index"] is None else pd.Index(value["index"])
-    data = {
-        name: pd.array(items, dtype=dtype) if dtype != "object" else items
-        for name, dtype, items in value["columns"]
-    }
-    return pd.DataFrame(data, index=index)
+    data = {name: _restored_column(dtype, items) for name, dtype, items in value["columns"]}
+    return pd.DataFrame(data, index=index, copy=False)
+
+
+@cache
+def _empty_table(columns: tuple[tuple[str, str], ...]) -> pd.DataFrame:
+    """A DataFrame without rows."""
+    data = {name: _restored_column(dtype, []) for name, dtype in columns}
+    return pd.DataFrame(data, index=pd.RangeIndex(0))
+
+
+def _restored_column(dtype: str, items: list[Any]) -> Any:
+    """The column."""
+    if dtype in ("float64", "int64"):
+        return np.array(items, dtype)
+    return pd.array(items, dtype=dtype) if dtype != "object" else items
 
 
 def _restored_array(value: dict[str, Any]) -> np.ndarray:

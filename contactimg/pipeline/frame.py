@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.frame import Frame
@@ -393,7 +393,9 @@ def rejected_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     return REJECTED.conform(measurement.rejected.assign(frame=name))
 
 
-def locate_contacts(contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float, float]) -> pd.DataFrame:
+def locate_contacts(
+    contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[ArrayLike, ArrayLike]
+) -> pd.DataFrame:
     """Fill the columns in metres of a contacts table.
 
     Parameters
@@ -402,12 +404,13 @@ def locate_contacts(contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[float
         Contacts table with pixel columns; not changed.
     pose : Pose
         Pose of the camera over the reference frame.
-    shift_px : (float, float)
-        Position in the frame minus position in the reference, (x, y).
+    shift_px : (array_like, array_like)
+        Position in the frame minus position in the reference, (x, y); one, or one for each contact.
     """
-    if not np.isfinite(shift_px).all():
+    shift_x, shift_y = (np.asarray(shift, float) for shift in shift_px)
+    if not (np.isfinite(shift_x).all() and np.isfinite(shift_y).all()):
         raise InputError(f"the shift of a frame must be finite, got {shift_px}")
-    x, y = pose.to_sample(contacts["x_px"] - shift_px[0], contacts["y_px"] - shift_px[1])
+    x, y = pose.to_sample(contacts["x_px"] - shift_x, contacts["y_px"] - shift_y)
     radius = contacts["radius_px"].to_numpy(float) * pose.pixel_size
     return contacts.assign(
         x_m=x,

@@ -3,12 +3,12 @@
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import or_
 
-import numpy as np
 import pandas as pd
 
-from contactimg.effects.local_law import LawPlan, plan_law
+from contactimg.effects.local_law import LawEvidence, LawPlan, decide_law
 from contactimg.forces import sphere_radii
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.pipeline.frame import MeasuredFrame
@@ -103,11 +103,11 @@ class MeasuredSeries:
         """The law of the local forces, on which the contacts of all frames decide; None without forces."""
         if self.scene.elastic is None:
             return None
-        slim, radii = [CONTACTS.empty()[["frame", "radius_m"]]], [np.empty(0)]
-        for run in self._located():
-            slim.append(run.contacts[["frame", "radius_m"]])
-            radii.append(sphere_radii(run.contacts, self.scene, self.sites))
-        return plan_law(self.scene, pd.concat(slim, ignore_index=True), np.concatenate(radii))
+        evidence = (
+            LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, self.sites))
+            for run in self._located()
+        )
+        return decide_law(self.scene, reduce(or_, evidence))
 
     def _located(self) -> Iterator[Run]:
         """The blocks without forces."""

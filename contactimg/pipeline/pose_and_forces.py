@@ -69,11 +69,7 @@ def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> P
 def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
     """The run with sample coordinates and asperities under a pose."""
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
-    contacts = [
-        locate_frame(part, pose.pose, frame_shift(run.frames, str(name)), targets)
-        for name, part in run.contacts.groupby("frame", sort=False)
-    ]
-    located = CONTACTS.conform(pd.concat(contacts, ignore_index=True)) if contacts else run.contacts
+    located = CONTACTS.conform(locate_frames(run.contacts, run.frames, pose.pose, targets))
     frames = run.frames
     if targets is not None:
         frames = _with_pose_status(_with_notes(frames, _unmatched_notes(located)), located)
@@ -129,18 +125,21 @@ def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     return found
 
 
-def locate_frame(
-    part: pd.DataFrame, pose: Pose, shift: tuple[float, float], targets: NDArray[np.float64] | None
+def locate_frames(
+    contacts: pd.DataFrame, frames: pd.DataFrame, pose: Pose, targets: NDArray[np.float64] | None
 ) -> pd.DataFrame:
-    """One frame's contacts in sample coordinates, each with its asperity."""
-    located = locate_contacts(part, pose, shift_px=shift)
+    """The contacts of frames in sample coordinates, each with its asperity."""
+    shifts = frames.set_index("frame")[["shift_x_px", "shift_y_px"]].reindex(contacts["frame"])
+    shift_x, shift_y = np.nan_to_num(shifts.to_numpy(float).T, nan=0.0)
+    located = locate_contacts(contacts, pose, shift_px=(shift_x, shift_y))
     if targets is None:
         return located
     points = located[["x_m", "y_m"]].to_numpy(float)
-    i, j, _ = pair_points(points, targets, max_distance=pairing_distance(targets, pose))
-    asperity = pd.array([pd.NA] * len(located), dtype="Int64")
-    asperity[i] = j
-    return located.assign(asperity=asperity)
+    asperity, reach = np.full(len(located), -1), pairing_distance(targets, pose)
+    for rows in contacts.groupby("frame").indices.values():
+        i, j, _ = pair_points(points[rows], targets, max_distance=reach)
+        asperity[rows[i]] = j
+    return located.assign(asperity=pd.arrays.IntegerArray(asperity, asperity < 0))
 
 
 @stage("forces")

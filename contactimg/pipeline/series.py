@@ -26,6 +26,10 @@ from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
 
+MOST_EDGES = 200
+"""Frames that the edge is pooled from, evenly spread over the series. Chosen: what all of a long series would
+add is below a tenth of the uncertainty of a frame; the time to leave each one out grows with their square."""
+
 POOLING_GAIN = 1.5
 """A frame is measured again with the optics of the series if that makes the uncertainty of its sum of a^3 at
 least this many times smaller. Chosen by hand; sensitivity not measured."""
@@ -151,13 +155,15 @@ def _measure_frames(
 def _with_edges_of_others(pooled: SharedOptics, parts: list[MeasuredFrame]) -> Iterator[SharedOptics]:
     """The pooled optics for each frame, with the edge that the others show: its own adds nothing to it."""
     own = [None if part.own_optics is None else part.own_optics.edge for part in parts]
-    edges = [edge for edge in own if edge is not None]
-    of_all = replace(pooled, edge=pool_edges(edges))
+    seen = [edge for edge in own if edge is not None and edge.count >= FEWEST_SCORES]
+    places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
+    pool = [seen[k] for k in np.unique(np.rint(places).astype(int))]
+    of_all, in_pool = replace(pooled, edge=pool_edges(pool)), {id(edge) for edge in pool}
     for edge in own:
-        if edge is None or edge.count < FEWEST_SCORES:  # the pool of edges leaves it out
-            yield of_all
+        if id(edge) in in_pool:
+            yield replace(pooled, edge=pool_edges([other for other in pool if other is not edge]))
         else:
-            yield replace(pooled, edge=pool_edges([other for other in edges if other is not edge]))
+            yield of_all
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:

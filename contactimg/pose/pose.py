@@ -63,13 +63,20 @@ class Pose:
 
     def to_pixels(self, x: ArrayLike, y: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixel coordinates ``(x_px, y_px)`` of sample points (m)."""
-        points = np.stack([np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]])
-        x_px, y_px = np.tensordot(self.matrix, points, axes=1)
+        dx, dy = np.asarray(x, float) - self.centre[0], np.asarray(y, float) - self.centre[1]
+        x_px, y_px = _turned(self.matrix, dx, dy)
         return x_px + self.image_centre[0], y_px + self.image_centre[1]
 
     def to_sample(self, x_px: ArrayLike, y_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sample coordinates ``(x, y)`` in m of pixel positions."""
         q0 = self.image_centre
-        points = np.stack([np.asarray(x_px, float) - q0[0], np.asarray(y_px, float) - q0[1]])
-        x, y = np.tensordot(np.linalg.inv(self.matrix), points, axes=1)
+        inverse = np.linalg.inv(self.matrix)
+        x, y = _turned(inverse, np.asarray(x_px, float) - q0[0], np.asarray(y_px, float) - q0[1])
         return x + self.centre[0], y + self.centre[1]
+
+
+def _turned(
+    matrix: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Matrix times points, each on its own: a product of matrices would round by how many there are."""
+    return matrix[0, 0] * x + matrix[0, 1] * y, matrix[1, 0] * x + matrix[1, 1] * y

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -47,6 +48,10 @@ class Schema:
 
     def empty(self) -> pd.DataFrame:
         """A table with every column and no row."""
+        return self._empty.copy()
+
+    @cached_property
+    def _empty(self) -> pd.DataFrame:
         return pd.DataFrame({name: pd.Series(dtype=dtype) for name, (dtype, _) in self.columns.items()})
 
     def conform(self, table: pd.DataFrame | Mapping[str, object]) -> pd.DataFrame:

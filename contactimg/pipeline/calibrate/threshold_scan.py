@@ -16,8 +16,8 @@ from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import contact_sites, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pipeline.pose_and_forces import local_law, locate_frame, series_pose, with_forces
-from contactimg.pipeline.run import Run, frame_shift
+from contactimg.pipeline.pose_and_forces import local_law, locate_frames, series_pose, with_forces
+from contactimg.pipeline.run import Run
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
@@ -182,12 +182,7 @@ def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresh
         pose = series_pose(run, pose, targets).pose
 
     def located(contacts: pd.DataFrame) -> Run:
-        parts = [
-            locate_frame(part, pose, frame_shift(frames, str(name)), targets)
-            for name, part in contacts.groupby("frame", sort=False)
-        ]
-        table = pd.concat(parts, ignore_index=True) if parts else contacts
-        return replace(run, contacts=CONTACTS.conform(table))
+        return replace(run, contacts=CONTACTS.conform(locate_frames(contacts, frames, pose, targets)))
 
     law = local_law(located(middle), sites)  # one for all thresholds
     run = run if law is None else replace(run, scene=law.scene)
