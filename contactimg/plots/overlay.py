@@ -29,6 +29,8 @@ FONT_FRACTION = 1 / 50
 """Size of the font over the width of the picture. Chosen: 5 pt in a column of 85 mm."""
 SHIFT_BITS = 4
 """Fractional bits of the positions that OpenCV takes: a sixteenth of a pixel."""
+LARGEST_DRAWN_PX = 2.0**17
+"""Positions and radii beyond are not drawn: larger than any picture. Chosen: OpenCV takes up to 2**27."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +188,9 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
     # the line lies wholly outside of the gap
     gap = layer.gap_px + (thickness / 2 / canvas.zoom if layer.gap_px else 0.0)
     for outline in layer.outlines:
+        reach = np.array([outline.x, outline.y, outline.semi_major, outline.semi_minor]) * canvas.zoom
+        if np.abs(reach).max() > LARGEST_DRAWN_PX:
+            continue
         if layer.square:
             _draw_square(canvas, outline, gap, index, thickness)
         elif outline.lines:

@@ -50,6 +50,18 @@ def test_contacts_have_the_colour_of_their_flags(frame):
     assert share_of(flagged, CONTACT_COLOUR) < share_of(plain, CONTACT_COLOUR)
 
 
+@pytest.mark.parametrize("name", ["x_px", "radius_px"])
+@pytest.mark.parametrize("dashes", [(), (4.0, 2.0)])
+def test_contacts_larger_than_any_picture_are_left_out(frame, name, dashes):
+    sound = dict(label=1, x=100.0, y=150.0, semi_major=RADIUS, semi_minor=RADIUS)
+    keys = ["x"] if name == "x_px" else ["semi_major", "semi_minor"]
+    wrong = Outline(**sound | dict.fromkeys(keys, 1e12))
+    layer = Layer([Outline(**sound), wrong], "#112233", "contacts", dashes)
+    alone = Layer([Outline(**sound)], "#112233", "contacts", dashes)
+    pictures = [draw_overlay(frame, [one], VIEW) for one in (layer, alone)]
+    assert share_of(pictures[0], "#112233") == share_of(pictures[1], "#112233") > 0
+
+
 def test_rejected_candidates_are_squares(frame):
     assert share_of(draw_measured(frame, shown([0]), VIEW), REJECTED_COLOUR) == 0
     assert share_of(draw_measured(frame, shown([0], [(50.0, 50.0, 4.0)]), VIEW), REJECTED_COLOUR) > 0

@@ -140,6 +140,11 @@ def test_a_run_without_failures_pictures_or_loads(small_series, tmp_path):
     assert "0 of 0 pictures" in text
     assert "No frame has both a load and an area." in text
     assert "None." in text
+    record = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
+    del record["pose"]  # as after a run without a pixel size
+    (folder / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
+    assert "µm per pixel" in text
+    assert "µm per pixel" not in " ".join(Page(build_report(folder)).text)
 
 
 def test_at_most_so_many_pictures_the_first_and_the_last_among_them(run):

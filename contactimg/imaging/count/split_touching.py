@@ -83,7 +83,8 @@ def split_components(
         _share(alone, inside, disks, parts[start:end], (box[0].start, box[1].start))
     whole = np.repeat(components, counts)
     whole[split] = parts
-    return whole, split
+    seen = ~split | (whole["area"] > 0)
+    return whole[seen], split[seen]
 
 
 @njit(cache=True)
@@ -213,6 +214,8 @@ def _share(image, marks, disks, parts, corner):
                 continue
             add_pixel(parts[near[best]], i, j, image[j, i], marked and marks[j, i] > 0)
     for part in parts:
+        if part["area"] == 0:  # its disk lies in those around it
+            continue
         finish_component(part)
         part["x"] += left
         part["peak_x"] += left
