@@ -53,7 +53,7 @@ def test_contacts_have_the_colour_of_their_flags(frame):
 @pytest.mark.parametrize("name", ["x_px", "radius_px"])
 @pytest.mark.parametrize("dashes", [(), (4.0, 2.0)])
 def test_contacts_larger_than_any_picture_are_left_out(frame, name, dashes):
-    sound = dict(label=1, x=100.0, y=150.0, semi_major=RADIUS, semi_minor=RADIUS)
+    sound = {"label": 1, "x": 100.0, "y": 150.0, "semi_major": RADIUS, "semi_minor": RADIUS}
     keys = ["x"] if name == "x_px" else ["semi_major", "semi_minor"]
     wrong = Outline(**sound | dict.fromkeys(keys, 1e12))
     layer = Layer([Outline(**sound), wrong], "#112233", "contacts", dashes)
