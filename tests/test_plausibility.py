@@ -130,6 +130,26 @@ def test_loads_in_another_unit_are_refused_by_the_calibrations(kind, loads, smal
     assert not (tmp_path / "out" / "calibration.json").exists()
 
 
+def test_exchanged_columns_of_the_asperities_are_found_by_the_pose(small_series, tmp_path, capfd):
+    folder = copy_of(small_series, tmp_path / "series")
+    table = read_asperities(folder / "asperities.csv")
+    names = {"x_m": "y_m", "y_m": "x_m"}
+    table.rename(columns=names)[list(table)].to_csv(folder / "asperities.csv", index=False)
+    words = [
+        "process",
+        str(folder),
+        "-o",
+        str(tmp_path / "out"),
+        "--workers",
+        "1",
+        "--quiet",
+        "--no-pictures",
+    ]
+    assert main([*words, "--method", "threshold"]) == 0
+    said = capfd.readouterr().err
+    assert "are x_m and y_m of the asperities exchanged?" in said
+
+
 def test_doubts_can_be_warnings(caplog):
     with doubts_as_warnings():
         settle(["x is odd", "y is odd"], "a.toml")

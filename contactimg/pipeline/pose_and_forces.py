@@ -25,6 +25,10 @@ POSE_REACH_FRACTION = 0.05
 """Largest error of the stated centre of the camera, as a fraction of the longer side of the frame. Chosen by
 hand; sensitivity not measured."""
 
+EXCHANGED_SINE = 0.996
+"""Sine of the angle between the pose found and the stated one, mirrored, above which the columns of the
+asperities may be exchanged, which is exactly a right angle. Chosen: 5 degrees from it."""
+
 MATCHED_FRACTION = 0.9
 """A frame gets a remark if fewer of its contacts fall on an asperity. Chosen by hand; changes no number."""
 
@@ -113,14 +117,17 @@ def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     if found is None:
         return fit
     centre = ", ".join(f"{value:.6g}" for value in found.pose.centre)
+    turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
+    exchanged = found.pose.mirrored != guess.mirrored and turned > EXCHANGED_SINE
     logger.warning(
         "the camera does not look where the scene says; %d of %d contacts fall on asperities with [camera] "
-        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here",
+        "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
         found.n_matched,
         found.n_points,
         centre,
         np.rad2deg(found.pose.rotation),
         str(found.pose.mirrored).lower(),
+        "; are x_m and y_m of the asperities exchanged?" if exchanged else "",
     )
     return found
 
