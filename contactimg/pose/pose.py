@@ -70,7 +70,7 @@ class Pose:
     def to_sample(self, x_px: ArrayLike, y_px: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sample coordinates ``(x, y)`` in m of pixel positions."""
         q0 = self.image_centre
-        inverse = np.linalg.inv(self.matrix)
+        inverse = np.asarray(np.linalg.inv(self.matrix), np.float64)
         x, y = _turned(inverse, np.asarray(x_px, float) - q0[0], np.asarray(y_px, float) - q0[1])
         return x + self.centre[0], y + self.centre[1]
 
