@@ -135,7 +135,7 @@ def _empty_table(columns: tuple[tuple[str, str], ...]) -> pd.DataFrame:
     return pd.DataFrame(data, index=pd.RangeIndex(0))
 
 
-def _restored_column(dtype: str, items: list[Any]) -> Any:
+def _restored_column(dtype: Any, items: list[Any]) -> Any:
     """The column."""
     if dtype in ("float64", "int64"):
         return np.array(items, dtype)
