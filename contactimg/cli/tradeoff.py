@@ -45,7 +45,7 @@ def tradeoff(
     surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
     "output" in the section [tolerance] of the scene.
 
-    Writes tradeoff.csv (one row per setting: error and time), tradeoff.png, tradeoff.svg and provenance.json.
+    Writes tradeoff.csv (one row per setting: error and time), tradeoff.png (.svg, .pdf) and provenance.json.
 
     Exit codes: 0 done, 2 nothing done.
 

@@ -3,7 +3,9 @@
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from imagecodecs import deflate_encode
 from matplotlib.axes import Axes
@@ -14,9 +16,37 @@ from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
 from contactimg.timings import stage
 
+FIGURE_FORMATS = ("png", "svg", "pdf")
+"""Formats of every figure."""
+
+FIXED_OUTPUT = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
+"""Settings of matplotlib: the same figure has the same bytes, and text in PDF files stays text."""
+
+
+def write_figures(ax: Axes, folder: str | Path, name: str, *, caption: str = "") -> None:
+    """Write the figure that holds these axes as PNG, SVG and PDF.
+
+    Parameters
+    ----------
+    ax : Axes
+    folder : str or Path
+        Exists.
+    name : str
+        File name without ending.
+    caption : str
+        Goes into the files.
+
+    Raises
+    ------
+    InputError
+        As `write_figure`.
+    """
+    for ending in FIGURE_FORMATS:
+        write_figure(ax, Path(folder, f"{name}.{ending}"), caption=caption)
+
 
 @stage("pictures")
-def write_figure(ax: Axes, path: str | Path) -> None:
+def write_figure(ax: Axes, path: str | Path, *, caption: str = "") -> None:
     """Write the figure that holds these axes as PNG, SVG or PDF (by the extension), completely or not at all.
 
     Parameters
@@ -24,17 +54,29 @@ def write_figure(ax: Axes, path: str | Path) -> None:
     ax : Axes
     path : str or Path
         The file; its folder must exist.
+    caption : str
+        Goes into the file.
 
     Raises
     ------
     InputError
         If the axes belong to no figure, or the file cannot be written.
+
+    Notes
+    -----
+    Without the time of writing and random names, so that the same figure has the same bytes.
     """
     figure = ax.get_figure(root=True)
     if not isinstance(figure, Figure):
         raise InputError(f"{path}: the axes belong to no figure; draw them on one")
-    with replacing(path) as part:
-        figure.savefig(part, format=Path(path).suffix.removeprefix("."))
+    kind = Path(path).suffix.removeprefix(".")
+    metadata: dict[str, Any] = {
+        "png": {"Description": caption} if caption else {},
+        "svg": {"Date": None} | ({"Description": caption} if caption else {}),
+        "pdf": {"CreationDate": None} | ({"Subject": caption} if caption else {}),
+    }.get(kind, {})
+    with mpl.rc_context(FIXED_OUTPUT), replacing(path) as part:
+        figure.savefig(part, format=kind, metadata=metadata)
 
 
 @stage("pictures")

@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from contactimg.errors import InputError, finite_number
-from contactimg.files import open_experiment, read_asperities, read_table, write_figure, write_table
+from contactimg.files import open_experiment, read_asperities, read_table, write_figures, write_table
 from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
+from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF
@@ -145,8 +146,7 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
 
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
-    """Write tradeoff.csv, and the figure as PNG and SVG."""
+    """Write tradeoff.csv, and the figure as PNG, SVG and PDF."""
     write_table(tradeoff.table, TRADEOFF, folder / "tradeoff.csv")
     ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
-    for suffix in ("png", "svg"):
-        write_figure(ax, folder / f"tradeoff.{suffix}")
+    write_figures(ax, folder, "tradeoff", caption=caption_of("tradeoff"))

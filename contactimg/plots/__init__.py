@@ -1,10 +1,11 @@
 """Draw figures: tables in, matplotlib axes out; ``ax=`` draws on existing axes.
 
-Lengths are in um or mm, forces in mN, areas in mm^2, moduli and stresses in MPa. Read in this order: `images`
-(contacts on frames), `curves` (analysis), `calibration`, `tradeoff`, `axes`.
+Lengths are in um or mm, forces in mN, areas in mm^2, moduli and shear stresses in MPa, pressures in kPa.
+Read in this order: `images` and `overlay` (contacts on frames), `laws` (with residuals) and `curves`
+(analysis), `calibration`, `tradeoff`, `captions`, `numbers`, `axes`.
 """
 
-from contactimg.plots.axes import image_axes, new_axes, scale_by_decades
+from contactimg.plots.axes import image_axes, new_axes, scale_by_decades, stacked_axes
 from contactimg.plots.calibration import (
     plot_forces,
     plot_jkr,
@@ -12,14 +13,8 @@ from contactimg.plots.calibration import (
     plot_plateau,
     plot_slopes,
 )
-from contactimg.plots.curves import (
-    plot_area,
-    plot_areas,
-    plot_friction,
-    plot_pressure_law,
-    plot_profile,
-    plot_topography,
-)
+from contactimg.plots.captions import CAPTIONS, caption_of
+from contactimg.plots.curves import plot_pressure_law, plot_profile, plot_topography
 from contactimg.plots.images import (
     COUPLED,
     HERTZ,
@@ -32,17 +27,21 @@ from contactimg.plots.images import (
     plot_outlines,
     plot_scale_bar,
 )
+from contactimg.plots.laws import plot_area, plot_area_residuals, plot_areas, plot_friction
 
 __all__ = [
+    "CAPTIONS",
     "COUPLED",
     "HERTZ",
     "MEASURED",
     "UNCOUPLED",
+    "caption_of",
     "crop_to",
     "image_axes",
     "legend_of_circles",
     "new_axes",
     "plot_area",
+    "plot_area_residuals",
     "plot_areas",
     "plot_circles",
     "plot_forces",
@@ -58,4 +57,5 @@ __all__ = [
     "plot_slopes",
     "plot_topography",
     "scale_by_decades",
+    "stacked_axes",
 ]

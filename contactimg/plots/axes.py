@@ -1,17 +1,50 @@
 """New axes on figures outside of pyplot: no window and no global state."""
 
+from typing import Any
+
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import NDArray
+
+FIGURE_INCHES = (4.6, 3.5)
+"""Width and height of a figure. Chosen: text of 10 and 8.3 pt is 7 and 6 pt in a column of 85 mm."""
+PANEL_INCHES = 1.2
+"""Height that a panel of residuals adds."""
+LEGEND_ROW_INCHES = 0.165
+"""Height of a row of a legend of 8.3 pt."""
+FIGURE_DPI = 220.0
+"""Pixels per inch of PNG files. Chosen: 300 in a column of 85 mm."""
+DENSE_DECADES, SPARSE_DECADES = 0.7, 2.2
+"""Logarithmic axes shorter than the first have ticks at every digit, longer than the second only at powers of
+ten. Chosen by eye."""
+LINEAR_DECADES = 0.25
+"""Shorter ones have ticks at even distances. Chosen by eye."""
 
 
-def new_axes(*, size: tuple[float, float] = (6.0, 4.5)) -> Axes:
+def new_axes(*, size: tuple[float, float] = FIGURE_INCHES) -> Axes:
     """Axes on a new figure outside of pyplot, ``size`` in inches."""
-    figure = Figure(figsize=size, layout="constrained")
+    return _new_figure(size).add_subplot()
+
+
+def stacked_axes() -> tuple[Axes, Axes]:
+    """Axes on a new figure, and under them a low panel that shares their x axis, for residuals."""
+    width, height = FIGURE_INCHES
+    figure = _new_figure((width, height + PANEL_INCHES))
+    top, below = figure.subplots(2, 1, sharex=True, height_ratios=(height - 0.6, PANEL_INCHES))
+    top.tick_params(labelbottom=False)
+    return top, below
+
+
+def _new_figure(size: tuple[float, float]) -> Figure:
+    """A figure that is laid out when it is drawn."""
+    figure = Figure(figsize=size, dpi=FIGURE_DPI, layout="constrained")
     FigureCanvasAgg(figure)
-    return figure.add_subplot()
+    return figure
 
 
 def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
@@ -23,11 +56,54 @@ def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
     return figure.add_axes((0, 0, 1, 1))
 
 
-def scale_by_decades(ax: Axes) -> Axes:
-    """Set logarithmic axes with plain numbers at 1, 2 and 5."""
-    ax.set(xscale="log", yscale="log")
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+def legend_above(ax: Axes, *, columns: int = 1, **options: Any) -> None:
+    """Add a legend above the axes, where it hides nothing, and make the figure higher by as much."""
+    entries = options["handles"] if "handles" in options else ax.get_legend_handles_labels()[0]
+    if not entries:
+        return
+    ax.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        frameon=False,
+        borderaxespad=0.2,
+        alignment="left",
+        fontsize="small",
+        title_fontsize="small",
+        **options,
+    )
+    rows = -(-len(entries) // columns) + ("title" in options)
+    figure = ax.get_figure(root=True)
+    if isinstance(figure, Figure):
+        figure.set_figheight(figure.get_figheight() + LEGEND_ROW_INCHES * rows)
+
+
+def bar_lengths(std: pd.Series, unit: float) -> NDArray[np.float64]:
+    """Lengths of error bars; zero where the uncertainty is not known."""
+    return np.nan_to_num(std.to_numpy(float), nan=0.0) * unit
+
+
+def scale_by_decades(ax: Axes, *, axes: str = "xy") -> Axes:
+    """Set logarithmic axes (``"x"``, ``"y"`` or both) with plain numbers, at 1, 2 and 5 where they fit."""
+    for name in axes:
+        ax.set(**{f"{name}scale": "log"})
+        low, high = getattr(ax, f"get_{name}lim")()
+        axis = getattr(ax, f"{name}axis")
+        label_plainly(axis, float(np.log10(high / low)))
     return ax
+
+
+def label_plainly(axis: Axis, decades: float) -> None:
+    """Write plain numbers on a logarithmic axis of this length."""
+    axis.set_major_locator(_decade_locator(decades))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _decade_locator(decades: float) -> LogLocator | MaxNLocator:
+    """Places of the ticks of a logarithmic axis."""
+    if decades < LINEAR_DECADES:
+        return MaxNLocator(5)
+    if decades < DENSE_DECADES:
+        return LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0))
+    return LogLocator(subs=(1.0, 2.0, 5.0) if decades < SPARSE_DECADES else (1.0,))

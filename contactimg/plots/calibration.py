@@ -1,42 +1,63 @@
-"""Figures of the calibrations: the measured points with the fitted law or number."""
+"""Figures of the calibrations: the measured points with the fitted law or number, and what is left over."""
 
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from contactimg.plots.axes import new_axes
+from contactimg.calibration.coverage_estimate import CoverageEstimate
+from contactimg.plots.axes import legend_above, new_axes, scale_by_decades, stacked_axes
+from contactimg.plots.laws import MARKER_SIZE
+from contactimg.plots.numbers import number_with_interval
 
 Values = NDArray[np.float64]
 
 MARKERS = {"loading": "^", "unloading": "v", "": "o"}
 
+LAW, POINTS, OTHER = "#d55e00", "#0072b2", "0.5"
+"""Colours of a fitted law, of measured points (palette of Okabe and Ito), and of what is to compare."""
 
-def plot_jkr(points: pd.DataFrame, curve: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
+LABELLED_CURVES = 8
+"""Most curves of a plateau figure that are labelled; of more, evenly spaced ones. Chosen by eye."""
+
+
+def plot_jkr(
+    points: pd.DataFrame, curve: pd.DataFrame, *, fitted: Sequence[str] = (), ax: Axes | None = None
+) -> Axes:
     """Plot contact radii (mm) against load (mN) with the fitted JKR law.
 
     Parameters
     ----------
     points : DataFrame
-        load_N, radius_m, branch, used.
+        load_N, radius_m, branch, used, and residual_N for the panel.
     curve : DataFrame
         load_N, radius_m of the law.
+    fitted : sequence of str
+        Lines for the legend: the fitted values.
     ax : Axes, optional
+        By default new axes with `plot_jkr_residuals` in a panel below; only these have it.
 
     Returns
     -------
     Axes
     """
-    ax = new_axes() if ax is None else ax
-    ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color="C1", label="JKR fit")
-    for branch, part in points[points["used"].astype(bool)].groupby("branch"):
-        marker = MARKERS[str(branch)]
-        ax.plot(
-            part["load_N"] * 1e3, part["radius_m"] * 1e3, marker, color="C0", label=str(branch) or "measured"
-        )
-    _mark_left_out(points, "radius_m", 1e3, ax)
-    ax.set(xlabel="load P (mN)", ylabel="contact radius a (mm)")
-    ax.legend()
+    below = None
+    if ax is None:
+        ax, below = stacked_axes()
+    label = "\n".join(["JKR fit", *fitted])
+    ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color=LAW, linewidth=1.2, label=label)
+    _plot_branches(points, "radius_m", 1e3, ax)
+    ax.set(ylabel="contact radius a (mm)")
+    ax.legend(fontsize="small")
+    if below is None:
+        ax.set_xlabel("load P (mN)")
+    else:
+        plot_jkr_residuals(points, ax=below).set_ylabel("measured minus\nfitted load (mN)")
+        below.get_legend().remove()
     return ax
 
 
@@ -54,27 +75,38 @@ def plot_jkr_residuals(points: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     Axes
     """
     ax = new_axes() if ax is None else ax
-    ax.axhline(0.0, color="C1")
-    for branch, part in points[points["used"].astype(bool)].groupby("branch"):
-        marker, label = MARKERS[str(branch)], str(branch) or "measured"
-        ax.plot(part["load_N"] * 1e3, part["residual_N"] * 1e3, marker, color="C0", label=label)
-    _mark_left_out(points, "residual_N", 1e3, ax)
+    ax.axhline(0.0, color=LAW, linewidth=1.2)
+    _plot_branches(points, "residual_N", 1e3, ax)
     ax.set(xlabel="load P (mN)", ylabel="measured minus fitted load (mN)")
-    ax.legend()
+    ax.legend(fontsize="small")
     return ax
 
 
-def _mark_left_out(points: pd.DataFrame, column: str, factor: float, ax: Axes) -> None:
-    """Mark the frames that the fit does not use with crosses."""
-    left_out = points[~points["used"].astype(bool)]
-    if len(left_out):
-        ax.plot(
-            left_out["load_N"] * 1e3, left_out[column] * factor, "x", color="C3", label="not used in the fit"
-        )
+def _plot_branches(points: pd.DataFrame, column: str, factor: float, ax: Axes) -> None:
+    """Plot a column against the load: a mark for each branch, crosses for frames that the fit leaves out."""
+    used = points["used"].astype(bool)
+    for branch, part in points[used].groupby("branch"):
+        look: dict[str, Any] = {"marker": MARKERS[str(branch)], "label": str(branch) or "measured"}
+        if branch == "unloading":  # open, so that branches that coincide are told apart
+            look["markerfacecolor"] = "none"
+        _plot_marks(part, column, factor, ax, color=POINTS, **look)
+    if not used.all():
+        _plot_marks(points[~used], column, factor, ax, color="0.2", marker="x", label="not used in the fit")
+
+
+def _plot_marks(part: pd.DataFrame, column: str, factor: float, ax: Axes, **look: Any) -> None:
+    """Plot a column against the load (mN) as marks."""
+    ax.plot(part["load_N"] * 1e3, part[column] * factor, linestyle="none", markersize=MARKER_SIZE, **look)
 
 
 def plot_slopes(
-    thresholds: Values, slopes: Values, stds: Values, *, found: float, ax: Axes | None = None
+    thresholds: Values,
+    slopes: Values,
+    stds: Values,
+    *,
+    found: float,
+    areas: Values | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Plot the slope of the sum of the forces against the load, for each threshold.
 
@@ -83,6 +115,8 @@ def plot_slopes(
     thresholds, slopes, stds : ndarray, shape (m,)
     found : float
         Calibrated threshold; NaN for none.
+    areas : ndarray, shape (m,), m^2, optional
+        Total contact area at each threshold, for an axis at the right.
     ax : Axes, optional
 
     Returns
@@ -90,43 +124,88 @@ def plot_slopes(
     Axes
     """
     ax = new_axes() if ax is None else ax
-    ax.fill_between(thresholds, slopes - stds, slopes + stds, color="C0", alpha=0.25, linewidth=0)
-    ax.plot(thresholds, slopes, color="C0", label="slope")
-    ax.axhline(1.0, color="0.5", linewidth=1)
+    ax.fill_between(thresholds, slopes - stds, slopes + stds, color=POINTS, alpha=0.25, linewidth=0)
+    lines = ax.plot(thresholds, slopes, color=POINTS, label="slope ± standard uncertainty")
+    ax.axhline(1.0, color=OTHER, linewidth=1)
     if np.isfinite(found):
-        ax.axvline(found, color="C1", label=f"calibrated threshold {found:.3f}")
+        label = f"slope 1 at threshold {found:.3f}"
+        lines.append(ax.axvline(found, color=LAW, linewidth=1.2, label=label))
+    if areas is not None:
+        lines += _plot_at_right(ax, thresholds, np.asarray(areas) * 1e6, "total contact area A (mm²)")
     ax.set(
         xlabel="threshold (fraction of the contrast)",
         ylabel="sum of the forces over load (slope)",
         ylim=(0, 2.5),
     )
-    ax.legend()
+    ax.legend(handles=lines, fontsize="small")
     return ax
 
 
-def plot_forces(load: Values, forces: Values, *, ax: Axes | None = None) -> Axes:
+def _plot_at_right(ax: Axes, x: Values, y: Values, label: str) -> list[Any]:
+    """Plot a dotted curve on an axis of its own at the right."""
+    right = ax.twinx()
+    right.set(ylabel=label)
+    lines = right.plot(x, y, ":", color="0.3", linewidth=1.2, label=label.split(" (", maxsplit=1)[0])
+    right.set_ylim(0, None)
+    return lines
+
+
+def plot_forces(
+    load: Values,
+    forces: Values,
+    *,
+    slope: CoverageEstimate | None = None,
+    fitted: Sequence[str] = (),
+    ax: Axes | None = None,
+) -> Axes:
     """Plot the sums of the forces against the loads (mN) with the line of slope 1.
 
     Parameters
     ----------
     load, forces : ndarray, shape (n,), N
+    slope : CoverageEstimate, optional
+        Fitted slope, for a second line.
+    fitted : sequence of str
+        Lines for the legend: other fitted values.
     ax : Axes, optional
+        By default new axes with the differences from the load in a panel below; only these have it.
 
     Returns
     -------
     Axes
     """
-    ax = new_axes() if ax is None else ax
-    top = 1.05e3 * float(np.max(load, initial=0.0))
-    ax.plot([0, top], [0, top], color="0.5", linewidth=1, label="sum equals load")
-    ax.plot(np.asarray(load) * 1e3, np.asarray(forces) * 1e3, "o", color="C0", label="measured")
-    ax.set(xlabel="load P (mN)", ylabel="sum of the local forces (mN)")
-    ax.legend()
+    below = None
+    if ax is None:
+        ax, below = stacked_axes()
+    load, forces = 1e3 * np.asarray(load, float), 1e3 * np.asarray(forces, float)
+    ends = np.array([0.0, 1.05 * float(np.max(load, initial=0.0))])
+    ax.plot(ends, ends, color=OTHER, linewidth=1, label="\n".join(["sum equals load", *fitted]))
+    if slope is not None:
+        label = f"slope {number_with_interval(slope)}"
+        ax.plot(ends, slope.value * ends, "--", color=LAW, linewidth=1.2, label=label)
+    look: dict[str, Any] = {"color": POINTS, "markersize": MARKER_SIZE}
+    ax.plot(load, forces, "o", label="measured", **look)
+    ax.set(ylabel="sum of the local forces (mN)")
+    ax.legend(fontsize="small")
+    if below is not None:
+        below.axhline(0.0, color=OTHER, linewidth=1)
+        below.plot(load, forces - load, "o", **look)
+        if slope is not None:
+            below.plot(ends, (slope.value - 1) * ends, "--", color=LAW, linewidth=1.2)
+        below.set_ylabel("sum minus\nload (mN)")
+    (ax if below is None else below).set_xlabel("load P (mN)")
     return ax
 
 
 def plot_plateau(
-    thresholds: Values, areas: Values, *, low: float, high: float, ax: Axes | None = None
+    thresholds: Values,
+    areas: Values,
+    *,
+    low: float,
+    high: float,
+    names: Sequence[str] = (),
+    fall_rates: Values | None = None,
+    ax: Axes | None = None,
 ) -> Axes:
     """Plot total areas (mm^2) against the threshold with the plateau shaded.
 
@@ -136,15 +215,34 @@ def plot_plateau(
     areas : ndarray, shape (m, n), m^2
     low, high : float
         Ends of the plateau.
+    names : sequence of str
+        What each of the n curves is called; they are written at the left ends.
+    fall_rates : ndarray, shape (m,), optional
+        ``|d ln A/d threshold|`` of the sum, for an axis at the right.
     ax : Axes, optional
 
     Returns
     -------
     Axes
     """
-    ax = new_axes() if ax is None else ax
-    ax.plot(thresholds, areas * 1e6)
-    ax.axvspan(low, high, color="0.85", label=f"plateau from {low:.3f} to {high:.3f}")
-    ax.set(yscale="log", xlabel="threshold (fraction of the contrast)", ylabel="total contact area A (mm²)")
-    ax.legend()
+    alone, ax = ax is None, new_axes() if ax is None else ax
+    shade = ax.axvspan(low, high, color="0.87", label=f"plateau from {low:.3f} to {high:.3f}")
+    shown = np.where(areas > 0, areas * 1e6, np.nan)
+    order = np.argsort(np.nan_to_num(shown).mean(axis=0), kind="stable")
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, max(len(order), 1)))
+    named = set(np.unique(np.linspace(0, len(order) - 1, LABELLED_CURVES).round().astype(int)).tolist())
+    lines: list[Any] = [shade]
+    for rank, k in enumerate(order[::-1]):
+        (line,) = ax.plot(thresholds, shown[:, k], color=colours[len(order) - 1 - rank], linewidth=1.2)
+        if len(names) and rank in named:
+            line.set_label(names[k])
+            lines.append(line)
+    if fall_rates is not None:
+        lines += _plot_at_right(ax, thresholds, fall_rates, "fall of A (|d ln A/d threshold|)")
+    ax.set(xlabel="threshold (fraction of the contrast)", ylabel="total contact area A (mm²)")
+    scale_by_decades(ax, axes="y")
+    if alone:
+        legend_above(ax, columns=2, handles=lines)
+    else:
+        ax.legend(handles=lines, fontsize="x-small", ncols=2)
     return ax

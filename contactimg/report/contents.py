@@ -25,7 +25,9 @@ from contactimg.files import (
 )
 from contactimg.files.table_hashes import is_out_of_date
 from contactimg.pipeline.pictures import picture_name
-from contactimg.report.embedding import Picture, embed_figure, embed_picture
+from contactimg.plots import caption_of
+from contactimg.report.captions import comparison_caption, frame_caption
+from contactimg.report.embedding import Picture, PictureEmbedder, embed_figure
 from contactimg.report.units import in_display_units
 from contactimg.tables import FAILED, REJECTED, RESULTS, SCORES, Flag
 
@@ -34,20 +36,11 @@ logger = logging.getLogger(__name__)
 FIGURE_FORMATS = (".svg", ".png")
 """Formats of figures, the preferred one first."""
 
-CAPTIONS = {
-    "area": "Real contact area against load, with the fitted power law.",
-    "profile": "Contact pressure against distance from the apex, relative to a smooth Hertz contact.",
-    "density": "Number of contacts per area against local pressure.",
-    "mean_radius": "Mean contact radius against local pressure.",
-    "friction": "Friction force against load.",
-    "topography": "Height of the asperities against their radius of curvature.",
-    "jkr": "Contact radius against load, with the fitted JKR law.",
-    "residuals": "Difference between the measured load and the fitted JKR law.",
-    "slope_threshold": "Slope of the sum of the forces against the load, for each threshold.",
-    "forces": "Sum of the local forces against load.",
-    "plateau": "Total contact area against threshold, with the plateau shaded.",
-}
-"""File name of a figure, without number and ending -> caption."""
+SHOWN_COMMANDS = frozenset({"overlay", "analyse", "calibrate"})
+"""Commands whose outputs are part of the page."""
+
+PICTURE_BYTES = 2_400_000
+"""Of all pictures of frames together. Chosen: the page and its print stay below 5 MB with the figures."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +53,14 @@ class Part:
         The command line.
     pictures : list of Picture
     table : DataFrame or None
+    area : Picture or None
+        A(P), of an analysis of this run alone.
     """
 
     command: str
     pictures: list[Picture]
     table: pd.DataFrame | None
+    area: Picture | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +71,7 @@ class Contents:
     ----------
     run : RunFolder
     flags : DataFrame
-        ``frame`` and, for each flag, the number of contacts that carry it.
+        ``flag, count, share``: flags that occur, and how many contacts carry each.
     rejected : DataFrame
         ``reason`` and ``count`` of rejected candidates.
     failed : DataFrame
@@ -83,7 +79,7 @@ class Contents:
     law : PowerLaw or None
         Power law of area against load; None if the run has too few loads.
     overlays : list of Picture
-        Frames with their contacts.
+        Frames with their contacts; the middle one is on the first page.
     overlays_total : int
         Number of overlays in the run.
     comparisons, analyses, calibrations : list of Part
@@ -156,27 +152,22 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
     for place in (folder, *(path for path in folder.glob("*") if path.is_dir()), *others):
         finish_commit(place)
     run = read_run(folder)
+    outputs, out_of_date = _current_outputs(folder, others)
     overlays = _pictures_of(folder / "overlays", run.frames["frame"])
+    shown = _evenly_spaced(overlays, max_pictures)
+    compared = [_pictures_of(output.place / "overlays", run.frames["frame"]) for output in outputs]
+    number = len(shown) + sum(min(len(pairs), max_pictures) for pairs in compared)
+    embedder = PictureEmbedder(PICTURE_BYTES // max(number, 1))
     parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": []}
-    out_of_date = list[str]()
-    for place in [*_places_of_outputs(folder), *others]:
-        outputs = [output for output in _outputs(place) if output.kind in parts]
-        if not outputs:
-            command = _outputs(place)[0].command
-            raise InputError(f"{place}: is the output of {command!r}, not of overlay, analyse or calibrate")
-        for output in outputs:
-            if output.kind != "calibrate" and is_out_of_date(output.record, folder):
-                out_of_date.append(_refusal(output))
-                logger.warning(out_of_date[-1])
-            else:
-                parts[output.kind].append(_part(output, run, max_pictures))
+    for output in outputs:
+        parts[output.kind].append(_part(output, run, max_pictures, embedder))
     return Contents(
         run=run,
-        flags=_flag_counts(run.contacts, run.frames["frame"]),
+        flags=_flag_counts(run.contacts),
         rejected=_rejected(folder),
         failed=run.frames[run.frames["status"] == FAILED],
         law=_area_law(run),
-        overlays=_embedded(_evenly_spaced(overlays, max_pictures)),
+        overlays=[embedder.embed(path, caption=frame_caption(run, frame)) for frame, path in shown],
         overlays_total=len(overlays),
         comparisons=parts["overlay"],
         analyses=parts["analyse"],
@@ -185,11 +176,27 @@ def gather_contents(folder: Path, *, others: Sequence[Path], max_pictures: int) 
     )
 
 
+def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[_Output], list[str]]:
+    """Outputs of other commands, and a sentence for each that was made from other tables than the run's."""
+    found, out_of_date = list[_Output](), list[str]()
+    for place in [*_places_of_outputs(folder), *others]:
+        outputs = [output for output in _outputs(place) if output.kind in SHOWN_COMMANDS]
+        if not outputs:
+            command = _outputs(place)[0].command
+            raise InputError(f"{place}: is the output of {command!r}, not of overlay, analyse or calibrate")
+        for output in outputs:
+            if output.kind != "calibrate" and is_out_of_date(output.record, folder):
+                out_of_date.append(_refusal(output))
+                logger.warning(out_of_date[-1])
+            else:
+                found.append(output)
+    return found, out_of_date
+
+
 def _places_of_outputs(folder: Path) -> list[Path]:
     """The folder of the run and those inside it, as far as they have outputs of other commands."""
     places = [folder, *(path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}")))]
-    shown = {"overlay", "analyse", "calibrate"}
-    return [place for place in places if shown & {output.kind for output in _outputs(place)}]
+    return [place for place in places if SHOWN_COMMANDS & {output.kind for output in _outputs(place)}]
 
 
 def _outputs(place: Path) -> list[_Output]:
@@ -208,23 +215,26 @@ def _refusal(output: _Output) -> str:
     )
 
 
-def _part(output: _Output, run: RunFolder, max_pictures: int) -> Part:
+def _part(output: _Output, run: RunFolder, max_pictures: int, embedder: PictureEmbedder) -> Part:
     """Pictures and table of a command."""
     place = output.place
     if output.kind == "overlay":
-        pictures = _evenly_spaced(_pictures_of(place / "overlays", run.frames["frame"]), max_pictures)
-        return Part(output.command, _embedded(pictures), read_table(place / "scores.csv", SCORES))
+        pairs = _evenly_spaced(_pictures_of(place / "overlays", run.frames["frame"]), max_pictures)
+        pictures = [embedder.embed(path, caption=comparison_caption(run, frame)) for frame, path in pairs]
+        return Part(output.command, pictures, read_table(place / "scores.csv", SCORES))
     if output.kind == "calibrate":
         table = _numbers(read_calibration(place))
     else:
         table = read_table(place / "results.csv", RESULTS, infinite=True)
-    figures = [embed_figure(path, caption=_caption(path)) for path in output.figures]
-    return Part(output.command, figures, in_display_units(table))
+    figures = {path.stem: embed_figure(path, caption=_caption(path)) for path in output.figures}
+    alone = output.kind == "analyse" and not (table["n_places"] > 1).any()
+    area = figures.pop("area", None) if alone else None
+    return Part(output.command, list(figures.values()), in_display_units(table), area)
 
 
 def _caption(path: Path) -> str:
     """The caption of a figure; its file name if there is none."""
-    return CAPTIONS.get(path.stem.rstrip("0123456789").removesuffix("_"), path.stem)
+    return caption_of(path.stem) or path.stem
 
 
 def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
@@ -260,17 +270,12 @@ def _evenly_spaced(pairs: list[tuple[str, Path]], most: int) -> list[tuple[str, 
     return [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, most).round().astype(int))]
 
 
-def _embedded(pairs: list[tuple[str, Path]]) -> list[Picture]:
-    """Embed the pictures."""
-    return [embed_picture(path, caption=frame) for frame, path in pairs]
-
-
-def _flag_counts(contacts: pd.DataFrame, frames: pd.Series) -> pd.DataFrame:
-    """Number of contacts of each frame that carry each flag."""
+def _flag_counts(contacts: pd.DataFrame) -> pd.DataFrame:
+    """Flags that occur, and the number and the share of the contacts that carry each."""
     values = contacts["flags"].to_numpy(np.int64)
-    table = pd.DataFrame({str(flag.name): (values & int(flag)) > 0 for flag in Flag})
-    counts = table.groupby(contacts["frame"].to_numpy()).sum().reindex(frames, fill_value=0)
-    return counts.rename_axis("frame").reset_index()
+    counts = {str(flag.name): int(np.count_nonzero(values & int(flag))) for flag in Flag}
+    rows = [(name, count, count / len(values)) for name, count in counts.items() if count]
+    return pd.DataFrame(rows, columns=["flag", "count", "share"])
 
 
 def _rejected(folder: Path) -> pd.DataFrame:

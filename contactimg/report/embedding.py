@@ -9,11 +9,14 @@ from PIL import Image
 
 from contactimg.errors import InputError
 
-WEBP_QUALITY = 85
+JPEG_QUALITY = 82
 """Quality of the compressed pictures, 0 to 100.
 
-Chosen: outlines stay sharp, and a frame of 2 megapixels takes about half a megabyte.
+Chosen: outlines stay sharp. JPEG, because browsers print it as it is and other formats without compression.
 """
+LEAST_WIDTH_PX = 480
+"""Pictures are not made narrower. Chosen: the screen of a phone."""
+ATTEMPTS = 4
 
 
 @dataclass(frozen=True)
@@ -32,21 +35,50 @@ class Picture:
     source: str
 
 
-def embed_picture(path: Path, *, caption: str) -> Picture:
-    """Embed a picture of a frame, compressed as WebP.
+@dataclass(frozen=True)
+class PictureEmbedder:
+    """Embeds pictures of frames, each of a limited size.
 
-    Raises
-    ------
-    InputError
-        If the file is no image that can be read.
+    Parameters
+    ----------
+    most_bytes : int
+        Of a picture; what exceeds it is made smaller, down to `LEAST_WIDTH_PX`.
     """
+
+    most_bytes: int
+
+    def embed(self, path: Path, *, caption: str) -> Picture:
+        """Embed a picture, compressed as JPEG.
+
+        Raises
+        ------
+        InputError
+            If the file is no image that can be read.
+        """
+        try:
+            with Image.open(path) as file:
+                image = file.convert("RGB")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read as an image ({error})") from None
+        return Picture(caption, data_uri("image/jpeg", self._compressed(image)))
+
+    def _compressed(self, image: Image.Image) -> bytes:
+        """The picture as JPEG, smaller if it takes too much."""
+        width, content = image.width, _as_jpeg(image)
+        for _ in range(ATTEMPTS):
+            if len(content) <= self.most_bytes or width <= LEAST_WIDTH_PX:
+                break
+            width = max(LEAST_WIDTH_PX, int(0.95 * width * (self.most_bytes / len(content)) ** 0.5))
+            height = round(image.height * width / image.width)
+            content = _as_jpeg(image.resize((width, height), Image.Resampling.LANCZOS))
+        return content
+
+
+def _as_jpeg(image: Image.Image) -> bytes:
+    """An image as JPEG with colours at full resolution, so that thin lines keep theirs."""
     buffer = io.BytesIO()
-    try:
-        with Image.open(path) as image:
-            image.convert("RGB").save(buffer, "WEBP", quality=WEBP_QUALITY)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read as an image ({error})") from None
-    return Picture(caption, data_uri("image/webp", buffer.getvalue()))
+    image.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    return buffer.getvalue()
 
 
 def embed_figure(path: Path, *, caption: str) -> Picture:

@@ -1,5 +1,7 @@
 """Curves: what is drawn, in which units, and what the legend says."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +12,7 @@ from contactimg.analysis.friction import fit_shear_stress
 from contactimg.analysis.power_laws import fit_power_law
 from contactimg.analysis.topography import describe_topography
 from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_topography
+from contactimg.plots.laws import motion_of
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, TOPOGRAPHY
 
 
@@ -26,10 +29,27 @@ def test_areas_are_in_square_millimetres_with_exponents():
     points = ax.containers[0].lines[0]
     assert points.get_xdata().tolist() == pytest.approx([100, 200, 400])
     assert points.get_ydata().tolist() == pytest.approx([0.1, 0.2, 0.4])
-    assert labels(ax) == ["measured, $m$ = 1.000 ± 0.000", "Greenwood-Tripp"]
+    assert labels(ax) == ["measured, $m$ = 1", "Greenwood-Tripp"]
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
-    assert "mN" in ax.get_xlabel()
+    below = ax.figure.axes[1]
+    assert "mN" in below.get_xlabel()
     assert "mm²" in ax.get_ylabel()
+    assert "%" in below.get_ylabel()
+
+
+def test_curves_that_coincide_part_in_the_panel_below():
+    load = np.array([0.1, 0.2, 0.4])
+    law = fit_power_law(load - 0.01, load - 0.01)  # of a load cell that reads 10 mN too much
+    models = {"measured": 1.0, "coupled": 1.01, "uncoupled": 0.99}
+    parts = [AREA.conform({"model": [name] * 3, "load_N": load, "area_m2": share * (load - 0.01)})
+             for name, share in models.items()]  # fmt: skip
+    ax = plot_areas(pd.concat(parts), {"measured": dataclasses.replace(law, zero=0.01)})
+    below = ax.figure.axes[1]
+    away = [container.lines[0].get_ydata() for container in below.containers]
+    for found, share in zip(away, models.values(), strict=True):
+        assert found.tolist() == pytest.approx([100 * (share - 1)] * 3, abs=1e-9)
+    assert below.get_shared_x_axes().joined(ax, below)
+    assert len(plot_areas(parts[0], {}).figure.axes) == 1  # without a law there is nothing to differ from
 
 
 def test_profile_shows_hertz_as_a_curve_and_leaves_out_unknown_pressures():
@@ -45,7 +65,7 @@ def test_profile_shows_hertz_as_a_curve_and_leaves_out_unknown_pressures():
     measured, hertz = (container.lines[0] for container in ax.containers)
     assert (measured.get_xdata().tolist(), measured.get_ydata().tolist()) == ([0.1], [0.7])
     assert (hertz.get_ydata()[0], hertz.get_ydata()[-1]) == (1.0, 0.0)
-    assert "200 mN" in ax.get_title()
+    assert "200 mN" in ax.get_legend().get_title().get_text()
     assert labels(ax) == ["measured", "Hertz"]
 
 
@@ -63,7 +83,7 @@ def test_density_is_over_the_asperities_where_they_are_known(density):
     law = next(line for line in ax.lines if len(line.get_xdata()) == 100)
     assert law.get_ydata()[-1] == pytest.approx(last, rel=1e-6)
     assert ("mm²" in ax.get_ylabel()) == bool(np.isnan(density))
-    assert any("p^{0.400" in label for label in labels(ax))
+    assert any("$m$ = 0.400" in label for label in labels(ax))
 
 
 def test_a_supported_break_is_named():
@@ -72,20 +92,33 @@ def test_a_supported_break_is_named():
     table = PRESSURE_LAW.conform({"model": ["coupled"] * 20, "pressure_Pa": p, "mean_radius_m": a})
     laws = {("mean_radius", "coupled"): fit_broken_law(p, a, y_std=1e-3 * a)}
     ax = plot_pressure_law(table, laws, "mean_radius")
-    assert any("$p^{0.37}$, $p^{0.20}$, $p^*$ = 50 Pa" in label for label in labels(ax))
+    assert any("$p^{0.37}$, $p^{0.20}$, $p^*$ = 0.05 kPa" in label for label in labels(ax))
     assert "µm" in ax.get_ylabel()
 
 
-def test_friction_is_in_millinewtons_with_the_smooth_contact_beside_it():
-    table = FRICTION.conform(
-        {"load_N": [0.2, 0.1], "friction_N": [-0.1, 0.05], "area_m2": [2e-7, 1e-7], "area_std_m2": [0, 0]}
-    )
+def test_friction_is_drawn_against_the_area_with_the_smooth_contact_beside_it():
+    area, force = np.array([2e-7, 1e-7]), [-0.1, 0.05]
+    table = FRICTION.conform({"load_N": [0.2, 0.1], "friction_N": force, "area_m2": area, "area_std_m2": 0.0})
     ax = plot_friction(table, fit_shear_stress(table), Estimate(0.25e6, 0, 0, 0))
-    measured, rough, smooth = (line.get_ydata().tolist() for line in ax.lines)
-    assert measured == pytest.approx([50, 100])  # by load, without the direction
-    assert rough == pytest.approx([50, 100])
-    assert smooth == pytest.approx([25, 50])
-    assert labels(ax)[2] == "smooth contact, 0.250 MPa"
+    rough, smooth = (line.get_xydata() for line in ax.lines[:2])
+    points = ax.containers[0].lines[0].get_xydata()
+    assert points.ravel().tolist() == pytest.approx([0.2, 100, 0.1, 50])  # without the direction
+    assert rough[1, 1] / rough[1, 0] == pytest.approx(500)  # mN/mm² of 0.5 MPa
+    assert smooth[1, 1] / smooth[1, 0] == pytest.approx(250)
+    assert "smooth contact, 0.25 MPa" in labels(ax)
+    below = ax.figure.axes[1]
+    assert "mm²" in below.get_xlabel()
+    assert below.containers[0].lines[0].get_ydata().tolist() == pytest.approx([0, 0], abs=1e-9)
+
+
+def test_static_forces_and_sliding_are_told_apart():
+    speed = {"velocity_m_s": [0.0, 5e-4, np.nan], "friction_N": [0.2, 0.1, 0.1], "area_m2": [2e-7] * 3}
+    table = FRICTION.conform(speed)
+    assert motion_of(table).tolist() == ["static", "sliding", "friction"]
+    ax = plot_friction(table, fit_shear_stress(table), None)
+    assert labels(ax)[1:] == ["sliding", "static", "friction"]
+    marks = [container.lines[0].get_marker() for container in ax.containers]
+    assert len(set(marks)) == 3
 
 
 @pytest.mark.parametrize("one_angle", [True, False])
@@ -95,6 +128,5 @@ def test_topography_has_a_line_only_if_there_is_one_angle(one_angle):
     table = TOPOGRAPHY.conform(pd.DataFrame({"height_m": height, "radius_m": radius}))
     ax = plot_topography(table, describe_topography(table))
     assert ax.containers[0].lines[0].get_xdata().tolist() == pytest.approx((radius * 1e6).tolist())
-    assert (ax.get_legend() is not None) == one_angle
-    if one_angle:
-        assert "57.0" in labels(ax)[0]
+    assert len(labels(ax)) == 1 + one_angle
+    assert any("57" in label for label in labels(ax)) == one_angle

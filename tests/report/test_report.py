@@ -22,7 +22,7 @@ from contactimg.report import build_report
 
 BROWSER_TIME = 120  # s
 HOSTILE = '<script>alert(1)<b>&".tif'
-SECTIONS = ["summary", "area", "overlays", "flags", "failed", "provenance"]
+SECTIONS = ["summary", "frames", "overlays", "flags", "failed", "provenance"]
 
 
 class Page(HTMLParser):
@@ -86,9 +86,9 @@ def test_every_part_is_there(page):
     text = " ".join(page.text)
     for part in ("A ~ P", "frame_2.tif", "BEYOND_HERTZ", "area_exponent", "coupled", "schema_version"):
         assert part in text
-    # two pictures of frames, two with predictions, figures of the analysis, A(P), and the viewer's empty one
+    # two pictures of frames, two with predictions, figures of the analysis, the viewer's empty one
     sources = [attributes.get("src") for attributes in page.all("img")]
-    assert sum(str(source).startswith("data:image/webp;base64,") for source in sources) == 4
+    assert sum(str(source).startswith("data:image/jpeg;base64,") for source in sources) == 4
     assert sum(str(source).startswith("data:image/svg+xml;base64,") for source in sources) >= 3
     assert sources.count(None) == 1
 
@@ -117,7 +117,7 @@ def test_hostile_names_stay_text(run, page):
     assert not page.all("b") or all(tag != "alert" for tag, _ in page.tags)
     assert "<script>alert" not in build_report(run)
     captions = [attributes.get("alt") for attributes in page.all("img")]
-    assert HOSTILE in captions
+    assert any(HOSTILE in str(caption) for caption in captions)
 
 
 def test_failed_frames_are_named_with_their_reason(page):
@@ -138,7 +138,7 @@ def test_a_run_without_failures_pictures_or_loads(small_series, tmp_path):
     text = " ".join(page.text)
     assert page.sections == SECTIONS
     assert "0 of 0 pictures" in text
-    assert "No frame has both a load and an area." in text
+    assert "No frame has both a load and an area" in text
     assert "None." in text
     record = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     del record["pose"]  # as after a run without a pixel size
@@ -237,6 +237,6 @@ def test_a_browser_opens_the_page_and_its_viewer(run, tmp_path):
     opened = in_browser(f"{file.as_uri()}#overlay-1", tmp_path)
     assert "open" in opened.all("dialog")[0]
     viewer = opened.all("img")[-1]  # the dialog is the last part of the page
-    assert viewer["src"].startswith("data:image/webp;base64,")
+    assert viewer["src"].startswith("data:image/jpeg;base64,")
     assert "scale(" in viewer["style"]
     assert HOSTILE in " ".join(opened.text)

@@ -329,8 +329,9 @@ def _friction_table(places: Sequence[Place]) -> pd.DataFrame:
 
 
 def _shear_stress(friction: pd.DataFrame, options: AnalysisOptions) -> ShearStress:
-    """The shear stress of all frames."""
-    return fit_shear_stress(friction, friction_std=options.friction_std, confidence=options.confidence)
+    """The shear stress of all frames that slide; those of velocity 0 show static forces."""
+    sliding = friction[~(friction["velocity_m_s"] == 0)]
+    return fit_shear_stress(sliding, friction_std=options.friction_std, confidence=options.confidence)
 
 
 def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[str]) -> PowerLaw | None:

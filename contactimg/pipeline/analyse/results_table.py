@@ -89,7 +89,7 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     if law.here is not None:
         note = "the same exponent, interval from the errors of areas and loads alone: of these very places"
         yield _row("area_exponent_here", model, law.here, "1", fit, note=note)
-    note = f"A of that law at {law.reference!r} N, the geometric mean of the loads"
+    note = f"A of that law at {law.reference:.6g} N, the geometric mean of the loads"
     yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
     if law.zero:
         note = "mean zero of the load cell, taken off the loads; what is not known of it is in the intervals"

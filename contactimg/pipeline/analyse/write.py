@@ -1,4 +1,4 @@
-"""Write the results of `analyse`: tables, and figures as PNG and SVG."""
+"""Write the results of `analyse`: tables, and figures."""
 
 from pathlib import Path
 
@@ -8,10 +8,17 @@ from matplotlib.axes import Axes
 from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.topography import describe_topography
-from contactimg.files import write_figure, write_table
+from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.analysis import Analysis
 from contactimg.pipeline.analyse.results_table import result_rows, topography_rows
-from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_topography
+from contactimg.plots import (
+    caption_of,
+    plot_areas,
+    plot_friction,
+    plot_pressure_law,
+    plot_profile,
+    plot_topography,
+)
 from contactimg.tables import (
     AREA,
     FRICTION,
@@ -80,6 +87,5 @@ def write_topography(table: pd.DataFrame, folder: Path, *, confidence: float) ->
 
 
 def _save(ax: Axes, folder: Path, name: str) -> None:
-    """Write a figure in both formats."""
-    for ending in ("png", "svg"):
-        write_figure(ax, folder / f"{name}.{ending}")
+    """Write a figure with its caption."""
+    write_figures(ax, folder, name, caption=caption_of(name))

@@ -23,7 +23,8 @@ from contactimg.pipeline.calibrate.circles import (
 from contactimg.pipeline.calibrate.jkr_notes import calibration_notes
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.plausibility import doubts_about_calibration, settle
-from contactimg.plots.calibration import plot_jkr, plot_jkr_residuals
+from contactimg.plots.calibration import plot_jkr
+from contactimg.plots.numbers import number_with_interval
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
 
@@ -203,7 +204,7 @@ def _jkr_record(calibration: JkrCalibration, series: CircleSeries, contact_modul
 def _jkr_figures(
     calibration: JkrCalibration, sphere_radius: float, contact_modulus: float
 ) -> dict[str, Axes]:
-    """The fit and its residuals."""
+    """The fit with its residuals."""
     work = calibration.work_of_adhesion.value
     lowest = max(
         float(calibration.points["load_N"].min()),
@@ -214,11 +215,11 @@ def _jkr_figures(
         loads, sphere_radius=sphere_radius, contact_modulus=contact_modulus, work_of_adhesion=work
     )
     curve = pd.DataFrame({"load_N": loads, "radius_m": radius})
-    return {
-        f"{name}.{ending}": ax
-        for name, ax in (
-            ("jkr", plot_jkr(calibration.points, curve)),
-            ("residuals", plot_jkr_residuals(calibration.points)),
-        )
-        for ending in ("png", "svg")
-    }
+    return {"jkr": plot_jkr(calibration.points, curve, fitted=_fitted_values(calibration))}
+
+
+def _fitted_values(calibration: JkrCalibration) -> list[str]:
+    """Modulus and work of adhesion with their intervals, for the legend."""
+    modulus = number_with_interval(calibration.young_modulus, factor=1e-6)
+    work = number_with_interval(calibration.work_of_adhesion, factor=1e3)
+    return [f"E = {modulus} MPa", f"w = {work} mJ/m²"]

@@ -23,6 +23,7 @@ from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
 from contactimg.plausibility import doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces
+from contactimg.plots.numbers import number_with_interval
 
 
 def run_modulus(
@@ -84,4 +85,5 @@ def run_modulus(
     tuned = forces * found.young_modulus.value / measured.value
     record["quality"] = slope_quality(load, tuned, 1.0)
     record["notes"] = notes
-    return force_sum_result(record, series, tuned, {"forces.png": plot_forces(load, tuned)})
+    fitted = [f"E = {number_with_interval(found.young_modulus, factor=1e-6)} MPa"]
+    return force_sum_result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})

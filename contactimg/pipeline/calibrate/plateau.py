@@ -12,6 +12,7 @@ from contactimg.pipeline.calibrate.force_sums import frame_messages
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
 from contactimg.plots.calibration import plot_plateau
+from contactimg.plots.numbers import plain_number
 from contactimg.tables import FORCE_SUMS, THRESHOLD_CURVE
 
 
@@ -59,12 +60,26 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
-    figure = plot_plateau(series.thresholds, series.areas, low=found.threshold_low, high=found.threshold_high)
+    figure = plot_plateau(
+        series.thresholds,
+        series.areas,
+        low=found.threshold_low,
+        high=found.threshold_high,
+        names=_curve_names(series.frames),
+        fall_rates=rate,
+    )
     columns = [name for name in FORCE_SUMS.columns if name in table]
     return Calibrated(
         record,
         {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])},
-        {"plateau.png": figure},
+        {"plateau": figure},
         notes,
         failed=len(series.failed) > 0,
     )
+
+
+def _curve_names(frames: pd.DataFrame) -> list[str]:
+    """The loads of the frames; their names where these are not known."""
+    known = frames["load_N"].notna()
+    loads = [f"{plain_number(1e3 * load)} mN" for load in frames["load_N"]]
+    return np.where(known, loads, frames["frame"].astype(str)).tolist()

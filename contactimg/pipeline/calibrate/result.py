@@ -8,7 +8,8 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.files import CALIBRATION_FILE, write_figure, write_json, write_table
+from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
+from contactimg.plots import caption_of
 from contactimg.tables import Schema
 
 Advance = Callable[[], None] | None
@@ -25,7 +26,7 @@ class Calibrated:
     tables : dict
         File name -> (schema, table).
     figures : dict
-        File name -> axes.
+        Name without ending -> axes.
     notes : list of str
         Sentences for a person.
     failed : bool
@@ -54,4 +55,4 @@ def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[
     for name, (schema, table) in result.tables.items():
         write_table(table, schema, folder / name)
     for name, ax in result.figures.items():
-        write_figure(ax, folder / name)
+        write_figures(ax, folder, name, caption=caption_of(name))

@@ -60,10 +60,10 @@ def run_threshold(
     slopes = [load_slope(row, load, **errors) for row in series.forces]
     stds = np.array([slope.std for slope in slopes])
     values = _plausible(np.array([slope.value for slope in slopes]), stated_modulus(experiment).value)
-    forces, found, threshold = np.full(len(load), np.nan), None, np.nan
+    forces, found, threshold, slope = np.full(len(load), np.nan), None, np.nan, None
     try:
         found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
-        forces, threshold = found.forces, found.threshold.value
+        forces, threshold, slope = found.forces, found.threshold.value, found.slope
         record |= _found_record(found, modulus_relative_std(experiment))
     except InputError as error:
         if scene.measure.method != "disk":
@@ -82,8 +82,8 @@ def run_threshold(
     areas = series.areas.sum(axis=1)
     curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
     figures = {
-        "slope_threshold.png": plot_slopes(series.thresholds, values, stds, found=threshold),
-        "forces.png": plot_forces(load, forces),
+        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=threshold, areas=areas),
+        "forces": plot_forces(load, forces, slope=slope),
     }
     return force_sum_result(record, series, forces, figures, curve=curve)
 

@@ -56,7 +56,7 @@ def test_analysis_leaves_tables_figures_and_where_they_come_from(run, tmp_path):
     for name, schema in schemas.items():
         assert pd.read_csv(out / f"{name}.csv").columns.tolist() == list(schema.columns)
     figures = {"area", "profile_1", "profile_2", "profile_3", "density", "mean_radius"}
-    for ending in ("png", "svg"):
+    for ending in ("png", "svg", "pdf"):
         assert {path.stem for path in out.glob(f"*.{ending}")} == figures
     record = json.loads((out / "provenance.json").read_text(encoding="utf-8"))
     assert record["configuration"]["options"]["annulus_mm"] == 0.25

@@ -100,7 +100,7 @@ def test_jkr_finds_what_the_scene_hides(smooth_frames, tmp_path):
     assert (record["young_modulus"]["unit"], record["work_of_adhesion"]["unit"]) == ("Pa", "J/m^2")
     assert set(record["fitted"]) == {"young_modulus", "work_of_adhesion", "centre_x", "centre_y"}
     assert record["fixed"] == {"sphere_radius_m": 0.1288, "poisson_ratio": 0.5}
-    assert {"jkr.png", "residuals.svg", "circles.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"jkr.png", "jkr.pdf", "circles.csv"} <= {path.name for path in (tmp_path / "out").iterdir()}
     circles = pd.read_csv(tmp_path / "out" / "circles.csv")
     truth = pd.read_csv(smooth_frames / "truth.csv")
     assert (circles["radius_px"] - truth["radius_px"]).abs().max() < 0.05
@@ -258,7 +258,9 @@ def test_threshold_gives_slope_one(threshold_result):
     assert (np.diff(curve["slope"]) < 0).all()
     off = np.interp(record["threshold"]["value"] + 0.1, curve["threshold"], curve["slope"])
     assert off < 0.9  # a threshold that is wrong by 0.1 breaks the slope
-    assert {"slope_threshold.png", "forces.png"} <= {path.name for path in out.iterdir()}
+    assert {"slope_threshold.png", "slope_threshold.pdf", "forces.svg"} <= {
+        path.name for path in out.iterdir()
+    }
 
 
 def test_process_with_the_calibration(threshold_result, tmp_path):
@@ -361,7 +363,7 @@ def test_plateau(small_series, tmp_path):
     truth = pd.read_csv(folder / "truth.csv").groupby("frame")["area_m2"].sum()
     inside = (areas["area_m2"] - truth.loc[areas["frame"]].to_numpy()).abs() <= areas["area_std_m2"]
     assert inside.all()
-    assert (tmp_path / "out" / "plateau.png").exists()
+    assert (tmp_path / "out" / "plateau.svg").exists()
 
 
 def test_calibration_that_is_none(small_series, tmp_path, capsys):

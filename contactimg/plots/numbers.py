@@ -1,0 +1,77 @@
+"""Numbers as a person writes them: as many digits as the uncertainty leaves, no powers of ten."""
+
+from math import floor, isfinite, log10
+
+import numpy as np
+
+from contactimg.analysis.estimates import Estimate
+from contactimg.calibration.coverage_estimate import CoverageEstimate
+
+SIGNIFICANT = 4
+"""Digits of a number without uncertainty."""
+UNCERTAINTY_DIGITS = 2
+"""Digits of an uncertainty. Standard: Guide to the expression of uncertainty in measurement, 7.2.6."""
+PLAIN_FROM, PLAIN_TO = 1e-4, 1e7
+"""Numbers outside are written with a power of ten."""
+MOST_DECIMALS = 8
+"""Smaller uncertainties are written with a power of ten."""
+
+
+def plain_number(value: float, *, digits: int = SIGNIFICANT) -> str:
+    """A number with so many significant digits.
+
+    Examples
+    --------
+    >>> plain_number(0.0195), plain_number(3011234.0), plain_number(2.0e-7)
+    ('0.0195', '3011000', '2 × 10^-7')
+    """
+    if not isfinite(value):
+        return str(value).replace("inf", "∞")
+    if value and not PLAIN_FROM <= abs(value) < PLAIN_TO:
+        power = floor(log10(abs(value)))
+        return f"{plain_number(value / 10.0**power, digits=digits)} × 10^{power}"
+    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+
+
+def number_with_std(value: float, std: float) -> str:
+    """A number with its standard uncertainty.
+
+    Examples
+    --------
+    >>> number_with_std(3.01345, 0.0212), number_with_std(1520.0, 134.0), number_with_std(1.5, float("nan"))
+    ('3.013 ± 0.021', '1520 ± 130', '1.5')
+    """
+    if not (isfinite(value) and isfinite(std) and std > 0):
+        return plain_number(value)
+    places = decimals(std)
+    if places > MOST_DECIMALS or max(abs(value), std) >= PLAIN_TO:
+        return f"{plain_number(value)} ± {plain_number(std, digits=UNCERTAINTY_DIGITS)}"
+    return f"{_fixed(value, places)} ± {_fixed(std, places)}"
+
+
+def number_with_interval(estimate: Estimate | CoverageEstimate, *, factor: float = 1.0) -> str:
+    """A number times a factor, and its interval.
+
+    Examples
+    --------
+    >>> number_with_interval(Estimate(0.9481, 0.0123, 0.9216, 0.9746))
+    '0.948 (0.922 to 0.975)'
+    """
+    value, low, high = (factor * number for number in (estimate.value, estimate.low, estimate.high))
+    if not (isfinite(low) and isfinite(high) and high > low):
+        return number_with_std(value, factor * estimate.std)
+    places = decimals((high - low) / 4)
+    if places > MOST_DECIMALS or max(abs(low), abs(high)) >= PLAIN_TO:
+        ends = plain_number(low), plain_number(high)
+        return plain_number(value) if ends[0] == ends[1] else f"{plain_number(value)} ({' to '.join(ends)})"
+    return f"{_fixed(value, places)} ({_fixed(low, places)} to {_fixed(high, places)})"
+
+
+def decimals(std: float) -> int:
+    """Decimal places that a number with this uncertainty is written with; negative for tens and hundreds."""
+    return UNCERTAINTY_DIGITS - 1 - floor(log10(std))
+
+
+def _fixed(value: float, places: int) -> str:
+    """A number with so many decimal places."""
+    return f"{round(value, places):.{max(places, 0)}f}"
