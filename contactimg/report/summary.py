@@ -256,6 +256,8 @@ def _status_warning(status: str, part: pd.DataFrame, total: int) -> str:
     names = ", ".join(part["frame"].astype(str).head(MOST_NAMES))
     more = f" and {len(part) - MOST_NAMES} more" if len(part) > MOST_NAMES else ""
     message = str(part["message"].iloc[0] or "").rstrip(".")
-    plural = "frame has" if len(part) == 1 else "frames have"
-    sentence = f"{len(part)} of {total} {plural} the status “{status}” ({names}{more})."
+    verb = "has" if len(part) == 1 else "have"
+    sentence = (
+        f"{len(part)} of {total} frame{'s' * (total > 1)} {verb} the status “{status}” ({names}{more})."
+    )
     return f"{sentence} {message[:1].upper()}{message[1:]}." if message else sentence

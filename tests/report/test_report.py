@@ -2,6 +2,7 @@
 
 import base64
 import contextlib
+import io
 import json
 import os
 import re
@@ -11,14 +12,17 @@ import tempfile
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
-from browser import BROWSER
+from browser import BROWSER, Browser
+from PIL import Image
 from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.report import build_report
+from contactimg.report.embedding import LEAST_WIDTH_PX, PictureEmbedder
 
 BROWSER_TIME = 120  # s
 HOSTILE = '<script>alert(1)<b>&".tif'
@@ -91,6 +95,36 @@ def test_every_part_is_there(page):
     assert sum(str(source).startswith("data:image/jpeg;base64,") for source in sources) == 4
     assert sum(str(source).startswith("data:image/svg+xml;base64,") for source in sources) >= 3
     assert sources.count(None) == 1
+
+
+def test_the_first_page_says_what_was_measured_and_what_is_wrong(run):
+    page = build_report(run)
+    first = " ".join(Page(page[: page.index('id="frames"')]).text)
+    assert "Smooth lens of radius 128.8 mm on textured rubber: 3 frames" in first
+    for part in ("E = 3.00 ± 0.03 MPa", "exponent m of A ~ P", "95 % interval", "real contact area", "mm²"):
+        assert part in first
+    assert "1 of 3 frames has the status “failed” (frame_2.tif)." in first
+
+
+def test_area_is_drawn_once_and_captions_are_sentences(run):
+    page = build_report(run)
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page)
+    assert sum("area A against load P" in caption for caption in captions) == 1
+    assert all(caption.endswith(".") for caption in captions)
+    shown = " ".join(Page(page[: page.index('id="provenance"')]).text)
+    assert not re.search(r"\d[eE][+-]?\d", shown)  # numbers as a person writes them
+
+
+def test_pictures_share_a_limited_size(tmp_path):
+    noise = np.random.default_rng(1).integers(0, 255, (600, 800), np.uint8)
+    path = tmp_path / "noise.png"
+    Image.fromarray(noise).save(path)
+    for most in (400_000, 150_000):
+        source = PictureEmbedder(most).embed(path, caption="").source
+        content = base64.b64decode(source.split(",", maxsplit=1)[1])
+        with Image.open(io.BytesIO(content)) as image:
+            assert len(content) <= most or image.width == LEAST_WIDTH_PX
+            assert image.width / image.height == pytest.approx(4 / 3, rel=0.01)
 
 
 def test_the_page_refers_to_nothing_outside(run, page):
@@ -167,7 +201,7 @@ def test_a_calibration_is_shown(run, tmp_path):
     page = Page(build_report(run, others=[folder]))
     text = " ".join(page.text)
     assert "calibration" in page.sections
-    assert "3.01 ± 0.02" in text
+    assert "3.010 ± 0.020 MPa" in text
     assert "MPa" in text
     assert "data:image/png;base64," in str([a.get("src") for a in page.all("img")])
 
@@ -240,3 +274,18 @@ def test_a_browser_opens_the_page_and_its_viewer(run, tmp_path):
     assert viewer["src"].startswith("data:image/jpeg;base64,")
     assert "scale(" in viewer["style"]
     assert HOSTILE in " ".join(opened.text)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed")
+def test_the_page_fits_a_phone_and_a_few_sheets_of_paper(run, tmp_path):
+    pytest.importorskip("websocket")
+    file = tmp_path / "page.html"
+    file.write_text(build_report(run), encoding="utf-8")
+    with Browser(tmp_path, (390, 844)) as browser:
+        browser.open(file.as_uri(), "document.images.length > 3")
+        assert browser.evaluate("document.documentElement.scrollWidth") <= 390
+        printed = base64.b64decode(browser.call("Page.printToPDF", preferCSSPageSize=True)["data"])
+    assert len(printed) < 5e6
+    sheets = len(re.findall(rb"/Type\s*/Page\b(?!s)", printed))
+    assert 2 <= sheets <= 4  # of three frames, with predictions and an analysis

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.calibration.plateau import find_plateau
+from contactimg.calibration.plateau import Plateau, find_plateau
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.force_sums import frame_messages
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
@@ -38,25 +38,7 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
             f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "
             f"and {found.threshold_high:g}, more than marginally (20 %)"
         )
-    exact = {
-        "threshold_low": found.threshold_low,
-        "threshold_high": found.threshold_high,
-        "threshold": found.threshold,
-    }
-    step = float(np.diff(series.thresholds).max()) / 12**0.5
-    record: dict[str, Any] = {
-        name: CoverageEstimate.of_normal(value, step).record("1") for name, value in exact.items()
-    }
-    record |= {
-        "kind": "plateau",
-        "method": "threshold",
-        "definition": "thresholds about the slowest fall of the total area A between which "
-        "|d ln A/d threshold| is at most 1.5 times its smallest value",
-        "fixed": {},
-        "fitted": ["threshold_low", "threshold_high", "threshold"],
-        "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
-        "notes": notes,
-    }
+    record = _record(found, float(np.diff(series.thresholds).max()) / 12**0.5, notes)
     table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
@@ -76,6 +58,28 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
         notes,
         failed=len(series.failed) > 0,
     )
+
+
+def _record(found: Plateau, step: float, notes: list[str]) -> dict[str, Any]:
+    """What ``calibration.json`` says of a plateau whose ends are known to a step of the thresholds."""
+    exact = {
+        "threshold_low": found.threshold_low,
+        "threshold_high": found.threshold_high,
+        "threshold": found.threshold,
+    }
+    record: dict[str, Any] = {
+        name: CoverageEstimate.of_normal(value, step).record("1") for name, value in exact.items()
+    }
+    return record | {
+        "kind": "plateau",
+        "method": "threshold",
+        "definition": "thresholds about the slowest fall of the total area A between which "
+        "|d ln A/d threshold| is at most 1.5 times its smallest value",
+        "fixed": {},
+        "fitted": ["threshold_low", "threshold_high", "threshold"],
+        "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
+        "notes": notes,
+    }
 
 
 def _curve_names(frames: pd.DataFrame) -> list[str]:
