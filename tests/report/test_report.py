@@ -101,7 +101,7 @@ def test_the_first_page_says_what_was_measured_and_what_is_wrong(run):
     page = build_report(run)
     first = " ".join(Page(page[: page.index('id="frames"')]).text)
     assert "Smooth lens of radius 128.8 mm on textured rubber: 3 frames" in first
-    for part in ("E = 3.00 ± 0.03 MPa", "exponent m of A ~ P", "95 % interval", "real contact area", "mm²"):
+    for part in ("E = 3.000 ± 0.030 MPa", "exponent m of A ~ P", "95 % interval", "real contact area", "mm²"):
         assert part in first
     assert "1 of 3 frames has the status “failed” (frame_2.tif)." in first
 
