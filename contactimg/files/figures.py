@@ -19,8 +19,12 @@ from contactimg.timings import stage
 FIGURE_FORMATS = ("png", "svg", "pdf")
 """Formats of every figure."""
 
-FIXED_OUTPUT = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
+FIXED_OUTPUT: Any = {"svg.hashsalt": "contactimg", "pdf.fonttype": 42}
 """Settings of matplotlib: the same figure has the same bytes, and text in PDF files stays text."""
+
+UNDATED: dict[str, dict[str, Any]] = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+CAPTION_KEYS = {"pdf": "Subject"}
+"""Metadata of the formats."""
 
 
 def write_figures(ax: Axes, folder: str | Path, name: str, *, caption: str = "") -> None:
@@ -70,11 +74,7 @@ def write_figure(ax: Axes, path: str | Path, *, caption: str = "") -> None:
     if not isinstance(figure, Figure):
         raise InputError(f"{path}: the axes belong to no figure; draw them on one")
     kind = Path(path).suffix.removeprefix(".")
-    metadata: dict[str, Any] = {
-        "png": {"Description": caption} if caption else {},
-        "svg": {"Date": None} | ({"Description": caption} if caption else {}),
-        "pdf": {"CreationDate": None} | ({"Subject": caption} if caption else {}),
-    }.get(kind, {})
+    metadata = UNDATED.get(kind, {}) | ({CAPTION_KEYS.get(kind, "Description"): caption} if caption else {})
     with mpl.rc_context(FIXED_OUTPUT), replacing(path) as part:
         figure.savefig(part, format=kind, metadata=metadata)
 

@@ -56,8 +56,8 @@ def plot_jkr(
     if below is None:
         ax.set_xlabel("load P (mN)")
     else:
-        plot_jkr_residuals(points, ax=below).set_ylabel("measured minus\nfitted load (mN)")
-        below.get_legend().remove()
+        _plot_load_residuals(points, below)
+        below.set_ylabel("measured minus\nfitted load (mN)")
     return ax
 
 
@@ -75,11 +75,16 @@ def plot_jkr_residuals(points: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     Axes
     """
     ax = new_axes() if ax is None else ax
+    _plot_load_residuals(points, ax)
+    ax.legend(fontsize="small")
+    return ax
+
+
+def _plot_load_residuals(points: pd.DataFrame, ax: Axes) -> None:
+    """Plot the measured minus the fitted loads against the loads."""
     ax.axhline(0.0, color=LAW, linewidth=1.2)
     _plot_branches(points, "residual_N", 1e3, ax)
     ax.set(xlabel="load P (mN)", ylabel="measured minus fitted load (mN)")
-    ax.legend(fontsize="small")
-    return ax
 
 
 def _plot_branches(points: pd.DataFrame, column: str, factor: float, ax: Axes) -> None:

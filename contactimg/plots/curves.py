@@ -70,8 +70,9 @@ def _label_in_units(normalised: pd.DataFrame, ax: Axes) -> None:
 def _second_axis(ax: Axes, side: str, factor: float) -> Any:
     """An axis at the right or on top whose numbers are those of the other side times a factor."""
     functions = (lambda value: value * factor, lambda value: value / factor)
-    add = ax.secondary_yaxis if side == "right" else ax.secondary_xaxis
-    return add(side, functions=functions)
+    if side == "right":
+        return ax.secondary_yaxis("right", functions=functions)
+    return ax.secondary_xaxis("top", functions=functions)
 
 
 def plot_pressure_law(

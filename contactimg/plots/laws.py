@@ -93,9 +93,9 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
         load = np.geomspace(areas["load_N"].min(), areas["load_N"].max(), LINE_POINTS)
         ax.plot(load * 1e3, _law_at(law, load) * 1e6, color="0.5", linewidth=0.8, zorder=0)
     ax.set(ylabel="real contact area A (mm²)")
-    title = (
-        {} if law is None else {"title": f"$A \\sim P^m$, $m$ with its {100 * law.confidence:g} % interval:"}
-    )
+    title: dict[str, Any] = {}
+    if law is not None:
+        title = {"title": f"$A \\sim P^m$, $m$ with its {100 * law.confidence:g} % interval:"}
     if below is None:
         ax.legend(fontsize="small", title_fontsize="small", **title)
     else:

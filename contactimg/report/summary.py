@@ -171,7 +171,8 @@ def _method(run: RunFolder, scene: Scene) -> str:
     """How contacts were measured."""
     method = "disks fitted to the image" if scene.measure.method == "disk" else "pixels above a threshold"
     if scene.measure.method != "disk":
-        method += f" of {plain_number(scene.measure.threshold)}"
+        threshold = scene.measure.threshold
+        method += " chosen for each frame" if threshold == "auto" else f" of {plain_number(threshold)}"
     reference = "reference image subtracted" if scene.images.reference else "no reference image"
     pose = run.provenance.get("pose") or {}
     seen = "; position of the camera not known"
