@@ -50,7 +50,7 @@ def number_with_std(value: float, std: float) -> str:
 
 
 def number_with_interval(estimate: Estimate | CoverageEstimate, *, factor: float = 1.0) -> str:
-    """A number times a factor, and its interval.
+    """A number times a factor, and its interval; with too few data for one, it says so.
 
     Examples
     --------
@@ -58,8 +58,10 @@ def number_with_interval(estimate: Estimate | CoverageEstimate, *, factor: float
     '0.948 (0.922 to 0.975)'
     """
     value, low, high = (factor * number for number in (estimate.value, estimate.low, estimate.high))
-    if not (isfinite(low) and isfinite(high) and high > low):
-        return number_with_std(value, factor * estimate.std)
+    if not (isfinite(low) and isfinite(high)):
+        return f"{number_with_std(value, factor * estimate.std)} (no interval)"
+    if not high > low:
+        return plain_number(value)
     places = decimals((high - low) / 4)
     if places > MOST_DECIMALS or max(abs(low), abs(high)) >= PLAIN_TO:
         ends = plain_number(low), plain_number(high)

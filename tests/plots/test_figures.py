@@ -94,6 +94,7 @@ def test_numbers_are_written_as_a_person_writes_them(value, std, text):
     assert number_with_std(value, std) == text
 
 
-def test_an_interval_that_is_not_known_is_not_written():
-    assert number_with_interval(CoverageEstimate(1.5, np.nan, -np.inf, np.inf)) == "1.5"
+def test_an_interval_that_too_few_data_leave_open_is_not_passed_off_as_one():
+    assert number_with_interval(CoverageEstimate(1.5, 0.02, -np.inf, np.inf)) == "1.500 ± 0.020 (no interval)"
+    assert number_with_interval(CoverageEstimate(1.5, 0.0, 1.5, 1.5)) == "1.5"
     assert plain_number(np.nan) == "nan"
