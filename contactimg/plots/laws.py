@@ -158,7 +158,8 @@ def plot_friction(
     Parameters
     ----------
     friction : DataFrame
-        Columns of `contactimg.tables.FRICTION`. Frames of velocity 0 are marked as static friction.
+        Columns of `contactimg.tables.FRICTION`. Frames of velocity 0 are marked as static friction; without
+        velocities all are marked alike.
     stress : ShearStress
     smooth : Estimate or None, Pa
         Shear stress of the smooth contact, for a second line.
@@ -199,7 +200,8 @@ def plot_friction(
 
 def motion_of(friction: pd.DataFrame) -> pd.Series:
     """Of each frame: "sliding", "static" at velocity 0, "friction" where the velocity is not known."""
-    velocity = friction["velocity_m_s"]
+    unknown = pd.Series(np.nan, index=friction.index)
+    velocity = friction.get("velocity_m_s", unknown)
     named = np.where(velocity.isna(), "friction", np.where(velocity == 0, "static", "sliding"))
     return pd.Series(named, index=friction.index)
 

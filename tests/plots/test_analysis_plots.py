@@ -115,6 +115,7 @@ def test_static_forces_and_sliding_are_told_apart():
     speed = {"velocity_m_s": [0.0, 5e-4, np.nan], "friction_N": [0.2, 0.1, 0.1], "area_m2": [2e-7] * 3}
     table = FRICTION.conform(speed)
     assert motion_of(table).tolist() == ["static", "sliding", "friction"]
+    assert set(motion_of(table.drop(columns="velocity_m_s"))) == {"friction"}
     ax = plot_friction(table, fit_shear_stress(table), None)
     assert labels(ax)[1:] == ["sliding", "static", "friction"]
     marks = [container.lines[0].get_marker() for container in ax.containers]
