@@ -164,7 +164,7 @@ def _size(run: RunFolder) -> str:
     if not pose:
         return ""
     pixel = plain_number(1e6 * pose["pixel_size_m"])
-    return f" of {pose['columns']} × {pose['rows']} pixels of {pixel} µm"
+    return f" of {pose['columns']} × {pose['rows']} pixels, {pixel} µm per pixel"
 
 
 def _method(run: RunFolder, scene: Scene) -> str:
