@@ -21,6 +21,7 @@ ROOMS = [
     "optics",
     "surfaces",
     "sample_shape",
+    "summits",
     "plausibility",
     "imaging",
     "models",

@@ -13,6 +13,7 @@ import click
 from contactimg import __version__
 from contactimg.cli import shared_options as shared
 from contactimg.cli.analyse import analyse
+from contactimg.cli.asperities import asperities
 from contactimg.cli.calibrate import calibrate
 from contactimg.cli.effects import effects
 from contactimg.cli.export import export
@@ -56,6 +57,7 @@ def commands() -> None:
 
 for command in (
     init,
+    asperities,
     process,
     calibrate,
     predict,
@@ -72,7 +74,7 @@ for command in (
     commands.add_command(command)
     for leaf in command.commands.values() if isinstance(command, click.Group) else (command,):
         shared.timings(leaf)
-        if command not in (analyse, report, review):
+        if command not in (analyse, asperities, report, review):
             shared.no_plausibility(leaf)
 
 

@@ -268,6 +268,21 @@ ASPERITIES = Schema(
     "One row per spherical asperity.",
 )
 
+SUMMITS = Schema(
+    "asperities",
+    {
+        **ASPERITIES.columns,
+        "height_std_m": ("float64", "standard uncertainty of height_m, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+        "x_std_m": ("float64", "standard uncertainty of x_m, m"),
+        "y_std_m": ("float64", "standard uncertainty of y_m, m"),
+        "residual_m": ("float64", "standard deviation of the heights about the fitted sphere, m"),
+        "pixels": ("Int64", "number of pixels that were fitted"),
+        "message": MESSAGE,
+    },
+    "Summits of a height map from `asperities`, one row each; read wherever asperities are.",
+)
+
 MATCHES = Schema(
     "matches",
     {

@@ -1,0 +1,183 @@
+"""Height maps of profilometers: plain matrices, float TIFF, and whatever SurfaceTopography reads."""
+
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+from contactimg.files.limits import check_size
+from contactimg.files.pixel_size import stated_pixel_size
+from contactimg.summits import HeightMap
+
+Values = NDArray[np.float64]
+
+HEIGHT_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
+"""Names of units of height, and how many metres they are."""
+
+TEXT = (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz")
+"""Extensions of files that may hold a matrix as text."""
+
+INSTALL = 'pip install "contactimg[maps]"'
+
+
+@dataclass(frozen=True)
+class MapScale:
+    """What a plain matrix does not say; None where it is not given.
+
+    Parameters
+    ----------
+    pixel_size : float or None, m
+        Distance between neighbouring values, in place of what the file says.
+    height_unit : float or None, m
+        What a height of 1 means.
+    """
+
+    pixel_size: float | None = None
+    height_unit: float | None = None
+
+
+def read_height_map(path: str | Path, scale: MapScale) -> HeightMap:
+    """Read a height map.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.npy``; a matrix as text, one line a row, values divided by spaces, tabs, commas or semicolons, with
+        ``nan`` or an empty cell where nothing was measured; a TIFF of one channel; or a file of an instrument
+        that SurfaceTopography reads (extra ``maps``).
+    scale : MapScale
+
+    Returns
+    -------
+    HeightMap
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, holds no matrix, or pixel size or unit of height are stated nowhere.
+    """
+    path = Path(path)
+    matrix = _plain_matrix(path)
+    if matrix is None:
+        return _of_instrument(path, scale)
+    if scale.height_unit is None:
+        raise InputError(f"{path}: does not say the unit of its heights; state it with --height-unit")
+    pixel = scale.pixel_size or stated_pixel_size(path)
+    if pixel is None:
+        raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
+    heights = np.where(np.isfinite(matrix), matrix, np.nan) * scale.height_unit
+    return _checked(path, heights, (pixel, pixel))
+
+
+def _checked(path: Path, heights: Values, pixel_size: tuple[float, float]) -> HeightMap:
+    """The map, or an error that names the file."""
+    try:
+        return HeightMap(heights, pixel_size)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _plain_matrix(path: Path) -> Values | None:
+    """The numbers of a plain matrix; None if the file is of another kind."""
+    suffix = path.suffix.lower()
+    try:
+        if suffix == ".npy":
+            return _real(path, np.load(path, allow_pickle=False))
+        if suffix in (".tif", ".tiff"):
+            return _real(path, _tiff(path))
+        return _text_matrix(path) if suffix in TEXT else None
+    except (OSError, ValueError, EOFError, tifffile.TiffFileError) as error:
+        raise InputError(f"{path}: cannot be read as a height map ({error})") from None
+
+
+def _real(path: Path, array: NDArray) -> Values:
+    """A matrix of numbers as float64."""
+    if array.ndim != 2 or array.dtype.kind not in "fiu":
+        raise InputError(
+            f"{path}: must hold one matrix of numbers, got {array.dtype} of the shape {array.shape}"
+        )
+    check_size(array.shape[1], array.shape[0])
+    return array.astype(np.float64)
+
+
+def _tiff(path: Path) -> NDArray:
+    """The first page of a TIFF file, if it is the only one."""
+    with tifffile.TiffFile(path) as tif:
+        if len(tif.pages) != 1:
+            raise InputError(f"{path}: holds {len(tif.pages)} pages; a height map has one")
+        page = tif.pages.first
+        check_size(page.imagewidth, page.imagelength, page.samplesperpixel)
+        return page.asarray()
+
+
+def _text_matrix(path: Path) -> Values | None:
+    """A matrix as text; None if a line is no row of numbers or lines differ in length."""
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith("#")]
+    if len(lines) < 2:
+        return None
+    separator = next((mark for mark in ("\t", ";", ",") if mark in lines[0]), None)
+    decimal_comma = separator in ("\t", ";") and "." not in lines[0]
+    rows: list[list[float]] = []
+    for line in lines:
+        cells = (line.rstrip("\r\n") if separator else line).split(separator)
+        if separator and not cells[-1].strip() and rows and len(cells) == len(rows[0]) + 1:
+            cells.pop()  # a separator at the end of each line
+        try:
+            rows.append([_number(cell.replace(",", ".") if decimal_comma else cell) for cell in cells])
+        except ValueError:
+            return None
+    if separator and all(np.isnan(row[-1]) for row in rows):
+        rows = [row[:-1] for row in rows]
+    return np.array(rows) if len({len(row) for row in rows}) == 1 and len(rows[0]) > 3 else None
+
+
+def _number(cell: str) -> float:
+    """A height; an empty cell is one that was not measured."""
+    return float(cell) if cell.strip() else np.nan
+
+
+def _of_instrument(path: Path, scale: MapScale) -> HeightMap:
+    """A map that SurfaceTopography reads."""
+    try:
+        import SurfaceTopography  # noqa: PLC0415
+    except ImportError:
+        raise InputError(
+            f"{path}: is neither a matrix of numbers (.npy, text) nor a TIFF; to read files of instruments: "
+            f"{INSTALL}"
+        ) from None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            surface = SurfaceTopography.read_topography(str(path))
+            heights = np.ma.filled(np.ma.asarray(surface.heights(), dtype=np.float64), np.nan)
+    except Exception as error:  # each of its readers raises errors of its own
+        reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
+        raise InputError(f"{path}: cannot be read as a height map ({reason})") from None
+    if heights.ndim != 2:
+        raise InputError(f"{path}: holds a line profile; summits need a map")
+    metres = HEIGHT_UNITS.get(str(surface.unit).replace("µ", "u").replace("μ", "u"))
+    return _checked(path, heights.T * _height_unit(path, scale, metres), _steps(path, surface, scale, metres))
+
+
+def _height_unit(path: Path, scale: MapScale, metres: float | None) -> float:
+    """What a height of 1 means, m: the unit of the file unless another is given."""
+    unit = scale.height_unit or metres
+    if unit is None:
+        raise InputError(f"{path}: does not say the unit of its heights; state it with --height-unit")
+    return unit
+
+
+def _steps(path: Path, surface: Any, scale: MapScale, metres: float | None) -> tuple[float, float]:
+    """Pixel sizes along x and y, m."""
+    if scale.pixel_size is not None:
+        return scale.pixel_size, scale.pixel_size
+    sizes, counts = surface.physical_sizes, surface.nb_grid_pts
+    if sizes is None or metres is None:
+        raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
+    return metres * sizes[0] / counts[0], metres * sizes[1] / counts[1]

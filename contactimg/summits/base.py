@@ -1,0 +1,211 @@
+"""The surface that the asperities stand on, and the noise of the heights."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.summits.height_map import HeightMap
+
+Values = NDArray[np.float64]
+Form = Literal["none", "plane", "sphere"]
+
+TILES = 16
+"""Tiles along each side from which the base is first guessed. Chosen: 8 to 32 give the same base."""
+
+LOW_QUANTILE = 0.1
+"""Quantile of the heights of a tile that stands for its base at first. Chosen: the base need only be
+seen on this share of most tiles."""
+
+ROUNDS = 30
+"""Most rounds of the fit to the pixels of the base; it stops once they no longer change."""
+
+BASE_SIGMAS = 3.0
+"""Pixels within so many standard deviations belong to the base. Theory: 0.3 % of them are missed."""
+
+MIN_BASE_SHARE = 0.05
+"""Share of the pixels that a base must hold. Chosen: among caps that leave less, heights refer to the mean
+surface, and the result says so."""
+
+ROUGHEST = 200.0
+"""Standard deviation of a base over the noise of its pixels above which it is a rough surface without base.
+Theory: noise that an instrument blurs with 2 px (Gaussian) has 141 times what its fourth differences show."""
+
+FLATTEST = 1e-3
+"""Share of the range of heights below which a base is flat whatever its noise (0 in a computed map)."""
+
+MOST_BINS = 20_000
+"""Most bins of the histogram of heights. Chosen: caps of 10,000 times the noise leave the base a bin."""
+
+NARROWING = 0.9866
+"""Standard deviation of a normal distribution cut off at `BASE_SIGMAS`. Theory."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """The base of a map.
+
+    Parameters
+    ----------
+    heights : ndarray, shape (rows, columns), m
+        Height of the base below each pixel.
+    std : float, m
+        Standard uncertainty of these heights: how far the base, averaged over a tile, leaves the form.
+    noise : float, m
+        Standard deviation of the heights of single pixels about the base.
+    seen : bool
+        Whether there is a base; else heights refer to the mean surface.
+    """
+
+    heights: Values
+    std: float
+    noise: float
+    seen: bool
+
+
+def fit_base(surface: HeightMap, form: Form) -> Base:
+    """Fit the form to the base between the asperities.
+
+    Parameters
+    ----------
+    surface : HeightMap
+    form : {"none", "plane", "sphere"}
+        What is taken off the heights: their mode, a plane, or a plane and a sphere (to second order; the
+        next order is r^4/(8 R^3), 1 nm at 1 mm from the apex of a sphere of 50 mm).
+
+    Returns
+    -------
+    Base
+    """
+    heights = surface.heights
+    terms = _terms(surface, form)
+    finite = np.isfinite(heights)
+    noise = pixel_noise(heights)
+    coefficients = _first_guess(heights, terms)
+    on_base = np.zeros_like(finite)
+    for _ in range(ROUNDS):
+        rest = heights - _form(terms, coefficients)
+        level, width = _lower_mode(rest[finite], noise)
+        before, on_base = on_base, finite & (np.abs(rest - level) < BASE_SIGMAS * width)
+        if on_base.sum() <= 3 * len(terms) or np.array_equal(before, on_base):
+            break
+        coefficients = _least_squares(heights, terms, on_base)
+    if on_base.sum() >= MIN_BASE_SHARE * finite.sum():
+        base = _through(surface, terms, on_base)
+        if base.noise <= max(ROUGHEST * noise, FLATTEST * float(np.ptp(heights[finite]))):
+            return base
+    mean = _form(terms, _least_squares(heights, terms, finite))
+    return Base(mean, _waviness(heights - mean), noise, seen=False)
+
+
+def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[np.bool_]) -> Base:
+    """The base through the pixels that no asperity touches: their feet lie within the noise of the base."""
+    rest = surface.heights - base.heights
+    outside = ~asperities & (np.abs(rest) < BASE_SIGMAS * base.noise)
+    if not base.seen or outside.sum() < MIN_BASE_SHARE / 2 * outside.size:
+        return base
+    return _through(surface, _terms(surface, form), outside)
+
+
+def _through(surface: HeightMap, terms: list[Values], on_base: NDArray[np.bool_]) -> Base:
+    """The base through some pixels."""
+    heights = _form(terms, _least_squares(surface.heights, terms, on_base))
+    rest = np.where(on_base, surface.heights - heights, np.nan)
+    return Base(heights, _waviness(rest), float(np.nanstd(rest)) / NARROWING, seen=True)
+
+
+def pixel_noise(heights: Values) -> float:
+    """Standard deviation of white noise in the heights, m, from differences that a smooth surface lacks.
+
+    The second difference along a row, and of that along a column, leaves of a smooth surface only its fourth
+    derivatives; of white noise it leaves 6 times the standard deviation.
+    """
+    second = heights[:, 2:] - 2 * heights[:, 1:-1] + heights[:, :-2]
+    fourth = second[2:] - 2 * second[1:-1] + second[:-2]
+    values = fourth[np.isfinite(fourth)]
+    return 1.4826 * float(np.median(np.abs(values))) / 6 if values.size else 0.0
+
+
+def _terms(surface: HeightMap, form: Form) -> list[Values]:
+    """The functions of the position whose sum is the form, about 1 at the rim of the map."""
+    scale = max(abs(surface.x[0]), abs(surface.y[0]))
+    x, y = surface.x[None, :] / scale, surface.y[:, None] / scale
+    one = np.ones_like(surface.heights)
+    terms = [one]
+    if form != "none":
+        terms += [one * x, one * y]
+    if form == "sphere":
+        terms.append(x**2 + y**2)
+    return terms
+
+
+def _form(terms: list[Values], coefficients: Values) -> Values:
+    """The sum of the terms."""
+    total = np.zeros_like(terms[0])
+    for term, coefficient in zip(terms, coefficients, strict=True):
+        total += coefficient * term
+    return total
+
+
+def _least_squares(heights: Values, terms: list[Values], pixels: NDArray[np.bool_]) -> Values:
+    """Coefficients of the terms over some pixels."""
+    columns = np.stack([term[pixels] for term in terms])
+    return _solved(columns @ columns.T, columns @ heights[pixels])
+
+
+def _solved(design: Values, values: Values) -> Values:
+    """The least-squares solution."""
+    return np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
+
+
+def _first_guess(heights: Values, terms: list[Values]) -> Values:
+    """Coefficients through a low quantile of each tile, tiles that stand out left out in turn."""
+    rows, low = [], []
+    for i in np.array_split(np.arange(heights.shape[0]), TILES):
+        for j in np.array_split(np.arange(heights.shape[1]), TILES):
+            tile = np.ix_(i, j)
+            if i.size and j.size and np.isfinite(heights[tile]).any():
+                rows.append([term[tile].mean() for term in terms])
+                low.append(np.nanquantile(heights[tile], LOW_QUANTILE))
+    design, values = np.array(rows), np.array(low)
+    weights = np.ones_like(values)
+    for _ in range(ROUNDS):  # least absolute deviations by reweighting
+        coefficients = _solved(design * weights[:, None], values * weights)
+        off = np.abs(values - design @ coefficients)
+        weights = 1 / np.sqrt(np.maximum(off, np.median(off) / 10 + 1e-300))
+        weights /= weights.max()
+    return coefficients
+
+
+def _lower_mode(values: Values, noise: float) -> tuple[float, float]:
+    """The most frequent height, and the standard deviation of the heights below it.
+
+    Asperities add to the heights above the mode only.
+    """
+    low, high = np.quantile(values, [0.001, 0.999])
+    bin_width = max(noise / 2, (high - low) / MOST_BINS, 1e-300)
+    count = min(max(int((high - low) / bin_width), 1), MOST_BINS)
+    numbers, edges = np.histogram(values, bins=count, range=(low, max(high, low + bin_width)))
+    peak = int(np.argmax(np.convolve(numbers, np.ones(5), mode="same")))
+    near = values[np.abs(values - edges[peak]) < max(5 * bin_width, 2 * noise)]
+    level = float(np.median(near)) if near.size else float(edges[peak])
+    below = level - values[values < level]
+    width = 1.4826 * float(np.median(below)) if below.size else noise
+    return level, max(width, noise, 1e-300)
+
+
+def _waviness(rest: Values) -> float:
+    """Standard deviation of the medians of tiles of the rest of the base, m, without that of white noise."""
+    medians, noise = [], []
+    for band in np.array_split(rest, TILES):
+        for tile in np.array_split(band, TILES, axis=1):
+            values = tile[np.isfinite(tile)]
+            if values.size >= 10:
+                medians.append(float(np.median(values)))
+                noise.append(np.pi / 2 * float(values.var()) / values.size)  # variance of a median
+    if not medians:
+        return 0.0
+    variance = (1.4826 * float(np.median(np.abs(medians)))) ** 2
+    expected = float(np.median(noise))
+    return float(np.sqrt(max(variance - expected, expected / len(medians))))

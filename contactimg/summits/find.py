@@ -1,0 +1,328 @@
+"""All summits of a height map."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from contactimg.errors import InputError
+from contactimg.summits.base import Base, Form, fit_base, refit_base
+from contactimg.summits.height_map import HeightMap
+from contactimg.summits.regions import Regions, divide
+from contactimg.summits.sphere_fit import Sphere, SphereFit, correlation_factor, fit_sphere
+from contactimg.tables import SUMMITS
+
+Values = NDArray[np.float64]
+
+DOUBT_SIGMAS = 3.0
+"""Fits to the whole and to the upper half of a patch that differ by more standard deviations say that the
+summit is no sphere. Theory: 0.3 % of spheres."""
+
+TO_THE_SUMMIT = 2.0
+"""Error of the whole patch over its difference from the upper half. Theory: the next order of the form
+adds an error in proportion to the depth."""
+
+MIN_CURVATURE_SIGMAS = 4.0
+"""Least curvature over its standard uncertainty. Chosen: the radius, its inverse, has a symmetric error up to
+a quarter; not sensitive."""
+
+VALLEY_PX = 2
+"""Pixels that a fit keeps away from the region of a neighbour: half the median filter of the smoothing."""
+
+FEET_PX = 4
+"""Pixels around the asperities that do not count as base. Chosen: feet are less than the smoothing wide."""
+
+TWICE = 0.5
+"""Two fits whose summits are nearer than this share of the radius of their patches are one asperity."""
+
+STEEP = np.tan(np.radians(2.0))
+"""Slope of the base above which the map should be levelled first. Theory: taking a plane of slope t off
+changes radii by up to 3 t^2/2, 0.2 % at 2 degrees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SummitSearch:
+    """What counts as a summit, and how its radius is measured.
+
+    Parameters
+    ----------
+    form : {"plane", "sphere", "none"}
+        What is taken off the heights first.
+    least_height : float, m
+        Lower summits are left out.
+    depth : float
+        How far the fit of a sphere reaches down, as a share of the height of the summit above the base.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range.
+    """
+
+    form: Form = "plane"
+    least_height: float = 0.0
+    depth: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.depth <= 1:
+            raise InputError(f"the depth of the fit must be above 0 and at most 1, got {self.depth!r}")
+        if not (np.isfinite(self.least_height) and self.least_height >= 0):
+            raise InputError(f"the least height must be 0 or more, got {self.least_height!r} m")
+
+
+@dataclass(frozen=True)
+class FoundSummits:
+    """What a map shows.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns of `contactimg.tables.SUMMITS`, the highest first.
+    noise : float, m
+        Standard deviation of a pixel of the base.
+    left_out : dict of str to int
+        Why summits are not in the table, and how many.
+    warnings : list of str
+        What is doubtful about the map.
+    """
+
+    table: pd.DataFrame
+    noise: float
+    left_out: dict[str, int] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class _Map:
+    """A map above its base, divided into regions."""
+
+    surface: HeightMap
+    heights: Values
+    regions: Regions
+    usable: NDArray[np.bool_]
+    noise: float
+
+
+def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> FoundSummits:
+    """Find the summits of a map and fit a sphere to the top of each.
+
+    The base is fitted first and taken off; what stands out of it is divided along the valleys, and a sphere
+    is fitted by least squares to the pixels of each region that lie less than ``depth`` times the height
+    below the summit. Spikes are left out. Uncertainties come from the residuals and their correlation; where
+    the upper half of a patch gives another sphere than the whole, the difference is part of them.
+
+    Parameters
+    ----------
+    surface : HeightMap
+    search : SummitSearch, optional
+
+    Returns
+    -------
+    FoundSummits
+
+    Notes
+    -----
+    An asperity on the flank of a larger one, without a maximum of its own, is not found. Of one that the edge
+    of the map cuts, the part on the map is fitted if the summit lies on it. Heights are above the base below
+    the summit; x and y count from the centre of the map, y downwards.
+
+    Examples
+    --------
+    >>> x = np.arange(-20, 21) * 1e-6
+    >>> squared = x[:, None] ** 2 + x**2
+    >>> cap = np.maximum(np.sqrt(np.maximum((5e-5) ** 2 - squared, 0)) - 4.7e-5, 0)
+    >>> found = find_summits(HeightMap(cap, (1e-6, 1e-6)))
+    >>> found.table[["height_m", "radius_m"]].round(9).to_dict("records")
+    [{'height_m': 3e-06, 'radius_m': 5e-05}]
+    """
+    search = search or SummitSearch()
+    base = fit_base(surface, search.form)
+    heights = surface.heights - base.heights
+    regions = divide(heights, base, least_height=search.least_height)
+    feet = ndimage.binary_dilation(regions.labels > 0, iterations=FEET_PX)
+    base = refit_base(surface, search.form, base, feet)
+    heights = surface.heights - base.heights
+    usable = np.isfinite(heights) & ~_near_neighbour(regions.labels)
+    parts = _Map(surface, heights, regions, usable, base.noise)
+    rows, left_out = _rows(parts, base, search)
+    table = SUMMITS.conform(pd.DataFrame(rows, columns=list(SUMMITS.columns)))
+    table = table.sort_values("height_m", ascending=False, ignore_index=True)
+    return FoundSummits(table, base.noise, left_out, _doubts(surface, base, table))
+
+
+def _near_neighbour(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Pixels of a region with another region within `VALLEY_PX`."""
+    size = 2 * VALLEY_PX + 1
+    outside = labels.max() + 1
+    highest = ndimage.maximum_filter(labels, size)
+    lowest = ndimage.minimum_filter(np.where(labels == 0, outside, labels), size)
+    near: NDArray[np.bool_] = (labels > 0) & ((highest != labels) | (lowest != labels))
+    return near
+
+
+def _rows(parts: _Map, base: Base, search: SummitSearch) -> tuple[list[dict[str, object]], dict[str, int]]:
+    """Rows of the table, and what is not in it."""
+    left_out: dict[str, int] = {}
+    fits = []
+    for number, window in enumerate(ndimage.find_objects(parts.regions.labels), start=1):
+        fit = _Patch(parts, number, (window[0], window[1]), search).fit() if window else None
+        reason = _why_not(fit, parts.surface, search)
+        if fit is None or reason:
+            left_out[reason] = left_out.get(reason, 0) + 1
+        else:
+            fits.append(fit)
+    kept = _once(fits, search)
+    if len(kept) < len(fits):
+        left_out["second summits of one asperity"] = len(fits) - len(kept)
+    factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
+    return [_row(fit, base, factor) for fit in kept], left_out
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """The fits to a patch and to its upper half."""
+
+    whole: SphereFit
+    half: SphereFit | None
+    factor: float
+
+
+@dataclass(frozen=True)
+class _Patch:
+    """The pixels of one region."""
+
+    parts: _Map
+    number: int
+    window: tuple[slice, slice]
+    search: SummitSearch
+
+    def fit(self) -> _Fit | None:
+        """The spheres through the region; None where it holds no summit that can be fitted."""
+        parts, window = self.parts, self.window
+        inside = (parts.regions.labels[window] == self.number) & parts.usable[window]
+        y, x = np.meshgrid(parts.surface.y[window[0]], parts.surface.x[window[1]], indexing="ij")
+        points = np.stack([x[inside], y[inside], parts.heights[window][inside]])
+        start = self._start(x, y)
+        whole = None
+        for _ in range(2):  # the second time the height is known, and so is the depth
+            if start is None or start.z <= 0:
+                return None
+            whole = self._sphere(points, start, self.search.depth)
+            start = None if whole is None else whole.sphere
+        if whole is None:
+            return None
+        residuals = np.full(inside.shape, np.nan)
+        residuals[inside] = np.where(whole.pixels, whole.residuals, np.nan)
+        half = self._sphere(points, whole.sphere, self.search.depth / 2)
+        return _Fit(whole, half, correlation_factor(residuals))
+
+    def _sphere(self, points: Values, start: Sphere, depth: float) -> SphereFit | None:
+        """The sphere down to a share of the height."""
+        return fit_sphere(points, start, depth=depth * start.z, noise=self.parts.noise)
+
+    def _start(self, x: Values, y: Values) -> Sphere | None:
+        """The highest smoothed pixel, with the curvature that the area of the upper half gives."""
+        mine = self.parts.regions.labels[self.window] == self.number
+        smoothed = np.where(mine, self.parts.regions.smoothed[self.window], -np.inf)
+        top = np.unravel_index(int(np.argmax(smoothed)), smoothed.shape)
+        height = float(smoothed[top])
+        if height <= 0:
+            return None
+        pixel = self.parts.surface.pixel_size[0] * self.parts.surface.pixel_size[1]
+        area = float((smoothed > height / 2).sum()) * pixel
+        return Sphere(float(x[top]), float(y[top]), height, np.pi * height / area)
+
+
+def _why_not(fit: _Fit | None, surface: HeightMap, search: SummitSearch) -> str:
+    """Why a summit is left out; empty where it is not."""
+    if fit is None:
+        return "too few pixels for a sphere"
+    sphere = fit.whole.sphere
+    step_x, step_y = surface.pixel_size
+    if not (
+        surface.x[0] - step_x / 2 <= sphere.x <= surface.x[-1] + step_x / 2
+        and surface.y[0] - step_y / 2 <= sphere.y <= surface.y[-1] + step_y / 2
+    ):
+        return "summits beyond the edge of the map"
+    std = float(np.sqrt(fit.whole.covariance[3, 3] * fit.factor))
+    if not sphere.curvature > MIN_CURVATURE_SIGMAS * std:
+        return "no curvature beyond the noise"
+    if sphere.z < search.least_height:
+        return "lower than the least height"
+    return ""
+
+
+def _once(fits: list[_Fit], search: SummitSearch) -> list[_Fit]:
+    """One fit of each asperity: where two mean the same, that with more pixels."""
+    kept: list[_Fit] = []
+    for fit in sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum())):
+        sphere = fit.whole.sphere
+        reach = TWICE * np.sqrt(2 * search.depth * sphere.z / sphere.curvature)
+        if all(np.hypot(sphere.x - o.whole.sphere.x, sphere.y - o.whole.sphere.y) > reach for o in kept):
+            kept.append(fit)
+    return kept
+
+
+def _row(fit: _Fit, base: Base, factor: float) -> dict[str, object]:
+    """One row of the table."""
+    sphere = fit.whole.sphere
+    count = int(fit.whole.pixels.sum())
+    # of count/factor independent residuals the fit takes four away, from their scatter and their correlation
+    fewer = count / max(count - 4 * factor, count / 4)
+    covariance = fit.whole.covariance * factor * fewer**2
+    bends, message = _misfit(fit, factor)
+    height_std, curvature_std = np.hypot(np.sqrt(np.diag(covariance)[2:]), bends)
+    return {
+        "x_m": sphere.x,
+        "y_m": sphere.y,
+        "height_m": sphere.z,
+        "radius_m": 1 / sphere.curvature,
+        "height_std_m": float(np.hypot(height_std, base.std)),
+        "radius_std_m": float(curvature_std / sphere.curvature**2),
+        "x_std_m": float(np.sqrt(covariance[0, 0])),
+        "y_std_m": float(np.sqrt(covariance[1, 1])),
+        "residual_m": fit.whole.scatter,
+        "pixels": count,
+        "message": message,
+    }
+
+
+def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
+    """What height and curvature change by between the upper half and the whole, beyond their errors."""
+    if fit.half is None:
+        return np.zeros(2), "few pixels: whether it is a sphere was not tested"
+    whole, half = fit.whole, fit.half
+    change = np.array([half.sphere.z - whole.sphere.z, half.sphere.curvature - whole.sphere.curvature])
+    # of least squares over a part and over all, the variance of the difference is the difference of variances
+    scale = (whole.scatter / half.scatter) ** 2 if half.scatter > 0 else 1.0
+    spread = np.diag(half.covariance * scale - whole.covariance)[2:] * factor
+    if np.all(change**2 <= DOUBT_SIGMAS**2 * np.maximum(spread, 0.0)):
+        return np.zeros(2), ""
+    excess = TO_THE_SUMMIT * np.sqrt(np.maximum(change**2 - np.maximum(spread, 0.0), 0.0))
+    percent = 100 * (whole.sphere.curvature / half.sphere.curvature - 1)
+    return excess, f"no sphere: the radius of the upper half differs by {percent:+.1f} %"
+
+
+def _doubts(surface: HeightMap, base: Base, table: pd.DataFrame) -> list[str]:
+    """Warnings about the map as a whole."""
+    warnings = []
+    if not base.seen:
+        warnings.append(
+            "no base is seen between the asperities: heights are above the mean surface, whose place depends "
+            "on how much of the asperities is on the map"
+        )
+    slope = max(
+        abs(float(base.heights[0, -1] - base.heights[0, 0])) / float(np.ptp(surface.x)),
+        abs(float(base.heights[-1, 0] - base.heights[0, 0])) / float(np.ptp(surface.y)),
+    )
+    if slope > STEEP:
+        warnings.append(
+            f"the base is inclined by {np.degrees(np.arctan(slope)):.1f} degrees: level the map, or take "
+            f"radii to be uncertain by {150 * slope**2:.1f} %"
+        )
+    odd = int(table["message"].str.startswith("no sphere").sum())
+    if odd > 0.05 * len(table):
+        warnings.append(f"no sphere: {odd} of {len(table)} summits; their uncertainties allow for it")
+    return warnings

@@ -1,0 +1,124 @@
+"""`asperities`: a map of a profilometer becomes a table that the other commands read."""
+
+import json
+
+import numpy as np
+import pytest
+import tifffile
+
+from contactimg.cli import main
+from contactimg.files import read_asperities, read_table, read_topography
+from contactimg.tables import SUMMITS
+
+PIXEL_UM = 1.5
+CAPS = [(-60.0, -45.0, 8.0, 80.0), (45.0, -30.0, 6.0, 60.0), (10.0, 50.0, 7.0, 100.0)]  # x, y, h, R in um
+SCALE = ["--pixel-size-um", "1", "--height-unit", "um"]
+SMALL = "1 2 3 4 5\n" * 20
+
+
+@pytest.fixture(scope="module")
+def heights():
+    """Heights in um, with noise."""
+    x, y = (np.arange(120) - 59.5) * PIXEL_UM, (np.arange(100) - 49.5) * PIXEL_UM
+    out = np.random.default_rng(5).normal(0, 0.02, (100, 120))
+    for cx, cy, height, radius in CAPS:
+        squared = (x[None, :] - cx) ** 2 + (y[:, None] - cy) ** 2
+        out += np.maximum(np.sqrt(np.maximum(radius**2 - squared, 0)) - radius + height, 0)
+    out[3, 4] = np.nan
+    return out
+
+
+def written(folder, heights, kind):
+    path = folder / f"map.{kind}"
+    if kind == "npy":
+        np.save(path, heights)
+    elif kind == "tif":
+        tifffile.imwrite(path, heights.astype(np.float32))
+    elif kind == "csv":  # with a decimal comma and an empty cell for the hole
+        lines = (
+            ";".join("" if np.isnan(z) else f"{z:.4f}".replace(".", ",") for z in row) for row in heights
+        )
+        path.write_text("# heights in um\n" + "\n".join(lines))
+    else:
+        np.savetxt(path, heights, fmt="%.4f")
+    return path
+
+
+@pytest.mark.parametrize("kind", ["npy", "tif", "csv", "txt"])
+def test_a_plain_matrix_gives_the_table_that_other_commands_read(heights, tmp_path, kind):
+    path = written(tmp_path, heights, kind)
+    out = tmp_path / "out"
+    command = [
+        "asperities",
+        str(path),
+        "--pixel-size-um",
+        str(PIXEL_UM),
+        "--height-unit",
+        "um",
+        "-o",
+        str(out),
+    ]
+    assert main(command) == 0
+    table = read_table(out / "asperities.csv", SUMMITS, required=tuple(SUMMITS.columns)[:-1])
+    assert len(table) == len(CAPS)
+    for row, (x, y, height, radius) in zip(
+        table.itertuples(), sorted(CAPS, key=lambda c: -c[2]), strict=True
+    ):
+        assert row.x_m == pytest.approx(x * 1e-6, abs=5 * row.x_std_m)
+        assert row.y_m == pytest.approx(y * 1e-6, abs=5 * row.y_std_m)
+        assert row.height_m == pytest.approx(height * 1e-6, abs=5 * row.height_std_m)
+        assert row.radius_m == pytest.approx(radius * 1e-6, abs=5 * row.radius_std_m)
+    np.testing.assert_array_equal(read_asperities(out / "asperities.csv")["radius_m"], table["radius_m"])
+    assert read_topography(out / "asperities.csv")["radius_std_m"].notna().all()
+    record = json.loads((out / "provenance.json").read_text())
+    assert record["noise_m"] == pytest.approx(20e-9, rel=0.05)
+    assert record["inputs"]
+
+
+def test_predict_reads_the_table(heights, tmp_path, capsys):
+    path = written(tmp_path, heights, "npy")
+    command = ["asperities", str(path), "--pixel-size-um", str(PIXEL_UM), "--height-unit", "um"]
+    assert main([*command, "-o", str(tmp_path), "--quiet"]) == 2  # a folder with files that no run wrote
+    assert main([*command, "-o", str(tmp_path / "surface"), "--quiet"]) == 0
+    (tmp_path / "scene.toml").write_text(
+        "[indenter]\nradius_m = 0.1288\n[elastic]\nyoung_modulus_Pa = 1.6e6\npoisson_ratio = 0.5\n"
+        '[asperities]\nfile = "surface/asperities.csv"\n'
+    )
+    assert (
+        main(["predict", str(tmp_path / "scene.toml"), "--load-N", "0.0002", "-o", str(tmp_path / "p")]) == 0
+    )
+    capsys.readouterr()
+
+
+def test_a_file_of_an_instrument_needs_no_pixel_size(heights, tmp_path):
+    surfaces = pytest.importorskip("SurfaceTopography")
+    filled = np.nan_to_num(heights)
+    surface = surfaces.Topography(filled.T, (120 * PIXEL_UM, 100 * PIXEL_UM), unit="um")
+    surface.to_netcdf(str(tmp_path / "map.nc"))
+    out = tmp_path / "out"
+    assert main(["asperities", str(tmp_path / "map.nc"), "-o", str(out), "--quiet"]) == 0
+    table = read_asperities(out / "asperities.csv")
+    assert table["radius_m"].tolist() == pytest.approx([80e-6, 100e-6, 60e-6], rel=0.01)
+    assert table["y_m"].tolist() == pytest.approx([-45e-6, 50e-6, -30e-6], abs=1e-7)  # rows count downwards
+
+
+@pytest.mark.parametrize(
+    ("file", "options", "sentence"),
+    [
+        (("map.txt", SMALL), ["--pixel-size-um", "1"], "unit of its heights; state it with --height-unit"),
+        (("map.txt", SMALL), ["--height-unit", "um"], "pixel size; state it with --pixel-size-um"),
+        (("map.txt", SMALL), SCALE, "at least 16 rows"),
+        (("map.npy", "no numpy file"), [], "cannot be read as a height map"),
+        (("map.sur", "no surface"), [], "cannot be read as a height map"),
+        (("map.txt", "a b c\n" * 20), [], "cannot be read as a height map"),
+        (("map.txt", (" ".join(["0"] * 30) + "\n") * 30), SCALE, "no summit found"),
+    ],
+)
+def test_what_is_no_map_is_refused_in_one_sentence(tmp_path, capsys, file, options, sentence):
+    name, content = file
+    (tmp_path / name).write_text(content)
+    assert main(["asperities", str(tmp_path / name), *options, "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
