@@ -63,7 +63,8 @@ def restore_clipped_noise(
     noise = max(width / max(end + float(ndtri(below)), LEAST_DISTANCE), problem.pixel_noise)
     end += 0.5 * cut_off.step / noise
     room = cut_off.span - end * noise
-    seen = replace(problem, largest_contrast=room).with_noise(noise**2)
+    # a mean background below the end of the levels makes no contrast larger than their range
+    seen = replace(problem, largest_contrast=min(room, cut_off.span)).with_noise(noise**2)
     for _ in range(ROUNDS):
         height = np.clip(fit.model, 0.0, room) / noise
         lost = _lost(end) - _lost(end + height) + _lost(room / noise - height)

@@ -247,9 +247,10 @@ def _own_pixels(
     if not near.any():
         return window.valid
     own = cv2.distanceTransform((~component).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    columns, rows = np.arange(shape[1]), np.arange(shape[0])[:, None]
     valid = np.ones(shape, np.uint8)
-    for u, v, r in zip(x[near], y[near], disks[near, RADIUS], strict=True):
-        away = np.hypot(columns - u, rows - v) - r
-        valid[(away < reach) & (away < own)] = 0
+    for disk in np.column_stack([x, y, disks[:, RADIUS]])[near]:
+        part = _box(disk[None], reach, shape)
+        columns, rows = np.arange(part[1].start, part[1].stop), np.arange(part[0].start, part[0].stop)
+        away = np.hypot(columns - disk[0], rows[:, None] - disk[1]) - disk[2]
+        valid[part][(away < reach) & (away < own[part])] = 0
     return exclude(window.valid, 1 - valid)
