@@ -45,9 +45,10 @@ ALONE_SPACINGS = 4.0
 """Distance to the next asperity, in mean spacings, from which one stands alone. Chosen: in a random pattern
 of 10^4 points the largest such distance is below 2 (theory: exp(-pi x^2) per point)."""
 
-MAX_FORCES_OVER_LOAD = 30.0
+MAX_FORCES_OVER_LOAD = 8.0
 """Sum of the local forces over the load, or its inverse, that is doubted in a calibration. Chosen: a modulus
-that was measured otherwise agrees within a few; N for mN, MPa for kPa and a length off by ten give 1000."""
+that was measured otherwise agrees within a few; the radii off by ten give 10, N for mN, MPa for kPa and the
+pixel size off by ten 1000, pixel size and radii 100."""
 
 _FACTORS = {1e-3: "mm", 1e-6: "µm", 1e-9: "nm", 1e-2: "cm"}
 
