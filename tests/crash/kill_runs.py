@@ -21,7 +21,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -181,6 +181,7 @@ def _wait(child: int) -> int:
 
 def _be_the_command(arguments: list[str], work: Path, stop: Stop | None, mark: str, writer: int) -> None:
     """In the child: run the command line and end."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
     os.chdir(work)
     os.environ |= {MARK: mark, "TMPDIR": str(work / "tmp"), "JOBLIB_TEMP_FOLDER": str(work / "tmp")}
     tempfile.tempdir = None
@@ -329,9 +330,9 @@ def _state(command: Command, out: Path, earlier: dict[str, str]) -> str:
     return "new" if old == {False} and same and set(found) == set(command.files) else "mix"
 
 
-def draw(command: Command, rng: np.random.Generator) -> Stop:
-    """A signal at a random moment of the command, or before a random one of its file operations."""
-    number = SIGNALS[rng.integers(len(SIGNALS))]
+def draw(command: Command, rng: np.random.Generator, signals: Sequence[signal.Signals]) -> Stop:
+    """One of some signals at a random moment of the command, or before a random one of its file operations."""
+    number = signals[rng.integers(len(signals))]
     if rng.random() < 0.5:
         return Stop(number, operation=int(rng.integers(1, command.operations + 1)))
     return Stop(number, after=float(rng.uniform(0.0, command.seconds)))
@@ -355,7 +356,8 @@ def run_cases(options: argparse.Namespace, top: Path, report: Callable[[str], No
     for number in range(options.first, options.first + options.count):
         rng = np.random.default_rng([options.seed, number])
         command = commands[rng.choice(len(commands), p=_shares(commands))]
-        stop = draw(command, rng)
+        signals = [signal.Signals[name] for name in options.signal or []]
+        stop = draw(command, rng, signals or SIGNALS)
         faults, state = faults_of(command, top, number, stop)
         name = stop.signal.name
         counts[command.name, name, "killed"] += 1
@@ -386,6 +388,8 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--first", type=int, default=0, help="number of the first case")
     parser.add_argument("--command", action="append", help="only this command; repeat the option for more")
+    names = [number.name for number in SIGNALS]
+    parser.add_argument("--signal", action="append", choices=names, help="only this signal; repeat for more")
     parser.add_argument("--keep", action="store_true", help="keep the folders of cases with a fault")
     return parser.parse_args()
 
