@@ -331,7 +331,7 @@ def _state(command: Command, out: Path, earlier: dict[str, str]) -> str:
 
 
 def draw(command: Command, rng: np.random.Generator, signals: Sequence[signal.Signals]) -> Stop:
-    """One of some signals at a random moment of the command, or before a random one of its file operations."""
+    """A signal at a random moment of the command, or before a random one of its file operations."""
     number = signals[rng.integers(len(signals))]
     if rng.random() < 0.5:
         return Stop(number, operation=int(rng.integers(1, command.operations + 1)))
