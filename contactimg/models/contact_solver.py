@@ -60,6 +60,18 @@ matter.
 """
 
 
+FIELD_COUPLINGS = ("hertz", "full")
+"""Couplings with field corrections, computed for all pairs of a candidate and a contact."""
+
+MIN_SCREENED_CANDIDATES = 100
+"""Fewest candidates of a stored matrix that are screened before the field corrections. Chosen by hand: it
+affects the time only; below, all terms together take less than a millisecond."""
+
+CLOSE_DIAMETERS = 1.5
+"""Candidates within this many diameters of a contact of the rough solution are kept. Chosen: solutions can be
+ambiguous only within one diameter, and the radii of the rough solution are good to a tenth."""
+
+
 @dataclass(frozen=True, eq=False)
 class ContactSolver:
     """Solves one problem.
@@ -143,10 +155,13 @@ class ContactSolver:
     def _solve_all(
         self, candidates: ScaledProblem, force: Values, indentation: float
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for all candidates at once."""
+        """Solve with a stored matrix; with field corrections, for the candidates near contact."""
         system = self._system(candidates, self._operator(candidates))
         iterate = initial_iterate(system, force, indentation)
-        return candidates, *self._converge(candidates, system, iterate)
+        if self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
+            return candidates, *self._converge(candidates, system, iterate)
+        rough, iterate, steps = self._converge(candidates, system, iterate, rough=True)
+        return self._solve_near(candidates, rough, iterate, steps)
 
     def _solve_screened(
         self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
@@ -161,11 +176,28 @@ class ContactSolver:
             force, indentation = coarse_grid_start(candidates, self.law, self.kernel, force, indentation)
             iterate = evaluate_iterate(rough, force, indentation, sums.displacement(force))
         rough, iterate, steps = self._converge(candidates, rough, iterate, rough=True)
+        return self._solve_near(candidates, rough, iterate, steps, sum_accuracy=SCREENING_SUM_ACCURACY)
+
+    def _solve_near(
+        self,
+        candidates: ScaledProblem,
+        rough: ContactSystem,
+        iterate: Iterate,
+        steps: int,
+        *,
+        sum_accuracy: float = 0.0,
+    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
+        """Solve for the candidates near contact in a rough solution, then add those it missed.
+
+        ``sum_accuracy`` is that of the sums of the rough system.
+        """
         force, penetration = iterate.force, iterate.penetration(rough)
-        margin = SCREENING_GAP_FRACTION * float(penetration.max()) + 4 * SCREENING_SUM_ACCURACY * float(
+        margin = SCREENING_GAP_FRACTION * float(penetration.max()) + 4 * sum_accuracy * float(
             iterate.displacement.max()
         )
         near = penetration > -margin
+        close = close_pairs(candidates.x, candidates.y, CLOSE_DIAMETERS * 2 * iterate.contact_radius)
+        near[close[0]] = near[close[1]] = True  # a contact may keep a close neighbour out of contact
         for _ in range(MAX_SELECTIONS):
             part = candidates.part(near)
             system = self._system(part, self._operator(part))
@@ -174,13 +206,13 @@ class ContactSolver:
             system, iterate, steps = self._converge(part, system, iterate, steps)
             force = np.zeros_like(force)
             force[near] = iterate.force
-            penetration = iterate.indentation - candidates.gap - sums.displacement(force)
+            penetration = iterate.indentation - candidates.gap - rough.coupling.displacement(force)
             if not np.any(penetration[~near] > -0.5 * margin):
                 return part, system, iterate, steps
             near |= penetration > -margin
         raise ConvergenceError(
             f"the contacts were not selected in {MAX_SELECTIONS} rounds: the screening misses contacts every "
-            'time; use method "dense"'
+            'time; lower the load, or use method "dense"'
         )
 
     def _uncoupled(self) -> Iterate:
@@ -230,7 +262,7 @@ class ContactSolver:
         A rough solution has point forces only and a residual of `SCREENING_RESIDUAL`.
         """
         refinement, tolerance = None, max(self.tolerance, SCREENING_RESIDUAL) if rough else self.tolerance
-        if self.coupling in ("hertz", "full") and not rough:
+        if self.coupling in FIELD_COUPLINGS and not rough:
             refinement = FieldCorrection(system, problem.x, problem.y, full=self.coupling == "full")
         refined = False
         for steps in range(taken, self.max_iterations + 1):

@@ -243,6 +243,19 @@ def _newton_matrix(matrix, active, scale):  # type: ignore[no-untyped-def]  # pr
     return system
 
 
+CLOSE_RATIO = 0.05
+"""``a/r`` up to which `displacement_excess` is its series.
+
+Theory: the next term, 35/4224 (a/r)^8, is 3e-13 of the displacement.
+"""
+
+
+@njit(cache=True, inline="always")
+def _distant_excess(q2):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`displacement_excess` of distant contacts, at the square of ``a/r``."""
+    return q2 * (1 / 10 + q2 * (9 / 280 + q2 * (5 / 336)))
+
+
 @njit(cache=True)
 def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Displacement by Hertz's pressure over that by a point force, less one, at ``ratio = a/r``.
@@ -250,12 +263,34 @@ def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no co
     The scalar of `contactimg.mechanics.hertz.displacement_factor`, continued inside the contact circle.
     """
     q2 = ratio * ratio
-    if ratio < 0.05:
-        return q2 * (1 / 10 + q2 * (9 / 280 + q2 * (5 / 336)))
+    if ratio < CLOSE_RATIO:
+        return _distant_excess(q2)
     if ratio < 1.0:
         closed = (2 * q2 - 1) * np.arcsin(ratio) + ratio * np.sqrt(1 - q2)
         return 0.75 * closed / (ratio * q2) - 1.0
     return 0.75 * np.pi * (1.0 - 0.5 / q2) / ratio - 1.0
+
+
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def _distant_fields(dx, dy, strength, size2):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Fields of a half-space at one candidate; the excess of close contacts as if they were at `CLOSE_RATIO`.
+
+    A plain loop without calls, so that it is vectorised; a contact at distance zero is the candidate itself.
+    """
+    excess, slope_x, slope_y, curvature = 0.0, 0.0, 0.0, 0.0
+    for j in range(dx.size):
+        r2 = dx[j] * dx[j] + dy[j] * dy[j]
+        inverse = 1.0 / np.sqrt(r2 if r2 > 0.0 else 1.0)
+        weight = (strength[j] if r2 > 0.0 else 0.0) * inverse
+        inverse2 = inverse * inverse
+        q2 = size2[j] * inverse2
+        distant = q2 if q2 < CLOSE_RATIO * CLOSE_RATIO else CLOSE_RATIO * CLOSE_RATIO
+        excess += weight * _distant_excess(distant)
+        weight *= inverse2
+        slope_x -= weight * dx[j]
+        slope_y -= weight * dy[j]
+        curvature += 0.5 * weight
+    return excess, slope_x, slope_y, curvature
 
 
 @njit(cache=True)
@@ -263,24 +298,23 @@ def _pair_fields(x, y, loaded, force, contact_radius, thinness, value, slope):  
     """Excess, slopes and half the Laplacian of the displacement at every candidate by the loaded ones."""
     n = x.size
     excess, slope_x, slope_y, curvature = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    x_loaded, y_loaded, radius = x[loaded], y[loaded], contact_radius[loaded]
+    strength, size2 = force[loaded] / np.pi, radius * radius
     for i in range(n):
-        for j in loaded:
-            dx, dy = x[i] - x[j], y[i] - y[j]
-            r2 = dx * dx + dy * dy
-            r = np.sqrt(r2)
-            own, first, laplacian = 0.0, 0.0, 0.0
-            if i != j:
-                own = displacement_excess(contact_radius[j] / r) / r
-                first, laplacian = -1.0 / r2, 1.0 / (r2 * r)
+        dx, dy = x[i] - x_loaded, y[i] - y_loaded
+        excess[i], slope_x[i], slope_y[i], curvature[i] = _distant_fields(dx, dy, strength, size2)
+        for j in range(loaded.size):
+            r2 = dx[j] * dx[j] + dy[j] * dy[j]
+            if size2[j] >= CLOSE_RATIO * CLOSE_RATIO * r2 and r2 > 0.0:
+                r = np.sqrt(r2)
+                counted = _distant_excess(CLOSE_RATIO * CLOSE_RATIO)
+                excess[i] += strength[j] * (displacement_excess(radius[j] / r) - counted) / r
             if thinness > 0.0:
-                _, layer_first, layer_laplacian = layer_deficit(r, thinness, value, slope)
-                first -= layer_first
-                laplacian -= layer_laplacian
-                own -= 0.1 * contact_radius[j] ** 2 * layer_laplacian
-            strength = force[j] / np.pi
-            excess[i] += strength * own
-            curvature[i] += 0.5 * strength * laplacian
-            if i != j:
-                slope_x[i] += strength * first * dx / r
-                slope_y[i] += strength * first * dy / r
+                r = np.sqrt(r2)
+                _, first, laplacian = layer_deficit(r, thinness, value, slope)
+                excess[i] -= strength[j] * 0.1 * size2[j] * laplacian
+                curvature[i] -= 0.5 * strength[j] * laplacian
+                if r > 0.0:
+                    slope_x[i] -= strength[j] * first * dx[j] / r
+                    slope_y[i] -= strength[j] * first * dy[j] / r
     return excess, slope_x, slope_y, curvature

@@ -46,7 +46,7 @@ class InteractingSolution:
         Height of the summit above the plane it stands on.
     penetration : ndarray, shape (n,), m
         ``delta``: indentation of each asperity; where it is negative, the gap that remains; -inf for an
-        asperity too far from contact to be a candidate.
+        asperity too far from contact to be solved for.
     indentation : float, m
         ``D`` from first touch.
     load : float, N

@@ -31,7 +31,7 @@ def solve_cost(effect: str, *, asperities: int, contacts: float) -> float:
     fast = FAST_SUM_FACTOR * m**FAST_SUM_POWER
     extra = {
         "coupling": 0.5 + min(3.5e-5 * m**2 + 2e-8 * m**3, fast),
-        "full_coupling": 1.0 + min(3e-4 * m**2, 3 * fast),
+        "full_coupling": 1.0 + min(1.5e-4 * m**2, 3 * fast),
         "layer": min(6e-5 * m**2, fast),
         "sphere_profile": 2.5 + 0.02 * m,
         "adhesion": 1.5 + 2.4e-7 * m**3,
