@@ -11,6 +11,7 @@ from contactimg import (
     generate_asperities,
     solve_interacting,
 )
+from contactimg.models import contact_solver
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}
@@ -151,3 +152,19 @@ def test_too_few_steps_is_an_error():
     table = generate_asperities("SA", side=3e-3, rng=np.random.default_rng(3))
     with pytest.raises(ConvergenceError, match=r"residual .* after 1 Newton steps, tolerance 1e-12"):
         solve_interacting(table, load=0.3, indenter_radius=0.1288, contact_modulus=4e6, max_iterations=1)
+
+
+@pytest.mark.parametrize("law", ["hertz", "sphere"])
+@pytest.mark.parametrize("thickness", [np.inf, 2e-3])
+def test_screening_does_not_change_full_coupling(law, thickness, monkeypatch):
+    """Asperities far from contact are left out of the field corrections, and nothing else changes."""
+    table = generate_asperities("RA+", side=4e-3, rng=np.random.default_rng(914))
+    where = {"indenter_radius": 0.013, "contact_modulus": 4e6, "load": 0.1, "apex": (2e-3, 2e-3)}
+    options = {"coupling": "full", "law": law, "thickness": thickness}
+    screened = solve_interacting(table, **where, **options)
+    monkeypatch.setattr(contact_solver, "MIN_SCREENED_CANDIDATES", len(table) + 1)
+    complete = solve_interacting(table, **where, **options)
+    assert np.isneginf(screened.penetration).sum() > np.isneginf(complete.penetration).sum()
+    np.testing.assert_array_equal(screened.touching, complete.touching)
+    np.testing.assert_allclose(screened.force, complete.force, rtol=1e-10, atol=1e-12 * 0.1)
+    assert screened.indentation == pytest.approx(complete.indentation, rel=1e-12)
