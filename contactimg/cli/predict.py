@@ -1,13 +1,18 @@
 """``contactimg predict``: what the models say of a scene at given loads."""
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from contactimg.cli import shared_options as shared
-from contactimg.cli.printing import echo_frames
+from contactimg.cli.printing import echo_frames, progress
 from contactimg.timings import stage
+
+if TYPE_CHECKING:
+    from contactimg.files import OutputFolder
+    from contactimg.prediction import Prediction, Prescribed
+    from contactimg.scene import Scene
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +24,7 @@ class PredictOptions:
     tolerance: float | None
     annulus_mm: float
     displacements_um: tuple[float, ...] = ()
+    patterns: int | None = None
 
     @property
     def displacements(self) -> list[float]:
@@ -29,7 +35,8 @@ class PredictOptions:
     def title(self) -> str:
         """The model in words."""
         level = f", coupling {self.coupling}" if self.model == "interacting" else ""
-        return f"model {self.model}{level}"
+        many = f", {self.patterns:,} patterns" if self.patterns else ""
+        return f"model {self.model}{level}{many}"
 
 
 @click.command(short_help="Predict the contacts at given loads with a contact model.")
@@ -72,6 +79,12 @@ class PredictOptions:
     help="Relative error that is allowed, for example 0.05: effects, coupling and solver accuracy are the "
     "cheapest that meet it.  [default: the scene's tolerance for the effects, rounding error for the solver]",
 )
+@click.option(
+    "--patterns",
+    type=click.IntRange(min=1),
+    help="Average over this many random patterns like the one that [asperities] generates. A run that is "
+    "ended goes on when it is started again.",
+)
 @shared.annulus
 @shared.one_worker
 @shared.cluster
@@ -101,6 +114,7 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
+      contactimg predict ensemble --load-N 0.05 --patterns 8000 --workers 4 -o average
     """
     with stage("loading"):
         from contactimg.cli.scenes import model_inputs, plausible, with_tolerance
@@ -109,7 +123,6 @@ def predict(
             choice_sentence,
             error_records,
             plan_records,
-            predict_loads,
             prescriptions,
             write_predictions,
         )
@@ -125,9 +138,7 @@ def predict(
     )
     prescribed = prescriptions(description, loads, options.displacements)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
-        choice = {"model": options.model, "coupling": options.coupling, "relative": options.tolerance}
-        annulus = options.annulus_mm * 1e-3
-        predictions = predict_loads(description, prescribed, annulus=annulus, workers=workers, **choice)
+        predictions = _predictions(description, prescribed, options, workers=workers, out=out, quiet=quiet)
         frames = write_predictions(predictions, description, out.folder)
         out.record["plans"] = plan_records(predictions)
         out.record["expected_errors"] = error_records(predictions)
@@ -138,3 +149,43 @@ def predict(
                 click.echo(choice_sentence(prediction, relative=options.tolerance))
         click.echo(f"results in {target}")
     return int((frames["status"] == FAILED).any())
+
+
+def _predictions(
+    scene: "Scene",
+    loads: "list[Prescribed]",
+    options: PredictOptions,
+    *,
+    workers: int,
+    out: "OutputFolder",
+    quiet: bool,
+) -> "list[Prediction]":
+    """The predictions at each load: of the scene's own pattern, or averaged over many."""
+    with stage("loading"):
+        from contactimg.errors import InputError
+        from contactimg.pipeline.ensemble import Calls, predict_ensemble
+        from contactimg.pipeline.predict import predict_loads, refuse_repeated, solver_tolerance
+    annulus = options.annulus_mm * 1e-3
+    if options.patterns is None:
+        return predict_loads(
+            scene,
+            loads,
+            model=options.model,
+            coupling=options.coupling,
+            annulus=annulus,
+            relative=options.tolerance,
+            workers=workers,
+        )
+    if options.model != "interacting":
+        raise InputError(f'model "{options.model}" is an average over patterns itself; leave out --patterns')
+    refuse_repeated(loads)
+    with progress("solving patterns", options.patterns, quiet=quiet) as advance:
+        return predict_ensemble(
+            scene,
+            loads,
+            patterns=options.patterns,
+            coupling=options.coupling,
+            annulus=annulus,
+            tolerance=None if options.tolerance is None else solver_tolerance(options.tolerance),
+            calls=Calls(workers, out.frame_store(), advance),
+        )

@@ -128,19 +128,22 @@ class Cluster:
             If the scheduler has gone, or no worker is there for `PATIENCE_SECONDS`.
         """
         pending: deque[tuple[tuple[Any, ...], Future]] = deque()
-        rest = iter(arguments)
+        rest, task = iter(arguments), _Task(function, str(Path.cwd()), installation())
         with self._failures_named():
-            task = self._submit(_as_it_is, _Task(function, str(Path.cwd()), installation()))
+            sent = self._submit(_as_it_is, task)
         while True:
             with self._failures_named():
                 room = max(CALLS_PER_PROCESS * self.processes() - len(pending), 0 if pending else 1)
             for item in islice(rest, room):
                 with self._failures_named():
-                    pending.append((item, self._submit(_call, task, item)))
+                    pending.append((item, self._submit(_call, sent, item)))
             if not pending:
                 return
             # what is pending when the caller stops is dropped: the scheduler forgets calls nobody waits for
-            yield self._result(*pending.popleft(), lost)
+            item, future = pending.popleft()
+            if self._was_killed(future):
+                future = self._alone(task, item, [other for _, other in pending])
+            yield self._result(item, future, lost)
 
     def _submit(self, function: Callable[..., Any], *arguments: Any) -> "Future":
         """A future of a call."""
@@ -148,20 +151,33 @@ class Cluster:
             warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
             return self._client.submit(function, *arguments, pure=False)
 
-    def _result(self, arguments: tuple[Any, ...], future: "Future", lost: Callable[..., Any] | None) -> Any:
-        """The result of a call when it is there."""
+    def _was_killed(self, future: "Future") -> bool:
+        """Whether a call was on one ended worker after the other, by its own doing or that of others."""
         from distributed import KilledWorker
 
         with self._failures_named():
-            error = self._error_of(future)
-            result = future.result() if error is None else None
-        if error is None:
-            return result
-        if not isinstance(error, KilledWorker):
+            return isinstance(self._error_of(future), KilledWorker)
+
+    def _alone(self, task: _Task, arguments: tuple[Any, ...], others: list["Future"]) -> "Future":
+        """A call with nothing else on the cluster: whatever ends its workers now is its own doing."""
+        with self._failures_named():
+            for other in others:
+                self._error_of(other)
+            return self._submit(_call, self._submit(_as_it_is, task), arguments)
+
+    def _result(self, arguments: tuple[Any, ...], future: "Future", lost: Callable[..., Any] | None) -> Any:
+        """The result of a call when it is there."""
+        if not self._was_killed(future):
+            with self._failures_named():
+                error = self._error_of(future)
+                if error is None:
+                    return future.result()
+            if isinstance(error, ModuleNotFoundError):
+                raise ClusterError(f"a worker of the cluster has {error}; install contactimg there")
             raise error
         failure = ClusterError(
-            f"ended {error.allowed_failures + 1} workers of the cluster, one after the other, perhaps "
-            "because memory ran out there"
+            "ended every worker of the cluster that tried it, in the end alone, perhaps because memory ran "
+            "out there"
         )
         if lost is None:
             raise failure

@@ -89,9 +89,9 @@ class FrameStore:
             logger.info("the frames cannot be stored: %s", error)
             return None
 
-    def key(self, common: str | None, path: Path, job: object) -> str | None:
-        """The key of a frame; None without ``common`` or a digest of the file."""
-        digest = self._digests.get(str(path.resolve()))
+    def key(self, common: str | None, path: Path | None, job: object) -> str | None:
+        """The key of a frame, or of a job without a file; None without ``common`` or a digest of the file."""
+        digest = "" if path is None else self._digests.get(str(path.resolve()))
         return None if common is None or digest is None else _sha256(common, digest, encode(job))
 
     def get(self, key: str) -> Any:

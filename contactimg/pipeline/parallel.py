@@ -78,25 +78,52 @@ def for_each_frame(
     keys: Sequence[str | None] = [None] * len(jobs)
     if store is not None:
         keys = _store_keys(store, experiment, measure, jobs)
-    done = [store is not None and key in store for key in keys]
-    if whole and any(done) and store is not None and store.resumes:
-        logger.warning(
-            "%s of %s frames were done by a run that was ended; the others are measured",
-            f"{sum(done):,}",
-            f"{len(jobs):,}",
-        )
-    missing = [job for job, known in zip(jobs, done, strict=True) if not known]
-    new = _measure_jobs(experiment, measure, missing, workers=workers)
-    for key, known in zip(keys, done, strict=True):
-        if known and store is not None and key is not None:
-            part = store.get(key)
-        else:
-            part = next(new)
-            if store is not None and key is not None and not isinstance(part, FailedFrame):
-                store.put(key, part)
-        yield part if store is None or key is None or key not in store else _shelved(part, store, key)
+
+    def compute(numbers: list[int]) -> Iterator[Result | FailedFrame]:
+        return _measure_jobs(experiment, measure, [jobs[k] for k in numbers], workers=workers)
+
+    for part in through_store(store, keys, compute, what="frames" if whole else ""):
+        yield part
         if advance is not None:
             advance()
+
+
+def through_store(
+    store: FrameStore | None,
+    keys: Sequence[str | None],
+    compute: Callable[[list[int]], Iterator[Result]],
+    *,
+    what: str,
+) -> Iterator[Result]:
+    """Results in order: from a store where it has them; the others are computed and added to it.
+
+    Parameters
+    ----------
+    store : FrameStore or None
+    keys : sequence of str or None
+        One a result; None where it is not stored.
+    compute : callable
+        Gives the results of the numbers that the store lacks, in order.
+    what : str
+        What is counted in the message that says how much was done; empty for none.
+    """
+    done = [store is not None and key in store for key in keys]
+    if what and any(done) and store is not None and store.resumes:
+        logger.warning(
+            "%s of %s %s were done by a run that was ended; the others follow",
+            f"{sum(done):,}",
+            f"{len(keys):,}",
+            what,
+        )
+    new = compute([k for k, known in enumerate(done) if not known])
+    for key, known in zip(keys, done, strict=True):
+        if store is None or key is None:
+            yield next(new)
+            continue
+        part = store.get(key) if known else next(new)
+        if not known and not isinstance(part, FailedFrame):
+            store.put(key, part)
+        yield _shelved(part, store, key) if key in store else part
 
 
 def _shelved(part: Any, store: FrameStore, key: str) -> Any:

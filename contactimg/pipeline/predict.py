@@ -86,9 +86,7 @@ def predict_loads(
     ContactimgError
         If no load has a solution: the reason of the first.
     """
-    repeated = [load for load in loads if list(loads).count(load) > 1]
-    if repeated:
-        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
+    refuse_repeated(loads)
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
         tolerance = None if relative is None else solver_tolerance(relative)
@@ -132,6 +130,13 @@ def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: st
         )
     if any(isinstance(load, LoadSpring) for load in loads):
         raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
+
+
+def refuse_repeated(loads: Sequence[Prescribed]) -> None:
+    """Raise if a load is given twice: loads are told apart by their names."""
+    repeated = [load for load in loads if list(loads).count(load) > 1]
+    if repeated:
+        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
 
 
 def _solve(

@@ -1,95 +1,42 @@
-"""A cluster of a scheduler and two workers on this machine: equal results, with workers or command killed."""
+"""A cluster of a scheduler and two workers on this machine: equal results, and every part killed."""
 
 import os
 import signal
-import subprocess
-import sys
 import time
 from contextlib import ExitStack
 from functools import partial
-from pathlib import Path
 
+import pandas as pd
 import pytest
+from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, start, wait_until
 from small_series import SCENE
 
 from contactimg import InputError, solve_ensemble
 from contactimg.cli import main
+from contactimg.engine import cluster as cluster_module
 from contactimg.engine.calls import in_parallel
-from contactimg.engine.cluster import on_cluster
+from contactimg.engine.cluster import PATIENCE_VARIABLE, ClusterError, on_cluster
+from contactimg.files import open_experiment, read_scene
+from contactimg.pipeline.analyse.places import open_place
+from contactimg.pipeline.analyse.predicted_places import predict_places
 from contactimg.pipeline.inputs import need_asperities
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 
 pytest.importorskip("distributed")
 
-MODULE = Path(__file__).parent
-TIME_LIMIT_S = 60.0
 TINY = SCENE | {
     "indenter": {"radius_m": 0.1288, "apex_m": [0.0004, 0.0003]},
     "asperities": SCENE["asperities"] | {"side_m": 0.0008},
     "simulate": SCENE["simulate"] | {"loads_N": [0.002, 0.004, 0.008], "shape": [90, 120]},
 }
-QUIET = {"PYTHONWARNINGS": "ignore"}
-
-
-def start(stack, *arguments, **variables):
-    """A process of the cluster, ended with the stack."""
-    paths = os.pathsep.join([str(MODULE.parents[1]), str(MODULE), str(MODULE.parent / "helpers")])
-    environment = os.environ | QUIET | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1"} | variables
-    process = subprocess.Popen(  # noqa: S603
-        [sys.executable, "-m", *arguments],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
-
-    def end():
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            try:
-                os.killpg(process.pid, number)
-                process.wait(3)
-            except (ProcessLookupError, subprocess.TimeoutExpired):
-                pass
-        process.wait(10)
-
-    stack.callback(end)
-    return process
-
-
-def wait_until(condition, seconds=TIME_LIMIT_S):
-    limit = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < limit, "does not happen"
-        time.sleep(0.02)
-
-
-def start_scheduler(stack, folder):
-    file = folder / "scheduler.json"
-    options = ["--port", "0", "--no-dashboard", "--host", "127.0.0.1", "--scheduler-file", str(file)]
-    return start(stack, "distributed.cli.dask_scheduler", *options), file
-
-
-def start_worker(stack, file, folder):
-    options = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder)]
-    return start(stack, "distributed.cli.dask_worker", "--scheduler-file", str(file), *options)
-
-
-class Parts:
-    """Scheduler and workers."""
-
-    def __init__(self, stack, folder):
-        folder.mkdir()
-        self.stack, self.folder = stack, folder
-        self.scheduler, self.file = start_scheduler(stack, folder)
-        wait_until(self.file.exists)
-        self.workers = [start_worker(stack, self.file, folder) for _ in range(2)]
 
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     with ExitStack() as stack:
-        yield Parts(stack, tmp_path_factory.mktemp("cluster") / "parts")
+        yield LocalCluster(stack, tmp_path_factory.mktemp("cluster") / "parts", workers=3)
 
 
 @pytest.fixture(scope="module")
@@ -108,33 +55,40 @@ def slow_square(folder, number):
     return number**2
 
 
+def deadly(frame, _reference):
+    """End the worker for one of the frames."""
+    if frame.name == "frame_2.tif":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return frame.name
+
+
 def fail(number):
+    if number < 0:
+        import no_such_library  # noqa: F401
     raise InputError(f"{number} is odd")
-
-
-def files_of(folder):
-    """Name -> bytes of what a command wrote, without the record of when and how."""
-    return {
-        path.relative_to(folder).as_posix(): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != "provenance.json"
-    }
 
 
 def test_commands_give_the_same_bytes(parts, series, tmp_path, monkeypatch):
     monkeypatch.chdir(series.parent)  # relative paths hold on the workers too
+    here, there = tmp_path / "here", tmp_path / "there"
     commands = {
-        "process": ["process", series.name, "--no-pictures"],
+        "process": ["process", series.name, "--pictures"],
         "simulate": ["simulate", series.name],
         "predict": ["predict", series.name, "--load-N", "0.002", "--load-N", "0.004"],
+        "modulus": ["calibrate", "modulus", series.name],
     }
-    found = {}
-    for place, options in (("here", ["--workers", "1"]), ("there", ["--cluster", str(parts.file)])):
+    for folder, options in ((here, ["--workers", "1"]), (there, ["--cluster", str(parts.file)])):
         for name, words in commands.items():
-            assert main([*words, "-o", str(tmp_path / place / name), "--quiet", *options]) == 0, name
-        found[place] = files_of(tmp_path / place)
-    assert len(found["there"]) > 12
-    assert found["there"] == found["here"]
+            assert main([*words, "-o", str(folder / name), "--quiet", *options]) == 0, name
+    found = files_of(there)
+    assert {name.split("/")[0] for name in found} == set(commands)
+    assert sum(name.startswith("process/overlays/") for name in found) == 3
+    assert found == files_of(here)
+    place = [open_place(here / "process")]
+    with on_cluster(str(parts.file)):  # what `analyse` computes besides sums and figures
+        (one,), _ = predict_places(place, "coupled", workers=None)
+    (other,), _ = predict_places(place, "coupled", workers=1)
+    pd.testing.assert_frame_equal(one.contacts, other.contacts, check_exact=True)
 
 
 def test_an_ensemble_goes_to_the_cluster_and_can_go_on(parts):
@@ -149,12 +103,24 @@ def test_an_ensemble_goes_to_the_cluster_and_can_go_on(parts):
 
 
 def test_an_error_of_a_call_is_raised_here(parts):
-    with on_cluster(str(parts.file)), pytest.raises(InputError, match="2 is odd"):
+    with on_cluster(str(parts.file)):
+        with pytest.raises(InputError, match="2 is odd"):
+            list(in_parallel(fail, [(2,)], count=1, workers=None))
+        with pytest.raises(ClusterError, match="has No module named 'no_such_library'; install"):
+            list(in_parallel(fail, [(-1,)], count=1, workers=None))
+
+
+def test_another_version_on_a_worker_is_refused(parts, monkeypatch):
+    monkeypatch.setattr(cluster_module, "installation", lambda: {"numpy": "0.1"})
+    with (
+        on_cluster(str(parts.file)),
+        pytest.raises(ClusterError, match=r"numpy 0.1 against .*install the same"),
+    ):
         list(in_parallel(fail, [(2,)], count=1, workers=None))
 
 
 def test_a_killed_worker_costs_nothing_but_time(parts, tmp_path):
-    spare = start_worker(parts.stack, parts.file, parts.folder)
+    spare = parts.workers.pop()
 
     def started():
         return {path.read_text() for path in tmp_path.iterdir()}
@@ -167,24 +133,64 @@ def test_a_killed_worker_costs_nothing_but_time(parts, tmp_path):
         first = next(results)
         wait_until(lambda: str(spare.pid) in started())
         spare.kill()
+        # without the second attempt the calls that were on the worker would be given up
         assert [first, *results] == [k**2 for k in range(30)]
 
 
-def client(stack, series, file, out, **variables):
-    words = ["contactimg", "process", str(series), "-o", str(out), "--no-pictures", "--cluster", str(file)]
-    return start(stack, *words, **variables)
-
-
 def test_the_client_killed_and_the_run_taken_up(parts, series, tmp_path, capfd):
-    out = tmp_path / "out"
+    out, options = tmp_path / "out", ["--no-pictures", "--quiet", "--cluster", str(parts.file)]
+    words = ["process", str(series), "-o"]
     with ExitStack() as stack:
-        first = client(stack, series, parts.file, out)
+        first = start(stack, "contactimg", *words, str(out), *options)
         wait_until(lambda: any(out.rglob("frames.txt")))
         first.kill()
         first.wait()
     assert not (out / "contacts.csv").exists()
-    words = ["process", str(series), "--no-pictures", "--quiet", "-o"]
-    assert main([*words, str(out), "--cluster", str(parts.file)]) == 0
+    assert main([*words, str(out), *options]) == 0
     assert "of 3 frames were done by a run that was ended" in capfd.readouterr().err
-    assert main([*words, str(tmp_path / "whole"), "--workers", "1"]) == 0
+    assert main([*words, str(tmp_path / "whole"), *options[:2], "--workers", "1"]) == 0
     assert files_of(out) == files_of(tmp_path / "whole")
+
+
+def test_a_frame_that_ends_its_workers_fails_and_the_others_are_kept(parts, series):
+    experiment = open_experiment(read_scene(series))
+    parts.workers.append(parts.start_worker())
+    with on_cluster(str(parts.file)) as cluster:
+        wait_until(lambda: cluster.processes() == 3)
+        first, lost, last = for_each_frame(experiment, deadly, workers=None)
+    assert (first, last) == ("frame_1.tif", "frame_3.tif")
+    assert isinstance(lost, FailedFrame)
+    assert lost.row["status"] == "failed"
+    assert lost.row["message"].startswith("frame_2.tif: its measurement ended every worker of the cluster")
+    # among others it is tried once, and once alone
+    wait_until(lambda: sum(worker.poll() is None for worker in parts.workers) == 1)
+
+
+def test_without_workers_or_scheduler_a_run_ends(tmp_path, monkeypatch, capfd):
+    def squares(count):
+        return in_parallel(
+            partial(slow_square, tmp_path), [(k,) for k in range(count)], count=2, workers=None
+        )
+
+    with ExitStack() as stack:
+        parts = LocalCluster(stack, tmp_path / "parts", workers=0)
+        monkeypatch.setenv(PATIENCE_VARIABLE, "1")
+        with on_cluster(str(parts.file)), pytest.raises(ClusterError, match="has had no worker for 1 s"):
+            list(squares(1))
+        monkeypatch.delenv(PATIENCE_VARIABLE)
+        parts.start_worker()
+        with on_cluster(str(parts.file)):
+            assert list(squares(2)) == [0, 1]
+        monkeypatch.setenv(PATIENCE_VARIABLE, "2")
+        with on_cluster(str(parts.file)):
+            results = squares(1000)
+            assert next(results) == 0
+            parts.scheduler.kill()
+            begin = time.monotonic()
+            with pytest.raises(ClusterError, match=r"cannot go on \(.*start it and the same command again"):
+                list(results)
+        assert time.monotonic() - begin < TIME_LIMIT_S
+    assert main(["process", str(tmp_path), "--cluster", "tcp://127.0.0.1:9"]) == 2
+    assert "no scheduler answers at tcp://127.0.0.1:9" in capfd.readouterr().err
+    assert main(["process", str(tmp_path), "--cluster", "nothing.json"]) == 2
+    assert "nor a scheduler file that exists" in capfd.readouterr().err

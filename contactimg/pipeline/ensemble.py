@@ -1,0 +1,295 @@
+"""Predictions averaged over many random patterns, which are resumed and added up as they come."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.analysis.annuli import MOMENTS, annulus_moments
+from contactimg.analysis.radial_profiles import average_profile
+from contactimg.effects.local_law import law_name
+from contactimg.effects.plan import Plan
+from contactimg.engine.calls import in_parallel
+from contactimg.errors import ContactimgError, InputError
+from contactimg.files import FrameStore
+from contactimg.models.load_spring import LoadSpring
+from contactimg.models.proof import CONVERGED
+from contactimg.pipeline.inputs import generated_asperities, need_asperities
+from contactimg.pipeline.loading_path import loads_before
+from contactimg.pipeline.parallel import through_store
+from contactimg.prediction import (
+    Coupling,
+    Prediction,
+    Prescribed,
+    load_name,
+    make_mechanical_plan,
+    scene_level,
+    solve_scene,
+    with_coupling,
+    with_memory,
+)
+from contactimg.scene import Scene
+from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
+
+Values = NDArray[np.float64]
+
+GROUPS = 32
+"""Groups of patterns whose scatter gives the uncertainty of the profile. Theory: 32 know a standard deviation
+to 1/sqrt(2 31) = 13 %."""
+
+SCALARS = ("area", "area^2", "force", "contacts", "indentation", "load")
+"""Sums over patterns, SI units."""
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """What the patterns of an ensemble have in common.
+
+    Parameters
+    ----------
+    scenes : tuple of Scene
+        One a load, with the effects switched; ``[asperities]`` generates the patterns.
+    loads : tuple of float, N, or of LoadSpring
+    histories : tuple of tuple
+        The loads that came before each.
+    level : tuple of str
+        Coupling at each load.
+    edges : tuple of float, m
+        Of annuli around the apex.
+    tolerance : float or None
+        Of the solver.
+    """
+
+    scenes: tuple[Scene, ...]
+    loads: tuple[Prescribed, ...]
+    histories: tuple[tuple[Prescribed, ...], ...]
+    level: tuple[str, ...]
+    edges: tuple[float, ...]
+    tolerance: float | None
+
+    def solve(self, index: int) -> "list[PatternSums | str]":
+        """Pattern ``index`` at each load, or why it has no solution; depends on the seed and on it alone."""
+        asperities = generated_asperities(self.scenes[0], index)
+        return [self._solve_load(k, asperities) for k in range(len(self.loads))]
+
+    def _solve_load(self, k: int, asperities: pd.DataFrame) -> "PatternSums | str":
+        """A pattern at one load."""
+        scene = self.scenes[k]
+        try:
+            found = solve_scene(
+                scene,
+                asperities,
+                load=self.loads[k],
+                coupling=self.level[k],
+                tolerance=self.tolerance,
+                history=self.histories[k],
+            )
+        except ContactimgError as error:
+            return str(error)
+        if found.status != CONVERGED or found.validity.planes_touch:
+            return found.validity.messages()[-1] if found.status == CONVERGED else found.status
+        rows = found.touching
+        contacts = pd.DataFrame(
+            {
+                "x_m": found.x[rows],
+                "y_m": found.y[rows],
+                "radius_m": found.radius[rows],
+                "force_N": found.force[rows],
+            }
+        )
+        centre = scene.need("indenter", "an ensemble").apex
+        moments = annulus_moments(contacts, centre=centre, edges=self.edges)
+        area = float(np.pi * np.sum(contacts["radius_m"].to_numpy() ** 2))
+        force, count = float(contacts["force_N"].sum()), float(len(contacts))
+        scalars = np.array([area, area**2, force, count, found.indentation, found.load])
+        return PatternSums(scalars, moments[list(MOMENTS)].to_numpy(float))
+
+
+@dataclass(frozen=True, eq=False)
+class PatternSums:
+    """What one pattern adds at one load.
+
+    Parameters
+    ----------
+    scalars : ndarray, shape (6,)
+        `SCALARS`.
+    moments : ndarray, shape (annuli, 8)
+        `contactimg.analysis.annuli.MOMENTS` of each annulus.
+    """
+
+    scalars: Values
+    moments: Values
+
+
+@dataclass(eq=False)
+class LoadSums:
+    """The sums over patterns at one load."""
+
+    patterns: int = 0
+    scalars: Values = field(default_factory=lambda: np.zeros(len(SCALARS)))
+    groups: dict[int, Values] = field(default_factory=dict)
+    failures: list[str] = field(default_factory=list)
+
+    def add(self, index: int, found: "PatternSums | str") -> None:
+        """Add a pattern."""
+        if isinstance(found, str):
+            self.failures.append(found)
+            return
+        group = index % GROUPS
+        self.patterns += 1
+        self.scalars = self.scalars + found.scalars
+        self.groups[group] = self.groups[group] + found.moments if group in self.groups else found.moments
+
+
+def predict_ensemble(
+    scene: Scene,
+    loads: Sequence[Prescribed],
+    *,
+    patterns: int,
+    coupling: Coupling,
+    annulus: float,
+    tolerance: float | None = None,
+    calls: "Calls | None" = None,
+) -> list[Prediction]:
+    """Predict the averages over random patterns at each load.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sections ``[indenter]`` and ``[elastic]`` are needed, and ``[asperities]`` with ``generate``. Its own
+        pattern decides which effects are computed.
+    loads : sequence of float, N, or of LoadSpring
+        Each once.
+    patterns : int
+        Their number. Pattern ``k`` depends only on ``[asperities] seed`` and on ``k``.
+    coupling : str
+        As for `contactimg.prediction.predict_contacts`.
+    annulus : float
+        Width of the annuli around ``[indenter] apex_m``, m.
+    tolerance : float, optional
+        Of the solver.
+    calls : Calls, optional
+        How the patterns are worked off.
+
+    Returns
+    -------
+    list of Prediction
+        In order, without contacts. Uncertainties are standard errors of the mean.
+
+    Raises
+    ------
+    InputError
+        If the scene generates no patterns.
+    """
+    section, calls = scene.asperities, calls or Calls()
+    if section is None or section.generate is None:
+        raise InputError("an ensemble needs random patterns: state generate in [asperities]")
+    if patterns < 1:
+        raise InputError(f"an ensemble needs one pattern at least, got {patterns}")
+    typical, scene = need_asperities(scene, "an ensemble"), with_coupling(scene, coupling)
+    histories = tuple(loads_before(scene, load, loads) for load in loads)
+    plain = [with_memory(scene, history or scene.load.before) for history in histories]
+    pairs = list(zip(plain, loads, strict=True))
+    plans = [make_mechanical_plan(one, typical, load=load) for one, load in pairs]
+    scenes = tuple(plan.apply(one) for plan, one in zip(plans, plain, strict=True))
+    level = "hertz" if coupling == "hertz" else "auto"
+    ensemble = Ensemble(
+        scenes,
+        tuple(loads),
+        histories,
+        tuple(scene_level(one, level) for one in scenes),
+        _edges(scene, section.side, annulus),
+        tolerance,
+    )
+    sums = [LoadSums() for _ in loads]
+    for index, found in enumerate(calls.solve(ensemble, patterns)):
+        for one, part in zip(sums, found, strict=True):
+            one.add(index, part)
+    averages = zip(sums, scenes, loads, plans, strict=True)
+    return [_average(one, ensemble, *rest) for one, *rest in averages]
+
+
+def _edges(scene: Scene, side: float, width: float) -> tuple[float, ...]:
+    """Edges of annuli around the apex that hold a square pattern, m."""
+    if not (np.isfinite(width) and width > 0):
+        raise InputError(f"the width of an annulus must be positive, got {width!r} m")
+    apex = np.array(scene.need("indenter", "an ensemble").apex)
+    farthest = float(np.hypot(*np.maximum(np.abs(apex), np.abs(side - apex))))
+    return tuple((width * np.arange(int(farthest // width) + 2)).tolist())
+
+
+@dataclass(frozen=True)
+class Calls:
+    """How the patterns of an ensemble are worked off.
+
+    Parameters
+    ----------
+    workers : int or None
+        As for `contactimg.engine.calls.in_parallel`.
+    store : FrameStore, optional
+        Patterns that are in it are taken from it, the others are added.
+    advance : callable, optional
+        Called once a pattern, in order.
+    """
+
+    workers: int | None = 1
+    store: FrameStore | None = None
+    advance: Callable[[], None] | None = None
+
+    def solve(self, ensemble: Ensemble, patterns: int) -> Any:
+        """The patterns in order, a few in memory at a time."""
+        keys: list[str | None] = [None] * patterns
+        if self.store is not None:
+            common = self.store.common(["ensemble", ensemble], [])
+            keys = [self.store.key(common, None, k) for k in range(patterns)]
+
+        def compute(numbers: list[int]) -> Any:
+            jobs = [(k,) for k in numbers]
+            lost = partial(_lost, len(ensemble.loads))
+            return in_parallel(ensemble.solve, jobs, count=len(jobs), workers=self.workers, lost=lost)
+
+        for found in through_store(self.store, keys, compute, what="patterns"):
+            yield found
+            if self.advance is not None:
+                self.advance()
+
+
+def _lost(loads: int, error: Exception, _index: int) -> list[str]:
+    """The failure of a pattern whose workers were ended."""
+    return [f"its solution {error}"] * loads
+
+
+def _average(sums: LoadSums, ensemble: Ensemble, scene: Scene, load: Prescribed, plan: Plan) -> Prediction:
+    """The averages at one load."""
+    if not sums.patterns:
+        return Prediction.failed(load, f"no pattern has a solution; the first: {sums.failures[0]}")
+    name, n = load_name(load), sums.patterns
+    area, square, force, contacts, indentation, borne = (sums.scalars / n).tolist()
+    spread = np.sqrt(max(square - area**2, 0.0) / (n - 1)) if n > 1 else np.nan
+    notes = [f"average over {n:,} random patterns, {contacts:.4g} contacts each", *plan.messages]
+    if sums.failures:
+        notes.append(f"{len(sums.failures):,} patterns without a solution are left out: {sums.failures[0]}")
+    row = {
+        "frame": name,
+        "status": Status.APPROXIMATE if sums.failures else Status.OK,
+        "load_N": borne if isinstance(load, LoadSpring) else load,
+        "area_m2": area,
+        "area_std_m2": spread,
+        "force_sum_N": force,
+        "indentation_m": indentation,
+        "law": law_name(scene),
+        "message": "; ".join(notes),
+    }
+    coupled = "uncoupled" if scene_level(scene, "auto") == "none" else "coupled"
+    ends = {"inner": ensemble.edges[:-1], "outer": ensemble.edges[1:]}
+    groups = [
+        pd.DataFrame(ends | dict(zip(MOMENTS, moments.T, strict=True))) for moments in sums.groups.values()
+    ]
+    profile = average_profile(groups, frame=name, model=coupled)
+    last = int(np.flatnonzero(profile["density_per_m2"].to_numpy() > 0).max(initial=0))
+    frames = FRAMES.conform(pd.DataFrame([row]))
+    return Prediction(CONTACTS.empty(), frames, PROFILE.conform(profile.iloc[: last + 1]), plan)
