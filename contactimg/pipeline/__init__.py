@@ -5,7 +5,7 @@ Read in this order, each module using only those before it: `inputs` (asperities
 measured with), `frame` (measure one frame), `run` (the tables of a series: record, write, read back),
 `pose_and_forces` (contacts in sample coordinates), `measured_series` (frames whose tables stay on the disk),
 `written_run` (the tables of a series in a folder), `series` (measure a series frame by frame), `pictures`
-(contacts drawn on their frames), `calibrate` (the paper's calibrations), `predict` (model contacts at given
-loads), `simulate` (synthetic series), `overlay` (measured against predicted contacts), `analyse` (several
+(contacts drawn on their frames), `calibrate` (the paper's calibrations), `ensemble` (averages over random
+patterns), `predict` (model contacts at given loads), `simulate` (synthetic series), `overlay` (measured against predicted contacts), `analyse` (several
 runs together), `tradeoff` (accuracy against computing time).
 """

@@ -36,7 +36,7 @@ TINY = SCENE | {
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
     with ExitStack() as stack:
-        yield LocalCluster(stack, tmp_path_factory.mktemp("cluster") / "parts", workers=3)
+        yield LocalCluster(stack, tmp_path_factory.mktemp("cluster") / "parts")
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_another_version_on_a_worker_is_refused(parts, monkeypatch):
 
 
 def test_a_killed_worker_costs_nothing_but_time(parts, tmp_path):
-    spare = parts.workers.pop()
+    spare = parts.start_worker()
 
     def started():
         return {path.read_text() for path in tmp_path.iterdir()}

@@ -113,6 +113,6 @@ def test_refusals(tmp_path, capfd):
     (tmp_path / "scene.toml").write_text(TEXT)
     assert run(tmp_path, tmp_path / "out", "--model", "gt") == 2
     assert "is an average over patterns itself" in capfd.readouterr().err
-    (tmp_path / "scene.toml").write_text(TEXT.split("[asperities]")[0])
+    (tmp_path / "scene.toml").write_text(TEXT.split("[asperities]", maxsplit=1)[0])
     assert run(tmp_path, tmp_path / "out") == 2
     assert "an ensemble needs random patterns: state generate" in capfd.readouterr().err
