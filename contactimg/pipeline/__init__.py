@@ -6,6 +6,6 @@ measured with), `frame` (measure one frame), `run` (the tables of a series: reco
 `pose_and_forces` (contacts in sample coordinates), `measured_series` (frames whose tables stay on the disk),
 `written_run` (the tables of a series in a folder), `series` (measure a series frame by frame), `pictures`
 (contacts drawn on their frames), `calibrate` (the paper's calibrations), `ensemble` (averages over random
-patterns), `predict` (model contacts at given loads), `simulate` (synthetic series), `overlay` (measured against predicted contacts), `analyse` (several
-runs together), `tradeoff` (accuracy against computing time).
+patterns), `predict` (model contacts at given loads), `simulate` (synthetic series), `overlay` (measured
+against predicted contacts), `analyse` (several runs together), `tradeoff` (accuracy against computing time).
 """

@@ -192,7 +192,7 @@ def predict_ensemble(
         raise InputError(f"an ensemble needs one pattern at least, got {patterns}")
     typical, scene = need_asperities(scene, "an ensemble"), with_coupling(scene, coupling)
     histories = tuple(loads_before(scene, load, loads) for load in loads)
-    plain = [with_memory(scene, history or scene.load.before) for history in histories]
+    plain = [with_memory(scene, history) for history in histories]
     pairs = list(zip(plain, loads, strict=True))
     plans = [make_mechanical_plan(one, typical, load=load) for one, load in pairs]
     scenes = tuple(plan.apply(one) for plan, one in zip(plans, plain, strict=True))

@@ -2,10 +2,10 @@
 
     python tests/crash/kill_cluster.py --rounds 3 --seed 7
 
-A scheduler and two workers on this machine take the work of `process` and of an ensemble. A worker, the command
-or the scheduler is killed at a random time. A run that lost a worker must give the files of `--workers 1`; the
-others must end within a minute, by themselves or because they were killed, and give these files when they are
-started again. Exit code 1 if a case fails.
+A scheduler and two workers on this machine take the work of `process` and of an ensemble. A worker, the
+command or the scheduler is killed at a random time. A run that lost a worker must give the files of
+`--workers 1`; the others must end within a minute, by themselves or because they were killed, and give these
+files when they are started again. Exit code 1 if a case fails.
 """
 
 import argparse
@@ -19,8 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).parents[1] / "helpers")]
-
+sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, wait_until
 from small_series import SCENE
 
@@ -104,7 +103,8 @@ def run(rounds: int, seed: int) -> int:
             for victim in VICTIMS * rounds:
                 wrong, seconds = case(name, victim, expected, rng)
                 failed += bool(wrong)
-                print(f"{name}, {victim} killed: {wrong or 'well'}, ended {seconds:.1f} s later", flush=True)
+                line = f"{name}, {victim} killed: {wrong or 'well'}, ended {seconds:.1f} s later"
+                print(line, flush=True)  # noqa: T201
     return failed
 
 
