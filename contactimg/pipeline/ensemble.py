@@ -209,8 +209,7 @@ def predict_ensemble(
     for index, found in enumerate(calls.solve(ensemble, patterns)):
         for one, part in zip(sums, found, strict=True):
             one.add(index, part)
-    averages = zip(sums, scenes, loads, plans, strict=True)
-    return [_average(one, ensemble, *rest) for one, *rest in averages]
+    return [_average(one, ensemble, k, plan) for k, (one, plan) in enumerate(zip(sums, plans, strict=True))]
 
 
 def _edges(scene: Scene, side: float, width: float) -> tuple[float, ...]:
@@ -263,8 +262,9 @@ def _lost(loads: int, error: Exception, _index: int) -> list[str]:
     return [f"its solution {error}"] * loads
 
 
-def _average(sums: LoadSums, ensemble: Ensemble, scene: Scene, load: Prescribed, plan: Plan) -> Prediction:
-    """The averages at one load."""
+def _average(sums: LoadSums, ensemble: Ensemble, k: int, plan: Plan) -> Prediction:
+    """The averages at load ``k``."""
+    scene, load = ensemble.scenes[k], ensemble.loads[k]
     if not sums.patterns:
         return Prediction.failed(load, f"no pattern has a solution; the first: {sums.failures[0]}")
     name, n = load_name(load), sums.patterns
