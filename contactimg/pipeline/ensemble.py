@@ -251,7 +251,7 @@ class Calls:
             lost = partial(_lost, len(ensemble.loads))
             return in_parallel(ensemble.solve, jobs, count=len(jobs), workers=self.workers, lost=lost)
 
-        for found in through_store(self.store, keys, compute, what="patterns"):
+        for found in through_store(self.store, keys, compute, what="patterns", work="solved"):
             yield found
             if self.advance is not None:
                 self.advance()

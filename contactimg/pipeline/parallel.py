@@ -82,7 +82,7 @@ def for_each_frame(
     def compute(numbers: list[int]) -> Iterator[Result | FailedFrame]:
         return _measure_jobs(experiment, measure, [jobs[k] for k in numbers], workers=workers)
 
-    for part in through_store(store, keys, compute, what="frames" if whole else ""):
+    for part in through_store(store, keys, compute, what="frames" if whole else "", work="measured"):
         yield part
         if advance is not None:
             advance()
@@ -94,6 +94,7 @@ def through_store(
     compute: Callable[[list[int]], Iterator[Result]],
     *,
     what: str,
+    work: str,
 ) -> Iterator[Result]:
     """Results in order: from a store where it has them; the others are computed and added to it.
 
@@ -104,16 +105,18 @@ def through_store(
         One a result; None where it is not stored.
     compute : callable
         Gives the results of the numbers that the store lacks, in order.
-    what : str
-        What is counted in the message that says how much was done; empty for none.
+    what, work : str
+        For the message that says how much was done: what is counted, and what is done with the others. No
+        message without ``what``.
     """
     done = [store is not None and key in store for key in keys]
     if what and any(done) and store is not None and store.resumes:
         logger.warning(
-            "%s of %s %s were done by a run that was ended; the others follow",
+            "%s of %s %s were done by a run that was ended; the others are %s",
             f"{sum(done):,}",
             f"{len(keys):,}",
             what,
+            work,
         )
     new = compute([k for k, known in enumerate(done) if not known])
     for key, known in zip(keys, done, strict=True):
