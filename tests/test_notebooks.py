@@ -18,6 +18,10 @@ RESULTS = ROOT / "notebooks" / "results"
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 WITH_RESULTS = [path for path in NOTEBOOKS if "CONTACTIMG_FULL" in path.read_text(encoding="utf-8")]
 
+# what a number of ours is, and what the number of the paper is beside which it stands
+OURS = {"simulated", "rendered", "circular"}
+PAPER = {"measured", "simulated", "stated"}
+
 every_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 every_result = pytest.mark.parametrize("path", WITH_RESULTS, ids=lambda path: path.stem)
 
@@ -69,17 +73,21 @@ def test_notebook_uses_the_public_names_only(path):
 
 
 def test_notebooks_with_ensembles_are_found():
-    assert len(WITH_RESULTS) == 8
+    assert len(WITH_RESULTS) == 11
 
 
 @every_result
 def test_stored_results_hold_what_the_notebook_shows(path):
     table = pd.read_csv(RESULTS / f"{path.stem}.csv")
-    assert list(table.columns) == ["quantity", "ours", "std", "paper", "note"]
+    assert list(table.columns) == ["quantity", "ours", "std", "ours_is", "paper", "paper_is", "note"]
+    assert set(table["ours_is"]) <= OURS
+    assert set(table["paper_is"].dropna()) <= PAPER
+    assert (table["paper"].isna() == table["paper_is"].isna()).all()
     assert np.isfinite(table["ours"]).all()
     assert table["paper"].notna().any()
     text = "\n".join(cell.source for cell in nbformat.read(path, as_version=4).cells)
     assert "10.1039/C4SM02346C" in text
+    assert all(f"**{kind}" in text for kind in set(table["ours_is"]))  # and says so at the start
     named = re.findall(r"results/([\w.]+\.(?:csv|png))", text)
     assert f"{path.stem}.csv" in named
     assert any(name.endswith(".png") for name in named)
@@ -101,3 +109,4 @@ def test_listed_tables_are_the_stored_ones():
     listed = set(pd.read_csv(RESULTS / "runs.csv")["notebook"])
     assert listed == {path.stem for path in WITH_RESULTS}
     assert (RESULTS / "README.md").read_text(encoding="utf-8") == script.page()
+    assert (ROOT / "docs" / "models.md").read_text(encoding="utf-8") == script.models_page()
