@@ -71,7 +71,7 @@ def run(path: Path) -> dict[str, object]:
 
 def page() -> str:
     """The text of results/README.md."""
-    runs = pd.read_csv(RUNS, dtype=str).sort_values("notebook")
+    runs = pd.read_csv(RUNS, dtype=str).fillna("").sort_values("notebook")
     parts = [HEAD, markdown(runs)]
     for path in with_results():
         table = pd.read_csv(RESULTS / f"{path.stem}.csv").fillna({"paper": "", "paper_is": "", "note": ""})
