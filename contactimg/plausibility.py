@@ -46,9 +46,13 @@ ALONE_SPACINGS = 4.0
 of 10^4 points the largest such distance is below 2 (theory: exp(-pi x^2) per point)."""
 
 MAX_FORCES_OVER_LOAD = 8.0
-"""Sum of the local forces over the load, or its inverse, that is doubted in a calibration. Chosen: a modulus
-that was measured otherwise agrees within a few; the radii off by ten give 10, N for mN, MPa for kPa and the
-pixel size off by ten 1000, pixel size and radii 100."""
+"""Sum of the local forces over the load, or its inverse, that is doubted where the modulus is calibrated.
+Chosen: a modulus that was measured otherwise agrees within a few; the radii off by ten give 10, N for mN, MPa
+for kPa and the pixel size off by ten 1000, pixel size and radii 100."""
+
+MAX_SCANNED_FORCES_OVER_LOAD = 30.0
+"""The same at the threshold that comes closest, where that is calibrated. Chosen: thresholds alone change the
+sum by up to a few."""
 
 _FACTORS = {1e-3: "mm", 1e-6: "µm", 1e-9: "nm", 1e-2: "cm"}
 
@@ -209,7 +213,9 @@ def doubts_about_calibration(
     yield from adhesion.doubt("the fitted work_of_adhesion", max(work_of_adhesion, 0.0))
 
 
-def doubts_about_forces(*, slope: float, young_modulus: float) -> Iterator[str]:
+def doubts_about_forces(
+    *, slope: float, young_modulus: float, most: float = MAX_FORCES_OVER_LOAD
+) -> Iterator[str]:
     """Sentences about the force sums of a calibration of threshold or modulus.
 
     Parameters
@@ -218,6 +224,8 @@ def doubts_about_forces(*, slope: float, young_modulus: float) -> Iterator[str]:
         Sum of the local forces over the load.
     young_modulus : float
         With which they were found, Pa.
+    most : float
+        Largest plausible slope, or its inverse.
 
     Yields
     ------
@@ -228,10 +236,10 @@ def doubts_about_forces(*, slope: float, young_modulus: float) -> Iterator[str]:
     >>> list(doubts_about_forces(slope=0.9, young_modulus=3e6))
     []
     """
-    if slope > 0 and not 1 / MAX_FORCES_OVER_LOAD <= slope <= MAX_FORCES_OVER_LOAD:
+    if slope > 0 and not 1 / most <= slope <= most:
         yield (
             f"the local forces add up to {slope:.3g} times the load with young_modulus_Pa = "
-            f"{young_modulus:g}, plausible is a factor of at most {MAX_FORCES_OVER_LOAD:g}; are loads in N, "
+            f"{young_modulus:g}, plausible is a factor of at most {most:g}; are loads in N, "
             "the modulus in Pa, and pixel_size_m and the radii in metres?"
         )
 

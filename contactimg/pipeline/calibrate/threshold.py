@@ -21,7 +21,7 @@ from contactimg.pipeline.calibrate.force_sums import (
 )
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, measure_thresholds
-from contactimg.plausibility import doubts_about_forces, settle
+from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_slopes
 
 
@@ -91,7 +91,8 @@ def run_threshold(
 def _plausible(slopes: NDArray[np.float64], young_modulus: float) -> NDArray[np.float64]:
     """The slopes; refused if even the one closest to 1 is far from it."""
     closest = float(slopes[np.argmin(np.abs(np.log(np.maximum(slopes, np.finfo(float).tiny))))])
-    settle(doubts_about_forces(slope=closest, young_modulus=young_modulus), "the calibration")
+    most = MAX_SCANNED_FORCES_OVER_LOAD
+    settle(doubts_about_forces(slope=closest, young_modulus=young_modulus, most=most), "the calibration")
     return slopes
 
 
