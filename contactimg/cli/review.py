@@ -15,13 +15,20 @@ from contactimg.timings import stage
     help="Port of this machine to serve the page on.  [default: any that is free]",
 )
 @click.option("--no-browser", is_flag=True, help="Print the address of the page and open no browser.")
+@click.option(
+    "--origin",
+    default="",
+    metavar="ADDRESS",
+    help="Scheme and host of a proxy through which the page is opened: https://hub.example.org.",
+)
 @shared.workers
 @shared.verbose
-def review(*, run: str, port: int, no_browser: bool, workers: int | None) -> int:
+def review(*, run: str, port: int, no_browser: bool, origin: str, workers: int | None) -> int:
     """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
 
     The page is served to this machine only, under an address with a random token; Ctrl-C ends it. On another
-    machine, forward the port (ssh -L 8765:127.0.0.1:8765) and open the address there. Corrections go to
+    machine, forward the port (ssh -L 8765:127.0.0.1:8765) and open the address there, or name the proxy
+    (--origin). Corrections go to
     edits.csv, each before the page says so; a threshold that is chosen goes to scene.toml. Nothing else is
     written: run `contactimg process` again for tables and pictures with the corrections.
 
@@ -41,7 +48,7 @@ def review(*, run: str, port: int, no_browser: bool, workers: int | None) -> int
 
     with closing(Session(Path(run), workers=workers)) as session:
         try:
-            server = ReviewServer(session, port)
+            server = ReviewServer(session, port, origin=origin)
         except OSError as error:
             raise InputError(f"port {port} cannot be used ({error.strerror}); choose another one") from None
         with server:
