@@ -30,6 +30,7 @@ from contactimg.scene import scene_from_dict
 
 VICTIMS = ("worker", "command", "scheduler")
 FRAMES = 12
+START_LIMIT_S = 300.0  # kernels may have to be compiled
 SERIES = SCENE | {
     "simulate": SCENE["simulate"] | {"loads_N": np.linspace(0.004, 0.05, FRAMES).tolist()},
 }
@@ -58,7 +59,7 @@ def case(name: str, victim: str, expected: dict[str, bytes], rng: np.random.Gene
         words = [*COMMANDS[name], "-o", str(out), "--quiet", "--cluster"]
         command = begin([*words, str(parts.file)])
         stack.callback(command.kill)
-        wait_until(lambda: any(out.rglob("frames.txt")) or command.poll() is not None)
+        wait_until(lambda: any(out.rglob("frames.txt")) or command.poll() is not None, START_LIMIT_S)
         time.sleep(rng.uniform(0.0, 1.0))
         if command.poll() is not None:
             return "it ended before anything was killed", 0.0
