@@ -15,11 +15,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError
+from contactimg.mechanics.profiles import AxisymmetricProfile
 from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
 from contactimg.models.load_spring import LoadSpring, prescribed
 from contactimg.models.newton_iteration import ContactSystem
+from contactimg.models.profile_law import ProfileLaw
 from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
 from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, check_choice, scale_problem
 from contactimg.models.solution import InteractingSolution, Outcome
@@ -34,7 +36,7 @@ class InteractingOptions(TypedDict, total=False):
 
     apex: tuple[float, float]
     coupling: str
-    law: str
+    law: str | AxisymmetricProfile
     thickness: float
     method: str
     tolerance: float
@@ -51,7 +53,7 @@ def solve_interacting(
     indentation: float | None = None,
     apex: tuple[float, float] = (0.0, 0.0),
     coupling: str = "asymptotic",
-    law: str = "hertz",
+    law: str | AxisymmetricProfile = "hertz",
     thickness: float = np.inf,
     start: InteractingSolution | None = None,
     method: str = "auto",
@@ -78,8 +80,9 @@ def solve_interacting(
         ``"asymptotic"``: that of a point force, ``p/(pi E* r)``. ``"full"``, the accurate level: that of
         Hertz's pressure, with the shift of the contact by its slope and the change of the effective radius by
         its curvature. ``"hertz"``: that of Hertz's pressure alone, the original form of the model.
-    law : {"hertz", "sphere"}
-        Profile of one asperity: a paraboloid, or the exact sphere (Sneddon).
+    law : {"hertz", "sphere"} or AxisymmetricProfile
+        Profile of one asperity: a paraboloid, the exact sphere (Sneddon), or any other: a `PowerLawProfile`,
+        a `TabulatedProfile`, or an object with their methods, with coupling ``"none"`` or ``"asymptotic"``.
     thickness : float, m
         Of a layer bonded to a rigid support (Poisson's ratio 1/2); infinite for a half-space.
     start : InteractingSolution, optional
@@ -127,7 +130,8 @@ def solve_interacting(
     30.0
     """
     check_choice("coupling", coupling, COUPLINGS)
-    check_choice("law", law, LAWS)
+    if isinstance(law, str):
+        check_choice("law", law, LAWS)
     check_choice("method", method, METHODS)
     if load is not None and not isinstance(load, LoadSpring) and load < 0:
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
@@ -144,7 +148,9 @@ def solve_interacting(
         )
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
     kernel = Kernel.of_thickness(thickness / problem.length)
-    profile = asperity_law(law, aspect=problem.depth / problem.length)
+    profile = _local_law(law, conditions, problem.length, problem.depth)
+    if isinstance(profile, ProfileLaw):
+        profile.check(np.zeros(0), coupling)
     solver = ContactSolver(
         problem,
         profile,
@@ -161,9 +167,20 @@ def solve_interacting(
         iterate.penetration(system),
         Outcome(iterate.indentation * problem.depth, coupling, float(thickness), steps, iterate.residual),
     )
-    forces = forces_from_indentation(solution, problem, system, asperity_law(law, aspect=1.0))
+    forces = forces_from_indentation(solution, problem, system, _local_law(law, conditions, 1.0, 1.0))
+    if isinstance(profile, ProfileLaw):
+        profile.check(solution.radius, coupling)
     status = prove_forces(solution, problem.order, conditions, forces * float(contact_modulus), tolerance)
     return solution if status == solution.status else replace(solution, status=status)
+
+
+def _local_law(
+    law: str | AxisymmetricProfile, conditions: ContactConditions, length: float, depth: float
+) -> AsperityLaw:
+    """The law of one asperity in units of length and depth (m)."""
+    if isinstance(law, str):
+        return asperity_law(law, aspect=depth / length)
+    return ProfileLaw(law, conditions.indenter_radius, length, depth)
 
 
 def forces_from_indentation(
