@@ -27,7 +27,6 @@ from contactimg.models.greenwood_williamson import (
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
@@ -150,8 +149,7 @@ def predict_contacts(
     borne = solution.load if isinstance(load, LoadSpring) else load
     row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
-    law = law_name(scene) if stated_profile(scene) is None else "profile"
-    row = row.assign(**_judgement(solution), law=law)
+    row = row.assign(**_judgement(solution), law=law_name(scene))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -348,12 +346,6 @@ def solve_scene(
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     effects = scene.effects
     solve: Callable[..., InteractingSolution] = solve_interacting
-    profile = stated_profile(scene)
-    if profile is not None and "on" in (effects.adhesion, effects.sphere_profile):
-        raise InputError(
-            "[asperities] states a profile, for which neither adhesion nor the sphere's law is defined; "
-            'set [effects] adhesion = "off", sphere_profile = "off"'
-        )
     if effects.adhesion == "on":
         if coupling not in ADHESIVE_COUPLINGS:
             raise InputError(
@@ -369,7 +361,7 @@ def solve_scene(
         apex=indenter.apex,
         load=load,
         coupling=coupling,
-        law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
+        law="sphere" if effects.sphere_profile == "on" else "hertz",
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
     )
 

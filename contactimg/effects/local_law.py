@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from contactimg.effects.effect_estimate import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
-from contactimg.models.profile_law import stated_profile
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -149,8 +148,6 @@ def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
     switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
     effects = scene.effects.model_copy(update=switches)
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
-    if stated_profile(scene) is not None:
-        messages = (*messages, "the forces are those of caps of radius_m, not of the stated profile")
     support = _support_messages(evidence.largest_radius, elastic.thickness, tolerance.relative)
     return LawPlan(scene.model_copy(update={"effects": effects}), left_out, (*messages, *support))
 

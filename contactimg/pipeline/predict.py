@@ -12,7 +12,6 @@ from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import stated_profile
 from contactimg.pipeline.inputs import need_asperities, scene_asperities
 from contactimg.pipeline.loading_path import loads_before
 from contactimg.prediction import (
@@ -119,8 +118,6 @@ def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: st
             f'model "{model}" has no levels of coupling, got coupling "{coupling}"; leave it out, or '
             'take the model "interacting"'
         )
-    if stated_profile(scene) is not None:
-        raise InputError(f'model "{model}" takes caps, no stated profile; take the model "interacting"')
     if scene.shaped:
         raise InputError(
             f'model "{model}" takes a flat sample under an upright lens; take the model "interacting"'
