@@ -15,6 +15,7 @@ from contactimg.files import Experiment, FrameSource, write_table
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
 from contactimg.pipeline.inputs import contact_sites
+from contactimg.pipeline.loading_path import loads_before
 from contactimg.pipeline.pictures import draw_predicted, series_stretch, view_of, write_picture
 from contactimg.pipeline.run import Run, frame_shift
 from contactimg.plots.overlay import View
@@ -96,10 +97,12 @@ def compare_run(
     predicted: dict[str, dict[str, pd.DataFrame]] = {}
     left_out: dict[str, str] = {}
     plans: dict[str, Plan] = {}
-    for row in _comparable(run.frames).to_dict("records"):
+    comparable = _comparable(run.frames)
+    loads = comparable["load_N"].tolist()
+    for row in comparable.to_dict("records"):
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
-        found, reasons = _predicted(run.scene, asperities, row)
+        found, reasons = _predicted(run.scene, asperities, row, loads)
         measured = _with_law_of(found.get("coupled"), measured, run.scene, asperities)
         shift_px = frame_shift(run.frames, frame)
         predicted[frame] = {
@@ -149,15 +152,20 @@ def _with_law_of(
 
 
 def _predicted(
-    scene: Scene, asperities: pd.DataFrame, row: dict[Hashable, Any]
+    scene: Scene, asperities: pd.DataFrame, row: dict[Hashable, Any], loads: list[float]
 ) -> tuple[dict[str, Prediction], dict[str, str]]:
-    """What each model predicts for a frame, and why a model has no solution."""
+    """What each model predicts for a frame, one of all the loads, and why a model has no solution."""
+    history = loads_before(scene, row["load_N"], loads)
     predictions: dict[str, Prediction] = {}
     reasons: dict[str, str] = {}
     for model in COMPARED_MODELS:
         try:
             predictions[model] = predict_contacts(
-                scene_of_model(scene, model), asperities, load=row["load_N"], frame=row["frame"]
+                scene_of_model(scene, model),
+                asperities,
+                load=row["load_N"],
+                frame=row["frame"],
+                history=history,
             )
         except ContactimgError as error:
             reasons[model] = str(error)

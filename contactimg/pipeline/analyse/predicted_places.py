@@ -11,6 +11,7 @@ from contactimg.engine.calls import in_parallel
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.pipeline.analyse.group_by_load import usable_frames
 from contactimg.pipeline.analyse.places import Place, radius_ratios
+from contactimg.pipeline.loading_path import loads_before
 from contactimg.prediction import predict_contacts, scene_of_model
 from contactimg.tables import CONTACTS
 
@@ -74,13 +75,14 @@ def predict_places(
 
 def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, Any]) -> pd.DataFrame | str:
     """The contacts of one frame in its field of view, or why there are none."""
-    place = places[name]
+    place, load = places[name], float(row["load_N"])
     try:
         prediction = predict_contacts(
             scene_of_model(place.scene, model),
             cast("pd.DataFrame", place.asperities),
-            load=float(row["load_N"]),
+            load=load,
             frame=str(row["frame"]),
+            history=loads_before(place.scene, load, usable_frames(place)["load_N"].tolist()),
         )
     except (ModelRangeError, ConvergenceError) as error:
         return str(error)
