@@ -24,6 +24,7 @@ from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, wait_until
 from small_series import SCENE
 
 from contactimg.cli import main
+from contactimg.files import write_scene
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
@@ -36,7 +37,7 @@ SERIES = SCENE | {
 }
 COMMANDS = {
     "process": ["process", "series", "--no-pictures"],
-    "ensemble": ["predict", "series", "--load-N", "0.02", "--load-N", "0.05", "--patterns", "400"],
+    "ensemble": ["predict", "patterns", "--load-N", "0.02", "--load-N", "0.05", "--patterns", "400"],
 }
 
 
@@ -94,8 +95,10 @@ def run(rounds: int, seed: int) -> int:
     rng, failed = np.random.default_rng(seed), 0
     with tempfile.TemporaryDirectory() as top:
         os.chdir(top)
-        Path("series").mkdir()
         scene = scene_from_dict(SERIES)
+        for name in ("series", "patterns"):
+            Path(name).mkdir()
+        write_scene(SERIES, Path("patterns/scene.toml"))  # with the generator, not with its table
         write_simulation(scene, need_asperities(scene, "a test"), Path("series"))
         for name, words in COMMANDS.items():
             if main([*words, "-o", f"whole_{name}", "--quiet", "--workers", "1"]) != 0:
