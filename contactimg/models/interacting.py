@@ -129,12 +129,7 @@ def solve_interacting(
     >>> round(float(solution.radius[0]) * 1e6, 9)
     30.0
     """
-    check_choice("coupling", coupling, COUPLINGS)
-    if isinstance(law, str):
-        check_choice("law", law, LAWS)
-    check_choice("method", method, METHODS)
-    if load is not None and not isinstance(load, LoadSpring) and load < 0:
-        raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
+    _check(coupling, law, method, load)
     conditions = ContactConditions(
         indenter_radius, float(contact_modulus), apex, float(thickness), *prescribed(load, indentation)
     )
@@ -172,6 +167,18 @@ def solve_interacting(
         profile.check(solution.radius, coupling)
     status = prove_forces(solution, problem.order, conditions, forces * float(contact_modulus), tolerance)
     return solution if status == solution.status else replace(solution, status=status)
+
+
+def _check(
+    coupling: str, law: str | AxisymmetricProfile, method: str, load: float | LoadSpring | None
+) -> None:
+    """Refuse choices that are unknown and a load that pulls."""
+    check_choice("coupling", coupling, COUPLINGS)
+    if isinstance(law, str):
+        check_choice("law", law, LAWS)
+    check_choice("method", method, METHODS)
+    if load is not None and not isinstance(load, LoadSpring) and load < 0:
+        raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
 
 
 def _local_law(
