@@ -343,7 +343,7 @@ def cycle_loss(*, sphere_radius: float, contact_modulus: float, work_of_adhesion
     --------
     >>> where = dict(sphere_radius=100e-6, contact_modulus=4e6, work_of_adhesion=0.05)
     >>> round(cycle_loss(**where) * 1e12, 3)
-    8.97
+    8.865
     """
     R, K, w = _constants(sphere_radius, contact_modulus, work_of_adhesion)
     both = 0.3 + 3.2 * 16 ** (-5 / 3)

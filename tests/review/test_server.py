@@ -328,7 +328,8 @@ def test_curves_are_those_of_process_and_calibrate(top):
 
 def test_a_chosen_threshold_goes_into_the_scene_file_and_nothing_else_changes(client, session, top):
     scene = top / "series" / "scene.toml"
-    text = scene.read_text(encoding="utf-8") + '\n[measure] # how\npose = "fit"  # the contacts say\n'
+    measure = '[measure] # how\npose = "fit"  # the contacts say\nfilm_doubt = 0.0\n'
+    text = scene.read_text(encoding="utf-8").replace("[measure]\nfilm_doubt = 0.0\n\n", "") + "\n" + measure
     scene.write_text(text, encoding="utf-8")
     assert client.post("threshold", {"threshold": 0.4})[0] == 200
     assert scene.read_text(encoding="utf-8") == text + 'method = "threshold"\nthreshold = 0.4\n'

@@ -96,8 +96,8 @@ class FramePair:
         A level of 0 stands for a background that had been subtracted before: then there is no limit below.
         """
         if sign < 0:
-            return level - self.black if level > 0 else float("inf")
-        return self.full_scale - level if self.full_scale > level else self.full_scale
+            return min(level, self.full_scale) - self.black if level > 0 else float("inf")
+        return self.full_scale - max(level, 0.0) if self.full_scale > level else self.full_scale
 
     def shown_contrast(self, level: float, sign: int) -> float:
         """Largest contrast that a plateau can have that the frame shows: at most its range of levels."""
