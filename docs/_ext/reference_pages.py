@@ -196,15 +196,27 @@ def _rule(rule):
 
 
 def table_page():
-    """Lines for every CSV table and its columns."""
+    """Lines for every CSV table and its columns; two tables of one file stand under one heading."""
     lines = []
-    for schema in sorted(_members(tables.Schema), key=lambda schema: schema.name):
-        lines += [f"(table-{schema.name})=", f"## `{schema.name}.csv`", "", _plain(schema.description), ""]
-        rows = [(f"`{name}`", dtype, _plain(meaning)) for name, (dtype, meaning) in schema.columns.items()]
-        lines += markdown_table(["column", "type", "meaning"], rows)
-        if schema.later:
-            names = ", ".join(f"`{name}`" for name in schema.columns if name in schema.later)
-            lines += [f"Files of earlier versions lack some of {names}: read back, these are empty.", ""]
+    by_file = itertools.groupby(sorted(_members(tables.Schema), key=_file_name), key=_file_name)
+    for file_name, schemas in by_file:
+        lines += [f"(table-{file_name})=", f"## `{file_name}.csv`", ""]
+        for schema in schemas:
+            lines += _columns(schema)
+    return lines
+
+
+def _file_name(schema):
+    return schema.name
+
+
+def _columns(schema):
+    """Lines for the columns of one table."""
+    rows = [(f"`{name}`", dtype, _plain(meaning)) for name, (dtype, meaning) in schema.columns.items()]
+    lines = [_plain(schema.description), "", *markdown_table(["column", "type", "meaning"], rows)]
+    if schema.later:
+        names = ", ".join(f"`{name}`" for name in schema.columns if name in schema.later)
+        lines += [f"Files of earlier versions lack some of {names}: read back, these are empty.", ""]
     return lines
 
 
