@@ -33,6 +33,15 @@ MATCHED_FRACTION = 0.9
 """A frame gets a remark if fewer of its contacts fall on an asperity. Chosen by hand; changes no number."""
 
 
+FORCES_OFF_LOAD = 1.5
+"""Ratio of the sum of local forces to the load, or its inverse, from which on a frame is not ok. Chosen:
+above what an uncalibrated modulus or threshold is off by, below a slip of a unit. The ratio is always
+printed."""
+
+SIGNIFICANT_STDS = 3.0
+"""Standard deviations of the sum of forces beyond which it differs from the load: 0.3 % of false alarms."""
+
+
 def _with_notes(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
     """The frames table with a note added to the messages of the named frames."""
     messages = [
@@ -163,7 +172,7 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None
     contacts, frames = fill_forces(
         run.scene if law is None else law.scene, run.contacts, run.frames, sites, scale
     )
-    frames = _with_notes(frames, _missing_force_notes(contacts))
+    frames = _with_balance(_with_notes(frames, _missing_force_notes(contacts)), law)
     forces = contacts["force_N"].notna().any()
     return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
 
@@ -183,3 +192,23 @@ def _missing_force_notes(contacts: pd.DataFrame) -> dict[str, str]:
         if 0 < missing < len(part):
             notes[str(name)] = f"{missing} contacts have no asperity and so no force; the sum leaves them out"
     return notes
+
+
+def _with_balance(frames: pd.DataFrame, law: LawPlan | None) -> pd.DataFrame:
+    """The frames table where frames whose forces do not balance the load are no longer ok, and say so."""
+    if law is None or law.scene.elastic is None:
+        return frames
+    total, std, load = (frames[name].to_numpy(float) for name in ("force_sum_N", "force_sum_std_N", "load_N"))
+    ratio = np.divide(total, load, out=np.full(len(frames), np.nan), where=load > 0)
+    off = (np.abs(total - load) > SIGNIFICANT_STDS * std) & (total > 0)
+    off &= (ratio > FORCES_OFF_LOAD) | (ratio < 1 / FORCES_OFF_LOAD)
+    modulus = law.scene.elastic.young_modulus
+    notes = {
+        str(
+            name
+        ): f"the local forces add up to {value:.3g} times the load: check the load and its zero, [elastic] "
+        f"young_modulus_Pa = {modulus:g}, [camera] pixel_size_m and the radii of the asperities"
+        for name, value in zip(frames["frame"][off], ratio[off], strict=True)
+    }
+    without = off & (frames["status"] == Status.OK)
+    return _with_notes(frames, notes).assign(status=frames["status"].mask(without, Status.OFF_LOAD))

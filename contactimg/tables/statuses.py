@@ -76,6 +76,10 @@ class Status(enum.StrEnum):
     NO_POSE = "no pose"
     """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:
     contacts have no asperities. Radii and areas do not depend on that."""
+    OFF_LOAD = "forces off load"
+    """The local forces add up to less than two thirds or more than one and a half times the load, beyond the
+    errors: the modulus, the load or its zero, the pixel size or the radii of the asperities are not what the
+    scene says. Radii and areas in pixels do not depend on that."""
 
 
 FAILED = Status.FAILED
