@@ -4,21 +4,22 @@
     python benchmarks/long_series.py --frames 1000 100000 --stored
 
 Frames of 400 x 300 pixels with a few contacts; the files are links to 200 different ones. Printed for each
-length: peak memory of the parent and of the largest worker, wall time a frame (all runs together), whether
-every frame is in the tables once. With ``--stored`` the measurement of a frame is replaced by a stored
-result; reading, keeping, resuming and writing are as they are.
+length: peak memory of the parent and of the largest worker; wall time, and processor time of all processes, a
+frame (all runs together); whether every frame is in the tables once. With ``--stored`` the measurement of a
+frame is replaced by a stored result; reading, keeping, resuming and writing are as they are.
 """
 
 import argparse
 import csv
 import importlib
+import os
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from contactimg.cli import main
@@ -56,20 +57,24 @@ seed = 7
 
 @dataclass
 class Peak:
-    """Largest memory seen, MB."""
+    """Largest memory seen, MB, and processor time of each process, s."""
 
     parent: float = 0.0
     worker: float = 0.0
+    seconds: dict[int, float] = field(default_factory=dict)
 
     def look(self, parent: int) -> None:
         """Look at the peaks that the system has noted for a process and its children."""
         self.parent = max(self.parent, _peak_memory(parent))
+        self.seconds[parent] = _processor_seconds(parent) or self.seconds.get(parent, 0.0)
         children = Path(f"/proc/{parent}/task/{parent}/children")
         try:
             numbers = children.read_text().split()
         except OSError:
             return
-        self.worker = max([self.worker, *(_peak_memory(int(number)) for number in numbers)])
+        for number in map(int, numbers):
+            self.worker = max(self.worker, _peak_memory(number))
+            self.seconds[number] = _processor_seconds(number) or self.seconds.get(number, 0.0)
 
 
 def _peak_memory(process: int) -> float:
@@ -79,6 +84,15 @@ def _peak_memory(process: int) -> float:
     except OSError:
         return 0.0
     return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM")), 0.0)
+
+
+def _processor_seconds(process: int) -> float:
+    """User and system time of a process, s; 0 if it is gone."""
+    try:
+        words = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def make_files(folder: Path) -> None:
@@ -154,6 +168,7 @@ def measure_length(top: Path, count: int, options: argparse.Namespace) -> str:
     state = "all frames once" if right else f"WRONG: exit code {code}, {len(names)} rows"
     return (
         f"{count:8d} {peak.parent:10.0f} {peak.worker:10.0f} {1000 * seconds / count:12.1f} "
+        f"{1000 * sum(peak.seconds.values()) / count:12.1f} "
         f"{(out / 'contacts.csv').stat().st_size / 1e6:12.1f}  {state}"
     )
 
@@ -175,7 +190,8 @@ if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as name:
         make_files(Path(name))
         print(
-            f"{'frames':>8s} {'parent MB':>10s} {'worker MB':>10s} {'ms a frame':>12s} {'contacts MB':>12s}"
+            f"{'frames':>8s} {'parent MB':>10s} {'worker MB':>10s} {'ms a frame':>12s} {'CPU ms':>12s} "
+            f"{'contacts MB':>12s}"
         )
         for length in options.frames:
             print(measure_length(Path(name), length, options), flush=True)
