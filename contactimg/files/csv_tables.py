@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -418,6 +418,9 @@ def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
         raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
 
 
-def _cells(column: pd.Series) -> Iterator[object]:
+def _cells(column: pd.Series) -> Iterable[object]:
     """Values that Python's csv module writes with every digit; missing ones are empty."""
-    return ("" if missing else value for value, missing in zip(column.tolist(), column.isna(), strict=True))
+    values, missing = column.tolist(), column.isna().to_numpy()
+    if not missing.any():
+        return values
+    return ("" if empty else value for value, empty in zip(values, missing.tolist(), strict=True))

@@ -2,6 +2,7 @@
 
 import enum
 from collections.abc import Iterable
+from functools import cache
 
 
 class Flag(enum.IntFlag):
@@ -39,4 +40,10 @@ class Flag(enum.IntFlag):
 
 def flag_names(flags: Iterable[int]) -> list[str]:
     """Flag names joined by ``|`` for each row, as in the CSV files."""
-    return ["|".join(str(flag.name) for flag in Flag if flag & int(value)) for value in flags]
+    return [_names(int(value)) for value in flags]
+
+
+@cache
+def _names(value: int) -> str:
+    """The names in one value: few values occur, in many rows."""
+    return "|".join(str(flag.name) for flag in Flag if flag & value)
