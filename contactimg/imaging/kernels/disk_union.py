@@ -50,23 +50,31 @@ def add_lens(model, one, two, s, sign):
         t = -tall + (k + 0.5) * step
         u, v = math.sqrt(max(a * a - t * t, 0.0)), math.sqrt(max(b * b - t * t, 0.0))
         low[k], high[k] = max(-u, d - v), max(min(u, d + v), -u, d - v)
-    height = sign * 0.5 * (one[3] + two[3]) * step / (s * math.sqrt(2.0 * math.pi))
-    _draw_lens(model, (one[0], one[1], ex, ey), low, high, tall, s, height)
+    _draw_lens(model, (one[0], one[1], ex, ey), (a, b, d), low, high, tall, s, sign * 0.5 * (one[3] + two[3]))
 
 
 @njit(cache=True)
-def _draw_lens(model, frame, low, high, tall, s, height):
-    """Add the lens, given in the coordinates of its pair (origin and axis in ``frame``), to the image."""
+def _draw_lens(model, frame, circles, low, high, tall, s, level):
+    """Add the lens, given in the coordinates of its pair (origin and axis in ``frame``), to the image.
+
+    Only pixels near one of the two ``circles`` (radii, distance of the centres) need the integral.
+    """
     x, y, ex, ey = frame
+    a, b, d = circles
     reach = EDGE_REACH_BLUR_WIDTHS * s
     p0, p1, q1 = low.min() - reach, high.max() + reach, tall + reach
     half_x, half_y = 0.5 * (p1 - p0) * abs(ex) + q1 * abs(ey), 0.5 * (p1 - p0) * abs(ey) + q1 * abs(ex)
     cx, cy = x + 0.5 * (p0 + p1) * ex, y + 0.5 * (p0 + p1) * ey
     step = 2.0 * tall / len(low)
+    height = level * step / (s * math.sqrt(2.0 * math.pi))
     for j in range(max(math.ceil(cy - half_y), 0), min(math.floor(cy + half_y), model.shape[0] - 1) + 1):
         for i in range(max(math.ceil(cx - half_x), 0), min(math.floor(cx + half_x), model.shape[1] - 1) + 1):
             p, q = (i - x) * ex + (j - y) * ey, (j - y) * ex - (i - x) * ey
             if p < p0 or p > p1 or abs(q) > q1:
+                continue
+            depth = min(a - math.hypot(p, q), b - math.hypot(p - d, q))
+            if abs(depth) > reach:
+                model[j, i] += level if depth > 0.0 else 0.0
                 continue
             first = max(int((q - reach + tall) / step), 0)
             last = min(int((q + reach + tall) / step) + 1, len(low))
