@@ -349,8 +349,8 @@ CASES = {
     "settle": Case("common contrast and blur settled", {"fit.shared_optics.OPTICS_STEPS": 1}),
     "scatter": Case(
         "contacts that disagree about contrast and blur",
-        {"fit.shared_optics._DiskScores._variance_factor": lambda _, least: max(least, 1.0)},
-        "fit.shared_optics._DiskScores._variance_factor",
+        {"fit.shared_optics.DiskScores._variance_factor": lambda _, least: max(least, 1.0)},
+        "fit.shared_optics.DiskScores._variance_factor",
     ),
     "hidden": Case(
         "hidden rims in the uncertainty",

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.problem import FitProblem
+from contactimg.imaging.fit.shared_optics import DiskScores
 from contactimg.imaging.kernels.ellipse_equations import BLUR, PARAMETERS, draw_ellipse, fit_one_ellipse
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
@@ -89,6 +90,8 @@ class FittedEllipse:
         Mean squared residual over its variance, about the rim and inside it (NaN without such pixels).
     pixels : int
         About the rim.
+    scores : DiskScores
+        Of the common contrast and blur, for `settle_on_ellipses`; one row.
     loss : float
         Sum over the window, outliers linearly, and of the prior.
     """
@@ -98,6 +101,7 @@ class FittedEllipse:
     shifts: NDArray[np.float64]
     chi_square: NDArray[np.float64]
     pixels: int
+    scores: DiskScores
     loss: float
 
     @property
@@ -146,6 +150,7 @@ def fit_ellipse(
     optics: CommonOptics,
     *,
     inflation: float,
+    misfit: float = 1.0,
     circular: bool = False,
 ) -> FittedEllipse:
     """Fit an ellipse to the pixels of a window.
@@ -158,6 +163,9 @@ def fit_ellipse(
     optics : CommonOptics
     inflation : float
         Factor of the variances for noise that pixels share.
+    misfit : float
+        Least mean squared residual over its variance that is believed; less than 1 where all contacts show
+        less noise than the background let expect.
     circular : bool
         Hold the ellipticity at that of the start.
 
@@ -169,7 +177,7 @@ def fit_ellipse(
     noise = np.array([window.noise.variance, window.noise.slope / optics.contrast])
     spread = max(optics.spread, LEAST_SPREAD_FRACTION * optics.contrast)
     prior = np.array([optics.contrast, spread])
-    parameters, normal, chi_square, pixels, loss = fit_one_ellipse(
+    parameters, normal, score, chi_square, pixels, loss = fit_one_ellipse(
         window.image,
         for_kernel(window.valid),
         start - offset,
@@ -185,9 +193,19 @@ def fit_ellipse(
     cross = np.zeros((PARAMETERS, 2))
     cross[CONTRAST, 0] = -optics.contrast / spread**2
     cross[:, 1] = normal[:PARAMETERS, BLUR]
-    shifts = -inverse @ cross @ np.linalg.cholesky(optics.covariance)
-    scale = inflation * max(float(chi_square[0]) if pixels else 1.0, 1.0)
-    return FittedEllipse(parameters + offset, scale * inverse, shifts, chi_square, int(pixels), float(loss))
+    response = -inverse @ cross
+    shifts = response @ np.linalg.cholesky(optics.covariance)
+    scale = inflation * max(float(chi_square[0]) if pixels else 1.0, misfit)
+    tight = 1.0 / spread**2
+    own = np.array([tight * optics.contrast * (parameters[CONTRAST] - optics.contrast), score[BLUR]])
+    scores = DiskScores(
+        (own + response.T @ score[:PARAMETERS])[None],
+        (np.diag([tight * optics.contrast**2, normal[BLUR, BLUR]]) + cross.T @ response)[None],
+        response[None],
+    )
+    return FittedEllipse(
+        parameters + offset, scale * inverse, shifts, chi_square, int(pixels), scores, float(loss)
+    )
 
 
 def _scales(parameters: NDArray[np.float64]) -> NDArray[np.float64]:

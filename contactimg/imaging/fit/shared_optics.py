@@ -197,7 +197,7 @@ def _newton(
     noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
     last_step = np.zeros(2)
     for remaining in reversed(range(OPTICS_STEPS)):
-        scores = _DiskScores.of(fit, contrast=contrast, spread=spread)
+        scores = DiskScores.of(fit, contrast=contrast, spread=spread)
         gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
         gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
@@ -295,7 +295,7 @@ def _within_bounds(step: NDArray, gradient: NDArray, information: NDArray, bound
     return np.array([min(step[0], bounds[0]), max(step[1], bounds[1])])
 
 
-def _follow(disks: NDArray, scores: "_DiskScores", step: NDArray) -> NDArray[np.float64]:
+def _follow(disks: NDArray, scores: "DiskScores", step: NDArray) -> NDArray[np.float64]:
     """Disks to start from after a step of contrast and blur."""
     disks = disks.copy()
     radius = disks[:, RADIUS]
@@ -304,7 +304,7 @@ def _follow(disks: NDArray, scores: "_DiskScores", step: NDArray) -> NDArray[np.
     return disks
 
 
-def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "_DiskScores", covariance: NDArray) -> bool:
+def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "DiskScores", covariance: NDArray) -> bool:
     """Whether a step changes the sum of a^3 by more than a fraction of its uncertainty."""
     weights = 3.0 * fit.disks[:, RADIUS] ** 2
     slope = weights @ scores.radius_response
@@ -313,7 +313,7 @@ def _is_worth_a_fit(step: NDArray, fit: FittedDisks, scores: "_DiskScores", cova
 
 
 @dataclass(frozen=True, eq=False)
-class _DiskScores:
+class DiskScores:
     """Score and information of each disk on (ln contrast, blur), and the response of its parameters.
 
     Parameters
@@ -335,7 +335,7 @@ class _DiskScores:
         return self.response[:, RADIUS]
 
     @classmethod
-    def of(cls, fit: FittedDisks, *, contrast: float, spread: float) -> "_DiskScores":
+    def of(cls, fit: FittedDisks, *, contrast: float, spread: float) -> "DiskScores":
         """From the last normal equations of a fit with this contrast and relative spread as its prior."""
         tight = 1.0 / (spread * contrast) ** 2
         excess = fit.disks[:, CONTRAST] - contrast

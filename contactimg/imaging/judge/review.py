@@ -265,7 +265,9 @@ def _with_disagreement(detections: Detections, agreement: Agreement) -> Detectio
     What all contacts share is no error of each: it enters once.
     """
     contacts = dict(detections.contacts)
-    shared, cut_off = agreement.shared_px, unfinished(detections)
+    by_light = contacts.get("shape", np.full(len(agreement.shared_px), "disk")) == "free"
+    # light over contrast is what the edge of the others is compared with: it has no edge of its own
+    shared, cut_off = np.where(by_light, 0.0, agreement.shared_px), unfinished(detections)
     beyond = agreement.difference_px - shared
     own = np.where(agreement.disagrees, beyond, np.where(cut_off, np.nan_to_num(beyond), 0.0))
     contacts["flags"] = contacts["flags"] | np.where(cut_off, int(Flag.POOR_FIT), 0)

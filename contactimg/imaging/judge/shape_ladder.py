@@ -8,15 +8,25 @@ their pixels as well. Where an ellipse does not describe them either, area and m
 calls keeps its disks, and only the calls cost time.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.ellipse import RADIUS, FittedEllipse, X, Y, fit_ellipse, render_ellipse
+from contactimg.imaging.fit.ellipse import (
+    RADIUS,
+    CommonOptics,
+    FittedEllipse,
+    X,
+    Y,
+    fit_ellipse,
+    render_ellipse,
+)
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
+from contactimg.imaging.fit.shared_optics import JointFit
 from contactimg.imaging.judge.common_distortion import (
     BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
@@ -24,6 +34,12 @@ from contactimg.imaging.judge.common_distortion import (
     edge_cells,
     find_distortion,
     has_own_misfit,
+)
+from contactimg.imaging.judge.ellipse_optics import (
+    LEAST_ELLIPSE_SHARE,
+    OpticsChange,
+    largest_edge_shift,
+    settle_on_ellipses,
 )
 from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
 from contactimg.imaging.judge.shape_calls import (
@@ -34,7 +50,7 @@ from contactimg.imaging.judge.shape_calls import (
 )
 from contactimg.imaging.judge.shape_rows import FreeContact, ellipse_row, free_row
 from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
-from contactimg.imaging.reject.detections import shape_columns
+from contactimg.imaging.reject.detections import Columns, shape_columns
 from contactimg.tables import Flag
 from contactimg.timings import stage
 
@@ -55,6 +71,8 @@ LARGEST_HOLE_SHARE = 0.01
 """Share of the area of the outline above which holes make its shape free. Chosen: dirt is less."""
 LIGHT_SIGMA = 4.0
 """Difference of the area by light from that of the ellipse above which a shape is free. False-alarm: 6e-5."""
+SHARED_PARTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")  # of the uncertainty of a radius
+MOST_WITNESSES = 60  # ellipses that contrast and blur are settled on; for time
 PROBED = 24
 """Contacts that are asked first where most of them call. Chosen: twice those that show a common misfit."""
 WORK_PER_PIXEL, LEAST_WORK_PX, WORK_PER_WINDOW_PX = 0.6, 100_000, 1500
@@ -137,7 +155,7 @@ def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
     called &= ~_flagged(detections, Flag.EDGE | Flag.MANUAL)
     if not called.any():
         return Climb(detections)
-    ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), shape, score_scale)
+    ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), joint, shape, score_scale)
     return ladder.result(ladder.climbed(called))
 
 
@@ -153,6 +171,7 @@ class _Ladder:
     ----------
     detections : FittedDetections
     scene : ShapeScene
+    joint : JointFit
     shape : str
     score_scale : float
         Usual score of an elongation over that of noise in independent pixels.
@@ -162,16 +181,29 @@ class _Ladder:
         Row of each disk among the contacts; -1 for a disk that is none, or that was set by hand.
     unheard : int
         Groups that were left as they are because the work was too much.
+    change : OpticsChange or None
+        What ellipses say of contrast and blur, where many contacts are ellipses.
+    edge_limit : ndarray, px
+        Largest error of each radius because of another edge, as the light of these ellipses shows it.
     """
 
-    def __init__(self, detections: FittedDetections, scene: ShapeScene, shape: str, score_scale: float):
-        self.detections, self.scene, self.shape = detections, scene, shape
+    def __init__(
+        self,
+        detections: FittedDetections,
+        scene: ShapeScene,
+        joint: JointFit,
+        shape: str,
+        score_scale: float,
+    ):
+        self.detections, self.scene, self.joint, self.shape = detections, scene, joint, shape
         self.score_scale = score_scale
         self.usual = usual_chi_square(scene.chi_square)
         self.row_of = np.full(len(scene.disks), -1)
         self.row_of[detections.rows] = np.arange(len(detections.rows))
         self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
         self.unheard = 0
+        self.change: OpticsChange | None = None
+        self.edge_limit = np.full(len(detections.rows), np.inf)
         self.distortion: Distortion | None = None
         self.contrast = CommonContrast.of(scene, [])
 
@@ -204,7 +236,7 @@ class _Ladder:
             if view is not None:
                 work -= WORK_PER_WINDOW_PX + view.window.image.size
                 found += self._ellipses(view)
-        return self._free(self._without_distortion(found))
+        return self._free(self._without_distortion(self._with_settled_optics(found)))
 
     def _ellipses(self, view: GroupView) -> list[ClimbedContact]:
         """The group as one ellipse, or each of its members as one; still disks where that is no better."""
@@ -248,6 +280,48 @@ class _Ladder:
             start[:3], start[5] = disks[0, :3], disks[0, 3]
         inflation = self.scene.inflation(float(start[RADIUS]))
         return fit_ellipse(view.window, start, self.scene.optics, inflation=inflation)
+
+    def _with_settled_optics(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
+        """The contacts behind the contrast and blur of the ellipses, where many are ellipses."""
+        at = [k for k, part in enumerate(found) if part.kind == "ellipse" or len(part.members) == 1]
+        count = sum(part.kind == "ellipse" for part in found)
+        if count < LEAST_ELLIPSE_SHARE * len(self.detections.rows):
+            return found
+        witnesses = [found[k] for k in at[:: -(-len(at) // MOST_WITNESSES)]]
+
+        def refit(fits: Sequence[FittedEllipse], optics: CommonOptics) -> list[FittedEllipse]:
+            return [self._refit(part.view, fit, optics) for part, fit in zip(witnesses, fits, strict=True)]
+
+        fits = [part.ellipse for part in witnesses]
+        self.change = settle_on_ellipses(fits, refit, self.scene.optics, self.joint)
+        if self.change is None:
+            return found
+        self.scene = replace(self.scene, optics=self.change.optics)
+        found = [replace(part, view=replace(part.view, scene=self.scene)) for part in found]
+        for k in at:
+            ellipse, single = self._refit(found[k].view, found[k].ellipse, self.scene.optics), found[k].kind
+            if len(found[k].members) == 1 and self.shape == "auto":
+                single = "ellipse" if self._is_elongated(ellipse) else "disk"
+            found[k] = replace(found[k], ellipse=ellipse, kind=single)
+        self.edge_limit = self._edge_limit([found[k] for k in at if found[k].kind == "ellipse"])
+        return found
+
+    def _edge_limit(self, ellipses: list[ClimbedContact]) -> NDArray[np.float64]:
+        """How far another edge may move the radius of each contact, as the light of ellipses shows it, px."""
+        binning = self.scene.problem.binning
+        radius = self.detections.contacts["radius_px"] / binning
+        some = ellipses[:: -(-len(ellipses) // MOST_WITNESSES)]
+        if len(some) < FEWEST_CONTACTS:
+            return np.full(len(radius), np.inf)
+        contrast = CommonContrast.of(self.scene, [part.view for part in some])
+        lights = [measure_by_light(part.view, contrast) for part in some]
+        return binning * largest_edge_shift([part.ellipse for part in some], lights, radius)
+
+    def _refit(self, view: GroupView, fit: FittedEllipse, optics: CommonOptics) -> FittedEllipse:
+        """The same ellipse behind other optics."""
+        inflation = self.scene.inflation(float(fit.parameters[RADIUS]))
+        misfit = 1.0 if self.change is None else min(self.change.misfit, 1.0)
+        return fit_ellipse(view.window, fit.parameters, optics, inflation=inflation, misfit=misfit)
 
     def _model(self, view: GroupView, ellipse: FittedEllipse) -> NDArray[np.float32]:
         """Image of an ellipse in the window of its group."""
@@ -353,7 +427,7 @@ class _Ladder:
 
     def result(self, climbed: list[ClimbedContact]) -> Climb:
         """The table of the contacts with what became of each group."""
-        columns = shape_columns(self.detections.contacts)
+        columns = shape_columns(self._contacts())
         dropped = np.zeros(len(self.detections.rows), np.bool_)
         outlines = []
         for contact in climbed:
@@ -384,6 +458,22 @@ class _Ladder:
         )
         lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
         return Climb(detections, self._remark(columns["shape"][kept]), lines)
+
+    def _contacts(self) -> Columns:
+        """Columns of the contacts as disks, behind the contrast and blur that ellipses say."""
+        contacts = self.detections.contacts
+        if self.change is None:
+            return contacts
+        binning = self.scene.problem.binning
+        step, shifts = (binning * part[self.detections.rows] for part in self.change.shifts(self.joint))
+        old = np.stack([contacts[name] for name in SHARED_PARTS], axis=1)
+        edge = np.clip(contacts["edge_shift_px"], -self.edge_limit, self.edge_limit)
+        new = np.column_stack([shifts, edge])
+        own = np.maximum(contacts["radius_std_px"] ** 2 - np.sum(old**2, axis=1), 0.0)
+        changed = dict(zip(SHARED_PARTS, new.T, strict=True))
+        changed["radius_px"] = np.maximum(contacts["radius_px"] + step, 0.5 * contacts["radius_px"])
+        changed["radius_std_px"] = np.sqrt(own + np.sum(new**2, axis=1))
+        return {**contacts, **changed}
 
     def _is_common(self, contact: ClimbedContact) -> bool:
         """Whether a contact is a disk that the camera distorts: its ellipse gives the area."""

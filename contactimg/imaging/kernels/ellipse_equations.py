@@ -213,8 +213,8 @@ def fit_one_ellipse(image, valid, start, s, noise, prior, round_, iterations):
     """Damped Gauss-Newton fit of one ellipse (of a disk, if ``round_``).
 
     ``prior``: mean and width of the contrast. Returns the parameters, the normal matrix with the prior of the
-    contrast, the mean squares about the rim and inside (NaN without such pixels), the number of pixels about
-    the rim, and the loss.
+    contrast, the score of parameters and blur, the mean squares about the rim and inside (NaN without such
+    pixels), the number of pixels about the rim, and the loss.
     """
     p, best = start.copy(), start.copy()
     normal, gradient = np.zeros((7, 7)), np.zeros(7)
@@ -258,4 +258,4 @@ def fit_one_ellipse(image, valid, start, s, noise, prior, round_, iterations):
             p[3:5] *= WIDEST_ELLIPTICITY / eta
         p[5] = min(max(p[5], 0.3 * prior[0]), 3.0 * prior[0])
     means = np.array([sums[1] / sums[2] if sums[2] else np.nan, sums[3] / sums[4] if sums[4] else np.nan])
-    return best, kept, means, sums[2], least
+    return best, kept, right, means, sums[2], least
