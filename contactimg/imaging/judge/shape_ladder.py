@@ -11,7 +11,6 @@ calls keeps its disks, and only the calls cost time.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -27,6 +26,7 @@ from contactimg.imaging.fit.ellipse import (
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit
+from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.common_distortion import (
     BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
@@ -48,7 +48,7 @@ from contactimg.imaging.judge.shape_calls import (
     find_calls,
     usual_chi_square,
 )
-from contactimg.imaging.judge.shape_rows import FreeContact, ellipse_row, free_row
+from contactimg.imaging.judge.shape_rows import ellipse_row, free_row
 from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
 from contactimg.imaging.reject.detections import Columns, shape_columns
 from contactimg.tables import Flag
@@ -67,8 +67,6 @@ LEAST_DEPARTURE_BLUR_WIDTHS = 0.2
 """RMS departure of an outline from an ellipse from which on a shape is free. Chosen: JPEG makes 0.12."""
 SHARPEST_BLUR_PX = 0.65
 """Blur, pixel included, below which contacts stay disks: pixels are no Gaussians. Chosen: two pixels."""
-LARGEST_HOLE_SHARE = 0.01
-"""Share of the area of the outline above which holes make its shape free. Chosen: dirt is less."""
 LIGHT_SIGMA = 4.0
 """Difference of the area by light from that of the ellipse above which a shape is free. False-alarm: 6e-5."""
 SHARED_PARTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")  # of the uncertainty of a radius
@@ -79,34 +77,6 @@ WORK_PER_PIXEL, LEAST_WORK_PX, WORK_PER_WINDOW_PX = 0.6, 100_000, 1500
 """Pixels of windows, over those of the image, at which the ladder stops, and at least; what a window costs
 besides its own. Chosen: some 1.2 s per megapixel, and 0.2 s; measured on a page of text: 2 us a pixel,
 3 ms a window."""
-
-
-@dataclass(frozen=True, eq=False)
-class ClimbedContact:
-    """What became of a group of disks.
-
-    Parameters
-    ----------
-    members : ndarray of int
-        The disks.
-    view : GroupView
-    ellipse : FittedEllipse or None
-        Fitted to the group.
-    free : FreeContact or None
-        Measured where an ellipse does not describe it.
-    kind : str
-        "disk", "ellipse" or "free".
-    """
-
-    members: NDArray[np.intp]
-    view: GroupView
-    ellipse: FittedEllipse
-    kind: str
-    free: FreeContact | None = None
-
-    def measured_by_light(self, contrast: CommonContrast) -> "ClimbedContact":
-        """The same as a contact of free shape."""
-        return replace(self, kind="free", free=measure_by_light(self.view, contrast))
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,7 +341,7 @@ class _Ladder:
         if self.shape == "free":
             freed = known
         else:
-            pierced = [k for k in known if len(found[k].members) > 2 or self._has_hole(found[k])]
+            pierced = [k for k in known if len(found[k].members) > 2 or found[k].has_hole]
             poor = [k for k in known if k not in pierced and self._is_misshapen(found[k].ellipse)]
             own = has_own_misfit([self._cells(found[k]) for k in poor])
             freed = pierced + [k for k, its_own in zip(poor, own, strict=True) if its_own]
@@ -403,18 +373,6 @@ class _Ladder:
     def _is_uneven(self, ellipse: FittedEllipse) -> bool:
         """Whether the plateau of an ellipse is not flat."""
         return bool(ellipse.chi_square[1] > UNEVEN_RATIO * self.usual)
-
-    def _has_hole(self, contact: ClimbedContact) -> bool:
-        """Whether a contact has a hole that reaches half height and is larger than dirt."""
-        contours, levels = cv2.findContours(
-            contact.view.component.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE
-        )
-        if levels is None:
-            return False
-        inner = [
-            cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0
-        ]
-        return bool(sum(inner) > LARGEST_HOLE_SHARE * np.count_nonzero(contact.view.component))
 
     def _cells(self, contact: ClimbedContact) -> NDArray[np.float64]:
         """Residual of the ellipse in cells about its rim, over the contrast."""

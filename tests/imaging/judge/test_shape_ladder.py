@@ -135,9 +135,10 @@ def test_ellipses_settle_the_blur_that_disks_take_for_too_wide(monkeypatch):
     monkeypatch.setattr(shape_ladder, "settle_on_ellipses", lambda *_: None)
     misled = in_order(measure_image(image, reference), places)
     truth = 9.0 / np.sqrt(1.5)
-    error = [(table["semi_minor_px"] - truth).mean() for table in (settled, misled)]
+    right, wrong = ((table["semi_minor_px"] - truth).mean() for table in (settled, misled))
     # twelve half-axes of std 0.025 px and their common blur; disks see a rim of rms 9*0.2/sqrt(2) = 1.3 px
-    assert abs(error[0]) < 0.03 < 0.05 < -error[1]
+    assert abs(right) < 0.03
+    assert wrong < -0.05
     pulls = (settled["area_px2"] - areas) / settled["area_std_px2"]
     assert np.sqrt(np.mean(pulls**2)) < 1.6  # twelve normal deviates: 1e-3
     # the light bounds what another edge may do to the areas

@@ -1,0 +1,55 @@
+"""A contact on the ladder of shapes: the disks it was, and the ellipse or the light that it became."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.fit.ellipse import FittedEllipse
+from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
+from contactimg.imaging.judge.shape_rows import FreeContact
+from contactimg.imaging.judge.shape_scene import GroupView
+
+LARGEST_HOLE_SHARE = 0.01
+"""Share of the area of the outline above which holes make its shape free. Chosen: dirt is less."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClimbedContact:
+    """What became of a group of disks.
+
+    Parameters
+    ----------
+    members : ndarray of int
+        The disks.
+    view : GroupView
+    ellipse : FittedEllipse or None
+        Fitted to the group.
+    free : FreeContact or None
+        Measured where an ellipse does not describe it.
+    kind : str
+        "disk", "ellipse" or "free".
+    """
+
+    members: NDArray[np.intp]
+    view: GroupView
+    ellipse: FittedEllipse
+    kind: str
+    free: FreeContact | None = None
+
+    def measured_by_light(self, contrast: CommonContrast) -> "ClimbedContact":
+        """The same as a contact of free shape."""
+        return replace(self, kind="free", free=measure_by_light(self.view, contrast))
+
+    @property
+    def has_hole(self) -> bool:
+        """Whether it has a hole that reaches half height and is larger than dirt."""
+        pixels = self.view.component
+        contours, levels = cv2.findContours(pixels.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
+        if levels is None:
+            return False
+        inner = [
+            cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0
+        ]
+        return bool(sum(inner) > LARGEST_HOLE_SHARE * np.count_nonzero(pixels))
