@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.fit.ellipse import RADIUS, CommonOptics, FittedEllipse
-from contactimg.imaging.fit.shared_optics import DiskScores, JointFit
+from contactimg.imaging.fit.shared_optics import NARROWEST, DiskScores, JointFit
 from contactimg.imaging.judge.common_distortion import FEWEST_CONTACTS
 from contactimg.imaging.judge.shape_rows import FreeContact
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median
@@ -24,6 +24,7 @@ Values = NDArray[np.float64]
 LEAST_ELLIPSE_SHARE = 0.2
 """Share of the contacts that must be ellipses. Chosen: fewer hardly change the blur of all, of which they
 would have to be the only witnesses."""
+LEAST_INFORMATION = 1e-6  # on ln C and ln s; accuracy: keeps what ellipses do not determine finite
 STEPS = 5  # Newton steps at most; accuracy: three are usual
 SETTLED_STD = 0.1  # step over its standard uncertainty that ends them; accuracy
 LONGEST_STEP = np.array([0.1, 0.3])  # of ln C, and of the blur relative to it; as `LONGEST_BLUR_STEP`
@@ -81,9 +82,10 @@ def settle_on_ellipses(
     OpticsChange or None
         None if the ellipses are too few.
     """
-    if len(ellipses) < FEWEST_CONTACTS:
+    if sum(each.pixels > 0 for each in ellipses) < FEWEST_CONTACTS:
         return None
     known = np.linalg.inv(joint.covariance) - np.linalg.inv(joint.own_covariance)
+    known += np.diag(LEAST_INFORMATION / np.array([1.0, optics.blur]) ** 2)
     now, current, total = optics, list(ellipses), np.zeros(2)
     for _ in range(STEPS):
         score, information = _witnesses(current).total(1.0, np.nan)
@@ -93,10 +95,13 @@ def settle_on_ellipses(
         if float(step @ (information + known) @ step) < SETTLED_STD**2:
             break
         longest = LONGEST_STEP * [1.0, now.blur]
-        step = np.clip(step, -longest, longest)
+        step = np.clip(step, np.maximum(-longest, [-np.inf, NARROWEST - now.blur]), longest)
         total = total + step
         now = CommonOptics(
-            now.contrast * float(np.exp(step[0])), now.spread, now.blur + float(step[1]), covariance
+            now.contrast * float(np.exp(step[0])),
+            now.spread,
+            now.blur + float(step[1]),
+            covariance,
         )
         current = refit(current, now)
     misfit = float(np.nanmedian([each.chi_square[0] for each in current]))
@@ -106,7 +111,8 @@ def settle_on_ellipses(
 def _witnesses(ellipses: Sequence[FittedEllipse]) -> DiskScores:
     """Scores of the ellipses that fit as well as most, and that agree with most on the blur."""
     misfit = np.array([each.chi_square[0] for each in ellipses])
-    parts = [ellipses[k].scores for k in np.flatnonzero(misfit <= OUTLIER_RATIO * np.nanmedian(misfit))]
+    fits = misfit <= OUTLIER_RATIO * np.nanmedian(misfit)
+    parts = [each.scores for each, good in zip(ellipses, fits, strict=True) if good]
     score, information = (np.concatenate([getattr(part, name) for part in parts]) for name in WITNESSED)
     # the step of the blur that suits each alone, in its standard deviations
     certain = np.sqrt(np.maximum(information[:, 1, 1], 1e-30))
