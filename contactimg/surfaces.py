@@ -83,6 +83,11 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
        x_m  y_m  height_m  radius_m
     0  0.0  0.0   0.00004    0.0001
     """
+    return pd.DataFrame(_checked_columns(asperities))
+
+
+def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
+    """The columns of `check_asperities`."""
     if not isinstance(asperities, pd.DataFrame):
         raise InputError(
             f"asperities must be a table (DataFrame) with columns {', '.join(ASPERITIES.columns)}, "
@@ -110,7 +115,7 @@ def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
             )
     if BASE_COLUMN in asperities:
         columns[BASE_COLUMN] = _finite_column(asperities, BASE_COLUMN)
-    return pd.DataFrame(columns)
+    return columns
 
 
 def _finite_column(table: pd.DataFrame, name: str) -> Values:
@@ -171,14 +176,14 @@ def composite_apexes(
            x_m  y_m   height_m  radius_m
     0  0.00099  0.0  -0.00001  0.000099
     """
-    table = check_asperities(asperities)
+    table = _checked_columns(asperities)
     if not float(indenter_radius) > 0:
         raise InputError(f"indenter_radius must be positive (inf for a flat), got {indenter_radius!r} m")
     x0, y0 = (float(value) for value in apex)
     if not (np.isfinite(x0) and np.isfinite(y0)):
         raise InputError(f"apex must be two finite coordinates, got {apex!r} m")
-    R = table["radius_m"].to_numpy()
-    dx, dy = table["x_m"].to_numpy() - x0, table["y_m"].to_numpy() - y0
+    R = table["radius_m"]
+    dx, dy = table["x_m"] - x0, table["y_m"] - y0
     squared = dx**2 + dy**2
     if squared.size and np.sqrt(squared.min()) > indenter_radius:
         raise InputError(
@@ -186,14 +191,14 @@ def composite_apexes(
             f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
             "check x_m, y_m and the apex"
         )
-    base = table[BASE_COLUMN].to_numpy() if BASE_COLUMN in table else 0.0
+    base = table.get(BASE_COLUMN, 0.0)
     nearness = R / indenter_radius  # R/Rl: zero under a flat
     drop = squared / (2 * R) * (nearness / (1 + nearness))
     return pd.DataFrame(
         {
             "x_m": x0 + dx / (1 + nearness),
             "y_m": y0 + dy / (1 + nearness),
-            "height_m": table["height_m"].to_numpy() + base - drop,
+            "height_m": table["height_m"] + base - drop,
             "radius_m": R / (1 + nearness),
         }
     )

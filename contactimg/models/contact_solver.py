@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.asperity_laws import AsperityLaw
 from contactimg.models.coarse_grid import coarse_grid_start
-from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling, NotPositiveDefinite
+from contactimg.models.conjugate_gradients import NotPositiveDefinite
+from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.models.newton_iteration import (
@@ -342,9 +343,8 @@ def _indefinite_pair(system: ContactSystem, iterate: Iterate, pairs: Pairs) -> t
     if not np.any(closeness < 1):
         return None
     active = np.flatnonzero(a)
-    scale = np.sqrt(2 * a[active])
     try:
-        system.coupling.solve_newton_system(active, scale, np.column_stack([scale, scale]), 1e-3)
+        system.coupling.check_definite(active, np.sqrt(2 * a[active]))
     except NotPositiveDefinite:
         closest = int(np.argmin(closeness))
         return int(i[closest]), int(j[closest])

@@ -6,7 +6,6 @@ pairs within it. The second is smooth: it is a Fourier series on a padded box, s
 out beyond the largest distance to suppress periodic images.
 """
 
-from collections.abc import Callable
 from functools import cached_property
 
 import finufft
@@ -15,7 +14,8 @@ from numpy.typing import NDArray
 from scipy.fft import fft2, next_fast_len
 from scipy.special import erf, erfc, erfcinv
 
-from contactimg.models.coupling import DenseCoupling, Fields, Kernel, NotPositiveDefinite
+from contactimg.models.conjugate_gradients import conjugate_gradients
+from contactimg.models.coupling import DenseCoupling, Fields, Kernel
 from contactimg.models.near_field_sum import NearFieldSum
 from contactimg.timings import stage
 
@@ -34,9 +34,6 @@ FADE_CELLS = 24
 
 MAX_CHOLESKY_CONTACTS = 2500
 """Most contacts for which a Newton system is solved by Cholesky. Chosen by hand; sensitivity not measured."""
-
-MAX_CONJUGATE_GRADIENT_STEPS = 500
-"""Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
 
 
 class FastCoupling:
@@ -144,7 +141,15 @@ class FastCoupling:
             image = contacts.paired_displacement(scale * (z[:, 0] / size[0] + 1j * (z[:, 1] / size[1])))
             return z + scale[:, None] * np.column_stack([image.real, image.imag]) * size
 
-        return _conjugate_gradients(apply, sides, tolerance)
+        return conjugate_gradients(apply, sides, tolerance)
+
+    def check_definite(self, active: Rows, scale: Values) -> None:
+        """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""
+        if active.size <= MAX_CHOLESKY_CONTACTS:
+            direct = DenseCoupling(self._x[active], self._y[active], self._kernel)
+            direct.check_definite(np.arange(active.size), scale)
+        else:
+            self.solve_newton_system(active, scale, np.column_stack([scale, scale]), 1e-3)
 
     def at_positions(self, x: Values, y: Values) -> "FastCoupling":
         """The same coupling between candidates at other places."""
@@ -168,26 +173,3 @@ class FastCoupling:
             slope_y=near.slope_y + slope.imag,
             curvature=near.curvature + bend.real - own * 0.5 * force,
         )
-
-
-def _conjugate_gradients(apply: Callable[[Values], Values], sides: Values, tolerance: float) -> Values:
-    """Solve a symmetric positive definite system for several columns at once to a relative residual."""
-    solution = np.zeros_like(sides)
-    residual = sides.copy()
-    direction = residual.copy()
-    square = np.sum(residual**2, axis=0)
-    goal = tolerance**2 * square
-    for _ in range(MAX_CONJUGATE_GRADIENT_STEPS):
-        going = square > goal
-        if not going.any():
-            break
-        image = apply(direction)
-        curvature = np.sum(direction * image, axis=0)
-        if np.any(curvature[going] <= 0):
-            raise NotPositiveDefinite
-        step = np.where(going, square / np.where(going, curvature, 1.0), 0.0)
-        solution += step * direction
-        residual -= step * image
-        before, square = square, np.sum(residual**2, axis=0)
-        direction = np.where(going, residual + square / np.where(going, before, 1.0) * direction, 0.0)
-    return solution

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.models.asperity_laws import AsperityLaw
-from contactimg.models.coupling import Coupling, NotPositiveDefinite
+from contactimg.models.conjugate_gradients import NotPositiveDefinite
+from contactimg.models.coupling import Coupling
 
 Values = NDArray[np.float64]
 

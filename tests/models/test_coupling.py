@@ -5,7 +5,8 @@ import pytest
 
 from contactimg import generate_asperities, solve_interacting
 from contactimg.models import contact_solver
-from contactimg.models.coupling import DenseCoupling, Kernel, NotPositiveDefinite, _coupling_matrix
+from contactimg.models.conjugate_gradients import NotPositiveDefinite
+from contactimg.models.coupling import DenseCoupling, Kernel, _coupling_matrix
 from contactimg.models.fast_coupling import FastCoupling
 
 ACCURACY = 1e-8  # sums are asked for to 1e-9 of the largest term
@@ -65,6 +66,37 @@ def test_indefinite_systems_are_noticed():
     close.solve_newton_system(np.arange(2), below, np.column_stack([below, below]), 1e-10)
     with pytest.raises(NotPositiveDefinite):
         close.solve_newton_system(np.arange(2), above, np.column_stack([above, above]), 1e-10)
+
+
+def test_many_contacts_by_conjugate_gradients_as_by_elimination(points):
+    x, y, _ = (values[:200] for values in points)
+    coupling = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
+    scale = 0.1 * np.sqrt(np.min(np.hypot(x[:, None] - x, y[:, None] - y) + np.eye(200), axis=1))
+    sides = np.column_stack([np.sin(7 * x), scale])
+    system = np.eye(200) + scale[:, None] * coupling.matrix * scale
+    expected = np.linalg.solve(system, sides)
+    found = coupling.solve_newton_system(np.arange(200), scale, sides, 1e-10)
+    assert np.linalg.cond(system) < 100
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
+    assert not np.array_equal(
+        found, coupling.solve_newton_system(np.arange(200), scale, sides, 1e-3)
+    )  # only as accurate as asked for
+
+
+@pytest.mark.parametrize("radius", [0.78, 0.79])
+def test_one_unstable_pair_among_many_contacts(radius):
+    x = np.r_[0.0, 0.5, 100.0 * np.arange(1, 120)]
+    everything, scale = np.arange(x.size), np.sqrt(np.r_[2 * radius, 2 * radius, np.full(119, 1e-3)])
+    coupling = DenseCoupling(x, np.zeros_like(x), Kernel.of_thickness(np.inf))
+    sides = np.column_stack([np.r_[1.0, -1.0, np.ones(119)], scale])
+    if radius < np.pi / 4:  # 2 a/(pi r) = 1 is the limit for two contacts
+        coupling.check_definite(everything, scale)
+        coupling.solve_newton_system(everything, scale, sides, 1e-10)
+        return
+    with pytest.raises(NotPositiveDefinite):
+        coupling.check_definite(everything, scale)
+    with pytest.raises(NotPositiveDefinite):
+        coupling.solve_newton_system(everything, scale, sides, 1e-10)
 
 
 @pytest.mark.parametrize("coupling", ["asymptotic", "full"])
