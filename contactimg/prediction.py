@@ -27,6 +27,7 @@ from contactimg.models.greenwood_williamson import (
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
+from contactimg.models.profile_law import stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
@@ -298,6 +299,8 @@ def solve_average(
     """
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     section: Asperities = scene.need("asperities", "a statistical model")
+    if section.profiled:
+        raise InputError(f'model "{model}" takes caps, no stated profile; take the model "interacting"')
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
@@ -346,6 +349,12 @@ def solve_scene(
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
     effects = scene.effects
     solve: Callable[..., InteractingSolution] = solve_interacting
+    profile = stated_profile(scene)
+    if profile is not None and "on" in (effects.adhesion, effects.sphere_profile):
+        raise InputError(
+            "[asperities] states a profile, for which neither adhesion nor the sphere's law is defined; "
+            'set [effects] adhesion = "off", sphere_profile = "off"'
+        )
     if effects.adhesion == "on":
         if coupling not in ADHESIVE_COUPLINGS:
             raise InputError(
@@ -361,7 +370,7 @@ def solve_scene(
         apex=indenter.apex,
         load=load,
         coupling=coupling,
-        law="sphere" if effects.sphere_profile == "on" else "hertz",
+        law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
     )
 

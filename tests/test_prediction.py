@@ -305,3 +305,44 @@ def test_unloading_keeps_the_contacts_that_loading_has_made():
     assert len(back.contacts) > len(up.contacts)
     assert area(back) > 1.01 * area(up)
     assert area(listed) == area(back)
+
+
+POWER = {"profile_exponent": 4.0, "profile_width_m": 3e-5, "profile_drop_m": 4e-6}
+
+
+def test_asperities_of_a_stated_profile(asperities):
+    parabola = {"profile_exponent": 2.0, "profile_width_m": 1e-4, "profile_drop_m": 5e-5}
+    caps = predict_contacts(scene_with(), asperities, load=0.05)
+    same = predict_contacts(scene_with(asperities=parabola), asperities, load=0.05)
+    np.testing.assert_allclose(same.contacts["force_N"], caps.contacts["force_N"], rtol=1e-8)
+    r = np.linspace(0, 1e-4, 101)
+    points = [[float(a), float(b)] for a, b in zip(r, 4e-6 * (r / 3e-5) ** 4, strict=True)]
+    power = predict_contacts(scene_with(asperities=POWER), asperities, load=0.05)
+    table = predict_contacts(scene_with(asperities={"profile_points_m": points}), asperities, load=0.05)
+    for prediction, exponent in ((caps, 3.0), (power, 5.0)):  # P ~ a^(n + 1), the lens's share is small
+        logs = np.log(prediction.contacts[["radius_m", "force_N"]].to_numpy(float))
+        assert np.polyfit(*logs.T, 1)[0] == pytest.approx(exponent, rel=0.01)
+    assert area(table) == pytest.approx(area(power), rel=3e-3)
+    assert power.frames["law"][0] == "profile"
+
+
+def test_the_plan_of_a_stated_profile_knows_what_is_not_defined_for_it(asperities):
+    sections = {"asperities": POWER, "elastic": {"work_of_adhesion_J_m2": 0.05}}
+    scene = scene_with(**sections, effects={"model": "planned"})
+    prediction = predict_contacts(scene, asperities, load=0.05)
+    reasons = {d.effect: d.reason for d in prediction.plan.decisions if not d.on}
+    for effect in ("full_coupling", "adhesion", "sphere_profile"):
+        assert reasons[effect] == "not defined for asperities of a stated profile"
+    assert any("stated profile" in sentence for sentence in prediction.plan.limits)
+    assert prediction.plan.coupling == "asymptotic"
+    alone = predict_contacts(scene, asperities, load=0.05, coupling="none")
+    (change,) = [d.changes["area"] for d in prediction.plan.decisions if d.effect == "coupling"]
+    assert change == pytest.approx(abs(area(alone) / area(prediction) - 1), rel=0.5)
+    with pytest.raises(InputError, match="neither adhesion nor the sphere's law"):
+        predict_contacts(scene_with(**sections, effects={"adhesion": "on"}), asperities, load=0.05)
+    with pytest.raises(InputError, match="takes caps, no stated profile"):
+        predict_loads(scene, [0.1], model="gw", coupling="auto", annulus=1e-4)
+    with pytest.raises(InputError, match="belong together; give all"):
+        scene_with(asperities={"profile_exponent": 2.0})
+    with pytest.raises(InputError, match="is curved, but asperities of a stated profile"):
+        predict_contacts(scene_with(asperities=POWER, sample={"radius_x_m": 1.0}), asperities, load=0.05)

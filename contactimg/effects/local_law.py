@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from contactimg.effects.effect_estimate import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
+from contactimg.models.profile_law import stated_profile
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -47,6 +48,8 @@ def law_name(scene: Scene, *, elliptic: bool = False) -> str:
     >>> law_name(scene_from_dict({"effects": {"sphere_profile": "on", "adhesion": "on"}}))
     'sphere+jkr'
     """
+    if stated_profile(scene) is not None:
+        return "profile"
     profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
     return profile + ("+ellipse" if elliptic else "") + ("+jkr" if scene.effects.adhesion == "on" else "")
 

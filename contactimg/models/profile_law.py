@@ -6,12 +6,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
-from contactimg.mechanics.profiles import AxisymmetricProfile
+from contactimg.mechanics.profiles import AxisymmetricProfile, PowerLawProfile, TabulatedProfile
+from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
 
 _MAX_STEPS = 100
 """Most Newton steps for a contact radius. A safety limit: power laws take one."""
+
+
+def stated_profile(scene: Scene) -> AxisymmetricProfile | None:
+    """The profile of the asperities that a scene states; None for caps.
+
+    Raises
+    ------
+    InputError
+        If the points of the profile do not increase from (0, 0), or the sample is curved.
+    """
+    section = scene.asperities
+    if section is None or not section.profiled:
+        return None
+    if scene.sample is not None and not scene.sample.flat:
+        raise InputError(
+            "[sample] is curved, but asperities of a stated profile stand on a flat; leave it out"
+        )
+    if section.profile_points is not None:
+        return TabulatedProfile(tuple(section.profile_points))
+    exponent, width, drop = section.profile_exponent, section.profile_width, section.profile_drop
+    if exponent is None or width is None or drop is None:
+        return None
+    return PowerLawProfile(exponent, width=width, drop=drop)
 
 
 @dataclass(frozen=True)

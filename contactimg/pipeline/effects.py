@@ -8,7 +8,7 @@ from contactimg.errors import InputError, finite_number
 from contactimg.forces import common_radius
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.optics.render_settings import lamp
-from contactimg.pipeline.inputs import largest_load, need_asperities
+from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_profile
 from contactimg.scene import Scene
 
 SHARP_BLUR_PX = 1e-3
@@ -53,6 +53,7 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     >>> plan.coupling, plan.is_on("layer")
     ('asymptotic', False)
     """
+    refuse_profile(scene)
     asperities = need_asperities(scene, "planning the effects")
     chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
     return make_plan(scene, asperities, load=chosen)

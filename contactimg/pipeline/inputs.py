@@ -83,8 +83,18 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     return asperities
 
 
+def refuse_profile(scene: Scene) -> None:
+    """Refuse asperities of a stated profile where forces, rims and averages are those of caps."""
+    if scene.asperities is not None and scene.asperities.profiled:
+        raise InputError(
+            "[asperities] states a profile, which only `predict` takes; for this command leave out "
+            "profile_exponent, profile_width_m, profile_drop_m and profile_points_m: its asperities are caps"
+        )
+
+
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
+    refuse_profile(scene)
     if scene.indenter is None:
         return asperities
     shaped = shaped_asperities(asperities, scene)

@@ -10,7 +10,7 @@ import numpy as np
 
 from contactimg.errors import InputError, finite_number
 from contactimg.files import open_experiment, read_asperities, read_table, write_figures, write_table
-from contactimg.pipeline.inputs import largest_load, read_reference, scene_asperities
+from contactimg.pipeline.inputs import largest_load, read_reference, refuse_profile, scene_asperities
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
@@ -100,6 +100,7 @@ def prepare_tradeoff(
     scene, load, knobs, fine
         As for `measure_tradeoff`.
     """
+    refuse_profile(scene)
     if load is None:
         load = nan
         with suppress(InputError):

@@ -191,6 +191,40 @@ class Asperities(Section):
         None, alias="height_std_m", description="Standard deviation of the Gaussian distribution, m."
     )
 
+    profile_exponent: Positive | None = Field(
+        None,
+        description="For `predict`: asperities of the profile drop = profile_drop_m "
+        "(r/profile_width_m)^profile_exponent instead of caps: 1 for cones, 2 for paraboloids. radius_m of the table remains the radius by which the slope "
+        "of the lens shifts the summits.",
+    )
+    profile_width: Positive | None = Field(
+        None, alias="profile_width_m", description="Distance from the axis of an asperity, m."
+    )
+    profile_drop: Positive | None = Field(
+        None, alias="profile_drop_m", description="Drop below the summit at profile_width_m, m."
+    )
+    profile_points: list[Point] | None = Field(
+        None,
+        alias="profile_points_m",
+        description="For `predict`: asperities of a tabulated axisymmetric profile instead: pairs of "
+        "distance from the axis and drop below the summit, m, both increasing from [0, 0].",
+    )
+
+    @property
+    def profiled(self) -> bool:
+        """Whether the asperities have a stated profile instead of caps."""
+        return self.profile_exponent is not None or self.profile_points is not None
+
+    @model_validator(mode="after")
+    def _one_profile(self) -> "Asperities":
+        power = (self.profile_exponent, self.profile_width, self.profile_drop)
+        stated = [value is not None for value in power]
+        if any(stated) and not all(stated):
+            raise ValueError("profile_exponent, profile_width_m and profile_drop_m belong together; give all")
+        if any(stated) and self.profile_points is not None:
+            raise ValueError("profile_points_m and profile_exponent are both given; keep one of the two")
+        return self
+
     @model_validator(mode="after")
     def _one_source(self) -> "Asperities":
         if self.file is not None and self.generate is not None:

@@ -218,7 +218,7 @@ FRAMES = Schema(
         ),
         "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
         "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
-        "law": ("str", "law that the local forces follow: hertz or sphere, with adhesion +jkr"),
+        "law": ("str", "law that the local forces follow: hertz, sphere or profile, +jkr with adhesion"),
     },
     "One row per frame or load, in order.",
     later=frozenset({

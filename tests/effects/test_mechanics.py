@@ -15,6 +15,7 @@ from contactimg.effects.mechanics.approximate_state import (
 from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
 from contactimg.effects.plan import make_plan
+from contactimg.models.asperity_laws import HertzLaw
 from contactimg.models.scaled_problem import ContactConditions, scale_problem
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
@@ -197,7 +198,7 @@ def test_the_size_of_the_problem_is_bounded():
     table = generate_asperities("SA", side=0.045, coverage=0.4, rng=np.random.default_rng(0))
     assert len(table) > 1.5 * MAX_SAMPLED_CANDIDATES
     setting = ContactConditions(2.0, 4e6, (0.0225, 0.0225), np.inf, 3.0, None)
-    sample = CandidateSample.of(scale_problem(table, setting))
+    sample = CandidateSample.of(scale_problem(table, setting), HertzLaw())
     assert sample.problem.gap.size <= MAX_SAMPLED_CANDIDATES
     assert sample.cells.count <= (CELLS_PER_SIDE + 1) ** 2
 

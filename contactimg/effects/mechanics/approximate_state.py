@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.asperity_laws import AsperityLaw, HertzLaw
+from contactimg.models.asperity_laws import AsperityLaw
 from contactimg.models.coarse_grid import CoarseGrid
 from contactimg.models.contact_solver import displacement_under_largest_force
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
@@ -77,24 +77,27 @@ class CandidateSample:
         Indentation of the uncoupled solution.
     cells : CoarseGrid or None
         The cells of all candidates; None if all pairs are coupled.
+    law : AsperityLaw
+        Of the state that the effects are compared with.
     """
 
     candidates: ScaledProblem
     stride: int
     indentation: float
     cells: CoarseGrid | None
+    law: AsperityLaw
 
     @classmethod
-    def of(cls, problem: ScaledProblem) -> "CandidateSample":
+    def of(cls, problem: ScaledProblem, law: AsperityLaw) -> "CandidateSample":
         """The candidates of a problem at prescribed load."""
         still = np.zeros_like(problem.gap)
-        system = ContactSystem(problem.gap, problem.radius, HertzLaw(), NoCoupling(), problem.load)
+        system = ContactSystem(problem.gap, problem.radius, law, NoCoupling(), problem.load)
         depth = solve_uncoupled(system, still, float(problem.load or 0.0))
         reach = depth + displacement_under_largest_force(problem, system.response(depth - problem.gap)[0])
         candidates = problem.part(slice(int(np.searchsorted(problem.gap, reach, side="right"))))
         single = candidates.gap.size <= MAX_SINGLE_CANDIDATES and candidates.duplicates() is None
         cells = None if single else CoarseGrid.over(candidates, CELLS_PER_SIDE)
-        return cls(candidates, -(-candidates.gap.size // MAX_SAMPLED_CANDIDATES), depth, cells)
+        return cls(candidates, -(-candidates.gap.size // MAX_SAMPLED_CANDIDATES), depth, cells, law)
 
     @cached_property
     def problem(self) -> ScaledProblem:
@@ -153,8 +156,8 @@ class CandidateSample:
         return cells.system(p, law, coupling, weight=self.stride)
 
     def coupled(self, coupling: Coupling) -> "CoupledState":
-        """Solve for parabolic caps with coupling."""
-        law, force, cells = HertzLaw(), self.uncoupled(HertzLaw()).force, self._sampled_cells
+        """Solve with coupling."""
+        law, force, cells = self.law, self.uncoupled(self.law).force, self._sampled_cells
         system = self.system(law, coupling)
         if cells is not None:
             force = self.stride * cells.sums(force)

@@ -13,9 +13,11 @@ from contactimg.effects.mechanics.approximate_state import CandidateSample, Coup
 from contactimg.effects.mechanics.neighbour_field import field_terms
 from contactimg.effects.output_change import Answer, Asperities, output_changes
 from contactimg.errors import ModelRangeError
+from contactimg.mechanics.profiles import AxisymmetricProfile
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.asperity_laws import HertzLaw
+from contactimg.models.asperity_laws import AsperityLaw, HertzLaw
 from contactimg.models.coupling import Kernel
+from contactimg.models.profile_law import ProfileLaw, stated_profile
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
 from contactimg.scene import Scene
@@ -53,14 +55,27 @@ class LoadedScene:
     problem: ScaledProblem
 
     @cached_property
+    def profile(self) -> AxisymmetricProfile | None:
+        """The profile of the asperities where the scene states one."""
+        return stated_profile(self.scene)
+
+    @cached_property
+    def law(self) -> AsperityLaw:
+        """The law of the state that the effects are compared with: paraboloids, or the stated profile."""
+        if self.profile is None:
+            return HertzLaw()
+        indenter = self.scene.need("indenter", PURPOSE)
+        return ProfileLaw(self.profile, indenter.radius, self.problem.length, self.problem.depth)
+
+    @cached_property
     def sample(self) -> CandidateSample:
         """The candidates for contact and the sample of them that is solved."""
-        return CandidateSample.of(self.problem)
+        return CandidateSample.of(self.problem, self.law)
 
     @cached_property
     def uncoupled(self) -> Response:
         """The sampled contacts without coupling."""
-        return self.sample.uncoupled(HertzLaw())
+        return self.sample.uncoupled(self.law)
 
     def kernel(self, *, layer: bool) -> Kernel:
         """Displacement kernel of the scene's layer, if it has one, or of a half-space."""
@@ -98,7 +113,7 @@ class LoadedScene:
     @property
     def adheres(self) -> bool:
         """Whether the contacts adhere and this is not switched off."""
-        return self.adhesion > 0 and self.scene.effects.adhesion != "off"
+        return self.profile is None and self.adhesion > 0 and self.scene.effects.adhesion != "off"
 
     def adhered(
         self, response: Response, radius: Values, *, stride: int = 1, aspect: float = 0.0
@@ -142,9 +157,7 @@ class LoadedScene:
     def all_candidates(self) -> Response:
         """Response of all candidates."""
         p = self.sample.candidates
-        response = (
-            self.state.all_candidates() if self.coupled else self.sample.uncoupled_candidates(HertzLaw())
-        )
+        response = self.state.all_candidates() if self.coupled else self.sample.uncoupled_candidates(self.law)
         return self.adhered(response, p.radius) if self.adheres else response
 
     @cached_property
@@ -181,7 +194,7 @@ class LoadedScene:
     @cached_property
     def engulfed_pair(self) -> tuple[int, int] | None:
         """Rows of two asperities, if any, that lie far inside each other's contact without coupling."""
-        p, response = self.sample.candidates, self.sample.uncoupled_candidates(HertzLaw())
+        p, response = self.sample.candidates, self.sample.uncoupled_candidates(self.law)
         rows = np.flatnonzero(response.contact_radius)
         i, j, _ = close_pairs(p.x[rows], p.y[rows], ENGULFED_DISTANCE * response.contact_radius[rows])
         if not i.size:
@@ -228,6 +241,11 @@ class LoadedScene:
             count = int(np.count_nonzero(self.flags & flag))
             if count:
                 yield f"about {count} of {self.flags.size} contacts {sentence}"
+        if self.profile is not None:
+            yield (
+                "the asperities have a stated profile: full coupling, adhesion and the sphere's law are not "
+                "defined for it and left out"
+            )
         if self.base_gap < self.base_gap_error:
             yield (
                 f"the indenter comes within {self.base_gap * 1e6:.2g} +- {self.base_gap_error * 1e6:.2g} um "
@@ -237,6 +255,8 @@ class LoadedScene:
     @cached_property
     def fully_coupled(self) -> tuple[Response, Values, float]:
         """Response with full coupling, its radii of curvature and their largest relative change."""
+        if self.profile is not None:  # not defined: point forces
+            return self.state.response, self.sample.problem.radius, 0.0
         p, response, stride = self.sample.candidates, self.state.all_candidates(), self.sample.stride
         rows = np.flatnonzero(response.force)
         lowering, bending = np.zeros_like(p.gap), np.ones_like(p.gap)

@@ -130,7 +130,7 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     loaded = LoadedScene(scene, problem)
     loaded.check_engulfed()
     loaded.check_plane_gap()
-    answers = {name: pair(loaded) for name, pair in PAIRS.items()}
+    answers = {name: _answer(loaded, name) for name in PAIRS}
     changes = EffectChanges.between(loaded, {name: pair for name, (pair, _) in answers.items()})
     estimates = _estimates(loaded, changes, {name: reason for name, (_, reason) in answers.items()})
     left_out: Callable[[Collection[str]], dict[str, float]] = changes.together
@@ -178,6 +178,13 @@ def _estimates(
 
 Answered = tuple[Pair | None, str]
 """The responses without and with an effect, None where it does nothing, and the numbers that decide."""
+
+
+def _answer(loaded: LoadedScene, effect: str) -> Answered:
+    """The responses without and with one effect."""
+    if loaded.profile is not None and effect in OF_CAPS_ONLY:
+        return None, "not defined for asperities of a stated profile"
+    return PAIRS[effect](loaded)
 
 
 def _coupling(loaded: LoadedScene) -> Answered:
@@ -250,6 +257,9 @@ def _sphere_profile(loaded: LoadedScene) -> Answered:
         exact = loaded.state.changed(law=law) if loaded.coupled else loaded.sample.uncoupled(law)
     return (base, exact), f"a/R up to {strain:.2f}"
 
+
+OF_CAPS_ONLY = ("full_coupling", "adhesion", "sphere_profile")
+"""Effects whose equations hold for paraboloids or spheres only."""
 
 PAIRS: dict[str, Callable[[LoadedScene], Answered]] = {
     "coupling": _coupling,

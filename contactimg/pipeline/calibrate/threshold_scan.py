@@ -14,7 +14,7 @@ from contactimg.frame import Frame
 from contactimg.imaging.count.method import count_at_fraction
 from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pipeline.frame import measure_prepared
-from contactimg.pipeline.inputs import contact_sites, scene_asperities
+from contactimg.pipeline.inputs import contact_sites, refuse_profile, scene_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.pose_and_forces import local_law, locate_frames, series_pose, with_forces
 from contactimg.pipeline.run import Run
@@ -86,6 +86,7 @@ def measure_thresholds(
     """
     levels = np.sort(np.asarray(thresholds, float))
     scene = experiment.scene
+    refuse_profile(scene)
     scene.need("camera", "a calibration")
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = list(for_each_frame(experiment, measure, workers=workers, advance=advance))
