@@ -27,7 +27,7 @@ from contactimg.models.greenwood_williamson import (
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import stated_profile
+from contactimg.models.profile_law import NOT_DEFINED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
@@ -150,7 +150,7 @@ def predict_contacts(
     borne = solution.load if isinstance(load, LoadSpring) else load
     row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
-    row = row.assign(**_judgement(solution), law=law_name(scene))
+    row = row.assign(**_judgement(solution, scene), law=law_name(scene))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -216,9 +216,9 @@ def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, sc
     return contacts.assign(force_hertz_N=forces)
 
 
-def _judgement(solution: InteractingSolution) -> dict[str, str]:
+def _judgement(solution: InteractingSolution, scene: Scene) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution."""
-    notes = solution.validity.messages()
+    notes = [*solution.validity.messages(), *([NOT_DEFINED] if stated_profile(scene) is not None else [])]
     if solution.status == CONVERGED:
         return {"status": Status.OK, "message": "; ".join(notes)}
     return {"status": Status.APPROXIMATE, "message": "; ".join([solution.status, *notes])}

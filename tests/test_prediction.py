@@ -334,6 +334,7 @@ def test_the_plan_of_a_stated_profile_knows_what_is_not_defined_for_it(asperitie
     for effect in ("full_coupling", "adhesion", "sphere_profile"):
         assert reasons[effect] == "not defined for asperities of a stated profile"
     assert any("stated profile" in sentence for sentence in prediction.plan.limits)
+    assert "adhesion and the sphere's law are not defined" in prediction.frames["message"][0]
     assert prediction.plan.coupling == "asymptotic"
     alone = predict_contacts(scene, asperities, load=0.05, coupling="none")
     (change,) = [d.changes["area"] for d in prediction.plan.decisions if d.effect == "coupling"]

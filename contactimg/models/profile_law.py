@@ -15,6 +15,13 @@ _MAX_STEPS = 100
 """Most Newton steps for a contact radius. A safety limit: power laws take one."""
 
 
+NOT_DEFINED = (
+    "the asperities have a stated profile: full coupling, adhesion and the sphere's law are not defined for "
+    "it and left out"
+)
+"""What a prediction with a stated profile says of itself."""
+
+
 def stated_profile(scene: Scene) -> AxisymmetricProfile | None:
     """The profile of the asperities that a scene states; None for caps.
 

@@ -194,8 +194,8 @@ class Asperities(Section):
     profile_exponent: Positive | None = Field(
         None,
         description="For `predict`: asperities of the profile drop = profile_drop_m "
-        "(r/profile_width_m)^profile_exponent instead of caps: 1 for cones, 2 for paraboloids. radius_m of the table remains the radius by which the slope "
-        "of the lens shifts the summits.",
+        "(r/profile_width_m)^profile_exponent instead of caps: 1 for cones, 2 for paraboloids. radius_m of "
+        "the table remains the radius by which the slope of the lens shifts the summits.",
     )
     profile_width: Positive | None = Field(
         None, alias="profile_width_m", description="Distance from the axis of an asperity, m."

@@ -17,7 +17,7 @@ from contactimg.mechanics.profiles import AxisymmetricProfile
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.asperity_laws import AsperityLaw, HertzLaw
 from contactimg.models.coupling import Kernel
-from contactimg.models.profile_law import ProfileLaw, stated_profile
+from contactimg.models.profile_law import NOT_DEFINED, ProfileLaw, stated_profile
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
 from contactimg.scene import Scene
@@ -242,10 +242,7 @@ class LoadedScene:
             if count:
                 yield f"about {count} of {self.flags.size} contacts {sentence}"
         if self.profile is not None:
-            yield (
-                "the asperities have a stated profile: full coupling, adhesion and the sphere's law are not "
-                "defined for it and left out"
-            )
+            yield NOT_DEFINED
         if self.base_gap < self.base_gap_error:
             yield (
                 f"the indenter comes within {self.base_gap * 1e6:.2g} +- {self.base_gap_error * 1e6:.2g} um "
