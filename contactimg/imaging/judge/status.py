@@ -114,7 +114,7 @@ def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple
         return []
     if difference.ratio and left.dark_share > LARGEST_DARK_SHARE:
         text = (
-            f"{100 * left.dark_share:.2g} % of the background stand out of the reference the wrong way, by a "
+            f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, by a "
             "fifth of the contrast and more: does the reference show contacts, or another place?"
         )
         defects.append((Status.WRONG_REFERENCE, text))
@@ -125,7 +125,7 @@ def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple
         )
         defects.append((Status.LITTLE_BACKGROUND, text))
     if left.uneven > LARGEST_UNEVENNESS:
-        text = f"the background is uneven by {100 * left.uneven:.2g} % of the contrast after all corrections"
+        text = f"the background is uneven by {100 * left.uneven:.3g} % of the contrast after all corrections"
         defects.append((Status.LIGHT_NOT_FOLLOWED, text))
     return defects
 
@@ -157,7 +157,7 @@ def _contact_defects(seen: Review) -> list[tuple[str, str]]:
         defects.append((Status.UNRESOLVED, text))
     if seen.unexplained > UNEXPLAINED_FRACTION:
         text = (
-            f"{100 * seen.unexplained:.2g} % of the pixels that stand out belong to no contact that was found"
+            f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
         )
         defects.append((Status.UNRESOLVED, text))
     if saturated := _many(flags, Flag.SATURATED):
@@ -182,8 +182,8 @@ def _ran_out_of_work(detections: Detections) -> str:
         return ""
     work, unsettled = fit.problem.work, int(np.count_nonzero(unfinished(detections)))
     return (
-        f"the fit was cut off at the work that a frame of this size may cost ({work.limit:.2g} pixels times "
-        f"iterations): {unsettled} of {len(detections.contacts['x_px'])} contacts had not settled (their "
+        "the fit was cut off, for it would have taken longer than a frame of this size may: "
+        f"{unsettled} of {len(detections.contacts['x_px'])} contacts had not settled (their "
         f"uncertainties cover the areas of their light), {work.unresolved_groups} groups were left "
         "as fitted first"
     )
