@@ -131,13 +131,13 @@ def _restored_table(value: dict[str, Any]) -> pd.DataFrame:
 @cache
 def _empty_table(columns: tuple[tuple[str, str], ...]) -> pd.DataFrame:
     """A DataFrame without rows."""
-    data = {name: _restored_column(dtype, "" if dtype in _NUMBERS else []) for name, dtype in columns}
+    data = {name: _restored_column(dtype, []) for name, dtype in columns}
     return pd.DataFrame(data, index=pd.RangeIndex(0))
 
 
 def _restored_column(dtype: Any, items: str | list[Any]) -> Any:
     """The column."""
-    if dtype in _NUMBERS:
+    if isinstance(items, str):
         return np.frombuffer(base64.b64decode(items), dtype).copy()
     return pd.array(items, dtype=dtype) if dtype != "object" else items
 
