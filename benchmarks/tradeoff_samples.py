@@ -26,7 +26,7 @@ from contactimg.tradeoff.recommendations import error_text, time_text
 
 ROOT = Path(__file__).parents[1]
 SCENES = {"sa_plus": "sa_plus", "ra_plus": "ra_plus.toml"}
-HEADER = ("knob", "setting", "error of A", "time", "ratio", "against")
+HEADER = ("knob", "setting", "largest error", "time", "ratio", "against")
 
 
 def measure(name, *, fine):

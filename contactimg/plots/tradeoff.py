@@ -67,7 +67,8 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     if relative is not None:
         ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=f"{100 * relative:g} %")
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
-    ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=f"relative error of the {output}")
+    label = "largest relative error of an output" if output == "all" else f"relative error of the {output}"
+    ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=label)
     ax.set_title(TITLES.get(name, name), fontsize="medium")
     if len(known):
         _leave_room(ax, x, np.append(y, [] if relative is None else relative))
