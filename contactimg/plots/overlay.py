@@ -189,7 +189,7 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
     gap = layer.gap_px + (thickness / 2 / canvas.zoom if layer.gap_px else 0.0)
     for outline in layer.outlines:
         reach = np.array([outline.x, outline.y, outline.semi_major, outline.semi_minor]) * canvas.zoom
-        if np.abs(reach).max() > LARGEST_DRAWN_PX:
+        if not np.abs(reach).max() <= LARGEST_DRAWN_PX:  # a table edited by hand may lack a number
             continue
         if layer.square:
             _draw_square(canvas, outline, gap, index, thickness)

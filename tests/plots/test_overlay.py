@@ -52,10 +52,11 @@ def test_contacts_have_the_colour_of_their_flags(frame):
 
 @pytest.mark.parametrize("name", ["x_px", "radius_px"])
 @pytest.mark.parametrize("dashes", [(), (4.0, 2.0)])
-def test_contacts_larger_than_any_picture_are_left_out(frame, name, dashes):
+@pytest.mark.parametrize("value", [1e12, np.nan])
+def test_contacts_that_no_picture_can_show_are_left_out(frame, name, dashes, value):
     sound = {"label": 1, "x": 100.0, "y": 150.0, "semi_major": RADIUS, "semi_minor": RADIUS}
     keys = ["x"] if name == "x_px" else ["semi_major", "semi_minor"]
-    wrong = Outline(**sound | dict.fromkeys(keys, 1e12))
+    wrong = Outline(**sound | dict.fromkeys(keys, value))
     layer = Layer([Outline(**sound), wrong], "#112233", "contacts", dashes)
     alone = Layer([Outline(**sound)], "#112233", "contacts", dashes)
     pictures = [draw_overlay(frame, [one], VIEW) for one in (layer, alone)]

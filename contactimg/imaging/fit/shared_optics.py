@@ -369,7 +369,8 @@ class DiskScores:
         """Mean squared disagreement of the disks over its expectation, at least ``least`` and 1."""
         if len(self.score) < FEWEST_SCORES:
             return max(least, 1.0)
-        total = np.linalg.inv(self.information.sum(axis=0))
+        # where every disk is lost, nothing is known of contrast or blur, and nothing disagrees
+        total = np.linalg.pinv(self.information.sum(axis=0), hermitian=True)
         # what each would still change after the step that suits all best
         rest = self.score - self.information @ (total @ self.score.sum(axis=0))
         return max(least, 0.5 * float(np.einsum("ni,ij,nj->", rest, total, rest)), 1.0)

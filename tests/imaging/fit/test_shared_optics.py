@@ -332,3 +332,13 @@ def test_a_frame_object_keeps_its_name():
     image, reference, _ = blurred_points(6.0, 80.0, 1.4, n=2)
     table = measure_frame(Frame(image, "one.tif"), Frame(reference), pixel_size=1e-6)
     assert set(table["frame"]) == {"one.tif"}
+
+
+def test_scores_without_information_do_not_disagree():
+    count = shared_optics.FEWEST_SCORES
+    information = np.zeros((count, 2, 2))
+    information[:, 1, 1] = 1.0  # of the blur alone
+    scores = shared_optics.DiskScores(np.zeros((count, 2)), information, np.zeros((count, 4, 2)))
+    score, total = scores.total(1.0, float("nan"))
+    assert score == pytest.approx(0.0)
+    assert total == pytest.approx(np.diag([0.0, count]))
