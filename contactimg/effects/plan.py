@@ -135,7 +135,7 @@ class Plan:
 
     def sentence(self) -> str:
         """What is left out and by how much that changes each output."""
-        text = "nothing that acts is left out"
+        text = "nothing else that acts is left out" if self.limits else "nothing that acts is left out"
         if self.left_out:
             changes = change_sentence(self.expected_errors)
             text = f"left out: {', '.join(self.left_out)}; that changes {changes}"

@@ -153,9 +153,9 @@ class Looked:
 
 def look_at(image, reference, *, method, polarity, least_rise=0.0) -> Looked:
     """Measure an image and look for what must not be; the values of a float image lie between 0 and 1."""
-    result = measure_image(image, reference, method=method, polarity=polarity)
-    disks, found = result.disks, []
     levels = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)
+    result = measure_image(image, reference, method=method, polarity=polarity, full_scale=levels)
+    disks, found = result.disks, []
     if abs(result.contrast) > levels:
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
