@@ -19,6 +19,18 @@ from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
 
+LAW_WORDS = {
+    "hertz": "Hertz",
+    "sphere": "Hertz with the exact profile of a sphere",
+    "profile": "the stated profile",
+    "ellipse": "elliptic contacts",
+    "jkr": "JKR adhesion",
+}
+"""Part of the name of a law -> what it means."""
+
+EFFECT_WORDS = {"sphere_profile": "the exact profile of the sphere", "adhesion": "adhesion"}
+"""Effect on the local forces -> what it is called in a sentence."""
+
 SUPPORT_RATIO = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8)
 SUPPORT_ERROR = (0.0, 3e-4, 2e-3, 7e-3, 2.6e-2, 7.8e-2)
 """Contact radius over thickness of the layer, and the relative error of the radius at a given force because
@@ -64,20 +76,28 @@ class LawPlan:
         With ``sphere_profile`` and ``adhesion`` "on" or "off".
     left_out : dict
         Effect that is left out -> relative change of the forces by it, in the worst frame.
+    switched_off : tuple of str
+        Those of them that the scene itself leaves out.
     messages : tuple of str
-        One sentence for each switch that contradicts the estimates, and for a layer too thin.
+        One sentence for each other switch that contradicts the estimates, and for a layer too thin.
     """
 
     scene: Scene
     left_out: dict[str, float]
+    switched_off: tuple[str, ...] = ()
     messages: tuple[str, ...] = ()
 
     def sentence(self) -> str:
         """The law, and what it leaves out."""
-        lost = [f"{name} ({100 * change:.2g} % of the forces)" for name, change in self.left_out.items()]
         law = law_name(self.scene, elliptic=self.scene.measure.hertz == "ellipse")
-        left = f"; left out: {', '.join(lost)}" if lost else "; nothing that acts on it is left out"
-        return "; ".join([f"local forces by the law {law}{left}", *self.messages])
+        words = ", ".join(LAW_WORDS[part] for part in law.split("+"))
+        left = "; ".join(map(self._loss, self.left_out)) or "nothing that acts on them is left out"
+        return "; ".join([f"local forces by the law {law} ({words})", left, *self.messages])
+
+    def _loss(self, effect: str) -> str:
+        """What is left out with an effect."""
+        why = ", as the scene says" if effect in self.switched_off else ""
+        return f"left out{why}: {EFFECT_WORDS[effect]} ({100 * self.left_out[effect]:.2g} % of the forces)"
 
 
 @dataclass(frozen=True)
@@ -151,8 +171,10 @@ def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
     switches = {d.effect: "on" if d.on and (d.change > 0 or d.switch == "on") else "off" for d in decisions}
     effects = scene.effects.model_copy(update=switches)
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
+    switched_off = tuple(d.effect for d in decisions if d.switch == "off" and d.effect in left_out)
+    others = [text for text in messages if not text.startswith(switched_off)]
     support = _support_messages(evidence.largest_radius, elastic.thickness, tolerance.relative)
-    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, (*messages, *support))
+    return LawPlan(scene.model_copy(update={"effects": effects}), left_out, switched_off, (*others, *support))
 
 
 def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[np.intp]]) -> float:

@@ -137,7 +137,8 @@ def _facts(run: RunFolder) -> list[tuple[str, str]]:
         facts.append(("Method", _method(run, scene)))
     law = str(run.provenance.get("law", ""))
     if law:
-        facts.append(("Local forces", law.removeprefix("local forces ").rstrip(".") + "."))
+        said = law.removeprefix("local forces by the ").rstrip(".")
+        facts.append(("Local forces", f"{said[:1].upper()}{said[1:]}."))
     return facts
 
 
