@@ -428,11 +428,28 @@ async function stepBack(from, to, word) {
   saved(`${word}: ${step.row.action}, saved`);
 }
 
+/* The steps to undo and redo outlive a reload of the page, unless the edits have changed meanwhile. */
+const STEPS = "contactimg-steps";
+const edition = () => [state.run.run, state.run.edits.length, ...state.run.edits.slice(-1).map(keyOf)].join("\n");
+
+function keepSteps() {
+  const { undo, redo, number } = state;
+  try { sessionStorage.setItem(STEPS, JSON.stringify({ edition: edition(), undo, redo, number })); } catch { /* storage is full or off */ }
+}
+
+function keptSteps() {
+  try {
+    const kept = JSON.parse(sessionStorage.getItem(STEPS));
+    return kept && kept.edition === edition() ? kept : null;
+  } catch { return null; }
+}
+
 const undo = () => attempt(stepBack(state.undo, state.redo, "undo"));
 const redo = () => attempt(stepBack(state.redo, state.undo, "redo"));
 
 function saved(text) {
   if (state.unsaved <= 0) tell(text);
+  keepSteps();
   showRun();
   draw();
 }
@@ -588,6 +605,7 @@ async function openFrame(number, keepView = true) {
   const before = state.size.join(), picture = bitmapOf(`frames/${number}/image.png`).catch((error) => { tell(error.message, true); return null; });
   const [image, data] = await Promise.all([picture, ask(`frames/${number}/contacts.json`)]);
   if (number !== state.number) return;
+  keepSteps();
   state.image = image;
   state.size = image ? [image.width, image.height] : state.size;
   takeContacts(data);
@@ -922,7 +940,9 @@ async function begin() {
   takeRun(await ask("run.json"));
   setTool("select");
   const first = state.run.frames.findIndex((frame) => frame.status !== "ok");
-  await openFrame(Math.max(first, 0), false);
+  const { undo: earlier = [], redo: taken = [], number = Math.max(first, 0) } = keptSteps() || {};
+  Object.assign(state, { undo: earlier, redo: taken });
+  await openFrame(number, false);
   if (state.run.job.running) await followJob();
 }
 

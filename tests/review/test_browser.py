@@ -185,6 +185,29 @@ def test_thousands_of_contacts_drag_and_zoom_without_lag(browser):
     assert max(browser.evaluate(code)) < 8.0
 
 
+def test_an_edit_can_be_undone_after_a_reload(browser, session):
+    server = ReviewServer(session)
+    threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02}, daemon=True).start()
+    browser.open(server.address, READY)
+    browser.key("n")
+    browser.wait_for(f"review.state.number === 1 && {READY}")
+    hand = Hand(browser, np.random.default_rng(3))
+    hand.exclude()
+    browser.wait_for("review.state.undo.length === 1")
+    browser.evaluate("void (window.before = true, location.reload())")
+    browser.wait_for(f"!window.before && {READY}")
+    assert browser.evaluate("review.state.number") == 1
+    hand.undo()
+    browser.wait_for("review.state.redo.length === 1")
+    assert session.edits.read().empty
+    session.insert([{"frame": "*", "action": "mask", "points": "1 1; 9 1; 9 9", "author": "another"}], None)
+    browser.evaluate("void (window.before = true, location.reload())")
+    browser.wait_for(f"!window.before && {READY}")
+    assert browser.evaluate("review.state.redo.length") == 0  # the table is another one now
+    server.shutdown()
+    server.server_close()
+
+
 @pytest.mark.slow
 def test_an_edit_made_while_the_server_is_away_is_sent_when_it_is_back(browser, session):
     def serve(port=0, token=None):
