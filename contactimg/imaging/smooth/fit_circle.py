@@ -167,10 +167,10 @@ def _fit_round(
     used = np.ones(len(samples.value), bool)
     for _ in range(PASSES):
         kept = _subset(samples, used)
-        if len(np.unique(kept.sector)) < SHORTEST_ARC * SECTORS:
-            raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
+        _refuse_short(np.unique(kept.sector))
         fitted = _fit(kept, model, opening, blur_px)
         offsets, azimuths, numbers = _sector_offsets(kept, fitted)
+        _refuse_short(numbers)
         spread = MAD_TO_STD * float(np.median(np.abs(offsets - np.median(offsets))))
         stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR_SIGMA * max(spread, 1e-6)
         if not stray.any():
@@ -179,6 +179,12 @@ def _fit_round(
     found = _with_uncertainty(fitted.circle, offsets[~stray], azimuths[~stray])
     plain, azimuths, _ = _sector_offsets(samples, fitted, tame=False)
     return found, _second_harmonic(plain, azimuths) if found.arc > ELLIPSE_ARC else np.zeros(2)
+
+
+def _refuse_short(sectors: NDArray[np.intp]) -> None:
+    """Raise if too few sectors show the edge."""
+    if len(sectors) < SHORTEST_ARC * SECTORS:
+        raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
 
 
 def _second_harmonic(offsets: Values, azimuths: Values) -> Values:
@@ -205,6 +211,8 @@ def _fit(
 ) -> _Fitted:
     """Robust least squares for centre (unless centred), radius, contrast, background, blur and halo."""
     high, low = np.percentile(samples.value, [90, 10])
+    if not high > low:
+        raise FrameError("the light is the same on both sides of the contact's edge")
     blur = float(np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
     line, radius = _film_about(samples.outline_px, model, opening, blur)
     start = np.array([0.0, 0.0, radius, high - low, low, blur, *HALO_START])
@@ -277,7 +285,7 @@ def _profile(outside: Values, p: Values, line: _Line) -> Values:
 def _sector_offsets(
     samples: EdgeSamples, fitted: _Fitted, *, tame: bool = True
 ) -> tuple[Values, Values, NDArray[np.intp]]:
-    """How far the edge lies outside the fitted circle in each sector, its direction and its number.
+    """How far the edge lies outside the fitted circle in each sector that shows it, its direction and its number.
 
     ``tame`` gives samples far off less weight: dust, but also an edge that lies a blur away.
     """
@@ -290,9 +298,11 @@ def _sector_offsets(
     )
     trust = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2) if tame else np.ones_like(rest)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
-    offset = np.bincount(inverse, trust * fall * rest) / np.bincount(inverse, trust * fall**2)
-    azimuth = np.bincount(inverse, samples.azimuth) / np.bincount(inverse)
-    return offset, azimuth, numbers
+    slope = np.bincount(inverse, trust * fall**2)
+    shown = slope > 0  # not where all samples lie far from the edge
+    offset = np.bincount(inverse, trust * fall * rest)[shown] / slope[shown]
+    azimuth = (np.bincount(inverse, samples.azimuth) / np.bincount(inverse))[shown]
+    return offset, azimuth, numbers[shown]
 
 
 def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circle:

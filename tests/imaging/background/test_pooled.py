@@ -180,6 +180,17 @@ def test_what_the_background_adds_to_a_radius():
     assert without[0] == pytest.approx(excess[0], rel=0.05)
 
 
+def test_the_background_never_takes_from_the_variance_of_a_radius():
+    """Contacts of one place in all views, whose rims mask most of the pixels that the views could show."""
+    column = np.array([[4.0], [5.0], [6.0]])
+    rims = Rims(50.0 * np.arange(3), np.zeros(3), column[:, 0], np.full(3, 0.1), CONTRAST, BLUR)
+    for count in range(1, 12):
+        history = RimHistory((rims,) * count)
+        for views in (0.0, 0.2, 1.0, 3.0, 20.0):
+            excess = history.excess_variance(rims, np.full(3, views), but=None)
+            assert (excess > 0).all()
+
+
 def test_references_are_averaged_without_one_that_shows_a_contact(rng):
     shifts = [(0.0, 0.0), (0.4, -0.3), (-1.6, 0.8), (0.2, 2.3)]
     images = [exposed(rng, shift=shift) for shift in shifts]

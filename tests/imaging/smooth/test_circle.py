@@ -1,5 +1,7 @@
 """The circle of a wide contact, the film around it, and the frames that are made of both."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -164,6 +166,22 @@ def test_half_a_contact_is_enough(rng):
     assert 0.4 < circle.arc < 0.55
     # half the edge: centre and radius are correlated, four times the uncertainty of a whole circle
     assert np.abs(errors(circle, truth)).max() < 5 * max(circle.radius_std_px, circle.centre_std_px)
+
+
+@pytest.mark.parametrize("hidden", [0.3, 0.9])
+def test_sectors_that_show_no_edge_are_left_out(hidden):
+    image, truth = frame({}, film="off")
+    rough = find_circle(image, 60.0)
+    samples = sample_edge(image, rough, outside_px=20.0, noise=NOISE)
+    away = samples.sector < hidden * (samples.sector.max() + 1)
+    samples = replace(
+        samples, distance=samples.distance + 500.0 * away, value=np.where(away, 0.0, samples.value)
+    )
+    if hidden > 0.5:
+        with pytest.raises(FrameError, match="the contact's edge"):
+            fit_circle(samples, MODEL, opening=np.inf)
+    else:
+        assert np.abs(errors(fit_circle(samples, MODEL, opening=np.inf), truth)).max() < 0.05
 
 
 @pytest.mark.parametrize(

@@ -202,6 +202,11 @@ def _excess(radius: NDArray, blur: float, views: NDArray) -> NDArray[np.float64]
     >>> radius = np.array([[5.0, np.nan, np.nan], [5.0, 5.0, 5.0]])
     >>> _excess(radius, 1.4, np.array([4.0, 3.0])).round(2).tolist()
     [0.23, 0.93]
+
+    Where rims of all views cover the pixels, little more than the prior is known of the radius:
+
+    >>> _excess(np.full((1, 6), 5.0), 1.4, np.array([0.2])).round(1).tolist()
+    [13.2]
     """
     mean = (radius[:, :, None] + radius[:, None, :]) / 2
     product = np.sqrt(np.maximum(radius[:, :, None] * radius[:, None, :], 1e-12))
@@ -209,6 +214,7 @@ def _excess(radius: NDArray, blur: float, views: NDArray) -> NDArray[np.float64]
     overlap = np.nan_to_num(np.minimum(overlap, 1.0), nan=0.0)
     identity = np.eye(radius.shape[1])
     overlap = np.maximum(overlap, identity)
-    number = np.maximum(views, 1e-3) + 1.0
+    # pixels that few views use are masked in the others: as many views as rims, or the matrix is not positive
+    number = np.maximum(np.maximum(views, 1e-3) + 1.0, overlap.sum(axis=2).max(axis=1))
     matrix = identity * (1.0 + 1.0 / (PRIOR_STDS**2 * 20.0)) - overlap / number[:, None, None]
     return np.linalg.inv(matrix)[:, 0, 0] - 1.0
