@@ -285,7 +285,7 @@ def _profile(outside: Values, p: Values, line: _Line) -> Values:
 def _sector_offsets(
     samples: EdgeSamples, fitted: _Fitted, *, tame: bool = True
 ) -> tuple[Values, Values, NDArray[np.intp]]:
-    """How far the edge lies outside the fitted circle in each sector that shows it, its direction and its number.
+    """How far the edge lies outside the circle in each sector that shows it, its direction and its number.
 
     ``tame`` gives samples far off less weight: dust, but also an edge that lies a blur away.
     """
