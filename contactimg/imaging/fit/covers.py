@@ -31,6 +31,7 @@ from contactimg.imaging.fit.settings import (
     GROUP_GAP_BLUR_WIDTHS,
     LARGEST_GROUP,
     LARGEST_USUAL_CHI_SQUARE,
+    LEAST_NOISE_FRACTION,
     MISSING_DISK_PEAK_FRACTION,
     MOST_ARCS,
     NECK_LEVEL_FRACTION,
@@ -81,6 +82,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
+    coarse = _no_finer_than_shapes(problem)
     groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
@@ -90,7 +92,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
         if len(members) > LARGEST_GROUP or problem.work.no_more_covers:
             problem.work.unresolved_groups += 1
             continue
-        window = GroupWindow.about(problem, fit, members)
+        window = GroupWindow.about(coarse, fit, members)
         if window is None:
             continue
         disks = fit.disks[members] - window.offset
@@ -99,6 +101,15 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
             replaced[members] = True
             new.append(better + window.offset)
     return Replacement(replaced, np.vstack(new))
+
+
+def _no_finer_than_shapes(problem: FitProblem) -> FitProblem:
+    """The problem with at least the noise by which the shapes of contacts differ from disks.
+
+    Where there is hardly any noise, the pixel that a digitised disk has more on one side is significant.
+    """
+    least = (LEAST_NOISE_FRACTION * problem.contrast) ** 2
+    return problem.with_noise(max(problem.noise.variance, least))
 
 
 def _groups_with(bad: NDArray[np.bool_], disks: NDArray, gap: float) -> Iterator[NDArray[np.int64]]:

@@ -234,15 +234,10 @@ def _newton(
 
 
 def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> bool:
-    """Whether no contact shows its contrast, and nothing else tells contrast and blur.
-
-    Where pixels are too coarse for the rims (`contactimg.imaging.fit.coarse_rims`), what is left is no noise,
-    and no likelihood follows from it.
-    """
+    """Whether no contact shows its contrast, and nothing else tells contrast and blur."""
     std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
     free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
-    free = free and problem.noise.rim == 0.0
-    return free and not problem.work.is_done and hides_contrast(fit)
+    return free and hides_contrast(fit)
 
 
 def hides_contrast(fit: FittedDisks) -> bool:

@@ -113,7 +113,8 @@ def profile_contrast(
     -------
     ContrastProfile
         At the maximum of the likelihood. The uncertainty of the radii is the farther end of the interval of
-        one standard deviation, in which the kurtosis counts.
+        one standard deviation, in which the kurtosis counts. Where the work is done before there is a
+        maximum, that of all contrasts possible.
     """
     height = np.median(fit.disks[:, CONTRAST] * -np.expm1(-0.5 * (fit.disks[:, RADIUS] / fit.blur) ** 2))
     largest = max(problem.largest_contrast, float(height))
@@ -125,7 +126,8 @@ def profile_contrast(
     step = 0.9 * (high - low) / (COARSE_STEPS - 1)
     for _ in range(FINE_ROUNDS):
         best = min(found, key=lambda each: each.chi_square)
-        if sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED:
+        smooth = sum(each.chi_square < best.chi_square + SMOOTH_RISE for each in found) > FEWEST_TRIED
+        if smooth or problem.work.is_done:
             break
         places = best.log_contrast + step * np.linspace(-1.0, 1.0, FINE_STEPS + 1)
         known = np.array([each.log_contrast for each in found])
@@ -189,8 +191,12 @@ class _Tries:
         return replace(self.problem, prior=prior, noise=replace(self.problem.noise, slope=slope))
 
     def at(self, log_contrast: float, start: FittedDisks) -> _Tried:
-        """The fit at one contrast, from a start in which light and variance of each disk are right."""
-        problem, disks = self.with_contrast(log_contrast), start.disks.copy()
+        """The fit at one contrast, from a start in which light and variance of each disk are right.
+
+        The limit of the contrasts holds for their mean: that of a single disk scatters about it by its noise.
+        """
+        disks = start.disks.copy()
+        problem = replace(self.with_contrast(log_contrast), largest_contrast=np.inf)
         ratio = np.exp(log_contrast) / np.median(disks[:, CONTRAST])
         variance = start.blur**2 + 0.25 * float(np.median(disks[:, RADIUS])) ** 2
         disks[:, CONTRAST] *= ratio
@@ -216,7 +222,7 @@ def _conclude(
     """The fit at the most probable contrast, and its uncertainties."""
     if len(found) < FEWEST_TRIED:
         last = max(found, key=lambda each: each.log_contrast)
-        interval, slope = np.array([limits[0], last.log_contrast]), 0.0
+        interval, slope = np.array(limits), 0.0
         sides = np.exp(0.5 * (last.log_contrast - interval)) - 1.0
     else:
         curve = _Curve.through(found)

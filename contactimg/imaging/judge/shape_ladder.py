@@ -25,7 +25,7 @@ from contactimg.imaging.fit.ellipse import (
 )
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
-from contactimg.imaging.fit.shared_optics import JointFit
+from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.common_distortion import (
     BAND_BLUR_WIDTHS,
@@ -252,7 +252,12 @@ class _Ladder:
         return fit_ellipse(view.window, start, self.scene.optics, inflation=inflation)
 
     def _with_settled_optics(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
-        """The contacts behind the contrast and blur of the ellipses, where many are ellipses."""
+        """The contacts behind the contrast and blur of the ellipses, where many are ellipses.
+
+        Not where contacts are too small to show their contrast: their ellipses show no more of it.
+        """
+        if hides_contrast(self.joint.fit):
+            return found
         at = [k for k, part in enumerate(found) if part.kind == "ellipse" or len(part.members) == 1]
         count = sum(part.kind == "ellipse" for part in found)
         if count < LEAST_ELLIPSE_SHARE * len(self.detections.rows):
@@ -280,9 +285,9 @@ class _Ladder:
         """How far another edge may move the radius of each contact, as the light of ellipses shows it, px."""
         binning = self.scene.problem.binning
         radius = self.detections.contacts["radius_px"] / binning
-        some = ellipses[:: -(-len(ellipses) // MOST_WITNESSES)]
-        if len(some) < FEWEST_CONTACTS:
+        if len(ellipses) < FEWEST_CONTACTS:
             return np.full(len(radius), np.inf)
+        some = ellipses[:: -(-len(ellipses) // MOST_WITNESSES)]
         contrast = CommonContrast.of(self.scene, [part.view for part in some])
         lights = [measure_by_light(part.view, contrast) for part in some]
         return binning * largest_edge_shift([part.ellipse for part in some], lights, radius)

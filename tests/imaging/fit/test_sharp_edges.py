@@ -234,3 +234,29 @@ def test_a_first_look_at_some_rows_passes_over_usual_rims_alone(blur, looks, rng
     measure_image(levels(200 - 150 * light + rng.normal(0, 6, dark.shape)), polarity="dark")
     assert len(set(steps)) == looks
     assert (min(rims) > 0.0) == (blur == 0.0)
+
+
+@pytest.mark.parametrize(
+    ("radius", "blur", "seed"),
+    [
+        (2.5, 2.0, 0),  # a pixel more on one side was a contact of its own
+        (2.4, 1.5, 3),  # ellipses of whole pixels were witnesses of a contrast that they do not show
+        (2.4, 2.0, 7),  # no ellipse was left behind the blur that they wanted
+    ],
+)
+def test_shapes_of_whole_pixels_without_noise_are_no_pairs_and_no_witnesses(radius, blur, seed):
+    """Without noise, whatever the shapes of contacts differ from disks would be significant."""
+    y, x = np.mgrid[0:40, 0:40]
+    centres = np.random.default_rng(seed).uniform(19.5, 20.5, (48, 2))
+    cells = np.array([np.hypot(x - cx, y - cy) < radius for cx, cy in centres], float)
+    dark = cells.reshape(6, 8, 40, 40).swapaxes(1, 2).reshape(240, 320)
+    found = measure_image(levels(255 - 255 * cv2.GaussianBlur(dark, (0, 0), blur)), polarity="dark").disks
+    truth = np.column_stack(
+        [
+            40 * (np.arange(48) % 8) + (cells * x).sum(axis=(1, 2)) / cells.sum(axis=(1, 2)),
+            40 * (np.arange(48) // 8) + (cells * y).sum(axis=(1, 2)) / cells.sum(axis=(1, 2)),
+            np.sqrt(cells.sum(axis=(1, 2)) / np.pi),
+        ]
+    )
+    _, pull = errors(found, truth)
+    assert np.abs(pull).max() < 3
