@@ -92,7 +92,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
         [
             row["effect"],
             row["decision"] if row["switch"] == "auto" else f"{row['decision']}, set by the scene",
-            f"{100 * row['change']:.2g} %",
+            f"{100 * row['change']:.3g} %",
             f"{row['cost']:.3g} x",
             row["reason"],
         ]

@@ -65,7 +65,7 @@ def film_change(comparison: SampleComparison) -> tuple[float, str]:
     simulate = comparison.simulate
     contrast = simulate.contrast_levels / simulate.background_levels
     strength = film_strength(lamp(simulate))
-    stated = f"contrast {100 * contrast:.2g} % of the background, the film's {100 * strength:.2g} %"
+    stated = f"contrast {100 * contrast:.3g} % of the background, the film's {100 * strength:.2g} %"
     if not np.isfinite(comparison.sample.sphere_radius).all():
         return 0.0, f"the radii of curvature are not known; {stated}"
     if simulate.edge_softness_px > 0:

@@ -92,7 +92,9 @@ def review(
     by_hand = _has_flag(detections, Flag.MANUAL)
     unseen = _is_unseen(foreground, places, blur) & ~by_hand
     unseen |= _is_outshone(foreground, difference, detections)
-    scratch = find_scratches(foreground.image, places, blur_px=blur) & ~unseen & ~by_hand
+    superfluous = _rejected_places(detections)[detections.rejected["reason"] == Reason.UNNECESSARY, :2]
+    scratch = find_scratches(foreground.image, places, blur_px=blur, candidates=superfluous)
+    scratch &= ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
     agreement, remark = None, ""

@@ -5,6 +5,8 @@ scratch it does not. A contact of another shape than a disk is a chain as well, 
 or it closes a ring.
 """
 
+import math
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +33,9 @@ LEAST_HOLE_BLUR_WIDTHS = 1.0
 """Radius of the smallest hole that makes a chain a ring. Chosen."""
 
 
-def find_scratches(image: NDArray[np.float32], disks: NDArray, *, blur_px: float) -> NDArray[np.bool_]:
+def find_scratches(
+    image: NDArray[np.float32], disks: NDArray, *, blur_px: float, candidates: NDArray | None = None
+) -> NDArray[np.bool_]:
     """Which disks are pieces of a scratch.
 
     Parameters
@@ -42,6 +46,8 @@ def find_scratches(image: NDArray[np.float32], disks: NDArray, *, blur_px: float
         x, y, radius (px).
     blur_px : float
         Standard deviation of the blurred edge.
+    candidates : ndarray, shape (m, 2), optional
+        x, y of candidates that were rejected as superfluous: of a scratch they are pieces as well.
 
     Returns
     -------
@@ -55,10 +61,15 @@ def find_scratches(image: NDArray[np.float32], disks: NDArray, *, blur_px: float
     >>> find_scratches(line, pieces, blur_px=1.4).all()
     np.True_
     """
-    out = np.zeros(len(disks), np.bool_)
-    for chain in find_chains(image, disks, blur_px=blur_px):
-        out[chain] = _is_line(image, disks[chain], blur_px)
-    return out
+    pieces = disks[:, :3]
+    if candidates is not None:
+        pieces = np.vstack([pieces, np.column_stack([candidates, np.full(len(candidates), blur_px)])])
+    out = np.zeros(len(pieces), np.bool_)
+    chains = find_chains(image, pieces, blur_px=blur_px)
+    wide = disks[disks[:, 2] >= LARGEST_BLUR_WIDTHS * blur_px, :3] if chains else disks[:0, :3]
+    for chain in chains:
+        out[chain] = _is_line(image, pieces[chain], wide, blur_px)
+    return out[: len(disks)]
 
 
 def find_chains(image: NDArray[np.float32], disks: NDArray, *, blur_px: float) -> list[NDArray[np.intp]]:
@@ -85,18 +96,26 @@ def find_chains(image: NDArray[np.float32], disks: NDArray, *, blur_px: float) -
     return [chain for chain, a, b in zip(chains, length, width, strict=True) if a > FEWEST_DIAMETERS * b]
 
 
-def _is_line(image: NDArray[np.float32], pieces: NDArray[np.float64], blur_px: float) -> bool:
-    """Whether the pixels above half the brightness of a chain of disks are a line that does not close."""
+def _is_line(image: NDArray[np.float32], pieces: NDArray, wide: NDArray, blur_px: float) -> bool:
+    """Whether the pixels above half the brightness of a chain of disks are a line that does not close.
+
+    Wide disks, which a scratch may cross, are left out.
+    """
     reach = float(pieces[:, 2].max()) + LARGEST_GAP_BLUR_WIDTHS * blur_px
     low = np.maximum(np.floor(pieces[:, :2].min(axis=0) - reach).astype(int), 0)
     high = np.ceil(pieces[:, :2].max(axis=0) + reach).astype(int) + 1
     part = image[low[1] : high[1], low[0] : high[0]]
     above = np.pad(part > 0.5 * np.median(_brightness(image, pieces[:, :2])), 1).astype(np.uint8)
+    for x, y, radius in wide:
+        place = (round(x - low[0]) + 1, round(y - low[1]) + 1)
+        cv2.circle(above, place, math.ceil(radius + blur_px), 0, thickness=-1)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
     rows, columns = np.rint(pieces[:, 1::-1] - low[::-1] + 1).astype(int).T
     found = np.bincount(
         labels[np.clip(rows, 0, labels.shape[0] - 1), np.clip(columns, 0, labels.shape[1] - 1)], minlength=2
     )
+    if not found[1:].any():
+        return False  # pieces on the rims of wide disks
     chain = (labels == 1 + int(np.argmax(found[1:]))).astype(np.uint8)
     half_width = float(cv2.distanceTransform(chain, cv2.DIST_L2, cv2.DIST_MASK_5).max())
     slender = np.count_nonzero(chain) > LEAST_SLENDERNESS * (2.0 * half_width) ** 2
