@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
-from contactimg.imaging.fit.problem import FitProblem
+from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.settings import SIGNIFICANT_LIGHT_SIGMA
 from contactimg.imaging.pixels.frame_pair import CutOff
 from contactimg.imaging.pixels.robust import quantile
 
@@ -65,16 +66,24 @@ def restore_clipped_noise(
     room = cut_off.span - end * noise
     # a mean background below the end of the levels makes no contrast larger than their range
     seen = replace(problem, largest_contrast=min(room, cut_off.span)).with_noise(noise**2)
+    disks = _significant(fit, noise / problem.pixel_noise)
     for _ in range(ROUNDS):
         height = np.clip(fit.model, 0.0, room) / noise
         lost = _lost(end) - _lost(end + height) + _lost(room / noise - height)
         image = problem.image + np.asarray(noise * lost - float(pixels.mean()), np.float32)
         seen = replace(seen, image=image)
         fit = fit_disks(
-            seen, fit.disks, blur=fit.blur, control=FitControl(free_blur, iterations=5),
-            start=ModelImage.blank(image.shape, len(fit.disks), complete=True),
+            seen, disks, blur=fit.blur, control=FitControl(free_blur, iterations=5),
+            start=ModelImage.blank(image.shape, len(disks), complete=True),
         )  # fmt: skip
+        disks = fit.disks
     return seen, fit
+
+
+def _significant(fit: FittedDisks, ratio: float) -> NDArray[np.float64]:
+    """The disks whose light is significant in a noise that is larger by a ratio; all if none is."""
+    kept = fit.disks[:, RADIUS] >= 2.0 * SIGNIFICANT_LIGHT_SIGMA * ratio * fit.std[:, RADIUS]
+    return fit.disks[kept] if kept.any() else fit.disks
 
 
 def _lost(distance: NDArray | float) -> NDArray[np.float64]:

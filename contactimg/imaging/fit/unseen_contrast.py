@@ -34,6 +34,8 @@ NODES = 400  # of the integrals; accuracy
 FEWEST_TRIED = 4  # contrasts that make a curve; theory: of third order
 EDGE = 0.02  # ln contrast from an end of its range within which the range cuts an interval; accuracy
 SMOOTH_RISE = 4.0  # of chi-square between neighbours, below which no contrast between them is tried; accuracy
+SCATTER_SIGMA = 5.0
+"""Standard deviations by which a contrast may exceed the limit of their mean. False-alarm rate: 6e-7."""
 CONTROL = FitControl(free_blur=True, iterations=15, tolerance=FINE_TOLERANCE_SIGMA)
 
 
@@ -195,8 +197,9 @@ class _Tries:
 
         The limit of the contrasts holds for their mean: that of a single disk scatters about it by its noise.
         """
-        disks = start.disks.copy()
-        problem = replace(self.with_contrast(log_contrast), largest_contrast=np.inf)
+        disks, problem = start.disks.copy(), self.with_contrast(log_contrast)
+        most = problem.largest_contrast * (1.0 + SCATTER_SIGMA * self.spread)
+        problem = replace(problem, largest_contrast=most)
         ratio = np.exp(log_contrast) / np.median(disks[:, CONTRAST])
         variance = start.blur**2 + 0.25 * float(np.median(disks[:, RADIUS])) ** 2
         disks[:, CONTRAST] *= ratio
@@ -220,16 +223,17 @@ def _conclude(
     tries: _Tries, found: list[_Tried], limits: tuple[float, float], kurtosis_std: float
 ) -> ContrastProfile:
     """The fit at the most probable contrast, and its uncertainties."""
+    best = min(found, key=lambda each: each.chi_square)
     if len(found) < FEWEST_TRIED:
         last = max(found, key=lambda each: each.log_contrast)
         interval, slope = np.array(limits), 0.0
         sides = np.exp(0.5 * (last.log_contrast - interval)) - 1.0
     else:
         curve = _Curve.through(found)
-        at = int(np.argmin(curve.chi_square))
-        last = tries.at(
-            float(curve.x[at]), min(found, key=lambda each: abs(each.log_contrast - curve.x[at])).fit
-        )
+        at = curve.lowest_beside(best)
+        last = tries.at(float(curve.x[at]), best.fit)
+        if last.chi_square > best.chi_square:
+            last, at = best, int(np.argmin(np.abs(curve.x - best.log_contrast)))
         inside = curve.within_one_std(at, kurtosis_std)
         interval, slope = curve.x[inside], float(np.polyfit(curve.x[inside], curve.blur[inside], 1)[0])
         sides = curve.radius[inside] / curve.radius[at] - 1.0
@@ -245,13 +249,14 @@ def _conclude(
 
 @dataclass(frozen=True, eq=False)
 class _Curve:
-    """Chi-square, kurtosis, radius and blur over the logarithm x of the contrast."""
+    """Chi-square, kurtosis, radius and blur over the logarithm x of the contrast, and where it was tried."""
 
     x: Values
     chi_square: Values
     kurtosis: Values
     radius: Values
     blur: Values
+    tried: Values
 
     @classmethod
     def through(cls, found: list[_Tried]) -> "_Curve":
@@ -259,7 +264,16 @@ class _Curve:
         logs = np.array([each.log_contrast for each in found])
         columns = np.array([[each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found])
         x = np.linspace(logs[0], logs[-1], NODES)
-        return cls(x, *Akima1DInterpolator(logs, columns, method="makima")(x).T)
+        return cls(x, *Akima1DInterpolator(logs, columns, method="makima")(x).T, logs)
+
+    def lowest_beside(self, best: _Tried) -> int:
+        """Index of the lowest chi-square between the neighbours of the best contrast tried.
+
+        Farther away, where fits may have gone astray, the curve dips between them.
+        """
+        k = int(np.searchsorted(self.tried, best.log_contrast))
+        low, high = self.tried[max(k - 1, 0)], self.tried[min(k + 1, len(self.tried) - 1)]
+        return int(np.argmin(np.where((self.x >= low) & (self.x <= high), self.chi_square, np.inf)))
 
     def within_one_std(self, at: int, kurtosis_std: float) -> NDArray[np.bool_]:
         """Where a contrast is not excluded by one standard deviation, about that at the index ``at``.

@@ -260,3 +260,11 @@ def test_shapes_of_whole_pixels_without_noise_are_no_pairs_and_no_witnesses(radi
     )
     _, pull = errors(found, truth)
     assert np.abs(pull).max() < 3
+
+
+def test_noise_that_is_cut_off_makes_no_contacts():
+    """Half of a white background is at full scale; the rest shows the noise only once the contacts are known."""
+    dark, truth = np.tile(binary(5)[0], (2, 2)), binary(5)[1]
+    light = 255 - 255 * cv2.GaussianBlur(dark, (0, 0), 2.0)
+    frame = levels(light + np.random.default_rng(0).normal(0, 1, dark.shape))
+    assert len(measure_image(frame, polarity="dark").disks) == 4 * len(truth)
