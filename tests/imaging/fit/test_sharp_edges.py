@@ -263,7 +263,7 @@ def test_shapes_of_whole_pixels_without_noise_are_no_pairs_and_no_witnesses(radi
 
 
 def test_noise_that_is_cut_off_makes_no_contacts():
-    """Half of a white background is at full scale; the rest shows the noise only once the contacts are known."""
+    """Half of a white background is at full scale: how large the noise is shows once contacts are known."""
     dark, truth = np.tile(binary(5)[0], (2, 2)), binary(5)[1]
     light = 255 - 255 * cv2.GaussianBlur(dark, (0, 0), 2.0)
     frame = levels(light + np.random.default_rng(0).normal(0, 1, dark.shape))
