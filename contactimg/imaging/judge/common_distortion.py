@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from contactimg.imaging.fit.ellipse import E1, E2, RADIUS, FittedEllipse, X, Y
 
@@ -26,6 +27,10 @@ BAND_BLUR_WIDTHS = 3.6
 """Half the width of the band they cover. Theory: 2e-4 of an edge is left there."""
 OWN_MISFIT_FRACTION = 0.35
 """Share of its misfit that the common one must leave for a contact to have its own. Chosen, as for covers."""
+
+NEIGHBOURS = 24
+"""Nearest contacts that show what a place of the field has in common. Chosen: their median is known to a
+quarter of their scatter."""
 
 
 @dataclass(frozen=True)
@@ -121,13 +126,15 @@ def edge_cells(
     return np.stack([total / np.maximum(count, 1.0), count])
 
 
-def has_own_misfit(cells: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
-    """Which contacts misfit in a way that is not common to all.
+def has_own_misfit(cells: Sequence[NDArray[np.float64]], places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which contacts misfit in a way that is common neither to all nor to those around them.
 
     Parameters
     ----------
     cells : sequence of ndarray, shape (2, k)
         Residuals over the contrast about each contact (`edge_cells`).
+    places : ndarray, shape (n, 2), px
+        Their centres: aberrations of a lens vary over the field.
 
     Returns
     -------
@@ -141,4 +148,9 @@ def has_own_misfit(cells: Sequence[NDArray[np.float64]]) -> NDArray[np.bool_]:
     known = np.isfinite(seen).sum(axis=0) >= FEWEST_CONTACTS
     common = np.where(known, np.nanmedian(np.where(known, seen, 0.0), axis=0), 0.0)
     before, after = (np.sum(counts * part**2, axis=1) for part in (means, means - common))
-    return np.asarray(after > OWN_MISFIT_FRACTION * before)
+    own = np.asarray(after > OWN_MISFIT_FRACTION * before)
+    if len(cells) > NEIGHBOURS and own.any():
+        around = np.asarray(cKDTree(places).query(places[own], k=NEIGHBOURS + 1)[1])
+        rest = means[own] - np.median(means[around[:, 1:]], axis=1)
+        own[own] = np.sum(counts[own] * rest**2, axis=1) > OWN_MISFIT_FRACTION * before[own]
+    return own

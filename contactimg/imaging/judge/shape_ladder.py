@@ -348,7 +348,8 @@ class _Ladder:
         else:
             pierced = [k for k in known if len(found[k].members) > 2 or found[k].has_hole]
             poor = [k for k in known if k not in pierced and self._is_misshapen(found[k].ellipse)]
-            own = has_own_misfit([self._cells(found[k]) for k in poor])
+            places = np.array([found[k].ellipse.parameters[[X, Y]] for k in poor]).reshape(-1, 2)
+            own = has_own_misfit([self._cells(found[k]) for k in poor], places)
             freed = pierced + [k for k, its_own in zip(poor, own, strict=True) if its_own]
         self.contrast = CommonContrast.of(self.scene, [found[k].view for k in freed])
         for k in freed:

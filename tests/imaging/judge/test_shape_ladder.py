@@ -5,6 +5,7 @@ import pytest
 from shape_frames import bone, ellipse, frame, ring, triangle
 
 from contactimg.imaging.judge import shape_ladder
+from contactimg.imaging.judge.common_distortion import ANGULAR_BINS, RADIAL_BINS, has_own_misfit
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.frame import outlines_table
 
@@ -143,3 +144,14 @@ def test_ellipses_settle_the_blur_that_disks_take_for_too_wide(monkeypatch):
     assert np.sqrt(np.mean(pulls**2)) < 1.6  # twelve normal deviates: 1e-3
     # the light bounds what another edge may do to the areas
     assert settled["edge_shift_px"].abs().max() < 0.5 * misled["edge_shift_px"].abs().min()
+
+
+def test_what_a_place_of_the_field_has_in_common_is_no_shape(rng):
+    """An aberration that turns over the field is the camera's; what one contact has alone is its own."""
+    places = rng.uniform(0, 1000, (300, 2))
+    sector = 2 * np.pi * (np.arange(RADIAL_BINS * ANGULAR_BINS) % ANGULAR_BINS) / ANGULAR_BINS
+    turned = np.cos(sector - np.pi * places[:, :1] / 1000)
+    turned[::60] = np.cos(3 * sector - places[::60, 1:])
+    noisy = turned + 0.2 * rng.standard_normal(turned.shape)
+    own = has_own_misfit([np.stack([each, np.ones(len(each))]) for each in noisy], places)
+    assert np.flatnonzero(own).tolist() == list(range(0, 300, 60))
