@@ -264,8 +264,8 @@ class _Curve:
         logs = np.array([each.log_contrast for each in found])
         columns = np.array([[each.chi_square, each.kurtosis, each.radius, each.fit.blur] for each in found])
         x = np.linspace(logs[0], logs[-1], NODES)
-        values = Akima1DInterpolator(logs, columns, method="makima")(x)
-        return cls(x, *values.T, tried=logs)
+        chi_square, kurtosis, radius, blur = Akima1DInterpolator(logs, columns, method="makima")(x).T
+        return cls(x, chi_square, kurtosis, radius, blur, tried=logs)
 
     def lowest_beside(self, best: _Tried) -> int:
         """Index of the lowest chi-square between the neighbours of the best contrast tried.
