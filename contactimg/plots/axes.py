@@ -15,6 +15,8 @@ FIGURE_INCHES = (4.6, 3.5)
 """Width and height of a figure. Chosen: text of 10 and 8.3 pt is 7 and 6 pt in a column of 85 mm."""
 PANEL_INCHES = 1.2
 """Height that a panel of residuals adds."""
+RESIDUAL_MARGIN = 0.15
+"""Share of a panel's height above and below the points. Chosen: marks do not touch its frame."""
 LEGEND_ROW_INCHES = 0.165
 """Height of a row of a legend of 8.3 pt."""
 FIGURE_DPI = 220.0
@@ -37,6 +39,7 @@ def stacked_axes() -> tuple[Axes, Axes]:
     figure = _new_figure((width, height + PANEL_INCHES))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=(height - 0.6, PANEL_INCHES))
     top.tick_params(labelbottom=False)
+    below.margins(y=RESIDUAL_MARGIN)
     return top, below
 
 

@@ -21,6 +21,12 @@ MARKERS = {"loading": "^", "unloading": "v", "": "o"}
 LAW, POINTS, OTHER = "#d55e00", "#0072b2", "0.5"
 """Colours of a fitted law, of measured points (palette of Okabe and Ito), and of what is to compare."""
 
+LARGEST_SLOPE = 4.0
+"""Slopes beyond are not shown. Chosen: a threshold that makes the forces so large is of no use."""
+
+DASHES = ("-", "--", "-.")
+"""Of neighbouring curves of a plateau figure, which merge in grey; dots are left to the axis at the right."""
+
 LABELLED_CURVES = 8
 """Most curves of a plateau figure that are labelled; of more, evenly spaced ones. Chosen by eye."""
 
@@ -128,7 +134,7 @@ def plot_slopes(
     -------
     Axes
     """
-    ax = new_axes() if ax is None else ax
+    alone, ax = ax is None, new_axes() if ax is None else ax
     ax.fill_between(thresholds, slopes - stds, slopes + stds, color=POINTS, alpha=0.25, linewidth=0)
     lines = ax.plot(thresholds, slopes, color=POINTS, label="slope ± standard uncertainty")
     ax.axhline(1.0, color=OTHER, linewidth=1)
@@ -137,12 +143,16 @@ def plot_slopes(
         lines.append(ax.axvline(found, color=LAW, linewidth=1.2, label=label))
     if areas is not None:
         lines += _plot_at_right(ax, thresholds, np.asarray(areas) * 1e6, "total contact area A (mm²)")
+    top = 1.05 * float(np.nanmax(slopes + stds, initial=1.0))
     ax.set(
         xlabel="threshold (fraction of the contrast)",
         ylabel="sum of the forces over load (slope)",
-        ylim=(0, 2.5),
+        ylim=(0, min(top, LARGEST_SLOPE)),
     )
-    ax.legend(handles=lines, fontsize="small")
+    if alone:
+        legend_above(ax, handles=lines)
+    else:
+        ax.legend(handles=lines, fontsize="small")
     return ax
 
 
@@ -150,7 +160,8 @@ def _plot_at_right(ax: Axes, x: Values, y: Values, label: str) -> list[Any]:
     """Plot a dotted curve on an axis of its own at the right."""
     right = ax.twinx()
     right.set(ylabel=label)
-    lines = right.plot(x, y, ":", color="0.3", linewidth=1.2, label=label.split(" (", maxsplit=1)[0])
+    name = label.split(" (", maxsplit=1)[0]
+    lines = right.plot(x, y, ":", color="0.3", linewidth=1.2, label=f"{name} (right)")
     right.set_ylim(0, None)
     return lines
 
@@ -184,7 +195,8 @@ def plot_forces(
         ax, below = stacked_axes()
     load, forces = 1e3 * np.asarray(load, float), 1e3 * np.asarray(forces, float)
     ends = np.array([0.0, 1.05 * float(np.max(load, initial=0.0))])
-    ax.plot(ends, ends, color=OTHER, linewidth=1, label="\n".join(["sum equals load", *fitted]))
+    equal: dict[str, Any] = {"color": "0.8", "linewidth": 4}  # wide and pale: seen under the fitted line
+    ax.plot(ends, ends, label="\n".join(["sum equals load", *fitted]), **equal)
     if slope is not None:
         label = f"slope {number_with_interval(slope)}"
         ax.plot(ends, slope.value * ends, "--", color=LAW, linewidth=1.2, label=label)
@@ -193,7 +205,7 @@ def plot_forces(
     ax.set(ylabel="sum of the local forces (mN)")
     ax.legend(fontsize="small")
     if below is not None:
-        below.axhline(0.0, color=OTHER, linewidth=1)
+        below.axhline(0.0, **equal)
         below.plot(load, forces - load, "o", **look)
         if slope is not None:
             below.plot(ends, (slope.value - 1) * ends, "--", color=LAW, linewidth=1.2)
@@ -221,7 +233,7 @@ def plot_plateau(
     low, high : float
         Ends of the plateau.
     names : sequence of str
-        What each of the n curves is called; they are written at the left ends.
+        What each of the n curves is called, for the legend.
     fall_rates : ndarray, shape (m,), optional
         ``|d ln A/d threshold|`` of the sum, for an axis at the right.
     ax : Axes, optional
@@ -234,11 +246,12 @@ def plot_plateau(
     shade = ax.axvspan(low, high, color="0.87", label=f"plateau from {low:.3f} to {high:.3f}")
     shown = np.where(areas > 0, areas * 1e6, np.nan)
     order = np.argsort(np.nan_to_num(shown).mean(axis=0), kind="stable")
-    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.85, max(len(order), 1)))
+    colours = mpl.colormaps["viridis"](np.linspace(0.0, 0.7, max(len(order), 1)))
     named = set(np.unique(np.linspace(0, len(order) - 1, LABELLED_CURVES).round().astype(int)).tolist())
     lines: list[Any] = [shade]
     for rank, k in enumerate(order[::-1]):
-        (line,) = ax.plot(thresholds, shown[:, k], color=colours[len(order) - 1 - rank], linewidth=1.2)
+        look: dict[str, Any] = {"color": colours[len(order) - 1 - rank], "linewidth": 1.2}
+        (line,) = ax.plot(thresholds, shown[:, k], DASHES[rank % len(DASHES)], **look)
         if len(names) and rank in named:
             line.set_label(names[k])
             lines.append(line)

@@ -100,7 +100,7 @@ def plot_pressure_law(
         style = STYLES[str(model)] | own | {"linestyle": "none", "elinewidth": 0.8}
         law = laws.get((quantity, str(model)))
         style["label"] += "" if law is None else f", {_law_text(law)}"
-        errors = bar_lengths(part[std], unit)
+        errors = bar_lengths(part[std], unit) if model in RUN_MODELS else None
         ax.errorbar(part["pressure_Pa"] * 1e-3, part[column] * unit, yerr=errors, **style)
         if law is not None:
             p = np.geomspace(law.low, law.high, 100)
@@ -109,10 +109,14 @@ def plot_pressure_law(
             ax.plot(p * 1e-3, values * unit, line, color=style["color"], linewidth=1.2)
     ax.set(xlabel="local pressure p (kPa)", ylabel=label)
     scale_by_decades(ax)
+    title: dict[str, Any] = {}
+    single = [law for (name, _), law in laws.items() if name == quantity and not law.supported]
+    if single:
+        title = {"title": f"power laws, exponent $m$ with its {100 * single[0].confidence:g} % interval:"}
     if alone:
-        legend_above(ax)
+        legend_above(ax, **title)
     else:
-        ax.legend(fontsize="small")
+        ax.legend(fontsize="small", title_fontsize="small", **title)
     if quantity == "density" and "per mm²" not in label:
         right = _second_axis(ax, "right", 1e-6 / unit)
         right.set_ylabel("contacts per mm²")

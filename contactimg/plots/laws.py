@@ -187,11 +187,14 @@ def plot_friction(
             below.errorbar(
                 area * 1e6, (force - stress.stress.value * area) * 1e3, xerr=bars, capsize=2, **look
             )
+    if below is not None:
+        _shade_interval(stress, largest, stress.stress.value, below)
     ax.set(ylabel="friction force Q (mN)", ylim=(0, None))
+    title = {"title": f"$\\tau_0$ with its {100 * stress.confidence:g} % interval (grey):"}
     if below is None:
-        ax.legend(fontsize="small")
+        ax.legend(fontsize="small", title_fontsize="small", **title)
     else:
-        legend_above(ax)
+        legend_above(ax, **title)
         below.axhline(0.0, color="0.5", linewidth=0.8)
         below.set_ylabel("$Q - \\tau_0 A$ (mN)")
     (ax if below is None else below).set(xlabel="real contact area A (mm²)", xlim=(0, None))
@@ -206,14 +209,19 @@ def motion_of(friction: pd.DataFrame) -> pd.Series:
     return pd.Series(named, index=friction.index)
 
 
+def _shade_interval(stress: ShearStress, largest: float, subtracted: float, ax: Axes) -> None:
+    """Shade the interval of the fitted law minus that of a given shear stress (Pa)."""
+    low, high = stress.stress.low - subtracted, stress.stress.high - subtracted
+    if np.isfinite([low, high]).all():
+        area = np.array([0.0, 1.05 * largest])
+        ax.fill_between(area * 1e6, low * area * 1e3, high * area * 1e3, color="0.85", linewidth=0)
+
+
 def _draw_shear_lines(stress: ShearStress, smooth: Estimate | None, largest: float, ax: Axes) -> None:
     """The fitted law with its interval, and that of the smooth contact."""
     area = np.array([0.0, 1.05 * largest])
     fitted = stress.stress
-    if np.isfinite([fitted.low, fitted.high]).all():
-        ax.fill_between(
-            area * 1e6, fitted.low * area * 1e3, fitted.high * area * 1e3, color="0.85", linewidth=0
-        )
+    _shade_interval(stress, largest, 0.0, ax)
     text = number_with_interval(fitted, factor=1e-6)
     label = f"$\\tau_0 A$, $\\tau_0$ = {text} MPa"
     ax.plot(area * 1e6, fitted.value * area * 1e3, color="0.4", linewidth=1.2, label=label)

@@ -25,8 +25,8 @@ LEAST_WIDTH_PX = 1600
 """Narrower frames are enlarged by a whole number."""
 LINE_FRACTION = 1 / 800
 """Width of the lines over that of the picture. Chosen: 0.1 mm in a column of 85 mm."""
-FONT_FRACTION = 1 / 42
-"""Size of the font over the width of the picture. Chosen: 5.7 pt in a column of 85 mm."""
+FONT_FRACTION = 1 / 40
+"""Size of the font over the width of the picture. Chosen: 6 pt in a column of 85 mm."""
 SHIFT_BITS = 4
 """Fractional bits of the positions that OpenCV takes: a sixteenth of a pixel."""
 LARGEST_DRAWN_PX = 2.0**17

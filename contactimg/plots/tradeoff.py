@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from contactimg.plots.axes import new_axes
+from contactimg.plots.axes import FIGURE_DPI, new_axes
 
 Values = NDArray[np.float64]
 
@@ -32,11 +32,15 @@ MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
 """Value of the column ``pareto`` (-1 for empty), marker style, meaning."""
 
 # Layout, chosen by eye
-PANEL_INCHES = (5.2, 4.0)  # width and height of a panel
+PANEL_INCHES = (4.0, 3.3)  # width and height of a panel: two are as wide as a page of 170 mm times 1.2
 PANEL_COLUMNS = 2
-LABEL_CHARACTERS = 24  # in a line
-LINE_HEIGHT_FRACTION = 0.042  # of the height of a panel
-CHARACTER_WIDTH_FRACTION = 0.0135  # of the width of a panel
+LABEL_FONT = 7.2  # pt, 6 pt on a page of 170 mm
+LABEL_CHARACTERS = 20  # in a line
+LINE_HEIGHT_FRACTION = 0.045  # of the height of a panel
+CHARACTER_WIDTH_FRACTION = 0.0185  # of the width of a panel
+MARK_FRACTION = 0.012  # half side of a mark
+LABEL_GAP_FRACTION = 0.025  # between a point and its label
+LIFTS = (0.0, -0.7, 0.7, -1.4, 1.4, -2.1, 2.1, -3.0, 3.0)  # of a label, lines
 PLAIN_DECADES = 2.5  # time axes shorter than this are labelled at 1, 2 and 5, longer ones at powers of ten
 
 
@@ -65,7 +69,9 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     for value, style, label in MARKS:
         ax.plot(x[mark == value], y[mark == value], linestyle="none", label=label, **style)  # type: ignore[arg-type]
     if relative is not None:
-        ax.axhline(relative, color="tab:green", linestyle="--", linewidth=1, label=f"{100 * relative:g} %")
+        ax.axhline(
+            relative, color="tab:green", linestyle="--", linewidth=1, label=f"tolerance {100 * relative:g} %"
+        )
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
     label = "largest relative error of an output" if output == "all" else f"relative error of the {output}"
     ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=label)
@@ -95,7 +101,7 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
     columns = min(PANEL_COLUMNS, len(groups))
     rows = -(-len(groups) // columns)
     figure = Figure(
-        figsize=(PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows), layout="constrained", dpi=130
+        figsize=(PANEL_INCHES[0] * columns, PANEL_INCHES[1] * rows), layout="constrained", dpi=FIGURE_DPI
     )
     FigureCanvasAgg(figure)
     panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
@@ -121,24 +127,37 @@ def _leave_room(ax: Axes, x: Values, y: Values) -> None:
 
 
 def _label(ax: Axes, x: Values, y: Values, names: list[str]) -> None:
-    """Write the names to the right of the points, moved down where they would overlap."""
+    """Write the names beside the points, where they cover the least of each other and of the points."""
     texts = [textwrap.fill(name, LABEL_CHARACTERS) for name in names]
     places = ax.transAxes.inverted().transform(ax.transData.transform(np.column_stack([x, y])))
-    taken: list[tuple[float, float, float]] = []  # left, right, lower end
+    taken = np.column_stack([places - MARK_FRACTION, places + MARK_FRACTION])
     for k in np.lexsort((x, -y)):
         lines = texts[k].split("\n")
-        left, height = places[k, 0] + 0.02, LINE_HEIGHT_FRACTION * len(lines)
-        right = left + CHARACTER_WIDTH_FRACTION * max(map(len, lines))
-        above = min((end for low, high, end in taken if low < right and left < high), default=np.inf)
-        middle = max(min(places[k, 1] + 0.3 * LINE_HEIGHT_FRACTION, above - height / 2), height / 2)
-        taken.append((left, right, middle - height / 2))
+        size = CHARACTER_WIDTH_FRACTION * max(map(len, lines)), LINE_HEIGHT_FRACTION * len(lines)
+        boxes = np.array([_beside(places[k], size, side, lift) for lift in LIFTS for side in (1, -1)])
+        outside = np.prod(size) - _shared_areas(boxes, np.array([[0.0, 0.0, 1.0, 1.0]]))
+        best = boxes[np.argmin(np.round(outside + _shared_areas(boxes, taken), 6))]
+        taken = np.vstack([taken, best])
         ax.text(
-            left,
-            middle,
+            best[0],
+            (best[1] + best[3]) / 2,
             texts[k],
             transform=ax.transAxes,
-            fontsize=7,
+            fontsize=LABEL_FONT,
             va="center",
             linespacing=1.0,
-            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 0.3},
         )
+
+
+def _beside(place: Values, size: tuple[float, float], side: int, lift: float) -> Values:
+    """Left, lower, right and upper end of a label right (1) or left (-1) of a point, lifted by lines."""
+    low = place[1] + lift * LINE_HEIGHT_FRACTION - size[1] / 2
+    left = place[0] + (LABEL_GAP_FRACTION if side > 0 else -LABEL_GAP_FRACTION - size[0])
+    return np.array([left, low, left + size[0], low + size[1]])
+
+
+def _shared_areas(boxes: Values, others: Values) -> Values:
+    """How much of each box, shape (n, 4), others cover in all."""
+    low = np.maximum(boxes[:, None, :2], others[None, :, :2])
+    high = np.minimum(boxes[:, None, 2:], others[None, :, 2:])
+    return np.prod(np.maximum(high - low, 0.0), axis=2).sum(axis=1)

@@ -85,5 +85,5 @@ def _record(found: Plateau, step: float, notes: list[str]) -> dict[str, Any]:
 def _curve_names(frames: pd.DataFrame) -> list[str]:
     """The loads of the frames; their names where these are not known."""
     known = frames["load_N"].notna()
-    loads = [f"{plain_number(1e3 * load)} mN" for load in frames["load_N"]]
+    loads = [f"P = {plain_number(1e3 * load)} mN" for load in frames["load_N"]]
     return np.where(known, loads, frames["frame"].astype(str)).tolist()
