@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.fft import fft2, next_fast_len
 from scipy.special import erf, erfc, erfcinv
 
+from contactimg.errors import InputError
 from contactimg.models.conjugate_gradients import conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel
 from contactimg.models.near_field_sum import NearFieldSum
@@ -32,6 +33,13 @@ CUTOFF_PER_THICKNESS = 2.5
 FADE_CELLS = 24
 """Grid cells over which the kernel is faded out; an edge shaped like erf is then smooth to 1e-10."""
 
+MOST_MODES = 8192
+"""Modes each way that a small problem may take. Chosen: 5 GB."""
+
+MOST_MODES_PER_ROOT = 8.0
+"""Modes each way over the square root of the number of candidates that a large problem may take. Chosen: evenly
+spread candidates take 5."""
+
 MAX_CHOLESKY_CONTACTS = 2500
 """Most contacts for which a Newton system is solved by Cholesky. Chosen by hand; sensitivity not measured."""
 
@@ -46,6 +54,12 @@ class FastCoupling:
     kernel : Kernel
     accuracy : float
         Relative accuracy of a sum.
+
+    Raises
+    ------
+    InputError
+        If the candidates are so unevenly spread, or the layer is so thin, that the grid of modes would not fit
+        into memory.
 
     Notes
     -----
@@ -67,6 +81,11 @@ class FastCoupling:
         self._sharpness = reach / cutoff
         # highest wavenumber 2 b erfcinv(eps) on a box of twice the extent and the fading rim
         half = int(np.ceil(2 * self._sharpness * reach / np.pi * self._extent)) + FADE_CELLS
+        if 2 * half > max(MOST_MODES, MOST_MODES_PER_ROOT * np.sqrt(x.size)):
+            raise InputError(
+                f"the fast sums of {x.size} asperities would take a grid of {2 * half:,} x {2 * half:,} values: "
+                'they lie on a line, or far apart for so thin a layer; use method "dense" or a smaller sample'
+            )
         self._modes = 2 * next_fast_len(half, real=False)
         self._cell = self._extent / (self._modes / 2 - FADE_CELLS)
         self._near = NearFieldSum(x, y, cutoff=cutoff, sharpness=self._sharpness)
