@@ -161,14 +161,14 @@ def _is_outshone(
 ) -> NDArray[np.bool_]:
     """Which contacts are no brighter than what lies around them, other contacts included.
 
-    In a crowd that can be so of a contact as well: one that is fitted, and fits, stays.
+    In a crowd that can be so of a contact as well: one whose fit has settled, and fits, stays.
     """
     image = difference.image if foreground.sign > 0 else -difference.image
     contrast, places = foreground.contrast.plateau, _places(detections)
     outshone = is_outshone(image, places, contrast=contrast, spare_crowds=False)
     if isinstance(detections, FittedDetections) and outshone.any():
         alone = is_outshone(image, places, contrast=contrast, spare_crowds=True)
-        outshone &= _has_flag(detections, Flag.POOR_FIT) | alone
+        outshone &= _has_flag(detections, Flag.POOR_FIT) | unfinished(detections) | alone
     return outshone & ~_has_flag(detections, Flag.MANUAL)
 
 
