@@ -37,8 +37,8 @@ MOST_MODES = 8192
 """Modes each way that a small problem may take. Chosen: 5 GB."""
 
 MOST_MODES_PER_ROOT = 8.0
-"""Modes each way over the square root of the number of candidates that a large problem may take. Chosen: evenly
-spread candidates take 5."""
+"""Modes each way over the square root of the number of candidates that a large problem may take. Chosen:
+evenly spread candidates take 5."""
 
 MAX_CHOLESKY_CONTACTS = 2500
 """Most contacts for which a Newton system is solved by Cholesky. Chosen by hand; sensitivity not measured."""
@@ -58,8 +58,8 @@ class FastCoupling:
     Raises
     ------
     InputError
-        If the candidates are so unevenly spread, or the layer is so thin, that the grid of modes would not fit
-        into memory.
+        If the candidates are so unevenly spread, or the layer is so thin, that the grid of modes would not
+        fit into memory.
 
     Notes
     -----
@@ -83,8 +83,8 @@ class FastCoupling:
         half = int(np.ceil(2 * self._sharpness * reach / np.pi * self._extent)) + FADE_CELLS
         if 2 * half > max(MOST_MODES, MOST_MODES_PER_ROOT * np.sqrt(x.size)):
             raise InputError(
-                f"the fast sums of {x.size} asperities would take a grid of {2 * half:,} x {2 * half:,} values: "
-                'they lie on a line, or far apart for so thin a layer; use method "dense" or a smaller sample'
+                f"the fast sums of {x.size} asperities would take a grid of {2 * half:,} x {2 * half:,} "
+                'values: they lie on a line, or too far apart; use method "dense" or a smaller sample'
             )
         self._modes = 2 * next_fast_len(half, real=False)
         self._cell = self._extent / (self._modes / 2 - FADE_CELLS)
