@@ -110,7 +110,7 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
     for ax in panels[len(groups) :]:
         ax.axis("off")
     handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=2 * columns, fontsize="small", frameon=False)
+    figure.legend(*handles, loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
     return panels[0]
 
 

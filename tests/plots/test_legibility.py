@@ -116,7 +116,8 @@ def tradeoff():
                 "error": [0.5, 0.5, 0.06, 1.7e-3, 2.5e-4, 5e-4],
                 "time_s": [2e-3, 0.03, 0.2, 5e-3, 0.014, 460.0],
                 "pareto": [1, 0, 0, 1, 1, None]}  # fmt: skip
-    return plot_tradeoff(TRADEOFF.conform(settings), relative=0.01)
+    table = TRADEOFF.conform(settings)
+    return plot_tradeoff(pd.concat([table, table.assign(knob="image")]), relative=0.01)
 
 
 FIGURES = {
@@ -185,8 +186,8 @@ def test_no_text_runs_into_another_or_out_of_the_figure(drawn):
     texts = [
         text for part in own_axes(ax.figure) for text in (*part.texts, part.xaxis.label, part.yaxis.label)
     ]
-    legend = ax.get_legend()
-    texts += legend.get_texts() if legend else []
+    for legend in (ax.get_legend(), *ax.figure.legends):
+        texts += legend.get_texts() if legend else []
     boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
     for k, box in enumerate(boxes):
         assert 0 <= box.x0 <= box.x1 <= ax.figure.bbox.width, (name, texts[k].get_text())
