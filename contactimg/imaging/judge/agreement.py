@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.judge.second_opinion import BLUR_RELATIVE_STD, SecondOpinion
+from contactimg.imaging.judge.second_opinion import BLUR_RELATIVE_STD, CHORD_DEFICIT_PX2, SecondOpinion
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.reject.detections import Columns
 
 Values = NDArray[np.float64]
@@ -114,9 +115,10 @@ def compare(opinion: SecondOpinion, radius_px: Values, *, blur_px: float) -> Agr
     fitted = np.pi * radius_px**2
     floor = np.maximum(LEAST_RELATIVE * fitted, 2.0 * np.pi * radius_px * LEAST_SHIFT_PX)
     contrast = np.nan_to_num(opinion.common_contrast_std / opinion.common_contrast) * fitted
-    blur = np.full(len(fitted), 2.0 * np.pi * blur_px**2 * BLUR_RELATIVE_STD)
+    blur = np.full(len(fitted), np.hypot(2.0 * np.pi * blur_px**2 * BLUR_RELATIVE_STD, _coarse(blur_px)))
     light = _Comparison(opinion.light_area - fitted, np.hypot(opinion.light_area_std, floor), contrast)
-    half = _Comparison(opinion.half_area - fitted, np.hypot(opinion.half_area_std, floor), blur)
+    half_std = np.hypot(np.hypot(opinion.half_area_std, floor), _coarse(blur_px))
+    half = _Comparison(opinion.half_area - fitted, half_std, blur)
     pulls = np.stack([light.pulls, half.pulls])
     larger = np.argmax(np.abs(np.nan_to_num(pulls)), axis=0)
     difference = np.where(larger == 0, light.difference, half.difference)
@@ -127,6 +129,16 @@ def compare(opinion: SecondOpinion, radius_px: Values, *, blur_px: float) -> Agr
     common = shift if significance > COMMON_SIGMA else np.zeros(len(radius_px))
     radius = np.sqrt(np.maximum(fitted + difference, 0.0) / np.pi)
     return Agreement(radius - radius_px, disagrees, common)
+
+
+def _coarse(blur_px: float) -> float:
+    """Uncertainty of an area at half height whose edge is sharper than the pixels, px^2.
+
+    Pixels that are 0 or 1 enclose another area than those that average the light over themselves, by what the
+    area at half height is corrected for; of that is left what a blur does not average out.
+    """
+    wider = max(blur_px**2 - PIXEL_VARIANCE, 0.0) / PIXEL_VARIANCE
+    return float((np.pi * PIXEL_VARIANCE + CHORD_DEFICIT_PX2) * np.exp(-wider))
 
 
 def compare_counted(

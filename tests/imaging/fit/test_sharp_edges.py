@@ -68,6 +68,7 @@ def test_reference_images_of_the_standard(diameter, method):
     assert abs(error.mean()) < 0.005 * truth[:, 2].mean()
     assert np.abs(pull).max() < 3
     assert found.contrast == pytest.approx(-255, abs=1.0)
+    assert found.status == "ok"
 
 
 @pytest.mark.parametrize(
