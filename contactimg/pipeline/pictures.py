@@ -28,6 +28,8 @@ SAMPLED_FRAMES, SAMPLE_SIDE = 8, 500
 """Frames, and pixels of each along a side, that the stretch is taken from. Chosen: a fraction of a second."""
 GAP_PX = 2.0
 """Distance of the ring from the contact. Chosen: leaves the rim free up to a blur of 1.4 px."""
+DIMMED = 0.5
+"""Brightness of frames under predictions. Chosen: lines on the rims of bright contacts stand out in print."""
 LEAST_SQUARE_PX = 3.0
 """Half side of the smallest square about a rejected candidate."""
 
@@ -203,7 +205,7 @@ def draw_predicted(
     view : View
         Of the whole frame; the picture shows the part that holds every contact.
     """
-    layers = [Layer(contacts, MEASURED, f"measured ({len(contacts)})", width=0.7)]
+    layers = [Layer(contacts, MEASURED, f"measured ({len(contacts)})", width=1.6)]
     # dashed, so that the measured contact shows where they coincide
     for model, colour, dashes in (("uncoupled", UNCOUPLED, (4.0, 8.0)), ("coupled", COUPLED, (8.0, 8.0))):
         if model in predicted:
@@ -216,7 +218,9 @@ def draw_predicted(
     seen = [outline for layer in layers if layer.colour != HERTZ for outline in layer.outlines]
     x, y = (np.array([getattr(outline, name) for outline in seen]) for name in ("x", "y"))
     part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
-    return draw_overlay(part, layers, replace(view, top=top, left=left))
+    low, high = view.stretch
+    dimmed = low, low + (high - low) / DIMMED
+    return draw_overlay(part, layers, replace(view, stretch=dimmed, top=top, left=left))
 
 
 def _in_pixels(contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float]) -> list[Outline]:

@@ -6,11 +6,13 @@ import pandas as pd
 import pytest
 
 from contactimg.files import write_palette_image
-from contactimg.pipeline.pictures import Shown, draw_measured
+from contactimg.pipeline.pictures import Shown, draw_measured, draw_predicted
+from contactimg.plots import COUPLED, MEASURED
 from contactimg.plots.overlay import GREYS, Layer, View, draw_overlay, grey_indices
+from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Flag
 from contactimg.tables.contact_kinds import CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR
-from contactimg.tables.outlines import Outline
+from contactimg.tables.outlines import Outline, contact_outlines
 
 VIEW = View((0.0, 100.0), title="frame_1.tif, 5 mN", pixel_size=6e-6)
 RADIUS = 20.0
@@ -116,3 +118,15 @@ def test_a_picture_is_a_png_of_the_same_pixels(frame, tmp_path):
     picture = draw_measured(frame, shown([0, int(Flag.MANUAL)]), VIEW)
     write_palette_image(picture.indices, picture.palette, tmp_path / "a.png")
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "a.png"))[:, :, ::-1], picture.rgb)
+
+
+def test_a_prediction_that_coincides_leaves_the_measured_contact_and_the_frame_visible(frame):
+    pose, table = Pose(frame.shape, 6e-6), contacts([0, 0, 0])
+    x, y = pose.to_sample(table["x_px"], table["y_px"])
+    predicted = {"coupled": table.assign(x_m=x, y_m=y, radius_m=RADIUS * 6e-6)}
+    outlines = contact_outlines(table, OUTLINES.empty())
+    stated = {"pose": pose, "shift_px": (0.0, 0.0), "view": VIEW}
+    alone, both = (draw_predicted(frame, outlines, models, None, **stated) for models in ({}, predicted))
+    assert share_of(both, COUPLED) > 0
+    assert share_of(both, MEASURED) > 0.5 * share_of(alone, MEASURED)
+    assert both.indices[150, 100] < 0.6 * GREYS  # dimmed: lines on the rim stand out
