@@ -190,7 +190,7 @@ def plot_friction(
     if below is not None:
         _shade_interval(stress, largest, stress.stress.value, below)
     ax.set(ylabel="friction force Q (mN)", ylim=(0, None))
-    title = {"title": f"$\\tau_0$ with its {100 * stress.confidence:g} % interval (grey):"}
+    title: dict[str, Any] = {"title": f"$\\tau_0$ with its {100 * stress.confidence:g} % interval (grey):"}
     if below is None:
         ax.legend(fontsize="small", title_fontsize="small", **title)
     else:
