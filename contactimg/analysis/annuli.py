@@ -25,6 +25,9 @@ SECTORS = 8
 """Sectors of a place, whose scatter stands for that between places. Chosen: a sector of the apparent contact
 is wider than the asperities' spacing, and seven degrees of freedom know a standard deviation to 27 %."""
 
+MOST_ANNULI = 100_000
+"""Annuli of one place. Chosen: far more than a camera has pixels; only a wrong number asks for more."""
+
 RAYS = 960
 """Directions over which the visible shares of sectors are summed. Chosen: shares are good to a per cent of a
 sector where the image's edge cuts it; the sum over an annulus is exact."""
@@ -128,12 +131,18 @@ def annulus_edges(contacts: pd.DataFrame, *, centre: tuple[float, float], width:
     Raises
     ------
     InputError
-        If the width is not positive.
+        If the width is not positive, or a contact is more than `MOST_ANNULI` widths away.
     """
     if not (np.isfinite(width) and width > 0):
         raise InputError(f"the width of an annulus must be positive, got {width!r} m")
-    distance = np.hypot(contacts["x_m"] - centre[0], contacts["y_m"] - centre[1])
-    count = int(np.floor(distance.max() / width)) + 1 if len(contacts) else 1
+    x, y = (contacts[name].to_numpy(float) for name in ("x_m", "y_m"))
+    farthest = float(np.fmax.reduce(np.hypot(x - centre[0], y - centre[1]), initial=0.0))  # not the NaN
+    if not farthest < MOST_ANNULI * width:
+        raise InputError(
+            f"a contact lies {farthest:.3g} m from the apex, more than {MOST_ANNULI} annuli of {width:.3g} m "
+            "away; check x_m and y_m in the contacts table, apex_m and the width of the annuli"
+        )
+    count = int(np.floor(farthest / width)) + 1
     return np.asarray(width * np.arange(count + 1), np.float64)
 
 

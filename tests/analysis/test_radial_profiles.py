@@ -71,3 +71,9 @@ def test_edges_must_increase(edges):
 def test_width_must_be_positive():
     with pytest.raises(InputError, match="width of an annulus must be positive"):
         annulus_edges(CONTACTS.empty(), centre=(0.0, 0.0), width=0.0)
+
+
+def test_a_contact_at_the_end_of_the_world_is_refused():
+    far = CONTACTS.conform(pd.DataFrame({"frame": ["a"], "x_m": [1e300], "y_m": [0.0]}))
+    with pytest.raises(InputError, match="check x_m and y_m"):
+        annulus_edges(far, centre=(0.0, 0.0), width=1e-4)
