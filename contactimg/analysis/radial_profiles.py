@@ -5,8 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from contactimg.analysis.annuli import FieldOfView, annulus_moments, sum_moments
+from contactimg.analysis.load_cell import NORMAL_95
+from contactimg.analysis.weighted_counts import weighted_count_interval
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
@@ -91,6 +94,10 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
         contacts have no force. ``pressure_std_Pa`` is the standard error of the mean: from four places on by
         their scatter, below that what independent contacts give, ``sqrt(sum p_i^2)/area``; of an annulus
         without contacts that of an upper limit, at 95 % three contacts with the mean force of the nearest.
+        ``pressure_low_Pa`` and ``pressure_high_Pa`` bound the 95 % interval, which is not symmetric: that of
+        `weighted_count_interval`, in which the contact missed by chance is the heaviest of the annulus and
+        the nearest with contacts; the variance between places is widened by Student's factor. The upper
+        limit is empty where no annulus has a contact, whose force would have to be known.
 
     Raises
     ------
@@ -112,6 +119,8 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
     sums = sum_moments(places)
     area = _nonzero(sums["area"])
     unknown = _pressure_unknown(sums)
+    variance = _load_variance(places, sums)
+    low, high = _load_interval(sums, variance, places=len(places))
     return PROFILE.conform(
         {
             "frame": [frame] * len(sums),
@@ -121,7 +130,11 @@ def average_profile(places: Sequence[pd.DataFrame], *, frame: str, model: str) -
             "density_per_m2": sums["n"] / area,
             "mean_radius_m": sums["a"] / _nonzero(sums["n"]),
             "area_fraction": np.pi * sums["aa"] / area,
-            "pressure_std_Pa": np.where(unknown, np.nan, _pressure_std(places, sums)),
+            "pressure_std_Pa": np.where(
+                unknown, np.nan, np.hypot(np.sqrt(variance), _empty_limit(sums)) / area
+            ),
+            "pressure_low_Pa": np.where(unknown, np.nan, low / area),
+            "pressure_high_Pa": np.where(unknown, np.nan, high / area),
         }
     )
 
@@ -138,31 +151,46 @@ def _pressure_unknown(sums: pd.DataFrame) -> NDArray[np.bool_]:
     return nowhere | ((sums["n"] > 0) & (sums["n_forces"] == 0)).to_numpy(bool)
 
 
-def _pressure_std(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> Values:
-    """Standard error of the pressure: from the scatter between enough places, else by counting."""
-    area, empty = _nonzero(sums["area"]), _empty_limit(sums)
+def _load_variance(places: Sequence[pd.DataFrame], sums: pd.DataFrame) -> Values:
+    """Variance (N^2) of the load on annuli: from the scatter between enough places, else by counting."""
     if len(places) < MIN_PLACES_FOR_SCATTER:
-        return np.hypot(np.sqrt(sums["pp"].to_numpy(float)), empty) / area
+        return sums["pp"].to_numpy(float)
     p = np.array([place["p"].to_numpy(float) for place in places])
     seen = np.array([place["area"].to_numpy(float) for place in places])
-    away = p - seen * (sums["p"].to_numpy(float) / area)  # of the ratio of sums p/area, linearised
+    mean = sums["p"].to_numpy(float) / _nonzero(sums["area"])
+    away = p - seen * mean  # of the ratio of sums p/area, linearised
     n = len(places)
-    return np.hypot(np.sqrt(n / (n - 1) * np.sum(away**2, axis=0)), empty) / area
+    return np.asarray(n / (n - 1) * np.sum(away**2, axis=0), np.float64)
+
+
+def _load_interval(sums: pd.DataFrame, variance: Values, *, places: int) -> tuple[Values, Values]:
+    """Limits (N) of the 95 % interval of the load on annuli."""
+    p, pp = sums["p"].to_numpy(float), sums["pp"].to_numpy(float)
+    heaviest = pp / np.where(p == 0, np.inf, np.abs(p))
+    widened = variance
+    if places >= MIN_PLACES_FOR_SCATTER:
+        widened = variance * (float(stats.t.ppf(0.975, places - 1)) / NORMAL_95) ** 2
+    return weighted_count_interval(p, widened, np.maximum(heaviest, _largest_beside(heaviest, sums)))
 
 
 def _empty_limit(sums: pd.DataFrame) -> Values:
-    """Standard uncertainty (N) of the load on annuli without contacts; 0 on others.
+    """Standard uncertainty (N) of the load on annuli without contacts, `EMPTY_CONTACTS` of them; 0 on others.
 
-    `EMPTY_CONTACTS` contacts with the mean force of the nearest annuli that have some, the larger of the two.
+    Their force is the mean force of the nearest annuli that have some, the larger of the two.
     """
-    number, inner = sums["n_forces"].to_numpy(float), np.arange(len(sums))
-    there = np.flatnonzero(number > 0)
+    mean = np.abs(sums["p"].to_numpy(float)) / np.maximum(sums["n_forces"].to_numpy(float), 1.0)
+    return np.where(sums["n"].to_numpy(float) > 0, 0.0, EMPTY_CONTACTS * _largest_beside(mean, sums))
+
+
+def _largest_beside(values: Values, sums: pd.DataFrame) -> Values:
+    """The larger of the values of the nearest annuli with forces on either side; 0 if there are none."""
+    there = np.flatnonzero(sums["n_forces"].to_numpy(float) > 0)
     if not there.size:
         return np.zeros(len(sums))
-    mean = sums["p"].to_numpy(float)[there] / number[there]
-    after = np.searchsorted(there, inner)
-    sides = [mean[np.clip(after - k, 0, there.size - 1)] for k in (0, 1)]
-    return np.where(sums["n"].to_numpy(float) > 0, 0.0, EMPTY_CONTACTS * np.maximum(*np.abs(sides)))
+    inner = np.arange(len(sums))
+    before, after = np.searchsorted(there, inner) - 1, np.searchsorted(there, inner, side="right")
+    sides = [values[there[np.clip(k, 0, there.size - 1)]] for k in (before, after)]
+    return np.maximum(*sides)
 
 
 def hertz_profile(
@@ -300,5 +328,7 @@ def normalise_profile(
             "r_over_hertz_radius": profile["r_m"] / a,
             "pressure_over_hertz": profile["pressure_Pa"] / p0,
             "pressure_std_over_hertz": profile["pressure_std_Pa"] / p0,
+            "pressure_low_over_hertz": profile["pressure_low_Pa"] / p0,
+            "pressure_high_over_hertz": profile["pressure_high_Pa"] / p0,
         }
     )

@@ -326,6 +326,8 @@ PROFILE = Schema(
         "mean_radius_m": ("float64", "mean contact radius, m"),
         "area_fraction": ("float64", "real contact area per unit of apparent area"),
         "pressure_std_Pa": ("float64", "standard uncertainty of pressure_Pa, Pa"),
+        "pressure_low_Pa": ("float64", "lower end of the 95 % interval of pressure_Pa, Pa"),
+        "pressure_high_Pa": ("float64", "upper end; of an annulus without contacts its upper limit, Pa"),
     },
     "Radial profiles: one row per annulus, frame and model.",
 )
@@ -341,6 +343,8 @@ NORMALISED = Schema(
         "r_over_hertz_radius": ("float64", "distance from the centre over a_H"),
         "pressure_over_hertz": ("float64", "pressure over p_0"),
         "pressure_std_over_hertz": ("float64", "standard uncertainty of pressure_over_hertz"),
+        "pressure_low_over_hertz": ("float64", "lower end of the 95 % interval of pressure_over_hertz"),
+        "pressure_high_over_hertz": ("float64", "upper end of the 95 % interval of pressure_over_hertz"),
     },
     "Pressure profiles divided by Hertz's radius and maximum pressure.",
 )

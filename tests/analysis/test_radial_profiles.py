@@ -53,6 +53,10 @@ def test_an_annulus_without_contacts_has_an_upper_limit(places):
     assert rows["pressure_Pa"].tolist()[1::2] == [0.0, 0.0]
     assert rows["pressure_std_Pa"][1] == pytest.approx(1.53 * 2.0 / area[1])
     assert rows["pressure_std_Pa"][3] == pytest.approx(1.53 * 0.5 / area[3])
+    # the interval of 95 % ends at -ln(0.025) contacts, of the forces' weighted mean 10/4 N and of 0.5 N
+    assert rows["pressure_low_Pa"].tolist()[1::2] == [0.0, 0.0]
+    assert rows["pressure_high_Pa"][1] == pytest.approx(-np.log(0.025) * 2.5 / area[1])
+    assert rows["pressure_high_Pa"][3] == pytest.approx(-np.log(0.025) * 0.5 / area[3])
 
 
 def test_no_contacts_is_one_empty_annulus():
