@@ -166,6 +166,7 @@ def analyse(
     """
     with stage("loading"):
         from contactimg.files import OutputFolder, provenance, read_topography
+        from contactimg.pipeline.analyse.comparable import differences
         from contactimg.pipeline.analyse.places import open_place, read_centre
         from contactimg.pipeline.analyse.write import write_results
 
@@ -184,7 +185,7 @@ def analyse(
     with OutputFolder(target, record, main_files=["results.csv"]) as out:
         results, notes = _write_analysis(places, caps, settings, out.folder, workers=workers, quiet=quiet)
         write_results(results, out.folder)
-        out.record["notes"] = list(notes)
+        out.record["notes"] = [*differences(places), *notes]
     if not quiet:
         echo_results(results, title=", ".join(runs) or str(topography))
         for note in notes:

@@ -1,5 +1,6 @@
 """Analyse the runs of one or several places together, and the models of these places in the same way."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +19,14 @@ from contactimg.analysis.power_laws import PowerLaw, fit_power_law
 from contactimg.analysis.sliding import stress_by_velocity
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
+from contactimg.pipeline.analyse.comparable import differences
 from contactimg.pipeline.analyse.group_by_load import group_frames, joined, usable_frames
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.analyse.predicted_places import has_models, predict_places
 from contactimg.prediction import COMPARED_MODELS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
+
+logger = logging.getLogger(__name__)
 
 Fit = TypeVar("Fit")
 
@@ -116,7 +120,8 @@ def analyse_places(
     Parameters
     ----------
     places : sequence of Place
-        From `open_place`, each folder once: one surface under one lens.
+        From `open_place`, each folder once: one surface under one lens. Where they differ in lens, rubber or
+        asperities a warning says so.
     options : AnalysisOptions
     workers : int, optional
         Processes that share the model solutions.
@@ -135,6 +140,8 @@ def analyse_places(
     """
     own = _run_model(places)
     notes = [note for place in places for note in _left_out(place)]
+    for difference in differences(places):
+        logger.warning(difference)
     groups = group_frames(places, tolerance=options.load_tolerance)
     if not groups:
         raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")

@@ -14,6 +14,7 @@ from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
 from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
+from contactimg.pipeline.analyse.comparable import differences
 from contactimg.pipeline.analyse.places import open_place
 from contactimg.pipeline.analyse.places import read_centre as read_centre_of
 
@@ -98,6 +99,29 @@ def test_two_places_alike_are_one_place_twice(run, tmp_path):
         alone.profile["pressure_std_Pa"][measured] / np.sqrt(2),
         rtol=1e-12,
     )
+
+
+def with_scene(run, target, section, **keys):
+    """A copy of a run whose scene states something else."""
+    shutil.copytree(run, target)
+    record = json.loads((target / "provenance.json").read_text(encoding="utf-8"))
+    record["configuration"]["scene"][section] |= keys
+    (target / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
+    return target
+
+
+def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, capsys):
+    shutil.copytree(run, tmp_path / "twin")
+    assert analyse(run, tmp_path / "twin", "-o", tmp_path / "a", "--no-models") == 0
+    assert "one lens" not in capsys.readouterr().err
+    other = with_scene(run, tmp_path / "lens", "indenter", radius_m=0.2)
+    assert analyse(run, other, "-o", tmp_path / "b", "--no-models") == 0
+    assert "[indenter] radius_m is 0.1288 in" in capsys.readouterr().err
+    record = json.loads((tmp_path / "b" / "provenance.json").read_text(encoding="utf-8"))
+    assert "one lens" in record["notes"][0]
+    one, two = open_place(run), open_place(tmp_path / "twin")
+    rough = one.asperities.assign(height_m=10 * one.asperities["height_m"])
+    assert "heights about their median" in next(differences([one, replace(two, asperities=rough)]))
 
 
 def test_a_run_given_twice_is_refused(run, tmp_path, capsys):
