@@ -1,6 +1,5 @@
 """Analyse the runs of one or several places together, and the models of these places in the same way."""
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,14 +18,12 @@ from contactimg.analysis.power_laws import PowerLaw, fit_power_law
 from contactimg.analysis.sliding import stress_by_velocity
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
-from contactimg.pipeline.analyse.comparable import differences
+from contactimg.pipeline.analyse.comparable import warn_of_differences
 from contactimg.pipeline.analyse.group_by_load import group_frames, joined, usable_frames
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.analyse.predicted_places import has_models, predict_places
 from contactimg.prediction import COMPARED_MODELS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
-
-logger = logging.getLogger(__name__)
 
 Fit = TypeVar("Fit")
 
@@ -140,8 +137,6 @@ def analyse_places(
     """
     own = _run_model(places)
     notes = [note for place in places for note in _left_out(place)]
-    for difference in differences(places):
-        logger.warning(difference)
     groups = group_frames(places, tolerance=options.load_tolerance)
     if not groups:
         raise InputError("there is nothing to analyse: no frame was measured at a known load above zero")
@@ -204,6 +199,7 @@ def _run_model(places: Sequence[Place]) -> str:
             "measured and predicted runs are given together; analyse the outputs of `process` and those of "
             "`predict` apart"
         )
+    warn_of_differences(places)
     return "predicted" if predicted == {True} else "measured"
 
 

@@ -118,10 +118,10 @@ def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, caps
     assert analyse(run, other, "-o", tmp_path / "b", "--no-models") == 0
     assert "[indenter] radius_m is 0.1288 in" in capsys.readouterr().err
     record = json.loads((tmp_path / "b" / "provenance.json").read_text(encoding="utf-8"))
-    assert "one lens" in record["notes"][0]
+    assert "under one lens" in record["notes"][0]
     one, two = open_place(run), open_place(tmp_path / "twin")
     rough = one.asperities.assign(height_m=10 * one.asperities["height_m"])
-    assert "heights about their median" in next(differences([one, replace(two, asperities=rough)]))
+    assert "heights above their median" in next(differences([one, replace(two, asperities=rough)]))
 
 
 def test_a_run_given_twice_is_refused(run, tmp_path, capsys):
