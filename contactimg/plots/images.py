@@ -27,16 +27,17 @@ def crop_to(image: NDArray, x_px: NDArray, y_px: NDArray, *, margin_px: float) -
     ----------
     image : ndarray, shape (rows, columns)
     x_px, y_px : ndarray, shape (n,)
-        Column and row of each point; without points the whole image is returned.
+        Column and row of each point; without a point of finite coordinates the whole image is returned.
     margin_px : float
     """
-    if len(x_px) == 0:
+    points = np.column_stack([y_px, x_px]).astype(float)
+    points = points[np.isfinite(points).all(axis=1)]
+    if not len(points):
         return image, 0, 0
-    rows, columns = image.shape
-    top, left = max(0, int(np.min(y_px) - margin_px)), max(0, int(np.min(x_px) - margin_px))
-    bottom = min(rows, int(np.max(y_px) + margin_px) + 1)
-    right = min(columns, int(np.max(x_px) + margin_px) + 1)
-    return image[top:bottom, left:right], top, left
+    last = np.array(image.shape) - 1
+    top, left = np.clip(points.min(axis=0) - margin_px, 0, last).astype(int).tolist()
+    bottom, right = np.clip(points.max(axis=0) + margin_px, 0, last).astype(int).tolist()
+    return image[top : bottom + 1, left : right + 1], top, left
 
 
 def plot_image(image: NDArray, *, top: int = 0, left: int = 0, ax: Axes | None = None) -> Axes:

@@ -30,6 +30,9 @@ def test_crop_holds_the_points_and_a_margin_and_keeps_their_place():
     assert (top, left, part.shape) == (5, 15, (45, 31))
     assert part[0, 0] == image[5, 15]
     assert crop_to(image, np.array([]), np.array([]), margin_px=5)[0] is image
+    nowhere = np.array([np.inf, 20.0, np.nan, 1e300]), np.array([3.0, 10.0, 4.0, 48.0])  # a damaged table
+    cut, *corner = crop_to(image, *nowhere, margin_px=5)
+    assert (corner, cut.shape) == ([5, 15], (45, 85))
     ax = plot_image(part, top=top, left=left)
     assert ax.get_xlim() == (14.5, 45.5)
     assert ax.get_ylim() == (49.5, 4.5)
