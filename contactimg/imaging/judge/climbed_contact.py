@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +9,7 @@ from contactimg.imaging.fit.ellipse import FittedEllipse
 from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
 from contactimg.imaging.judge.shape_rows import FreeContact
 from contactimg.imaging.judge.shape_scene import GroupView
+from contactimg.imaging.shapes.holes import hole_areas
 
 LARGEST_HOLE_SHARE = 0.01
 """Share of the area of the outline above which holes make its shape free. Chosen: dirt is less."""
@@ -46,10 +46,4 @@ class ClimbedContact:
     def has_hole(self) -> bool:
         """Whether it has a hole that reaches half height and is larger than dirt."""
         pixels = self.view.component
-        contours, levels = cv2.findContours(pixels.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-        if levels is None:
-            return False
-        inner = [
-            cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0
-        ]
-        return bool(sum(inner) > LARGEST_HOLE_SHARE * np.count_nonzero(pixels))
+        return bool(sum(hole_areas(pixels)) > LARGEST_HOLE_SHARE * np.count_nonzero(pixels))

@@ -14,6 +14,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.shapes.holes import hole_areas
 
 LARGEST_BLUR_WIDTHS = 2.5
 """Radius over the blur up to which a disk may be a piece of a scratch. Chosen: wider ones show a plateau."""
@@ -119,9 +120,9 @@ def _is_line(image: NDArray[np.float32], pieces: NDArray, wide: NDArray, blur_px
     chain = (labels == 1 + int(np.argmax(found[1:]))).astype(np.uint8)
     half_width = float(cv2.distanceTransform(chain, cv2.DIST_L2, cv2.DIST_MASK_5).max())
     slender = np.count_nonzero(chain) > LEAST_SLENDERNESS * (2.0 * half_width) ** 2
-    contours, levels = cv2.findContours(chain, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    holes = [cv2.contourArea(line) for line, level in zip(contours, levels[0], strict=True) if level[3] >= 0]
-    return bool(slender and max(holes, default=0.0) <= np.pi * (LEAST_HOLE_BLUR_WIDTHS * blur_px) ** 2)
+    return bool(
+        slender and max(hole_areas(chain), default=0.0) <= np.pi * (LEAST_HOLE_BLUR_WIDTHS * blur_px) ** 2
+    )
 
 
 def _brightness(image: NDArray[np.float32], places: NDArray) -> NDArray[np.float64]:

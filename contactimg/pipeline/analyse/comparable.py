@@ -52,7 +52,7 @@ def _different_asperities(first: Place, place: Place) -> Iterator[str]:
         return
     for column, name in (("height_m", "heights above their median"), ("radius_m", "radii")):
         one, two = (_centred(table[column]) for table in tables)
-        if ks_2samp(one, two).pvalue < CHANCE:
+        if len(one) and len(two) and ks_2samp(one, two).pvalue < CHANCE:
             yield (
                 f"the asperities of {place.name} are not of the surface of {first.name}: their {name} have "
                 f"standard deviations of {np.std(one):.3g} and {np.std(two):.3g} m; analyse the runs apart"
@@ -60,6 +60,7 @@ def _different_asperities(first: Place, place: Place) -> Iterator[str]:
 
 
 def _centred(column: pd.Series) -> np.ndarray:
-    """Heights about their median; radii as they are."""
+    """Heights about their median; radii as they are, where they are known."""
     values = column.to_numpy(float)
+    values = values[np.isfinite(values)]
     return values - np.median(values) if column.name == "height_m" else values

@@ -122,6 +122,8 @@ def test_runs_of_different_lenses_or_surfaces_are_told_apart(run, tmp_path, caps
     one, two = open_place(run), open_place(tmp_path / "twin")
     rough = one.asperities.assign(height_m=10 * one.asperities["height_m"])
     assert "heights above their median" in next(differences([one, replace(two, asperities=rough)]))
+    for unknown in (two.asperities.assign(radius_m=np.nan), two.asperities[:0], None):
+        assert list(differences([one, replace(two, asperities=unknown)])) == []
 
 
 def test_a_run_given_twice_is_refused(run, tmp_path, capsys):
