@@ -5,6 +5,6 @@ radius).
 
 Read `components` first (connected components and their sums), then what finds candidates for contacts:
 `inscribed_disks` (from above half height), `peaks` (small ones, from residuals) and `arcs` (groups, from
-their outline). `overlap` compares disks, `labelled_regions` tells bars from disks, `holes` measures holes, `rim_blur`
-estimates the blur.
+their outline). `overlap` compares disks, `labelled_regions` tells bars from disks, `holes`
+measures holes, and `rim_blur` estimates the blur.
 """
