@@ -63,4 +63,4 @@ def _centred(column: pd.Series) -> np.ndarray:
     """Heights about their median; radii as they are, where they are known."""
     values = column.to_numpy(float)
     values = values[np.isfinite(values)]
-    return values - np.median(values) if column.name == "height_m" else values
+    return values - np.median(values) if column.name == "height_m" and len(values) else values
