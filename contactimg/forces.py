@@ -7,6 +7,7 @@ those of the modulus and of the pixel size, which are common to everything.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ from contactimg.effects.local_law import law_name
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz_ellipse, sphere
 from contactimg.mechanics.contact_force import ForceLaw, adhesive_pull, pressing_force
+from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, Flag
@@ -121,16 +123,22 @@ def assign_forces(
         pressed = pressed * _elliptic_ratio(contacts)
     pulled = adhesive_pull(a, contact_modulus=contact_modulus, work_of_adhesion=work_of_adhesion)
     slope = exponent * pressed - ADHESION_EXPONENT * pulled
-    beyond = np.zeros(a.shape, bool)
-    finite = np.isfinite(a) & np.isfinite(R)
-    beyond[finite] = a[finite] > HERTZ_LIMIT * R[finite]
-    flags = contacts["flags"].to_numpy(np.int64) & ~int(Flag.BEYOND_HERTZ)
     return contacts.assign(
         force_N=pressed - pulled,
         force_std_N=np.hypot(slope * _relative_radius_std(contacts), modulus_relative_std * pressed),
         force_hertz_N=pressing_force(a, R, contact_modulus=contact_modulus),
-        flags=flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0),
+        flags=_flags_beyond_hertz(contacts, R),
     )
+
+
+def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> NDArray[np.int64]:
+    """The flags, with ``BEYOND_HERTZ`` where a contact is too wide for its radius of curvature."""
+    a = contacts["radius_m"].to_numpy(float)
+    beyond = np.zeros(a.shape, bool)
+    finite = np.isfinite(a) & np.isfinite(radius)
+    beyond[finite] = a[finite] > HERTZ_LIMIT * radius[finite]
+    flags = contacts["flags"].to_numpy(np.int64) & ~int(Flag.BEYOND_HERTZ)
+    return flags | np.where(beyond, int(Flag.BEYOND_HERTZ), 0)
 
 
 def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
@@ -317,14 +325,17 @@ def fill_forces(
     exponent = np.full(len(contacts), HERTZ_EXPONENT)
     if scene.elastic is not None:
         contacts, exponent = local_forces(scene, contacts, sites)
+    law = law_name(scene, elliptic=scene.measure.hertz == "ellipse", shapes=_shapes(sites))
     groups, rows = contacts.groupby("frame").indices, []
     summed = contacts[list(_SUMMED)]
     for row in frames.to_dict("records"):
-        sums = {}
+        sums: dict[str, Any] = {}
         if pd.notna(row["n_contacts"]):
             which = groups.get(row["frame"], np.empty(0, np.intp))
             smallest = row["smallest_px"] * scale.pixel_size
-            sums = _sums(scene, summed.iloc[which], exponent[which], smallest, scale)
+            sums |= _sums(scene, summed.iloc[which], exponent[which], smallest, scale)
+            if scene.elastic is not None:
+                sums["law"] = law if np.isfinite(sums["force_sum_N"]) else ""
         rows.append(row | sums)
     return contacts, FRAMES.conform(pd.DataFrame(rows, columns=list(FRAMES.columns)))
 
@@ -365,11 +376,11 @@ def _sums(
     exponent: NDArray[np.float64],
     smallest: float,
     scale: LengthScale,
-) -> dict[str, float | str]:
+) -> dict[str, float]:
     """Area and forces of one frame for its row; of contacts of radius ``smallest`` (m) half are found."""
     missing = unseen_area(contacts, smallest)
     area = total_area(contacts, unseen=missing, length_relative_std=scale.relative_std)
-    sums: dict[str, float | str] = {"area_m2": area.value, "area_std_m2": area.std}
+    sums = {"area_m2": area.value, "area_std_m2": area.std}
     if np.isfinite(smallest):
         sums |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
     if scene.elastic is None:
@@ -386,8 +397,7 @@ def _sums(
     )
     if np.isfinite(smallest) and np.isfinite(force.value):
         sums |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
-    law = law_name(scene, elliptic=scene.measure.hertz == "ellipse") if np.isfinite(force.value) else ""
-    sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std, "law": law}
+    sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
     return sums | _hertz_sum(contacts)
 
 
@@ -424,6 +434,10 @@ def local_forces(
         work_of_adhesion=work,
         elliptic=scene.measure.hertz == "ellipse",
     )
+    shapes = _shapes(sites)
+    if shapes is not None:
+        strain = _of_asperities(contacts, shapes.strain_radius, np.full(len(contacts), np.nan))
+        contacts = contacts.assign(flags=_flags_beyond_hertz(contacts, strain))
     pulled = adhesive_pull(
         contacts["radius_m"], contact_modulus=elastic.contact_modulus, work_of_adhesion=work
     )
@@ -433,12 +447,41 @@ def local_forces(
 
 
 def sphere_radii(contacts: pd.DataFrame, scene: Scene, sites: pd.DataFrame | None) -> NDArray[np.float64]:
-    """Composite radius of each contact's asperity, or the one radius common to all, or NaN."""
+    """Radius R with which Hertz's formula is the law of a contact: that of its asperity, or of all, or NaN.
+
+    Of spherical caps it is the composite radius; otherwise `contactimg.models.cap_shapes.CapShapes` says what
+    stands for it. Where the half-axes measured decide, the ratio of the half-axes is not part of it.
+    """
     radii = np.full(len(contacts), common_radius(scene, sites))
-    if sites is not None:
-        matched = contacts["asperity"].notna().to_numpy()
-        radii[matched] = sites["radius_m"].to_numpy(float)[contacts["asperity"][matched].to_numpy(int)]
+    if sites is None:
+        return radii
+    radii = _of_asperities(contacts, law_radii(sites), radii)
+    shapes = _shapes(sites)
+    if shapes is not None and scene.measure.hertz == "ellipse":
+        measured = (contacts["shape"] == "ellipse").to_numpy(bool)
+        own = _of_asperities(contacts, shapes.radius / shapes.modulus_ratio, radii)
+        radii = np.where(measured, own, radii)
     return radii
+
+
+def law_radii(sites: pd.DataFrame) -> NDArray[np.float64]:
+    """Radius (m) of each composite summit with which Hertz's ``4 E* a^3/(3 R)`` is the force."""
+    shapes = _shapes(sites)
+    return sites["radius_m"].to_numpy(float) if shapes is None else shapes.area_radius
+
+
+def _shapes(sites: pd.DataFrame | None) -> CapShapes | None:
+    """Shapes of the caps, if they are not spheres of one modulus."""
+    return None if sites is None else CapShapes.of(sites)
+
+
+def _of_asperities(
+    contacts: pd.DataFrame, values: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """The value of each contact's asperity; ``others`` for contacts without one."""
+    result, matched = others.copy(), contacts["asperity"].notna().to_numpy()
+    result[matched] = values[contacts["asperity"][matched].to_numpy(int)]
+    return result
 
 
 def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
@@ -446,5 +489,5 @@ def common_radius(scene: Scene, sites: pd.DataFrame | None) -> float:
     if scene.asperities is not None and scene.asperities.radius is not None:
         curvature = 1 / scene.asperities.radius
         return 1 / (curvature + (1 / scene.indenter.radius if scene.indenter is not None else 0.0))
-    radii = sites["radius_m"].to_numpy(float) if sites is not None else np.empty(0)
+    radii = law_radii(sites) if sites is not None else np.empty(0)
     return float(radii.mean()) if len(radii) and np.ptp(radii) <= 1e-6 * radii.max() else np.nan

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from scipy.special import ellipe
 
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
@@ -18,6 +19,7 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive_after
+from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
     RingSolution,
@@ -27,13 +29,13 @@ from contactimg.models.greenwood_williamson import (
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
-from contactimg.models.profile_law import NOT_DEFINED, stated_profile
+from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
-from contactimg.surfaces import base_radius
+from contactimg.surfaces import base_radius, refuse_own_caps
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
@@ -150,7 +152,7 @@ def predict_contacts(
     borne = solution.load if isinstance(load, LoadSpring) else load
     row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
-    row = row.assign(**_judgement(solution, scene), law=law_name(scene))
+    row = row.assign(**_judgement(solution, scene), law=law_name(scene, shapes=solution.shapes))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -210,7 +212,7 @@ def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, sc
     """The contacts with the forces that Hertz's formula gives for their radii."""
     forces = hertz.load(
         contacts["radius_m"].to_numpy(float),
-        sphere_radius=solution.composite_radius[solution.touching],
+        sphere_radius=solution.law_radius[solution.touching],
         contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
     )
     return contacts.assign(force_hertz_N=forces)
@@ -218,7 +220,9 @@ def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, sc
 
 def _judgement(solution: InteractingSolution, scene: Scene) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution."""
-    notes = [*solution.validity.messages(), *([NOT_DEFINED] if stated_profile(scene) is not None else [])]
+    own = "" if solution.shapes is None else solution.shapes.words
+    words = own if stated_profile(scene) is None else PROFILED
+    notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
     if solution.status == CONVERGED:
         return {"status": Status.OK, "message": "; ".join(notes)}
     return {"status": Status.APPROXIMATE, "message": "; ".join([solution.status, *notes])}
@@ -301,6 +305,8 @@ def solve_average(
     section: Asperities = scene.need("asperities", "a statistical model")
     if section.profiled:
         raise InputError(f'model "{model}" takes caps, no stated profile; take the model "interacting"')
+    if asperities is not None:
+        refuse_own_caps(asperities, f'model "{model}"')
     radius = _mean_radius(section, asperities)
     solve: Callable[..., RingSolution] = (
         solve_greenwood_williamson if model == "gw" else solve_greenwood_tripp
@@ -466,16 +472,20 @@ def see_contacts(
         Position in the frame minus position in the reference.
     """
     x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
-    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
+    radius, major, minor = (
+        contacts[name].to_numpy(float) / pose.pixel_size
+        for name in ("radius_m", "semi_major_m", "semi_minor_m")
+    )
     return CONTACTS.conform(
         contacts.assign(
             x_px=x + shift_px[0],
             y_px=y + shift_px[1],
             radius_px=radius,
             area_px2=np.pi * radius**2,
-            semi_major_px=radius,
-            semi_minor_px=radius,
-            perimeter_px=2 * np.pi * radius,
+            semi_major_px=major,
+            semi_minor_px=minor,
+            angle_rad=pose.angle_in_image(contacts["angle_rad"]),
+            perimeter_px=4 * major * ellipe(1 - (minor / major) ** 2),
         )
     )
 

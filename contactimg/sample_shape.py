@@ -10,9 +10,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import ModelRangeError
+from contactimg.errors import InputError, ModelRangeError
 from contactimg.scene import Scene
-from contactimg.surfaces import BASE_COLUMN, check_asperities
+from contactimg.surfaces import BASE_COLUMN, MODULUS_COLUMN, check_asperities
 
 Values = NDArray[np.float64]
 
@@ -27,17 +27,21 @@ def shaped_asperities(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     Parameters
     ----------
     asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``.
+        Columns of `contactimg.tables.ASPERITIES`.
     scene : Scene
-        ``[sample]`` states the curvature, ``[indenter]`` the tilt.
+        ``[sample]`` states the curvature, ``[indenter]`` the tilt, ``[elastic]`` the modulus that those of
+        the asperities are compared with.
 
     Returns
     -------
     DataFrame
-        Summits and radii of curvature, with a column for the height of the sample below each summit.
+        Summits and radii of curvature, with a column for the height of the sample below each summit, and
+        one for the contact modulus of each contact over that of the scene where moduli are given.
 
     Raises
     ------
+    InputError
+        If ellipsoidal caps stand on a curved sample or under a tilted indenter.
     ModelRangeError
         If the sample is so strongly curved that its contacts are not circles.
 
@@ -52,9 +56,15 @@ def shaped_asperities(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     0.1
     """
     sample, indenter = scene.sample, scene.indenter
+    asperities = _with_modulus_ratios(asperities, scene)
     if not scene.shaped:
         return asperities
     table = check_asperities(asperities)
+    if "radius_2_m" in table:
+        raise InputError(
+            "asperities: radius_2_m makes ellipsoidal caps, which stand on a flat under an upright lens "
+            "only; leave out [sample], and tilt_deg in [indenter]"
+        )
     curvature = (0.0, 0.0) if sample is None else sample.curvature
     summit = (0.0, 0.0) if sample is None else sample.summit
     slope = (0.0, 0.0) if indenter is None else indenter.slope
@@ -73,6 +83,24 @@ def shaped_asperities(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     table["radius_m"] = 1 / np.sqrt(total[0] * total[1])
     table[BASE_COLUMN] = base
     return table
+
+
+def _with_modulus_ratios(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
+    """The asperities with the contact modulus of each contact over that of the scene; as they are without.
+
+    Soft asperities are part of the elastic body, and their modulus takes the place of its modulus. Asperities
+    on the lens add their compliance to that of the elastic body. Poisson's ratio is that of the scene.
+    """
+    if scene.elastic is None or "young_modulus_Pa" not in asperities:
+        return asperities
+    own = check_asperities(asperities).get("young_modulus_Pa")
+    table = asperities.drop(columns="young_modulus_Pa")
+    if own is None:
+        return table
+    stiffness = own.to_numpy() / scene.elastic.young_modulus
+    if scene.asperities is not None and scene.asperities.textured == "rigid":
+        stiffness = 1 / (1 + 1 / stiffness)
+    return table.assign(**{MODULUS_COLUMN: np.nan_to_num(stiffness, nan=1.0)})
 
 
 def _check_curvature(curvature: tuple[float, float], cap: Values) -> None:

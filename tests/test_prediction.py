@@ -8,6 +8,7 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
 from contactimg.pipeline.loading_path import loads_before
 from contactimg.pipeline.predict import predict_loads, prescriptions
+from contactimg.pose import Pose
 from contactimg.prediction import (
     asperity_density,
     hertz_circle,
@@ -17,8 +18,9 @@ from contactimg.prediction import (
     predict_contacts,
     see_contacts,
 )
+from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import scene_from_dict
-from contactimg.surfaces import generate_asperities
+from contactimg.surfaces import composite_apexes, generate_asperities
 
 LENS = 0.1288
 SCENE = {
@@ -347,3 +349,59 @@ def test_the_plan_of_a_stated_profile_knows_what_is_not_defined_for_it(asperitie
         scene_with(asperities={"profile_exponent": 2.0})
     with pytest.raises(InputError, match="is curved, but asperities of a stated profile"):
         predict_contacts(scene_with(asperities=POWER, sample={"radius_x_m": 1.0}), asperities, load=0.05)
+
+
+def test_moduli_of_the_asperities(asperities):
+    scene = scene_with()
+    modulus = scene.elastic.young_modulus
+    plain = predict_contacts(scene, asperities, load=0.05)
+    same = predict_contacts(scene, asperities.assign(young_modulus_Pa=modulus), load=0.05)
+    np.testing.assert_array_equal(same.contacts["force_N"], plain.contacts["force_N"])
+    some = asperities.assign(young_modulus_Pa=np.where(np.arange(len(asperities)) % 3, np.nan, 2 * modulus))
+    mixed = predict_contacts(scene, some, load=0.05)
+    assert (plain.frames["law"][0], mixed.frames["law"][0]) == ("hertz", "hertz+modulus")
+    assert "of unequal modulus: full coupling" in mixed.frames["message"][0]
+    # a^3 = 3 p R/(4 E*), with the own modulus
+    table, radius = (
+        mixed.contacts,
+        float(composite_apexes(asperities[:1], indenter_radius=0.1288)["radius_m"][0]),
+    )
+    stiffness = np.where(table["asperity"] % 3, 1.0, 2.0) * scene.elastic.contact_modulus
+    np.testing.assert_allclose(
+        table["radius_m"] ** 3, 0.75 * table["force_N"] * radius / stiffness, rtol=1e-6
+    )
+    np.testing.assert_allclose(table["force_hertz_N"], table["force_N"], rtol=1e-6)
+
+
+def test_asperities_on_the_lens_add_their_compliance(asperities):
+    rigid = scene_with(asperities={"textured": "rigid"})
+    modulus = rigid.elastic.young_modulus
+    plain = predict_contacts(rigid, asperities, load=0.05)
+    stiff = predict_contacts(rigid, asperities.assign(young_modulus_Pa=1e9 * modulus), load=0.05)
+    np.testing.assert_allclose(stiff.contacts["force_N"], plain.contacts["force_N"], rtol=1e-6)
+    soft = asperities.assign(young_modulus_Pa=modulus)
+    ratio = shaped_asperities(soft, rigid)["modulus_ratio"]
+    assert (ratio == 0.5).all()
+    assert area(predict_contacts(rigid, soft, load=0.05)) > 1.2 * area(plain)
+
+
+def test_ellipsoidal_caps_are_seen_as_ellipses(asperities):
+    scene = scene_with()
+    long = asperities.assign(radius_2_m=2 * asperities["radius_m"], azimuth_rad=0.3)
+    prediction = predict_contacts(scene, long, load=0.05)
+    contacts = prediction.contacts
+    assert prediction.frames["law"][0] == "hertz+ellipse"
+    assert set(contacts["shape"]) == {"ellipse"}
+    pose = Pose((101, 201), 1e-6, (0.0, 0.0), rotation=0.2, mirrored=True)
+    seen = see_contacts(contacts, pose)
+    # the major axis lies across the smaller radius, at 0.3 + pi/2 on the sample
+    ends = pose.to_pixels([0.0, np.cos(0.3 + np.pi / 2)], [0.0, np.sin(0.3 + np.pi / 2)])
+    slope = np.diff(ends[1])[0] / np.diff(ends[0])[0]
+    np.testing.assert_allclose(np.tan(seen["angle_rad"]), slope, rtol=1e-9)
+    np.testing.assert_allclose(seen["semi_major_px"] * seen["semi_minor_px"], seen["radius_px"] ** 2)
+    with pytest.raises(InputError, match=r'model "gw" takes spherical caps of one modulus; leave the column'):
+        predict_average(scene, long, load=0.05, model="gw")
+    with pytest.raises(InputError, match="stand on a flat under an upright lens"):
+        predict_contacts(scene_with(sample={"radius_x_m": 1.0}), long, load=0.05)
+    with pytest.raises(InputError, match=r"only Hertz's law is defined"):
+        predict_contacts(scene_with(asperities=POWER), long, load=0.05)

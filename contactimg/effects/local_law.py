@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from contactimg.effects.effect_estimate import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
+from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.profile_law import stated_profile
 from contactimg.scene import Scene
 
@@ -24,6 +25,7 @@ LAW_WORDS = {
     "sphere": "Hertz with the exact profile of a sphere",
     "profile": "the stated profile",
     "ellipse": "elliptic contacts",
+    "modulus": "a modulus for each asperity",
     "jkr": "JKR adhesion",
 }
 """Part of the name of a law -> what it means."""
@@ -49,10 +51,11 @@ def support_error(radius_over_thickness: float) -> float:
     return float(np.interp(radius_over_thickness, SUPPORT_RATIO, SUPPORT_ERROR))
 
 
-def law_name(scene: Scene, *, elliptic: bool = False) -> str:
+def law_name(scene: Scene, *, elliptic: bool = False, shapes: CapShapes | None = None) -> str:
     """What tables call the law of the local forces of a scene whose switches are set.
 
-    ``elliptic``: ellipses follow Hertz's law of elliptic contacts.
+    ``elliptic``: ellipses follow Hertz's law of elliptic contacts. ``shapes``: those of the
+    asperities, if they are not spherical caps of one modulus.
 
     Examples
     --------
@@ -63,7 +66,10 @@ def law_name(scene: Scene, *, elliptic: bool = False) -> str:
     if stated_profile(scene) is not None:
         return "profile"
     profile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
-    return profile + ("+ellipse" if elliptic else "") + ("+jkr" if scene.effects.adhesion == "on" else "")
+    adheres = scene.effects.adhesion == "on"
+    elliptic = elliptic or (shapes is not None and shapes.elliptic)
+    further = {"+ellipse": elliptic, "+modulus": shapes is not None and shapes.unequal, "+jkr": adheres}
+    return profile + "".join(part for part, acts in further.items() if acts)
 
 
 @dataclass(frozen=True)

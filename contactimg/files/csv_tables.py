@@ -271,12 +271,14 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
     Parameters
     ----------
     path : str or Path
-        CSV with columns ``x_m, y_m, height_m, radius_m``; others are ignored.
+        CSV with columns ``x_m, y_m, height_m, radius_m``, and those of `contactimg.tables.ASPERITIES` that
+        may be missing or empty; others are ignored.
 
     Returns
     -------
     DataFrame
-        Columns of `contactimg.tables.ASPERITIES`, m; at least one row.
+        Columns of `contactimg.tables.ASPERITIES`, without the optional ones that are empty; at least one
+        row.
 
     Raises
     ------
@@ -284,7 +286,7 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
         For a missing column, a cell that is no finite number, a radius that is not positive, a height
         above `MAX_ASPERITY_HEIGHT`, an empty table, or two asperities at the same position.
     """
-    table = read_table(path, ASPERITIES, required=tuple(ASPERITIES.columns))
+    table = read_table(path, ASPERITIES, required=ASPERITIES.first)
     if table.empty:
         raise InputError(f"{path}: the table has no row; it needs at least one asperity")
     try:
@@ -299,7 +301,7 @@ def read_asperities(path: str | Path) -> pd.DataFrame:
             f"{float(table['height_m'].loc[high[0]])!r}; is it in another unit?"
         )
     _check_unique(path, table, ["x_m", "y_m"])
-    return table
+    return table[list(ASPERITIES.filled(table).columns)]
 
 
 def read_topography(path: str | Path) -> pd.DataFrame:

@@ -139,6 +139,10 @@ def solve_adhesive(
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
+    if problem.shapes is not None:
+        raise InputError(
+            f"the caps are {problem.shapes.words}; adhesion is defined for spherical caps of one modulus"
+        )
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
     previous = previous or _without_adhesion(asperities, conditions, coupling, law)

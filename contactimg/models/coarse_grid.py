@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates
 
-from contactimg.models.asperity_laws import AsperityLaw
+from contactimg.models.asperity_laws import AsperityLaw, Caps
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
 from contactimg.models.newton_iteration import ContactSystem, initial_iterate, solve_uncoupled, take_step
 from contactimg.models.scaled_problem import ScaledProblem
@@ -43,7 +43,7 @@ def coarse_grid_start(
         state = following
     places = cells.places - 0.5
     displacement = map_coordinates(state.displacement.reshape(cells.shape), places, order=1, mode="nearest")
-    alone = ContactSystem(problem.gap, problem.radius, law, NoCoupling(), problem.load, problem.stiffness)
+    alone = ContactSystem(problem.gap, problem.caps, law, NoCoupling(), problem.load, problem.stiffness)
     if problem.load is not None:
         indentation = solve_uncoupled(alone, displacement, problem.load, guess=state.indentation)
     return alone.response(indentation - problem.gap - displacement)[0], indentation
@@ -107,8 +107,8 @@ class CoarseGrid:
         np.minimum.at(highest, self.cell, problem.gap)
         numbers = np.arange(1.0, self.count + 1)
         depth = problem.gap - highest[self.cell]
-        cells = _CellLaw(law, depth, problem.radius, self.cell, self.count, weight)
-        return ContactSystem(highest, numbers, cells, coupling, problem.load, problem.stiffness)
+        cells = _CellLaw(law, depth, problem.caps, self.cell, self.count, weight)
+        return ContactSystem(highest, Caps(numbers), cells, coupling, problem.load, problem.stiffness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,19 +120,19 @@ class _CellLaw:
 
     law: AsperityLaw
     depth: Values
-    radius: Values
+    caps: Caps
     cell: NDArray[np.intp]
     count: int
     weight: float
 
-    def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
+    def respond(self, penetration: Values, caps: Caps) -> tuple[Values, Values]:
         """Sums over each cell of the forces and of the contact radii (half the stiffness)."""
-        numbers = radius.astype(np.intp) - 1
+        numbers = caps.radius.astype(np.intp) - 1
         lowered = np.full(self.count, -np.inf)
         lowered[numbers] = penetration
         inside = lowered[self.cell] - self.depth
         touching = np.flatnonzero(inside > 0)
-        responses = self.law.respond(inside[touching], self.radius[touching])
+        responses = self.law.respond(inside[touching], self.caps[touching])
         force, contact_radius = (self.weight * _sums(self.cell[touching], r, self.count) for r in responses)
         return force[numbers], contact_radius[numbers]
 

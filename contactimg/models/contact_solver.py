@@ -228,7 +228,7 @@ class ContactSolver:
     def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
         """The equations of the candidates with their coupling."""
         load = candidates.load, candidates.stiffness
-        return ContactSystem(candidates.gap, candidates.radius, self.law, operator, *load)
+        return ContactSystem(candidates.gap, candidates.caps, self.law, operator, *load)
 
     def _reach(self, alone: Iterate) -> float:
         """Upper estimate of the indentation: uncoupled forces, their displacement under the largest added."""

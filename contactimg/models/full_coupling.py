@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.models.asperity_laws import Caps
 from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
 
 Values = NDArray[np.float64]
@@ -57,12 +58,12 @@ class FieldCorrection:
             return refined, evaluate_iterate(refined, at.force, at.indentation, at.displacement)
         computed = np.stack([fields.excess, fields.slope_x, fields.slope_y, fields.curvature])
         excess, slope_x, slope_y, curvature = self._extrapolated(computed.ravel()).reshape(computed.shape)
-        radius = self.base.radius
+        radius = self.base.caps.radius
         shift_x, shift_y = -radius * slope_x, -radius * slope_y
         refined = replace(
             self.base,
             gap=self.base.gap + excess + (shift_x**2 + shift_y**2) / (2 * radius),
-            radius=radius / np.maximum(1 + radius * curvature, MIN_CURVATURE_FACTOR),
+            caps=Caps(radius / np.maximum(1 + radius * curvature, MIN_CURVATURE_FACTOR)),
             coupling=system.coupling.at_positions(self.x + shift_x, self.y + shift_y),
         )
         displacement = refined.coupling.displacement(at.force)

@@ -65,7 +65,9 @@ def solve_interacting(
     Parameters
     ----------
     asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``.
+        Columns ``x_m, y_m, height_m, radius_m``; for ellipsoidal caps ``radius_2_m, azimuth_rad``, for caps
+        of unequal modulus ``modulus_ratio``: the contact modulus of each contact over ``contact_modulus``.
+        Both with law ``"hertz"`` and coupling ``"none"`` or ``"asymptotic"``.
     indenter_radius : float, m
         Radius of the lens; infinite for a flat.
     contact_modulus : float, Pa
@@ -146,6 +148,7 @@ def solve_interacting(
     profile = _local_law(law, conditions, problem.length, problem.depth)
     if isinstance(profile, ProfileLaw):
         profile.check(np.zeros(0), coupling)
+    _check_shapes(problem, coupling, law)
     solver = ContactSolver(
         problem,
         profile,
@@ -181,6 +184,22 @@ def _check(
         raise InputError(f"load must not be negative, got {load!r} N; only adhesive contacts bear a pull")
 
 
+def _check_shapes(problem: ScaledProblem, coupling: str, law: str | AxisymmetricProfile) -> None:
+    """Refuse what holds for spheres of one modulus only, if the caps are not."""
+    if problem.shapes is None:
+        return
+    words = problem.shapes.words
+    if coupling in ("hertz", "full"):
+        raise InputError(
+            f'coupling "{coupling}" is defined for spherical caps of one modulus, and these are {words}; '
+            'take "asymptotic"'
+        )
+    if law != "hertz":
+        raise InputError(
+            f"the caps are {words}, for which only Hertz's law is defined, not the sphere's nor a profile's"
+        )
+
+
 def _local_law(
     law: str | AxisymmetricProfile, conditions: ContactConditions, length: float, depth: float
 ) -> AsperityLaw:
@@ -200,7 +219,7 @@ def forces_from_indentation(
     force = solution.force[problem.order] / problem.force_unit
     correction = (system.gap - problem.gap + system.coupling.displacement(force)) * problem.depth
     penetration = solution.indentation - problem.base_gap - correction
-    return law.respond(penetration, system.radius * problem.radius_unit)[0]
+    return law.respond(penetration, problem.caps_in_metres(system.caps))[0]
 
 
 def prove_forces(

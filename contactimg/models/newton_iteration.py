@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.asperity_laws import AsperityLaw
+from contactimg.models.asperity_laws import AsperityLaw, Caps
 from contactimg.models.conjugate_gradients import NotPositiveDefinite
 from contactimg.models.coupling import Coupling
 
@@ -38,8 +38,7 @@ class ContactSystem:
     ----------
     gap : ndarray
         ``g``: depth of each summit below the highest.
-    radius : ndarray
-        Composite radii of curvature.
+    caps : Caps
     law : AsperityLaw
     coupling : Coupling
     load : float or None
@@ -49,7 +48,7 @@ class ContactSystem:
     """
 
     gap: Values
-    radius: Values
+    caps: Caps
     law: AsperityLaw
     coupling: Coupling
     load: float | None
@@ -57,7 +56,7 @@ class ContactSystem:
 
     def response(self, penetration: Values) -> tuple[Values, Values]:
         """Forces and contact radii at penetrations."""
-        return self.law.respond(penetration, self.radius)
+        return self.law.respond(penetration, self.caps)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +115,9 @@ def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess
     """
     gap = system.gap + offset
     lowest = float(gap.min())
-    depth = (0.75 * load / np.sqrt(system.radius[int(np.argmin(gap))])) ** (2 / 3)  # of that asperity alone
+    depth = (0.75 * load / np.sqrt(system.caps.radius[int(np.argmin(gap))])) ** (
+        2 / 3
+    )  # of that asperity alone
     for _ in range(MAX_DOUBLINGS):
         if not _bearing(system, lowest + depth - gap)[0] < load - system.stiffness * (lowest + depth):
             break
@@ -137,7 +138,7 @@ def solve_uncoupled(system: ContactSystem, offset: Values, load: float, *, guess
 def _bearing(system: ContactSystem, penetration: Values) -> tuple[float, float]:
     """Sum of forces and of stiffnesses of independent contacts."""
     touching = np.flatnonzero(penetration > 0)
-    force, contact_radius = system.law.respond(penetration[touching], system.radius[touching])
+    force, contact_radius = system.law.respond(penetration[touching], system.caps[touching])
     return float(force.sum()), float(2 * contact_radius.sum())
 
 

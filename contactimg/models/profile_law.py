@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics.profiles import AxisymmetricProfile, PowerLawProfile, TabulatedProfile
+from contactimg.models.asperity_laws import Caps
 from contactimg.scene import Scene
 
 Values = NDArray[np.float64]
@@ -15,11 +16,8 @@ _MAX_STEPS = 100
 """Most Newton steps for a contact radius. A safety limit: power laws take one."""
 
 
-NOT_DEFINED = (
-    "the asperities have a stated profile: full coupling, adhesion and the sphere's law are not defined for "
-    "it and left out"
-)
-"""What a prediction with a stated profile says of itself."""
+PROFILED = "of a stated profile"
+"""What asperities of a stated profile are, in words."""
 
 
 def stated_profile(scene: Scene) -> AxisymmetricProfile | None:
@@ -64,13 +62,13 @@ class ProfileLaw:
     length: float
     depth: float
 
-    def respond(self, penetration: Values, radius: Values) -> tuple[Values, Values]:
+    def respond(self, penetration: Values, caps: Caps) -> tuple[Values, Values]:
         """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
         force, contact_radius = np.zeros_like(penetration), np.zeros_like(penetration)
         rows = np.flatnonzero(penetration > 0)
         if not rows.size:
             return force, contact_radius
-        guess = np.sqrt(radius[rows] * penetration[rows]) * self.length
+        guess = np.sqrt(caps.radius[rows] * penetration[rows]) * self.length
         a = self._contact_radius(penetration[rows] * self.depth, guess)
         lens = 4 * a**3 / (3 * self.indenter_radius)
         force[rows] = (self.profile.force(a) + lens) / (self.length * self.depth)

@@ -8,10 +8,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
+from contactimg.models.asperity_laws import Caps
+from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.models.solution import InteractingSolution, Outcome
-from contactimg.surfaces import LENGTH_RANGE_M, composite_apexes
+from contactimg.surfaces import LENGTH_RANGE_M, MODULUS_COLUMN, composite_apexes
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -99,6 +101,11 @@ class ScaledProblem:
         Heights above the plane they stand on, in the order of the table.
     stiffness : float
         Of the load cell; 0 without one.
+    shapes : CapShapes or None
+        Of caps that are not spheres of one modulus, in the order of the table; ``radius`` is then that of the
+        spheres with the same force at a penetration.
+    bases : ndarray, shape (n, 2), or None
+        Their bases.
     """
 
     x: Values
@@ -114,6 +121,13 @@ class ScaledProblem:
     apexes: pd.DataFrame
     height: Values
     stiffness: float = 0.0
+    shapes: CapShapes | None = None
+    bases: Values | None = None
+
+    @property
+    def caps(self) -> Caps:
+        """What the law of an asperity needs to know of each."""
+        return Caps(self.radius, self.bases)
 
     @property
     def base_gap(self) -> Values:
@@ -125,6 +139,11 @@ class ScaledProblem:
     def radius_unit(self) -> float:
         """Composite radius of the highest asperity of the table, m."""
         return self.length**2 / self.depth
+
+    def caps_in_metres(self, caps: Caps) -> Caps:
+        """The caps of a law in SI units."""
+        bases = None if caps.bases is None else caps.bases * [1 / self.length, self.length]
+        return Caps(caps.radius * self.radius_unit, bases)
 
     @property
     def touches(self) -> bool:
@@ -154,6 +173,7 @@ class ScaledProblem:
             gap=self.gap[rows],
             radius=self.radius[rows],
             order=self.order[rows],
+            bases=None if self.bases is None else self.bases[rows],
         )
 
     def duplicates(self) -> tuple[int, int] | None:
@@ -187,9 +207,13 @@ class ScaledProblem:
         self, force: Values, contact_radius: Values, penetration: Values, outcome: Outcome
     ) -> InteractingSolution:
         """The solution in SI units, from dimensionless arrays."""
+        radius = self.scattered(contact_radius * self.length)
+        if self.shapes is not None:
+            radius = self.shapes.contact_radius(self.scattered(force * self.length * self.depth))
+            self.shapes.check(radius)
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
-            radius=self.scattered(contact_radius * self.length),
+            radius=radius,
             x=self.apexes["x_m"].to_numpy(),
             y=self.apexes["y_m"].to_numpy(),
             composite_radius=self.apexes["radius_m"].to_numpy(),
@@ -203,6 +227,7 @@ class ScaledProblem:
             iterations=outcome.iterations,
             residual=outcome.residual,
             branch=outcome.branch,
+            shapes=self.shapes,
         )
 
 
@@ -222,8 +247,12 @@ def scale_problem(
     would bear the prescribed load.
     """
     setting.check()
+    _refuse_moduli(asperities)
     apexes = composite_apexes(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
-    height, radius = apexes["height_m"].to_numpy(), apexes["radius_m"].to_numpy()
+    shapes = CapShapes.of(apexes)
+    height = apexes["height_m"].to_numpy()
+    radius = apexes["radius_m"].to_numpy() if shapes is None else shapes.depth_radius
+    bases = None if shapes is None else shapes.bases
     order = np.argsort(-height, kind="stable")
     highest = float(radius[order[0]]) if order.size else 1.0
     if depth is None:
@@ -244,7 +273,19 @@ def scale_problem(
         apexes=apexes,
         height=asperities["height_m"].to_numpy(dtype=np.float64),
         stiffness=0.0 if setting.spring is None else setting.spring.stiffness * depth / unit,
+        shapes=shapes,
+        bases=None if bases is None else bases[order] * [length, 1 / length],
     )
+
+
+def _refuse_moduli(asperities: pd.DataFrame) -> None:
+    """Refuse moduli that have not been compared with that of a scene."""
+    if "young_modulus_Pa" in asperities and asperities["young_modulus_Pa"].notna().any():
+        raise InputError(
+            "asperities: young_modulus_Pa has no meaning here without the modulus of the other material; "
+            f"hand over the column {MODULUS_COLUMN}, the contact modulus of each asperity over "
+            "contact_modulus, or take predict_contacts with a scene"
+        )
 
 
 def _natural_depth(setting: ContactConditions, highest: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.proof import CONVERGED
 from contactimg.models.validity import Validity, assess, contact_flags
 from contactimg.tables import CONTACTS
@@ -37,11 +38,11 @@ class InteractingSolution:
     force : ndarray, shape (n,), N
         One value an asperity, in the order of the table; zero out of contact.
     radius : ndarray, shape (n,), m
-        Contact radii ``a``; zero out of contact.
+        Contact radii ``a``, of ellipses ``sqrt(a b)``; zero out of contact.
     x, y : ndarray, shape (n,), m
         Composite apexes: where a contact lies.
     composite_radius : ndarray, shape (n,), m
-        The radius of curvature in the contact's law.
+        The radius of curvature in the contact's law; of ellipsoidal caps the geometric mean of the two.
     height : ndarray, shape (n,), m
         Height of the summit above the plane it stands on.
     penetration : ndarray, shape (n,), m
@@ -68,6 +69,8 @@ class InteractingSolution:
         ``"held"``, from the previous load or indentation to this one; empty without adhesion.
     stability_check : callable, optional
         Evaluates ``stability`` of coupled adhesive contacts.
+    shapes : CapShapes or None
+        Of caps that are not spheres of one modulus.
     """
 
     force: Values
@@ -86,6 +89,7 @@ class InteractingSolution:
     residual: float
     branch: str = ""
     stability_check: Callable[[], str] | None = None
+    shapes: CapShapes | None = None
 
     @cached_property
     def stability(self) -> str:
@@ -106,6 +110,15 @@ class InteractingSolution:
         """Real contact area ``A = sum pi a^2``, m^2."""
         return float(np.pi * np.sum(self.radius**2))
 
+    @property
+    def law_radius(self) -> Values:
+        """Radii R (m) with which Hertz's ``4 E* a^3/(3 R)`` is the force, ``E*`` that of the scene."""
+        return self.composite_radius if self.shapes is None else self.shapes.area_radius
+
+    @property
+    def _strain_radius(self) -> Values:
+        return self.composite_radius if self.shapes is None else self.shapes.strain_radius
+
     @cached_property
     def validity(self) -> Validity:
         """How far the solution is from the limits of the model."""
@@ -114,7 +127,7 @@ class InteractingSolution:
             self.x[rows],
             self.y[rows],
             self.radius[rows],
-            radius=self.composite_radius[rows],
+            radius=self._strain_radius[rows],
             base_gap=self.height[rows] - self.penetration[rows],
             thickness=self.thickness,
         )
@@ -134,6 +147,10 @@ class InteractingSolution:
         """
         rows = self.touching
         x, y, a = self.x[rows], self.y[rows], self.radius[rows]
+        ratio, angle = np.ones(rows.size), np.full(rows.size, np.nan)
+        if self.shapes is not None:
+            ratio = self.shapes.axis_ratio[rows]
+            angle = np.where(ratio < 1, self.shapes.azimuth[rows], np.nan)
         return CONTACTS.conform(
             pd.DataFrame(
                 {
@@ -143,13 +160,14 @@ class InteractingSolution:
                     "y_m": y,
                     "radius_m": a,
                     "area_m2": np.pi * a**2,
-                    "shape": "disk",
-                    "semi_major_m": a,
-                    "semi_minor_m": a,
+                    "shape": np.where(ratio < 1, "ellipse", "disk"),
+                    "semi_major_m": a / np.sqrt(ratio),
+                    "semi_minor_m": a * np.sqrt(ratio),
+                    "angle_rad": angle,
                     "holes": 0,
                     "asperity": rows,
                     "force_N": self.force[rows],
-                    "flags": contact_flags(x, y, a, self.composite_radius[rows]),
+                    "flags": contact_flags(x, y, a, self._strain_radius[rows]),
                 }
             )
         )

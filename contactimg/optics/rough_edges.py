@@ -1,4 +1,4 @@
-"""Rough edges of contacts: waves around a disk of the same area."""
+"""Outlines of contacts that are not circles: ellipses, and waves around a disk of the same area."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,6 +9,10 @@ MAX_ROUGHNESS_FRACTION = 1 / 6
 """Largest rms roughness of an edge as a fraction of the radius. Chosen by hand; sensitivity not measured."""
 
 SECTORS = 256  # of the azimuth; chosen to resolve the highest mode
+SECTORS_FOR_RATIO = 4.0
+"""Ratio of half-axes up to which 256 sectors follow an ellipse. Chosen: its radius then changes by less than
+4 % from one sector to the next."""
+
 LOWEST_MODE, HIGHEST_MODE = 2, 8  # waves around an edge: mode 0 is the radius, mode 1 the position
 
 
@@ -44,3 +48,30 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
     edges = np.maximum(edges, 0.0)
     equal_area = radius / np.sqrt(np.mean(edges**2, axis=1))
     return edges * equal_area[:, None] - radius[:, None]
+
+
+def elliptic_outlines(semi_major_px: ArrayLike, semi_minor_px: ArrayLike, angle: ArrayLike) -> Values:
+    """Deviations of ellipses from the circles of their areas in each sector of the azimuth, from -pi on.
+
+    Parameters
+    ----------
+    semi_major_px, semi_minor_px : array_like, shape (n,), px
+    angle : array_like, shape (n,), rad
+        Of the major axis, from +x towards +y.
+
+    Returns
+    -------
+    ndarray, shape (n, sectors), px
+        256 sectors, or a multiple of that for long ellipses.
+
+    Examples
+    --------
+    >>> elliptic_outlines([4.0], [1.0], [0.0])[0, [0, 64]].round(2)
+    array([ 2.  , -1.  ])
+    """
+    a, b, turn = (np.asarray(values, float)[:, None] for values in (semi_major_px, semi_minor_px, angle))
+    sectors = SECTORS * int(np.ceil(np.max(a / b, initial=1.0) / SECTORS_FOR_RATIO))
+    azimuth = -np.pi + 2 * np.pi * (np.arange(sectors) + 0.5) / sectors - turn
+    edges = a * b / np.hypot(b * np.cos(azimuth), a * np.sin(azimuth))
+    radius = np.sqrt(a * b)
+    return edges * radius / np.sqrt(np.mean(edges**2, axis=1, keepdims=True)) - radius

@@ -6,10 +6,13 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
+from contactimg.effects.mechanics.mechanical_effects import OF_CAPS_ONLY
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.references import average_references
+from contactimg.models.asperity_laws import left_out_for
+from contactimg.models.cap_shapes import CapShapes
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
@@ -90,6 +93,30 @@ def refuse_profile(scene: Scene) -> None:
             "[asperities] states a profile, which only `predict` takes; for this command leave out "
             "profile_exponent, profile_width_m, profile_drop_m and profile_points_m: its asperities are caps"
         )
+
+
+def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
+    """The scene without the laws of a contact that are not defined for its asperities.
+
+    Raises
+    ------
+    InputError
+        If the scene switches one of them on.
+    """
+    shapes = None if sites is None else CapShapes.of(sites)
+    if shapes is None:
+        return scene
+    switches = {name: getattr(scene.effects, name) for name in OF_CAPS_ONLY}
+    ordered = [name for name, switch in switches.items() if switch == "on"]
+    if ordered:
+        raise InputError(
+            f"[effects] {ordered[0]} is not defined for asperities {shapes.words}; switch it off, or "
+            "leave the columns of the asperities empty that make them so"
+        )
+    logger.warning(left_out_for(shapes.words))
+    return scene.model_copy(
+        update={"effects": scene.effects.model_copy(update=dict.fromkeys(OF_CAPS_ONLY, "off"))}
+    )
 
 
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:

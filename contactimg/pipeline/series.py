@@ -18,7 +18,7 @@ from contactimg.pipeline.background.second_pass import measure_on_background
 from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_scene_frame
-from contactimg.pipeline.inputs import contact_sites, refuse_profile, scene_asperities
+from contactimg.pipeline.inputs import contact_sites, refuse_profile, scene_asperities, scene_of_defined_laws
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.run import Run
@@ -93,6 +93,7 @@ def measure_parts(
     refuse_profile(scene)
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
+    scene = scene_of_defined_laws(scene, sites)
     resolved = resolve_measurement(scene)
     edits = edits_by_frame(experiment, relative=relative)
     options = FrameOptions(resolved, film_setting(resolved, sites), relative, edits)

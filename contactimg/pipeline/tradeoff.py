@@ -14,6 +14,7 @@ from contactimg.pipeline.inputs import largest_load, read_reference, refuse_prof
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.scene import Scene, scene_from_dict
+from contactimg.surfaces import refuse_own_caps
 from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF
 from contactimg.tradeoff.case import BoundarySolution, Case, OwnFrame
 from contactimg.tradeoff.knobs import Knob
@@ -108,6 +109,8 @@ def prepare_tradeoff(
     else:
         load = finite_number(load, "load", "N")
     asperities = scene_asperities(scene)
+    if asperities is not None:
+        refuse_own_caps(asperities, "tradeoff")
     case = Case(scene, asperities, load, truth=read_truth(load), measured=_own_frame(scene, load), fine=fine)
     return applicable_knobs(case, knobs)
 

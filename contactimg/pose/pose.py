@@ -74,6 +74,22 @@ class Pose:
         x, y = _turned(inverse, np.asarray(x_px, float) - q0[0], np.asarray(y_px, float) - q0[1])
         return x + self.centre[0], y + self.centre[1]
 
+    def angle_in_image(self, angle: ArrayLike) -> NDArray[np.float64]:
+        """Direction of axes in the image, from +x_px towards +y_px, of directions on the sample (rad).
+
+        From -pi/2 to pi/2: an axis has no sense.
+
+        Examples
+        --------
+        >>> mirrored = Pose(1e-6, (0.0, 0.0), (11, 11), mirrored=True)
+        >>> mirrored.angle_in_image([0.25]).round(6)
+        array([-0.25])
+        """
+        angle = np.asarray(angle, float)
+        x, y = _turned(self.matrix, np.cos(angle), np.sin(angle))
+        turned = np.arctan2(y, x)
+        return (turned + np.pi / 2) % np.pi - np.pi / 2
+
 
 def _turned(
     matrix: NDArray[np.float64], x: NDArray[np.float64], y: NDArray[np.float64]

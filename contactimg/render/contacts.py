@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import InputError
 from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import RenderSettings, lamp
-from contactimg.optics.rough_edges import rough_outlines
+from contactimg.optics.rough_edges import elliptic_outlines, rough_outlines
 from contactimg.optics.spots import FilmSpots, Spots, surround_with_film
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS
@@ -15,6 +15,7 @@ from contactimg.tables import CONTACTS
 Values = NDArray[np.float64]
 
 PIXEL_COLUMNS = ["x_px", "y_px", "radius_px"]
+ELLIPSE_COLUMNS = ["semi_major_px", "semi_minor_px", "angle_rad"]
 
 
 def place_contacts(
@@ -26,7 +27,7 @@ def place_contacts(
     ----------
     contacts : DataFrame, contacts schema
         Rows with finite ``x_px, y_px, radius_px`` lie there before the shift; the others at ``x_m, y_m,
-        radius_m``.
+        radius_m``, ellipses with the half-axes in m and ``angle_rad`` on the sample.
     scene : Scene
         Its camera relates metres to pixels.
     shape : (int, int)
@@ -52,6 +53,10 @@ def place_contacts(
         x_px, y_px = pose.to_pixels(rows["x_m"].to_numpy(), rows["y_m"].to_numpy())
         radius_px = rows["radius_m"].to_numpy() / pose.pixel_size
         table.loc[by_metres, PIXEL_COLUMNS] = np.column_stack([x_px, y_px, radius_px])
+        ellipses = by_metres & (table["shape"] == "ellipse").to_numpy(bool)
+        axes = table.loc[ellipses, ["semi_major_m", "semi_minor_m"]].to_numpy() / pose.pixel_size
+        angle = pose.angle_in_image(table.loc[ellipses, "angle_rad"].to_numpy())
+        table.loc[ellipses, ELLIPSE_COLUMNS] = np.column_stack([axes, angle])
     values = table[PIXEL_COLUMNS].to_numpy()
     wrong = ~np.isfinite(values).all(axis=1) | (values[:, 2] < 0)
     if wrong.any():
@@ -100,18 +105,40 @@ def contact_spots(
     visible = truth["radius_px"].to_numpy() > 0
     x_px, y_px, radius_px = (truth.loc[visible, name].to_numpy() for name in PIXEL_COLUMNS)
     brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
-    outline_px = np.zeros((radius_px.size, 1))
+    outline_px = _elliptic_outlines(truth.loc[visible])
     if "edge_roughness" in settings.effects:
-        outline_px = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
+        rough = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
+        outline_px = rough + outline_px if outline_px.shape[1] == 1 else _added(rough, outline_px)
     spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
     if "film" not in settings.effects:
         return spots
+    if (truth["shape"] == "ellipse").any():
+        raise InputError(
+            "the air film is rendered around circular contacts, and some of these are ellipses; set "
+            '[effects] film = "off"'
+        )
     return surround_with_film(
         spots,
         sphere_radius=_sphere_radii(sphere_radius, scene, len(truth))[visible],
         pixel_size=scene.need("camera", "rendering the air film").pixel_size,
         excess=excess_table(lamp(simulate)),
     )
+
+
+def _elliptic_outlines(truth: pd.DataFrame) -> Values:
+    """Deviation of each outline from the circle of its area: that of ellipses; one sector without any."""
+    chosen = np.flatnonzero(truth["shape"] == "ellipse")
+    if not chosen.size:
+        return np.zeros((len(truth), 1))
+    outlines = elliptic_outlines(*truth.iloc[chosen][ELLIPSE_COLUMNS].to_numpy(float).T)
+    result = np.zeros((len(truth), outlines.shape[1]))
+    result[chosen] = outlines
+    return result
+
+
+def _added(rough: Values, elliptic: Values) -> Values:
+    """Waves around ellipses, their sectors as narrow as those of the ellipses."""
+    return np.repeat(rough, elliptic.shape[1] // rough.shape[1], axis=1) + elliptic
 
 
 def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:

@@ -1,17 +1,17 @@
 """The tables that flow through contactimg, and every flag and status that can stand in them.
 
-Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit; those of
-`calibrate` are in `calibration_schemas`), `flags` (what qualifies a contact), `reasons` (why a candidate is
-not a contact), `statuses` (what can be said of a frame or load as a whole). All names can be imported from
-here.
+Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit; those of asperities
+are in `asperity_schemas`, those of `calibrate` in `calibration_schemas`), `flags` (what qualifies a contact),
+`reasons` (why a candidate is not a contact), `statuses` (what can be said of a frame or load as a whole). All
+names can be imported from here.
 """
 
+from contactimg.tables.asperity_schemas import ASPERITIES, SUMMITS, TOPOGRAPHY
 from contactimg.tables.calibration_schemas import CIRCLES, FORCE_SUMS, THRESHOLD_CURVE, UNCERTAINTIES
 from contactimg.tables.flags import Flag, flag_names
 from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
-    ASPERITIES,
     BOUNDARY_CONTACTS,
     CONTACTS,
     EDITS,
@@ -28,8 +28,6 @@ from contactimg.tables.schemas import (
     RESULTS,
     RUN_MODELS,
     SCORES,
-    SUMMITS,
-    TOPOGRAPHY,
     TRADEOFF,
     Schema,
 )

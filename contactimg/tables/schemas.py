@@ -1,7 +1,7 @@
 """Schemas: every table that contactimg reads or writes, with the dtype, meaning and unit of each column."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,11 @@ class Schema:
     def first(self) -> tuple[str, ...]:
         """The columns that every version has written."""
         return tuple(name for name in self.columns if name not in self.later)
+
+    def filled(self, table: pd.DataFrame) -> "Schema":
+        """The schema without those later columns in which a table has nothing."""
+        empty = {name for name in self.later if name not in table or not table[name].notna().any()}
+        return replace(self, columns={name: self.columns[name] for name in self.columns if name not in empty})
 
     def empty(self) -> pd.DataFrame:
         """A table with every column and no row."""
@@ -218,7 +223,10 @@ FRAMES = Schema(
         ),
         "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
         "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
-        "law": ("str", "law that the local forces follow: hertz, sphere or profile, +jkr with adhesion"),
+        "law": (
+            "str",
+            "law of the local forces: hertz, sphere or profile; +ellipse, +modulus (unequal moduli), +jkr",
+        ),
     },
     "One row per frame or load, in order.",
     later=frozenset({
@@ -255,32 +263,6 @@ EDITS = Schema(
         "reason": ("str", "why it was made"),
     },
     "Corrections by hand, applied in order; one row per correction.",
-)
-
-ASPERITIES = Schema(
-    "asperities",
-    {
-        "x_m": ("float64", "sample coordinate x of the summit, m"),
-        "y_m": ("float64", "sample coordinate y of the summit, m"),
-        "height_m": ("float64", "height of the summit above the base plane, m"),
-        "radius_m": ("float64", "radius of curvature R of the summit, m"),
-    },
-    "One row per spherical asperity.",
-)
-
-SUMMITS = Schema(
-    "asperities",
-    {
-        **ASPERITIES.columns,
-        "height_std_m": ("float64", "standard uncertainty of height_m, m"),
-        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
-        "x_std_m": ("float64", "standard uncertainty of x_m, m"),
-        "y_std_m": ("float64", "standard uncertainty of y_m, m"),
-        "residual_m": ("float64", "standard deviation of the heights about the fitted sphere, m"),
-        "pixels": ("Int64", "number of pixels that were fitted"),
-        "message": MESSAGE,
-    },
-    "Summits of a height map from `asperities`, one row each; read wherever asperities are.",
 )
 
 MATCHES = Schema(
@@ -402,17 +384,6 @@ FRICTION = Schema(
         "stress_Pa": ("float64", "mean shear stress |Q|/A, Pa"),
     },
     "Friction force and real contact area, one row per frame.",
-)
-
-TOPOGRAPHY = Schema(
-    "topography",
-    {
-        "height_m": ("float64", "height h of an asperity, m"),
-        "radius_m": ("float64", "radius of curvature R of the asperity, m"),
-        "height_std_m": ("float64", "standard uncertainty of height_m, m"),
-        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
-    },
-    "Measured heights and radii of asperities, one row each.",
 )
 
 RESULTS = Schema(

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.asperity_laws import AsperityLaw
+from contactimg.models.asperity_laws import AsperityLaw, Caps
 from contactimg.models.coarse_grid import CoarseGrid
 from contactimg.models.contact_solver import displacement_under_largest_force
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
@@ -91,7 +91,7 @@ class CandidateSample:
     def of(cls, problem: ScaledProblem, law: AsperityLaw) -> "CandidateSample":
         """The candidates of a problem at prescribed load."""
         still = np.zeros_like(problem.gap)
-        system = ContactSystem(problem.gap, problem.radius, law, NoCoupling(), problem.load)
+        system = ContactSystem(problem.gap, problem.caps, law, NoCoupling(), problem.load)
         depth = solve_uncoupled(system, still, float(problem.load or 0.0))
         reach = depth + displacement_under_largest_force(problem, system.response(depth - problem.gap)[0])
         candidates = problem.part(slice(int(np.searchsorted(problem.gap, reach, side="right"))))
@@ -113,15 +113,15 @@ class CandidateSample:
     def uncoupled(self, law: AsperityLaw) -> Response:
         """Response of the sample without coupling."""
         p = self.problem
-        system = ContactSystem(p.gap, p.radius, law, NoCoupling(), float(p.load or 0.0) / self.stride)
+        system = ContactSystem(p.gap, p.caps, law, NoCoupling(), float(p.load or 0.0) / self.stride)
         depth = solve_uncoupled(system, np.zeros_like(p.gap), float(system.load or 0.0))
         penetration = depth - p.gap
-        return Response(*law.respond(penetration, p.radius), penetration, depth)
+        return Response(*law.respond(penetration, p.caps), penetration, depth)
 
     def uncoupled_candidates(self, law: AsperityLaw) -> Response:
         """Response of all candidates without coupling."""
         penetration = self.indentation - self.candidates.gap
-        response = law.respond(penetration, self.candidates.radius)
+        response = law.respond(penetration, self.candidates.caps)
         return Response(*response, penetration, self.indentation)
 
     def coupling(self, kernel: Kernel) -> DenseCoupling:
@@ -152,7 +152,7 @@ class CandidateSample:
         p = replace(p, gap=p.gap if gap is None else gap, radius=p.radius if radius is None else radius)
         cells = self._sampled_cells
         if cells is None:
-            return ContactSystem(p.gap, p.radius, law, coupling, p.load)
+            return ContactSystem(p.gap, p.caps, law, coupling, p.load)
         return cells.system(p, law, coupling, weight=self.stride)
 
     def coupled(self, coupling: Coupling) -> "CoupledState":
@@ -202,13 +202,13 @@ class CoupledState:
     def response(self) -> Response:
         """Response of the sample."""
         p = self.sample.problem
-        return self._response(self.iterate, self.law, p.gap, p.radius)
+        return self._response(self.iterate, self.law, p.gap, p.caps)
 
     def all_candidates(self) -> Response:
         """Response of all candidates."""
         p = self.sample.candidates
         penetration = self.iterate.indentation - p.gap - self.sample.at_all(self.iterate.displacement)
-        return Response(*self.law.respond(penetration, p.radius), penetration, self.iterate.indentation)
+        return Response(*self.law.respond(penetration, p.caps), penetration, self.iterate.indentation)
 
     def changed(
         self,
@@ -234,10 +234,10 @@ class CoupledState:
             start if following is None else following,
             law,
             p.gap if gap is None else gap,
-            p.radius if radius is None else radius,
+            p.caps if radius is None else Caps(radius),
         )
 
-    def _response(self, iterate: Iterate, law: AsperityLaw, gap: Values, radius: Values) -> Response:
+    def _response(self, iterate: Iterate, law: AsperityLaw, gap: Values, caps: Caps) -> Response:
         """Response of the sample in an iterate."""
         penetration = iterate.indentation - gap - self.sample.at_sample(iterate.displacement)
-        return Response(*law.respond(penetration, radius), penetration, iterate.indentation)
+        return Response(*law.respond(penetration, caps), penetration, iterate.indentation)

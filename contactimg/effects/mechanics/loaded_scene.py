@@ -15,9 +15,9 @@ from contactimg.effects.output_change import Answer, Asperities, output_changes
 from contactimg.errors import ModelRangeError
 from contactimg.mechanics.profiles import AxisymmetricProfile
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.asperity_laws import AsperityLaw, HertzLaw
+from contactimg.models.asperity_laws import AsperityLaw, HertzLaw, left_out_for
 from contactimg.models.coupling import Kernel
-from contactimg.models.profile_law import NOT_DEFINED, ProfileLaw, stated_profile
+from contactimg.models.profile_law import PROFILED, ProfileLaw, stated_profile
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
 from contactimg.scene import Scene
@@ -58,6 +58,13 @@ class LoadedScene:
     def profile(self) -> AxisymmetricProfile | None:
         """The profile of the asperities where the scene states one."""
         return stated_profile(self.scene)
+
+    @property
+    def own_law(self) -> str:
+        """What the asperities are, in words, if they are not spherical caps of one modulus; else empty."""
+        if self.profile is not None:
+            return PROFILED
+        return "" if self.problem.shapes is None else self.problem.shapes.words
 
     @cached_property
     def law(self) -> AsperityLaw:
@@ -113,7 +120,7 @@ class LoadedScene:
     @property
     def adheres(self) -> bool:
         """Whether the contacts adhere and this is not switched off."""
-        return self.profile is None and self.adhesion > 0 and self.scene.effects.adhesion != "off"
+        return not self.own_law and self.adhesion > 0 and self.scene.effects.adhesion != "off"
 
     def adhered(
         self, response: Response, radius: Values, *, stride: int = 1, aspect: float = 0.0
@@ -147,11 +154,21 @@ class LoadedScene:
 
     def changes(self, without: Response, complete: Response) -> dict[str, float]:
         """Relative change of every output between two responses."""
+        rows = self.sample.problem.order
         return output_changes(
             self.asperities,
-            without=Answer(without.force, without.contact_radius, without.indentation),
-            complete=Answer(complete.force, complete.contact_radius, complete.indentation),
+            without=Answer(without.force, self.radii(without, rows), without.indentation),
+            complete=Answer(complete.force, self.radii(complete, rows), complete.indentation),
         )
+
+    def radii(self, response: Response, rows: Rows) -> Values:
+        """Contact radii of a response of the asperities ``rows``: those whose areas are the contacts'."""
+        shapes, unit = self.problem.shapes, self.problem.length
+        if shapes is None:
+            return response.contact_radius
+        force = np.zeros(self.problem.height.size)
+        force[rows] = response.force * unit * self.problem.depth
+        return shapes.contact_radius(force)[rows] / unit
 
     @cached_property
     def all_candidates(self) -> Response:
@@ -170,12 +187,16 @@ class LoadedScene:
         """Flags of the contacts."""
         p, rows = self.sample.candidates, self.touching
         strain_radius = p.radius[rows] / self.aspect  # radii of curvature have a unit of their own
-        return contact_flags(p.x[rows], p.y[rows], self.all_candidates.contact_radius[rows], strain_radius)
+        if p.shapes is not None:
+            strain_radius = p.shapes.strain_radius[p.order[rows]] / p.length
+        return contact_flags(
+            p.x[rows], p.y[rows], self.radii(self.all_candidates, p.order)[rows], strain_radius
+        )
 
     def contacts(self) -> pd.DataFrame:
         """Table of all contacts."""
         p, response, rows = self.sample.candidates, self.all_candidates, self.touching
-        x, y, a = (v[rows] * self.problem.length for v in (p.x, p.y, response.contact_radius))
+        x, y, a = (v[rows] * self.problem.length for v in (p.x, p.y, self.radii(response, p.order)))
         return CONTACTS.conform(
             pd.DataFrame(
                 {
@@ -241,8 +262,8 @@ class LoadedScene:
             count = int(np.count_nonzero(self.flags & flag))
             if count:
                 yield f"about {count} of {self.flags.size} contacts {sentence}"
-        if self.profile is not None:
-            yield NOT_DEFINED
+        if self.own_law:
+            yield left_out_for(self.own_law)
         if self.base_gap < self.base_gap_error:
             yield (
                 f"the indenter comes within {self.base_gap * 1e6:.2g} +- {self.base_gap_error * 1e6:.2g} um "
@@ -252,7 +273,7 @@ class LoadedScene:
     @cached_property
     def fully_coupled(self) -> tuple[Response, Values, float]:
         """Response with full coupling, its radii of curvature and their largest relative change."""
-        if self.profile is not None:  # not defined: point forces
+        if self.own_law:  # not defined: point forces
             return self.state.response, self.sample.problem.radius, 0.0
         p, response, stride = self.sample.candidates, self.state.all_candidates(), self.sample.stride
         rows = np.flatnonzero(response.force)

@@ -182,8 +182,8 @@ Answered = tuple[Pair | None, str]
 
 def _answer(loaded: LoadedScene, effect: str) -> Answered:
     """The responses without and with one effect."""
-    if loaded.profile is not None and effect in OF_CAPS_ONLY:
-        return None, "not defined for asperities of a stated profile"
+    if loaded.own_law and effect in OF_CAPS_ONLY:
+        return None, f"not defined for asperities {loaded.own_law}"
     return PAIRS[effect](loaded)
 
 
@@ -259,7 +259,7 @@ def _sphere_profile(loaded: LoadedScene) -> Answered:
 
 
 OF_CAPS_ONLY = ("full_coupling", "adhesion", "sphere_profile")
-"""Effects whose equations hold for paraboloids or spheres only."""
+"""Effects whose equations hold for spherical caps of one modulus only."""
 
 PAIRS: dict[str, Callable[[LoadedScene], Answered]] = {
     "coupling": _coupling,

@@ -64,8 +64,8 @@ def estimate_model_error(loaded: LoadedScene) -> ModelError:
     errors = {name: max(error, own) for name, error in compared.items()}
     if own > compared["force"]:
         source += ", and the square of the curvature of the neighbours' field"
-    if loaded.profile is not None:
-        source += "; for asperities of a stated profile there is no solution to compare with"
+    if loaded.own_law:
+        source += f"; for asperities {loaded.own_law} there is no solution to compare with"
     if loaded.adheres:
         source += "; with adhesion there is no solution to compare with"
     return ModelError(errors, source)

@@ -14,11 +14,17 @@ from contactimg.frame import Frame
 from contactimg.imaging.count.method import count_at_fraction
 from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pipeline.frame import measure_prepared
-from contactimg.pipeline.inputs import contact_sites, refuse_profile, scene_asperities
+from contactimg.pipeline.inputs import (
+    contact_sites,
+    refuse_profile,
+    scene_asperities,
+    scene_of_defined_laws,
+)
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.pose_and_forces import local_law, locate_frames, series_pose, with_forces
 from contactimg.pipeline.run import Run
 from contactimg.scene import Scene
+from contactimg.surfaces import refuse_own_caps
 from contactimg.tables import CONTACTS, FRAMES, REJECTED
 
 Values = NDArray[np.float64]
@@ -172,6 +178,9 @@ def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresh
     """One run a threshold, all under the pose found at the threshold next to one half."""
     asperities = scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
+    scene = scene_of_defined_laws(scene, sites)
+    if asperities is not None:
+        refuse_own_caps(asperities, "calibrate", columns=("young_modulus_Pa",))
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
     counted = [
         pd.concat([part.contacts[k] for part in parts], ignore_index=True) for k in range(len(thresholds))

@@ -1,9 +1,4 @@
-"""Asperity tables: the patterns SA, RA- and RA+, their check, and the composite plane under a lens.
-
-A table has the columns of `contactimg.tables.ASPERITIES`: ``x_m, y_m, height_m, radius_m``, one row a
-spherical cap. A cap of height ``h`` and radius ``R`` covers a disc of radius ``sqrt(2 R h - h^2)``; the
-generated patterns place these discs at random without overlap, largest first.
-"""
+"""Random patterns of spherical caps: SA, RA- and RA+, or caps of any law."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,19 +6,12 @@ from typing import Protocol
 import numpy as np
 import pandas as pd
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.tables import ASPERITIES
+from contactimg.surfaces.asperity_table import LENGTH_RANGE_M, base_radius
 
 Values = NDArray[np.float64]
-
-LENGTH_RANGE_M = (1e-15, 1e9)
-"""Range of radii; coordinates and heights are limited by its upper end. Theory: the powers of lengths that
-the models form stay within floating-point numbers."""
-
-BASE_COLUMN = "base_m"
-"""Column of the height of the sample below a summit, over the plane of reference; flat without it."""
 
 MAX_CAPS = 2_000_000
 """Most caps of a generated pattern, unless told otherwise: about 10 s of placing. Chosen by hand."""
@@ -31,177 +19,6 @@ MAX_CAPS = 2_000_000
 MAX_REDRAWS = 1000
 """Most rounds of drawing again those values that give no cap. Chosen by hand: with 1 % of valid values, one
 of 10^4 caps is left after 1000 rounds. Theory: 10^4 x 0.99^1000 = 0.4."""
-
-
-def base_radius(height: ArrayLike, radius: ArrayLike) -> Values:
-    """Radius of the disc that a spherical cap covers: ``sqrt(2 R h - h^2)``.
-
-    Parameters
-    ----------
-    height : array_like, m
-        ``h``; a cap higher than its radius covers the disc of the radius.
-    radius : array_like, m
-        ``R``.
-
-    Returns
-    -------
-    ndarray, m
-
-    Examples
-    --------
-    >>> float(base_radius(40e-6, 100e-6)) * 1e6
-    80.0
-    """
-    R = np.asarray(radius, dtype=np.float64)
-    h = np.clip(np.asarray(height, dtype=np.float64), 0.0, R)
-    return np.sqrt(h * (2 * R - h))
-
-
-def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
-    """The table with exactly the columns of `ASPERITIES`, as float64, once it keeps the rules.
-
-    Parameters
-    ----------
-    asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``, and ``base_m`` on a curved sample; others are left out.
-
-    Returns
-    -------
-    DataFrame
-        A new table, rows in the same order, numbered from 0.
-
-    Raises
-    ------
-    InputError
-        Naming the missing column, or row and column of the first value that is not a finite number or of the
-        first radius that is not positive.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> check_asperities(pd.DataFrame({"x_m": [0], "y_m": [0], "height_m": [4e-5], "radius_m": [1e-4]}))
-       x_m  y_m  height_m  radius_m
-    0  0.0  0.0   0.00004    0.0001
-    """
-    return pd.DataFrame(_checked_columns(asperities))
-
-
-def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
-    """The columns of `check_asperities`."""
-    if not isinstance(asperities, pd.DataFrame):
-        raise InputError(
-            f"asperities must be a table (DataFrame) with columns {', '.join(ASPERITIES.columns)}, "
-            f"got {type(asperities).__name__}"
-        )
-    missing = [name for name in ASPERITIES.columns if name not in asperities]
-    if missing:
-        raise InputError(
-            f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.columns)}"
-        )
-    columns = {name: _finite_column(asperities, name) for name in ASPERITIES.columns}
-    bad = np.flatnonzero(~(columns["radius_m"] > 0))
-    if bad.size:
-        raise InputError(
-            f"asperities: row {bad[0]}, column 'radius_m' must be positive, "
-            f"got {float(columns['radius_m'][bad[0]])!r}"
-        )
-    low, high = LENGTH_RANGE_M
-    for name, values in columns.items():
-        beyond = np.flatnonzero((np.abs(values) > high) | (values < low if name == "radius_m" else False))
-        if beyond.size:
-            raise InputError(
-                f"asperities: row {beyond[0]}, column {name!r} must be a length up to {high:g} m (radii from "
-                f"{low:g} m), got {float(values[beyond[0]])!r}; check its unit"
-            )
-    if BASE_COLUMN in asperities:
-        columns[BASE_COLUMN] = _finite_column(asperities, BASE_COLUMN)
-    return columns
-
-
-def _finite_column(table: pd.DataFrame, name: str) -> Values:
-    """A column as float64, or an error that names the row."""
-    try:
-        values = table[name].to_numpy(dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
-        row = int(np.flatnonzero(np.isnan(numbers))[0]) if np.isnan(numbers).any() else 0
-        raise InputError(
-            f"asperities: row {row}, column {name!r} must be a number, got {table[name].iloc[row]!r}"
-        ) from None
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise InputError(
-            f"asperities: row {bad[0]}, column {name!r} must be finite, got {float(values[bad[0]])!r}"
-        )
-    return values
-
-
-def composite_apexes(
-    asperities: pd.DataFrame, *, indenter_radius: float, apex: tuple[float, float] = (0.0, 0.0)
-) -> pd.DataFrame:
-    """The summits of asperities and lens combined, exact for parabolic caps under a parabolic lens.
-
-    Radius ``R Rl/(R + Rl)``, apex at ``x Rl/(R + Rl)`` from the lens's apex, height ``h - r^2/(2 (R + Rl))``:
-    the cap meets the lens not above its own summit but where both slopes agree.
-
-    Parameters
-    ----------
-    asperities : DataFrame
-        Columns ``x_m, y_m, height_m, radius_m``.
-    indenter_radius : float, m
-        ``Rl``; infinite for a flat, under which the caps are their own composites.
-    apex : (float, float), m
-        Where the lens's apex stands over the sample.
-
-    Returns
-    -------
-    DataFrame
-        The same columns and rows: where a first contact lies, with which height and which radius.
-
-    Raises
-    ------
-    InputError
-        If the table breaks a rule (`check_asperities`), the indenter's radius is not positive, or all
-        asperities lie farther from the apex than that radius.
-
-    Notes
-    -----
-    Leaving the difference out costs 0.06-0.08 % of the load on the pattern SA+ at 0.02-0.5 N.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> cap = pd.DataFrame({"x_m": [1e-3], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
-    >>> composite_apexes(cap, indenter_radius=9.9e-3)
-           x_m  y_m   height_m  radius_m
-    0  0.00099  0.0  -0.00001  0.000099
-    """
-    table = _checked_columns(asperities)
-    if not float(indenter_radius) > 0:
-        raise InputError(f"indenter_radius must be positive (inf for a flat), got {indenter_radius!r} m")
-    x0, y0 = (float(value) for value in apex)
-    if not (np.isfinite(x0) and np.isfinite(y0)):
-        raise InputError(f"apex must be two finite coordinates, got {apex!r} m")
-    R = table["radius_m"]
-    dx, dy = table["x_m"] - x0, table["y_m"] - y0
-    squared = dx**2 + dy**2
-    if squared.size and np.sqrt(squared.min()) > indenter_radius:
-        raise InputError(
-            f"no asperity lies under the indenter: the nearest is {np.sqrt(squared.min()):.3g} m from its "
-            f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
-            "check x_m, y_m and the apex"
-        )
-    base = table.get(BASE_COLUMN, 0.0)
-    nearness = R / indenter_radius  # R/Rl: zero under a flat
-    drop = squared / (2 * R) * (nearness / (1 + nearness))
-    return pd.DataFrame(
-        {
-            "x_m": x0 + dx / (1 + nearness),
-            "y_m": y0 + dy / (1 + nearness),
-            "height_m": table["height_m"] + base - drop,
-            "radius_m": R / (1 + nearness),
-        }
-    )
 
 
 class CapLaw(Protocol):

@@ -1,0 +1,36 @@
+"""Asperities: their tables, and random patterns of them.
+
+In: a table with one row an asperity, or the name of a surface. Out: the table checked, or the summits that a
+lens meets. Read in this order: `asperity_table` (what a table may hold, and the composite summits under a
+lens), `patterns` (the random patterns SA, RA- and RA+, or caps of any law).
+"""
+
+from contactimg.surfaces.asperity_table import (
+    BASE_COLUMN,
+    CAP_BASE_COLUMN,
+    LENGTH_RANGE_M,
+    MODULUS_COLUMN,
+    RATIO_COLUMN,
+    base_radius,
+    check_asperities,
+    composite_apexes,
+    refuse_own_caps,
+)
+from contactimg.surfaces.patterns import CapLaw, DropletCaps, GaussianCaps, UniformCaps, generate_asperities
+
+__all__ = [
+    "BASE_COLUMN",
+    "CAP_BASE_COLUMN",
+    "LENGTH_RANGE_M",
+    "MODULUS_COLUMN",
+    "RATIO_COLUMN",
+    "CapLaw",
+    "DropletCaps",
+    "GaussianCaps",
+    "UniformCaps",
+    "base_radius",
+    "check_asperities",
+    "composite_apexes",
+    "generate_asperities",
+    "refuse_own_caps",
+]

@@ -1,0 +1,304 @@
+"""Tables of asperities: their check, and the composite plane under a lens.
+
+A table has the columns of `contactimg.tables.ASPERITIES`: ``x_m, y_m, height_m, radius_m``, one row a cap,
+and for ellipsoidal caps ``radius_2_m, azimuth_rad``, for caps of unequal modulus ``young_modulus_Pa``. A
+spherical cap of height ``h`` and radius ``R`` covers a disc of radius ``sqrt(2 R h - h^2)``; the
+generated patterns place these discs at random without overlap, largest first.
+"""
+
+from collections.abc import Collection
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+
+from contactimg.errors import InputError
+from contactimg.mechanics.hertz_ellipse import punch_factor
+from contactimg.tables import ASPERITIES
+
+Values = NDArray[np.float64]
+
+LENGTH_RANGE_M = (1e-15, 1e9)
+"""Range of radii; coordinates and heights are limited by its upper end. Theory: the powers of lengths that
+the models form stay within floating-point numbers."""
+
+BASE_COLUMN = "base_m"
+"""Column of the height of the sample below a summit, over the plane of reference; flat without it."""
+
+MODULUS_COLUMN = "modulus_ratio"
+"""Column of the contact modulus of a contact over that of the scene; 1 without it."""
+
+RATIO_COLUMN = "radius_ratio"
+"""Column of composite summits: the larger principal radius of curvature over the smaller one."""
+
+CAP_BASE_COLUMN = "base_radius_m"
+"""Column of composite summits of unequal modulus: radius of the disc that the cap covers, m."""
+
+
+def base_radius(height: ArrayLike, radius: ArrayLike) -> Values:
+    """Radius of the disc that a spherical cap covers: ``sqrt(2 R h - h^2)``.
+
+    Parameters
+    ----------
+    height : array_like, m
+        ``h``; a cap higher than its radius covers the disc of the radius.
+    radius : array_like, m
+        ``R``.
+
+    Returns
+    -------
+    ndarray, m
+
+    Examples
+    --------
+    >>> float(base_radius(40e-6, 100e-6)) * 1e6
+    80.0
+    """
+    R = np.asarray(radius, dtype=np.float64)
+    h = np.clip(np.asarray(height, dtype=np.float64), 0.0, R)
+    return np.sqrt(h * (2 * R - h))
+
+
+def check_asperities(asperities: pd.DataFrame) -> pd.DataFrame:
+    """The table with the columns of `ASPERITIES` that it fills, as float64, once it keeps the rules.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``; those of `ASPERITIES` that may be missing or empty, each
+        filled up with what an empty cell stands for; ``base_m`` on a curved sample, ``modulus_ratio`` for
+        contacts of unequal modulus; others are left out.
+
+    Returns
+    -------
+    DataFrame
+        A new table, rows in the same order, numbered from 0.
+
+    Raises
+    ------
+    InputError
+        Naming the missing column, or row and column of the first value that is not a finite number or of the
+        first radius that is not positive.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> check_asperities(pd.DataFrame({"x_m": [0], "y_m": [0], "height_m": [4e-5], "radius_m": [1e-4]}))
+       x_m  y_m  height_m  radius_m
+    0  0.0  0.0   0.00004    0.0001
+    """
+    return pd.DataFrame(_checked_columns(asperities))
+
+
+def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
+    """The columns of `check_asperities`."""
+    if not isinstance(asperities, pd.DataFrame):
+        raise InputError(
+            f"asperities must be a table (DataFrame) with columns {', '.join(ASPERITIES.first)}, "
+            f"got {type(asperities).__name__}"
+        )
+    missing = [name for name in ASPERITIES.first if name not in asperities]
+    if missing:
+        raise InputError(
+            f"asperities: column {missing[0]!r} is missing; it needs {', '.join(ASPERITIES.first)}"
+        )
+    columns = {name: _finite_column(asperities, name) for name in ASPERITIES.first}
+    columns |= _filled_columns(asperities, columns["radius_m"])
+    added = (BASE_COLUMN, MODULUS_COLUMN)
+    columns |= {name: _finite_column(asperities, name) for name in added if name in asperities}
+    for name in (*_RADII, "young_modulus_Pa", MODULUS_COLUMN):
+        bad = np.flatnonzero(columns.get(name, np.ones(1)) <= 0)
+        if bad.size:
+            raise InputError(
+                f"asperities: row {bad[0]}, column {name!r} must be positive, "
+                f"got {float(columns[name][bad[0]])!r}"
+            )
+    low, high = LENGTH_RANGE_M
+    for name, values in columns.items():
+        if not name.endswith("_m"):
+            continue
+        beyond = np.flatnonzero((np.abs(values) > high) | (values < low if name in _RADII else False))
+        if beyond.size:
+            raise InputError(
+                f"asperities: row {beyond[0]}, column {name!r} must be a length up to {high:g} m (radii from "
+                f"{low:g} m), got {float(values[beyond[0]])!r}; check its unit"
+            )
+    return columns
+
+
+_RADII = ("radius_m", "radius_2_m")
+
+
+def _filled_columns(asperities: pd.DataFrame, radius: Values) -> dict[str, Values]:
+    """The columns for ellipsoids and moduli in which the table states anything, without empty cells."""
+    empty: dict[str, Values | float] = {"radius_2_m": radius, "azimuth_rad": 0.0, "young_modulus_Pa": np.nan}
+    columns = {}
+    for name, meaning in empty.items():
+        if name in asperities and (stated := asperities[name].notna().to_numpy()).any():
+            given = _finite_column(asperities[[name]].where(stated[:, None], 1.0), name)
+            columns[name] = np.where(stated, given, meaning)
+    return columns
+
+
+def refuse_own_caps(
+    asperities: pd.DataFrame, purpose: str, *, columns: Collection[str] = ASPERITIES.later
+) -> None:
+    """Raise `InputError` if the table has ellipsoidal caps or moduli of single asperities.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+    purpose : str
+        What takes spherical caps of one modulus only: the subject of the sentence.
+    columns : collection of str
+        Those that must be empty.
+    """
+    stated = [name for name in sorted(columns) if name in asperities and asperities[name].notna().any()]
+    if stated:
+        kind = (
+            "asperities of one modulus" if stated == ["young_modulus_Pa"] else "spherical caps of one modulus"
+        )
+        raise InputError(f"{purpose} takes {kind}; leave the column {stated[0]} of the asperities empty")
+
+
+def _finite_column(table: pd.DataFrame, name: str) -> Values:
+    """A column as float64, or an error that names the row."""
+    try:
+        values = table[name].to_numpy(dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = pd.to_numeric(table[name], errors="coerce").to_numpy(dtype=np.float64, na_value=np.nan)
+        row = int(np.flatnonzero(np.isnan(numbers))[0]) if np.isnan(numbers).any() else 0
+        raise InputError(
+            f"asperities: row {row}, column {name!r} must be a number, got {table[name].iloc[row]!r}"
+        ) from None
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise InputError(
+            f"asperities: row {bad[0]}, column {name!r} must be finite, got {float(values[bad[0]])!r}"
+        )
+    return values
+
+
+def composite_apexes(
+    asperities: pd.DataFrame, *, indenter_radius: float, apex: tuple[float, float] = (0.0, 0.0)
+) -> pd.DataFrame:
+    """The summits of asperities and lens combined, exact for parabolic caps under a parabolic lens.
+
+    Radius ``R Rl/(R + Rl)``, apex at ``x Rl/(R + Rl)`` from the lens's apex, height ``h - r^2/(2 (R + Rl))``:
+    the cap meets the lens not above its own summit but where both slopes agree. For ellipsoidal caps this
+    holds along each of the two principal axes.
+
+    Parameters
+    ----------
+    asperities : DataFrame
+        As for `check_asperities`.
+    indenter_radius : float, m
+        ``Rl``; infinite for a flat, under which the caps are their own composites.
+    apex : (float, float), m
+        Where the lens's apex stands over the sample.
+
+    Returns
+    -------
+    DataFrame
+        The same rows: where a first contact lies, with which height and which radius. Where there are
+        ellipsoids, ``radius_m`` is the geometric mean of the two radii, with their ratio in ``radius_ratio``
+        and the direction of the larger one in ``azimuth_rad``; where moduli are unequal, there are
+        ``modulus_ratio`` and ``base_radius_m``.
+
+    Raises
+    ------
+    InputError
+        If the table breaks a rule (`check_asperities`), the indenter's radius is not positive, or all
+        asperities lie farther from the apex than that radius.
+
+    Notes
+    -----
+    Leaving the difference out costs 0.06-0.08 % of the load on the pattern SA+ at 0.02-0.5 N.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> cap = pd.DataFrame({"x_m": [1e-3], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
+    >>> composite_apexes(cap, indenter_radius=9.9e-3)
+           x_m  y_m   height_m  radius_m
+    0  0.00099  0.0  -0.00001  0.000099
+    """
+    table = _checked_columns(asperities)
+    if not float(indenter_radius) > 0:
+        raise InputError(f"indenter_radius must be positive (inf for a flat), got {indenter_radius!r} m")
+    x0, y0 = (float(value) for value in apex)
+    if not (np.isfinite(x0) and np.isfinite(y0)):
+        raise InputError(f"apex must be two finite coordinates, got {apex!r} m")
+    R = table["radius_m"]
+    dx, dy = table["x_m"] - x0, table["y_m"] - y0
+    squared = dx**2 + dy**2
+    if squared.size and np.sqrt(squared.min()) > indenter_radius:
+        raise InputError(
+            f"no asperity lies under the indenter: the nearest is {np.sqrt(squared.min()):.3g} m from its "
+            f"apex at {apex!r} m, farther than its radius of {indenter_radius:.3g} m; "
+            "check x_m, y_m and the apex"
+        )
+    base = table.get(BASE_COLUMN, 0.0)
+    if "radius_2_m" in table:
+        summits = _ellipsoid_apexes(table, (dx, dy), indenter_radius)
+        x, y, drop = x0 + summits.pop("x_m"), y0 + summits.pop("y_m"), summits.pop("drop")
+        flat = {"x_m": x, "y_m": y, "height_m": table["height_m"] + base - drop}
+        return pd.DataFrame(flat | summits | _cap_bases(table))
+    nearness = R / indenter_radius  # R/Rl: zero under a flat
+    drop = squared / (2 * R) * (nearness / (1 + nearness))
+    return pd.DataFrame(
+        {
+            "x_m": x0 + dx / (1 + nearness),
+            "y_m": y0 + dy / (1 + nearness),
+            "height_m": table["height_m"] + base - drop,
+            "radius_m": R / (1 + nearness),
+        }
+        | _cap_bases(table)
+    )
+
+
+def _ellipsoid_apexes(
+    table: dict[str, Values], place: tuple[Values, Values], indenter_radius: float
+) -> dict[str, Values]:
+    """Composite summits of ellipsoidal caps relative to the apex of the lens, and their drop.
+
+    Along each principal axis the equations are those of spherical caps.
+    """
+    radii = np.stack([table["radius_m"], table["radius_2_m"]])
+    azimuth = table.get("azimuth_rad", np.zeros(len(radii[0])))
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    along = np.stack([cosine * place[0] + sine * place[1], cosine * place[1] - sine * place[0]])
+    nearness = radii / indenter_radius
+    first, second = along / (1 + nearness)
+    composite = radii / (1 + nearness)
+    turned = azimuth + np.where(composite[1] > composite[0], np.pi / 2, 0.0)
+    return {
+        "x_m": cosine * first - sine * second,
+        "y_m": sine * first + cosine * second,
+        "drop": np.sum(along**2 / (2 * radii) * (nearness / (1 + nearness)), axis=0),
+        "radius_m": np.sqrt(composite[0] * composite[1]),
+        RATIO_COLUMN: composite.max(axis=0) / composite.min(axis=0),
+        "azimuth_rad": (turned + np.pi / 2) % np.pi - np.pi / 2,
+    }
+
+
+def _cap_bases(table: dict[str, Values]) -> dict[str, Values]:
+    """The columns of composite summits for unequal moduli; none where all moduli are equal.
+
+    An elliptic base counts as the circle whose punch is as stiff.
+    """
+    if MODULUS_COLUMN not in table:
+        return {}
+    ratio, height = table[MODULUS_COLUMN], table["height_m"]
+    low = np.flatnonzero((ratio != 1) & ~(height > 0))
+    if low.size:
+        raise InputError(
+            f"asperities: row {low[0]}, column 'height_m' must be positive for an asperity with a modulus of "
+            f"its own, which stands on the base plane, got {float(height[low[0]])!r}"
+        )
+    radii = np.stack([table["radius_m"], table.get("radius_2_m", table["radius_m"])])
+    base = base_radius(height, np.sqrt(radii[0] * radii[1]))
+    return {
+        MODULUS_COLUMN: ratio,
+        CAP_BASE_COLUMN: base / punch_factor(np.sqrt(radii.min(axis=0) / radii.max(axis=0))),
+    }
