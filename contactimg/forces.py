@@ -14,17 +14,21 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.effects.local_law import law_name
-from contactimg.errors import InputError
-from contactimg.mechanics import hertz_ellipse, sphere
-from contactimg.mechanics.contact_force import ForceLaw, adhesive_pull, pressing_force
+from contactimg.mechanics import hertz_ellipse
+from contactimg.mechanics.contact_force import (
+    HERTZ_EXPONENT,
+    ForceLaw,
+    adhesive_pull,
+    force_exponents,
+    pressing_force,
+)
+from contactimg.mechanics.profiles import AxisymmetricProfile
 from contactimg.models.cap_shapes import CapShapes
+from contactimg.models.profile_law import pressed_profile
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
 from contactimg.tables import FRAMES, Flag
 from contactimg.unseen import NOTHING, Total, unseen_area, unseen_force
-
-HERTZ_EXPONENT = 3.0
-"""Theory: p ~ a^3 (Hertz)."""
 
 ADHESION_EXPONENT = 1.5
 """Theory: adhesion takes sqrt(8 pi w E* a^3) ~ a^(3/2) from the force (JKR)."""
@@ -60,7 +64,7 @@ def assign_forces(
     *,
     contact_modulus: float,
     modulus_relative_std: float = 0.0,
-    law: ForceLaw = "hertz",
+    law: ForceLaw | AxisymmetricProfile = "hertz",
     work_of_adhesion: float = 0.0,
     elliptic: bool = False,
 ) -> pd.DataFrame:
@@ -80,7 +84,8 @@ def assign_forces(
         E*, Pa.
     modulus_relative_std : float
         Relative standard uncertainty of E*; it enters every force alike.
-    law : {"hertz", "sphere"}
+    law : {"hertz", "sphere"} or AxisymmetricProfile
+        A profile is that of asperity and lens together (`contactimg.mechanics.profiles.ProfileUnderLens`).
     work_of_adhesion : float, J/m^2
         w; 0 for contacts that do not adhere.
     elliptic : bool
@@ -146,46 +151,6 @@ def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
     axes = contacts[["semi_major_px", "semi_minor_px"]].to_numpy(float, copy=True)
     axes[(contacts["shape"] != "ellipse").to_numpy(bool)] = 1.0
     return hertz_ellipse.load_ratio(*axes.T)
-
-
-def force_exponents(
-    radius: ArrayLike, sphere_radius: ArrayLike, *, law: ForceLaw = "hertz"
-) -> NDArray[np.float64]:
-    """Exponent ``d ln p/d ln a`` of the force law at each contact: 3 for Hertz, more for the sphere.
-
-    Parameters
-    ----------
-    radius, sphere_radius : array_like, m
-        They broadcast.
-    law : {"hertz", "sphere"}
-
-    Returns
-    -------
-    ndarray
-        NaN where a radius is not known, or where the law gives no force (a contact as wide as its sphere).
-
-    Raises
-    ------
-    InputError
-        If there is no such law.
-
-    Examples
-    --------
-    >>> force_exponents([1e-6, 5e-5], 1e-4, law="sphere").round(3)
-    array([3.   , 3.258])
-    """
-    if law not in ("hertz", "sphere"):
-        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
-    a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
-    exponent = np.where(np.isfinite(a) & np.isfinite(R), HERTZ_EXPONENT, np.nan)
-    if law == "sphere":
-        ratio = np.where(np.isfinite(exponent), a, 0.0) / np.where(np.isfinite(exponent), R, 1.0)
-        inside = (ratio > 0) & (ratio < 1)
-        s = ratio[inside]
-        # dP/ddelta = 2 E* a and ddelta/da = atanh(s) + s/(1 - s^2), s = a/R
-        exponent[inside] = 2 * s**2 * (np.arctanh(s) + s / (1 - s**2)) / sphere.scaled_load(s)
-        exponent[ratio >= 1] = np.nan
-    return exponent
 
 
 def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
@@ -422,7 +387,8 @@ def local_forces(
         Composite summits of the asperities.
     """
     elastic = scene.need("elastic", "local forces")
-    law: ForceLaw = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    law: ForceLaw | AxisymmetricProfile = "sphere" if scene.effects.sphere_profile == "on" else "hertz"
+    law = pressed_profile(scene) or law
     work = elastic.work_of_adhesion if scene.effects.adhesion == "on" else 0.0
     radii = sphere_radii(contacts, scene, sites)
     contacts = assign_forces(

@@ -5,8 +5,9 @@ import pandas as pd
 import pytest
 
 from contactimg.errors import InputError
-from contactimg.forces import assign_forces, force_exponents, total_area, total_force
+from contactimg.forces import assign_forces, total_area, total_force
 from contactimg.mechanics import hertz, jkr, sphere
+from contactimg.mechanics.contact_force import force_exponents
 from contactimg.pipeline.inputs import contact_sites, need_asperities
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict

@@ -86,16 +86,19 @@ class LawPlan:
         Those of them that the scene itself leaves out.
     messages : tuple of str
         One sentence for each other switch that contradicts the estimates, and for a layer too thin.
+    shapes : CapShapes or None
+        Of asperities that are not spherical caps of one modulus.
     """
 
     scene: Scene
     left_out: dict[str, float]
     switched_off: tuple[str, ...] = ()
     messages: tuple[str, ...] = ()
+    shapes: CapShapes | None = None
 
     def sentence(self) -> str:
         """The law, and what it leaves out."""
-        law = law_name(self.scene, elliptic=self.scene.measure.hertz == "ellipse")
+        law = law_name(self.scene, elliptic=self.scene.measure.hertz == "ellipse", shapes=self.shapes)
         words = ", ".join(LAW_WORDS[part] for part in law.split("+"))
         left = "; ".join(map(self._loss, self.left_out)) or "nothing that acts on them is left out"
         return "; ".join([f"local forces by the law {law} ({words})", left, *self.messages])
@@ -103,6 +106,8 @@ class LawPlan:
     def _loss(self, effect: str) -> str:
         """What is left out with an effect."""
         why = ", as the scene says" if effect in self.switched_off else ""
+        if self.shapes is not None:
+            why = f", not defined for asperities {self.shapes.words}"
         return f"left out{why}: {EFFECT_WORDS[effect]} ({100 * self.left_out[effect]:.2g} % of the forces)"
 
 
@@ -166,9 +171,10 @@ def plan_law(scene: Scene, contacts: pd.DataFrame, sphere_radius: Values) -> Law
 def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
     """Decide on the law of the local forces from what the contacts of all frames say of it."""
     elastic = scene.need("elastic", "local forces")
+    changes = {} if scene.asperities is not None and scene.asperities.profiled else evidence.changes
     estimates = [
         EffectEstimate(name, change, "from the measured radii", changes={"force": change, "profile": change})
-        for name, change in evidence.changes.items()
+        for name, change in changes.items()
     ]
     tolerance = scene.tolerance
     decisions, messages = decide(

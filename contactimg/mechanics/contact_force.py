@@ -1,5 +1,6 @@
-"""The force on a contact of a given radius: Hertz's law, the exact sphere's, and what adhesion takes away."""
+"""The force on a contact of a given radius: of a paraboloid, sphere or profile, and what adhesion takes."""
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -7,15 +8,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz, sphere
+from contactimg.mechanics.profiles import AxisymmetricProfile
 
 Values = NDArray[np.float64]
+
+HERTZ_EXPONENT = 3.0
+"""Theory: p ~ a^3 (Hertz)."""
 
 ForceLaw = Literal["hertz", "sphere"]
 """Hertz's law of a paraboloid, or the sphere's exact law (Sneddon)."""
 
 
 def pressing_force(
-    radius: ArrayLike, sphere_radius: ArrayLike, *, contact_modulus: float, law: ForceLaw = "hertz"
+    radius: ArrayLike,
+    sphere_radius: ArrayLike,
+    *,
+    contact_modulus: float,
+    law: ForceLaw | AxisymmetricProfile = "hertz",
 ) -> Values:
     """Force (N) that presses contacts to their radius, without adhesion.
 
@@ -26,12 +35,14 @@ def pressing_force(
     radius, sphere_radius : array_like, m
         They broadcast.
     contact_modulus : float, Pa
-    law : {"hertz", "sphere"}
+    law : {"hertz", "sphere"} or AxisymmetricProfile
+        For a profile ``sphere_radius`` does not matter.
 
     Returns
     -------
     ndarray
-        NaN where a radius is not known, and by the sphere's law for a contact as wide as its sphere.
+        NaN where a radius is not known, by the sphere's law for a contact as wide as its sphere, and for one
+        wider than a profile is described.
 
     Raises
     ------
@@ -43,8 +54,10 @@ def pressing_force(
     >>> pressing_force([3e-5], 1e-4, contact_modulus=4e6).round(8)
     array([0.00144])
     """
+    if not isinstance(law, str):
+        return contact_modulus * _of_profile(law, np.asarray(radius, float), law.force)
     if law not in ("hertz", "sphere"):
-        raise InputError(f'law must be "hertz" or "sphere", got {law!r}')
+        raise InputError(f'law must be "hertz" or "sphere", or a profile, got {law!r}')
     a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
     known = np.isfinite(a) & np.isfinite(R)
     if law == "sphere":
@@ -55,6 +68,59 @@ def pressing_force(
     else:
         force[known] = hertz.load(a[known], sphere_radius=R[known], contact_modulus=contact_modulus)
     return force
+
+
+def _of_profile(profile: AxisymmetricProfile, radius: Values, function: Callable[[Values], Values]) -> Values:
+    """A function of contact radii where the profile describes these; 0 at 0, NaN elsewhere."""
+    result = np.where(radius == 0, 0.0, np.nan)
+    described = (radius > 0) & (radius <= profile.widest)
+    result[described] = function(radius[described])
+    return result
+
+
+def force_exponents(
+    radius: ArrayLike, sphere_radius: ArrayLike, *, law: ForceLaw | AxisymmetricProfile = "hertz"
+) -> Values:
+    """Exponent ``d ln p/d ln a`` of the force law at each contact: 3 for Hertz, more for the sphere.
+
+    Parameters
+    ----------
+    radius, sphere_radius : array_like, m
+        They broadcast.
+    law : {"hertz", "sphere"} or AxisymmetricProfile
+
+    Returns
+    -------
+    ndarray
+        NaN where a radius is not known, or where the law gives no force (a contact as wide as its sphere).
+
+    Raises
+    ------
+    InputError
+        If there is no such law.
+
+    Examples
+    --------
+    >>> force_exponents([1e-6, 5e-5], 1e-4, law="sphere").round(3)
+    array([3.   , 3.258])
+    """
+    if not isinstance(law, str):
+        # dP/ddelta = 2 E* a
+        return _of_profile(
+            law, np.asarray(radius, float), lambda a: 2 * a**2 * law.steepness(a) / law.force(a)
+        )
+    if law not in ("hertz", "sphere"):
+        raise InputError(f'law must be "hertz" or "sphere", or a profile, got {law!r}')
+    a, R = np.broadcast_arrays(np.asarray(radius, float), np.asarray(sphere_radius, float))
+    exponent = np.where(np.isfinite(a) & np.isfinite(R), HERTZ_EXPONENT, np.nan)
+    if law == "sphere":
+        ratio = np.where(np.isfinite(exponent), a, 0.0) / np.where(np.isfinite(exponent), R, 1.0)
+        inside = (ratio > 0) & (ratio < 1)
+        s = ratio[inside]
+        # dP/ddelta = 2 E* a and ddelta/da = atanh(s) + s/(1 - s^2), s = a/R
+        exponent[inside] = 2 * s**2 * (np.arctanh(s) + s / (1 - s**2)) / sphere.scaled_load(s)
+        exponent[ratio >= 1] = np.nan
+    return exponent
 
 
 def adhesive_pull(radius: ArrayLike, *, contact_modulus: float, work_of_adhesion: float) -> Values:

@@ -49,7 +49,7 @@ def axis_ratio(radius_ratio: ArrayLike) -> Values:
     Examples
     --------
     >>> axis_ratio([1.0, 2.0, 10.0]).round(4)
-    array([1.    , 0.6354, 0.2233])
+    array([1.    , 0.6306, 0.2222])
     """
     ratio = np.asarray(radius_ratio, float)
     if not (np.isfinite(ratio) & (ratio >= 1)).all():
@@ -109,7 +109,7 @@ def depth_factor(ratio: ArrayLike) -> Values:
     Examples
     --------
     >>> depth_factor([1.0, 0.5]).round(4)
-    array([1.    , 0.9849])
+    array([1.    , 0.9852])
     """
     return punch_factor(ratio) / np.cbrt(area_factor(ratio))
 
@@ -122,7 +122,7 @@ def punch_factor(ratio: ArrayLike) -> Values:
     Examples
     --------
     >>> punch_factor([1.0, 0.5]).round(4)
-    array([1.    , 0.9705])
+    array([1.    , 0.9708])
     """
     ratio = np.asarray(ratio, float)
     return 2 / np.pi * np.sqrt(ratio) * elliprf(0, ratio**2, 1)

@@ -173,3 +173,43 @@ class TabulatedProfile:
         m, b = self._moments(radius), self._slopes[1]
         bent = m[1] @ b[1] + 2 * m[2] @ b[2]
         return np.einsum("js,jas->a", b, m[:3]) + bent
+
+
+@dataclass(frozen=True)
+class ProfileUnderLens:
+    """An asperity and the paraboloid of the lens that presses on it: Sneddon's integrals add up.
+
+    Parameters
+    ----------
+    profile : AxisymmetricProfile
+        Of the asperity.
+    indenter_radius : float, m
+        Of the lens; infinite for a flat.
+
+    Examples
+    --------
+    >>> cap = PowerLawProfile(2.0, width=1e-4, drop=5e-5)  # a paraboloid of radius 0.1 mm
+    >>> both = ProfileUnderLens(cap, indenter_radius=1e-4)  # acts as one of 0.05 mm
+    >>> both.indentation(np.array([1e-5])) * 5e-5 / 1e-5**2
+    array([1.])
+    """
+
+    profile: AxisymmetricProfile
+    indenter_radius: float
+
+    @property
+    def widest(self) -> float:
+        """Largest contact radius that the profile describes, m."""
+        return self.profile.widest
+
+    def indentation(self, radius: Values) -> Values:
+        """``delta``, m."""
+        return self.profile.indentation(radius) + radius**2 / self.indenter_radius
+
+    def force(self, radius: Values) -> Values:
+        """``P/E*``, m^2."""
+        return self.profile.force(radius) + 4 * radius**3 / (3 * self.indenter_radius)
+
+    def steepness(self, radius: Values) -> Values:
+        """``d delta/d a``."""
+        return self.profile.steepness(radius) + 2 * radius / self.indenter_radius

@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.mechanics.profiles import AxisymmetricProfile
+from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
 from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
@@ -206,7 +206,7 @@ def _local_law(
     """The law of one asperity in units of length and depth (m)."""
     if isinstance(law, str):
         return asperity_law(law, aspect=depth / length)
-    return ProfileLaw(law, conditions.indenter_radius, length, depth)
+    return ProfileLaw(ProfileUnderLens(law, conditions.indenter_radius), length, depth)
 
 
 def forces_from_indentation(

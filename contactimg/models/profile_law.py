@@ -6,7 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError, ModelRangeError
-from contactimg.mechanics.profiles import AxisymmetricProfile, PowerLawProfile, TabulatedProfile
+from contactimg.mechanics.profiles import (
+    AxisymmetricProfile,
+    PowerLawProfile,
+    ProfileUnderLens,
+    TabulatedProfile,
+)
 from contactimg.models.asperity_laws import Caps
 from contactimg.scene import Scene
 
@@ -43,22 +48,28 @@ def stated_profile(scene: Scene) -> AxisymmetricProfile | None:
     return PowerLawProfile(exponent, width=width, drop=drop)
 
 
+def pressed_profile(scene: Scene) -> ProfileUnderLens | None:
+    """The profile that a scene states, under its lens; None for caps."""
+    profile = stated_profile(scene)
+    if profile is None:
+        return None
+    return ProfileUnderLens(profile, np.inf if scene.indenter is None else scene.indenter.radius)
+
+
 @dataclass(frozen=True)
 class ProfileLaw:
-    """Force and contact radius of the profile plus the paraboloid of the lens (Sneddon's integrals add up).
+    """Force and contact radius of a profile under a lens, without dimensions.
 
     The slope of the lens shifts the summit as that of a paraboloid of the asperity's radius of curvature.
 
     Parameters
     ----------
-    profile : AxisymmetricProfile
-    indenter_radius : float, m
+    profile : ProfileUnderLens
     length, depth : float, m
         Units along the surface and of heights.
     """
 
-    profile: AxisymmetricProfile
-    indenter_radius: float
+    profile: ProfileUnderLens
     length: float
     depth: float
 
@@ -70,8 +81,7 @@ class ProfileLaw:
             return force, contact_radius
         guess = np.sqrt(caps.radius[rows] * penetration[rows]) * self.length
         a = self._contact_radius(penetration[rows] * self.depth, guess)
-        lens = 4 * a**3 / (3 * self.indenter_radius)
-        force[rows] = (self.profile.force(a) + lens) / (self.length * self.depth)
+        force[rows] = self.profile.force(a) / (self.length * self.depth)
         contact_radius[rows] = a / self.length
         return force, contact_radius
 
@@ -79,9 +89,8 @@ class ProfileLaw:
         """Contact radius at an indentation: Newton's method between their logarithms."""
         a = guess
         for _ in range(_MAX_STEPS):
-            reached = self.profile.indentation(a) + a**2 / self.indenter_radius
-            slope = self.profile.steepness(a) + 2 * a / self.indenter_radius
-            step = np.log(reached / depth) * reached / (a * slope)
+            reached = self.profile.indentation(a)
+            step = np.log(reached / depth) * reached / (a * self.profile.steepness(a))
             a = a * np.exp(-np.clip(step, -2, 2))
             if np.all(np.abs(step) <= 1e-15 * 8):
                 break

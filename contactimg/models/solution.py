@@ -116,18 +116,22 @@ class InteractingSolution:
         return self.composite_radius if self.shapes is None else self.shapes.area_radius
 
     @property
-    def _strain_radius(self) -> Values:
-        return self.composite_radius if self.shapes is None else self.shapes.strain_radius
+    def _widths(self) -> tuple[Values, Values]:
+        """Half the widths of the contacts, and the radii (m) that these are compared with for ``a/R``."""
+        if self.shapes is None:
+            return self.radius, self.composite_radius
+        stretch = np.sqrt(self.shapes.axis_ratio)
+        return self.radius / stretch, self.shapes.strain_radius / stretch
 
     @cached_property
     def validity(self) -> Validity:
         """How far the solution is from the limits of the model."""
-        rows = self.touching
+        rows, (half_width, radius) = self.touching, self._widths
         return assess(
             self.x[rows],
             self.y[rows],
-            self.radius[rows],
-            radius=self._strain_radius[rows],
+            half_width[rows],
+            radius=radius[rows],
             base_gap=self.height[rows] - self.penetration[rows],
             thickness=self.thickness,
         )
@@ -167,7 +171,7 @@ class InteractingSolution:
                     "holes": 0,
                     "asperity": rows,
                     "force_N": self.force[rows],
-                    "flags": contact_flags(x, y, a, self._strain_radius[rows]),
+                    "flags": contact_flags(x, y, *(widths[rows] for widths in self._widths)),
                 }
             )
         )

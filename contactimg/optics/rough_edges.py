@@ -50,7 +50,9 @@ def rough_outlines(radius_px: ArrayLike, *, rms_px: float, rng: np.random.Genera
     return edges * equal_area[:, None] - radius[:, None]
 
 
-def elliptic_outlines(semi_major_px: ArrayLike, semi_minor_px: ArrayLike, angle: ArrayLike) -> Values:
+def elliptic_outlines(
+    semi_major_px: ArrayLike, semi_minor_px: ArrayLike, angle: ArrayLike, *, outline_px: Values
+) -> Values:
     """Deviations of ellipses from the circles of their areas in each sector of the azimuth, from -pi on.
 
     Parameters
@@ -58,6 +60,8 @@ def elliptic_outlines(semi_major_px: ArrayLike, semi_minor_px: ArrayLike, angle:
     semi_major_px, semi_minor_px : array_like, shape (n,), px
     angle : array_like, shape (n,), rad
         Of the major axis, from +x towards +y.
+    outline_px : ndarray, shape (n, k), px
+        Deviations of rough circles, which are stretched to the ellipses.
 
     Returns
     -------
@@ -66,12 +70,14 @@ def elliptic_outlines(semi_major_px: ArrayLike, semi_minor_px: ArrayLike, angle:
 
     Examples
     --------
-    >>> elliptic_outlines([4.0], [1.0], [0.0])[0, [0, 64]].round(2)
-    array([ 2.  , -1.  ])
+    >>> elliptic_outlines([4.0], [1.0], [0.0], outline_px=np.zeros((1, 1)))[0, [0, 64]].round(2)
+    array([ 2., -1.])
     """
     a, b, turn = (np.asarray(values, float)[:, None] for values in (semi_major_px, semi_minor_px, angle))
     sectors = SECTORS * int(np.ceil(np.max(a / b, initial=1.0) / SECTORS_FOR_RATIO))
     azimuth = -np.pi + 2 * np.pi * (np.arange(sectors) + 0.5) / sectors - turn
-    edges = a * b / np.hypot(b * np.cos(azimuth), a * np.sin(azimuth))
-    radius = np.sqrt(a * b)
+    edges, radius = a * b / np.hypot(b * np.cos(azimuth), a * np.sin(azimuth)), np.sqrt(a * b)
+    on_circle = np.arctan2(a * np.sin(azimuth), b * np.cos(azimuth))  # where the point lay before stretching
+    sector = ((on_circle + np.pi) / (2 * np.pi) * outline_px.shape[1]).astype(np.intp) % outline_px.shape[1]
+    edges = edges * (1 + np.take_along_axis(outline_px, sector, axis=1) / radius)
     return edges * radius / np.sqrt(np.mean(edges**2, axis=1, keepdims=True)) - radius

@@ -53,7 +53,7 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     >>> plan.coupling, plan.is_on("layer")
     ('asymptotic', False)
     """
-    refuse_profile(scene)
+    refuse_profile(scene, "`effects`")
     asperities = need_asperities(scene, "planning the effects")
     chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
     return make_plan(scene, asperities, load=chosen)
@@ -109,7 +109,13 @@ def film_setting(scene: Scene, sites: pd.DataFrame | None) -> FilmSetting | None
     asked = scene.effects.film
     if scene.measure.method != "disk":
         return None
-    radius = common_radius(scene, sites)
+    if scene.asperities is not None and scene.asperities.profiled:
+        if asked == "on":
+            raise InputError(
+                '[effects] film = "on" is defined for caps, not for a stated profile; switch it off'
+            )
+        return None
+    radius = common_radius(scene, None)
     if not np.isfinite(radius) and sites is not None and len(sites):
         radius = float(sites["radius_m"].mean())
     if asked != "on" and (scene.camera is None or not np.isfinite(radius)):

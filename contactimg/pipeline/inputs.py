@@ -13,6 +13,7 @@ from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.references import average_references
 from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.cap_shapes import CapShapes
+from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
@@ -86,12 +87,12 @@ def need_asperities(scene: Scene, purpose: str) -> pd.DataFrame:
     return asperities
 
 
-def refuse_profile(scene: Scene) -> None:
-    """Refuse asperities of a stated profile where forces, rims and averages are those of caps."""
+def refuse_profile(scene: Scene, purpose: str) -> None:
+    """Refuse asperities of a stated profile for what compares models of caps."""
     if scene.asperities is not None and scene.asperities.profiled:
         raise InputError(
-            "[asperities] states a profile, which only `predict` takes; for this command leave out "
-            "profile_exponent, profile_width_m, profile_drop_m and profile_points_m: its asperities are caps"
+            f"[asperities] states a profile, and {purpose} takes caps; leave out profile_exponent, "
+            "profile_width_m, profile_drop_m and profile_points_m"
         )
 
 
@@ -104,24 +105,32 @@ def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
         If the scene switches one of them on.
     """
     shapes = None if sites is None else CapShapes.of(sites)
-    if shapes is None:
+    words = "" if shapes is None else shapes.words
+    if stated_profile(scene) is not None:
+        if words:
+            raise InputError(
+                f"[asperities] states a profile, and the table caps {words}; keep one of the two"
+            )
+        words = PROFILED
+    if not words:
         return scene
-    switches = {name: getattr(scene.effects, name) for name in OF_CAPS_ONLY}
-    ordered = [name for name, switch in switches.items() if switch == "on"]
+    ordered = [name for name in OF_CAPS_ONLY if getattr(scene.effects, name) == "on"]
     if ordered:
         raise InputError(
-            f"[effects] {ordered[0]} is not defined for asperities {shapes.words}; switch it off, or "
-            "leave the columns of the asperities empty that make them so"
+            f"[effects] {ordered[0]} is not defined for asperities {words}; switch it off, or describe "
+            "them as spherical caps of one modulus"
         )
-    logger.warning(left_out_for(shapes.words))
-    return scene.model_copy(
-        update={"effects": scene.effects.model_copy(update=dict.fromkeys(OF_CAPS_ONLY, "off"))}
-    )
+    if words == PROFILED and scene.measure.hertz == "ellipse":
+        raise InputError(
+            '[measure] hertz = "ellipse" is defined for caps, not for a stated profile; take "equal_area"'
+        )
+    logger.warning(left_out_for(words))
+    off = scene.effects.model_copy(update=dict.fromkeys(OF_CAPS_ONLY, "off"))
+    return scene.model_copy(update={"effects": off})
 
 
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
-    refuse_profile(scene)
     if scene.indenter is None:
         return asperities
     shaped = shaped_asperities(asperities, scene)

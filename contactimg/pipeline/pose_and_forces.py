@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from contactimg.effects.local_law import LawPlan, plan_law
 from contactimg.forces import LengthScale, fill_forces, sphere_radii
+from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
@@ -169,6 +170,8 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None
     else:
         scale = LengthScale(run.pose.pose.pixel_size, run.pose.length_relative_std)
     law = law or local_law(run, sites)
+    if law is not None and sites is not None:
+        law = replace(law, shapes=CapShapes.of(sites))
     contacts, frames = fill_forces(
         run.scene if law is None else law.scene, run.contacts, run.frames, sites, scale
     )

@@ -18,7 +18,7 @@ from contactimg.pipeline.background.second_pass import measure_on_background
 from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_scene_frame
-from contactimg.pipeline.inputs import contact_sites, refuse_profile, scene_asperities, scene_of_defined_laws
+from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.run import Run
@@ -90,7 +90,6 @@ def measure_parts(
 ) -> MeasuredSeries:
     """Measure every frame of an opened experiment, in little memory if there is a store."""
     scene = experiment.scene
-    refuse_profile(scene)
     asperities = None if scene.camera is None else scene_asperities(scene)
     sites = None if asperities is None else contact_sites(asperities, scene)
     scene = scene_of_defined_laws(scene, sites)

@@ -16,7 +16,7 @@ from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
-from contactimg.pipeline.inputs import contact_sites, refuse_profile
+from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.loading_path import loads_before
 from contactimg.prediction import make_mechanical_plan, predict_contacts, with_memory
 from contactimg.render import render_contacts, render_reference, render_smooth_contact
@@ -64,7 +64,7 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
         If the indenter reaches the plane between the asperities.
     """
     simulate = scene.need("simulate", "simulating frames")
-    refuse_profile(scene)
+    _refuse_film_of_profile(scene)
     scene.need("camera", "simulating frames")
     scene.check_effects()
     read_render_settings(scene)
@@ -75,6 +75,14 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
     plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
     scene = with_memory(scene, loads_before(scene, min(simulate.loads), simulate.loads))
     return SimulationPlan(explicit_switches(_with_effects_of(scene, plans)), plans)
+
+
+def _refuse_film_of_profile(scene: Scene) -> None:
+    """Refuse the air film around asperities of a stated profile."""
+    if scene.effects.film == "on" and scene.asperities is not None and scene.asperities.profiled:
+        raise InputError(
+            'the air film is rendered around caps, not for a stated profile; set [effects] film = "off"'
+        )
 
 
 def _with_effects_of(scene: Scene, plans: Sequence[Plan]) -> Scene:
@@ -140,7 +148,7 @@ def simulate_series(
         If a section is missing or there is no load.
     """
     simulate = scene.need("simulate", "simulating frames")
-    refuse_profile(scene)
+    _refuse_film_of_profile(scene)
     if not simulate.loads:
         raise InputError("simulating frames needs at least one load in [simulate] loads_N; add it")
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)

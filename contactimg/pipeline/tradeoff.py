@@ -101,7 +101,7 @@ def prepare_tradeoff(
     scene, load, knobs, fine
         As for `measure_tradeoff`.
     """
-    refuse_profile(scene)
+    refuse_profile(scene, "`tradeoff`")
     if load is None:
         load = nan
         with suppress(InputError):

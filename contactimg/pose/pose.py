@@ -81,7 +81,7 @@ class Pose:
 
         Examples
         --------
-        >>> mirrored = Pose(1e-6, (0.0, 0.0), (11, 11), mirrored=True)
+        >>> mirrored = Pose((11, 11), 1e-6, mirrored=True)
         >>> mirrored.angle_in_image([0.25]).round(6)
         array([-0.25])
         """

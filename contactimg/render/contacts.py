@@ -105,10 +105,10 @@ def contact_spots(
     visible = truth["radius_px"].to_numpy() > 0
     x_px, y_px, radius_px = (truth.loc[visible, name].to_numpy() for name in PIXEL_COLUMNS)
     brightness = 1 + simulate.brightness_spread * rng.standard_normal(radius_px.size)
-    outline_px = _elliptic_outlines(truth.loc[visible])
+    outline_px = np.zeros((radius_px.size, 1))
     if "edge_roughness" in settings.effects:
-        rough = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
-        outline_px = rough + outline_px if outline_px.shape[1] == 1 else _added(rough, outline_px)
+        outline_px = rough_outlines(radius_px, rms_px=simulate.edge_roughness_px, rng=rng)
+    outline_px = _with_ellipses(outline_px, truth.loc[visible])
     spots = Spots(x_px, y_px, radius_px, brightness, outline_px, simulate.edge_softness_px)
     if "film" not in settings.effects:
         return spots
@@ -125,20 +125,16 @@ def contact_spots(
     )
 
 
-def _elliptic_outlines(truth: pd.DataFrame) -> Values:
-    """Deviation of each outline from the circle of its area: that of ellipses; one sector without any."""
+def _with_ellipses(outline_px: Values, truth: pd.DataFrame) -> Values:
+    """The outlines with those of ellipses stretched from circles; as they are without ellipses."""
     chosen = np.flatnonzero(truth["shape"] == "ellipse")
     if not chosen.size:
-        return np.zeros((len(truth), 1))
-    outlines = elliptic_outlines(*truth.iloc[chosen][ELLIPSE_COLUMNS].to_numpy(float).T)
-    result = np.zeros((len(truth), outlines.shape[1]))
-    result[chosen] = outlines
+        return outline_px
+    axes = truth.iloc[chosen][ELLIPSE_COLUMNS].to_numpy(float).T
+    stretched = elliptic_outlines(*axes, outline_px=outline_px[chosen])
+    result = np.repeat(outline_px, stretched.shape[1] // outline_px.shape[1], axis=1)
+    result[chosen] = stretched
     return result
-
-
-def _added(rough: Values, elliptic: Values) -> Values:
-    """Waves around ellipses, their sectors as narrow as those of the ellipses."""
-    return np.repeat(rough, elliptic.shape[1] // rough.shape[1], axis=1) + elliptic
 
 
 def _sphere_radii(sphere_radius: ArrayLike | None, scene: Scene, count: int) -> Values:

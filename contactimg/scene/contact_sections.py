@@ -193,7 +193,7 @@ class Asperities(Section):
 
     profile_exponent: Positive | None = Field(
         None,
-        description="For `predict`: asperities of the profile drop = profile_drop_m "
+        description="Asperities of the profile drop = profile_drop_m "
         "(r/profile_width_m)^profile_exponent instead of caps: 1 for cones, 2 for paraboloids. radius_m of "
         "the table remains the radius by which the slope of the lens shifts the summits.",
     )
@@ -206,7 +206,7 @@ class Asperities(Section):
     profile_points: list[Point] | None = Field(
         None,
         alias="profile_points_m",
-        description="For `predict`: asperities of a tabulated axisymmetric profile instead: pairs of "
+        description="Asperities of a tabulated axisymmetric profile instead: pairs of "
         "distance from the axis and drop below the summit, m, both increasing from [0, 0].",
     )
 

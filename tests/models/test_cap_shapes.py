@@ -11,6 +11,7 @@ from contactimg.mechanics import hertz_ellipse
 from contactimg.models.asperity_laws import Caps, HertzLaw
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.surfaces import base_radius, composite_apexes
+from contactimg.tables import Flag
 
 E = 4e6
 LENS = {"indenter_radius": 0.1288, "contact_modulus": E, "apex": (1e-3, 1e-3)}
@@ -310,3 +311,18 @@ def test_what_is_not_defined_is_refused_in_one_sentence(patch):
 def test_a_contact_that_covers_its_base_is_refused():
     with pytest.raises(ModelRangeError, match=r"row 0 has a modulus of its own, and its contact"):
         solve_interacting(cap(modulus_ratio=0.2), load=6e-3, **FLAT)
+
+
+def test_long_contacts_side_by_side_overlap_by_their_half_axes():
+    pair = pd.concat([cap(), cap(x_m=9e-5)], ignore_index=True).assign(
+        radius_2_m=1e-3, azimuth_rad=[np.pi / 2, 0]
+    )
+    found = solve_interacting(pair, load=1e-3, coupling="none", **FLAT)
+    contacts = found.contacts()
+    major = contacts["semi_major_m"]
+    assert contacts["radius_m"].sum() < 9e-5 < major.sum()
+    assert (contacts["flags"] & int(Flag.OVERLAP)).all()
+    assert found.validity.n_overlapping == 2
+    # the strain of an ellipse is the larger of a/R' and b/R"
+    strain = np.maximum(major / 1e-3, contacts["semi_minor_m"] / 1e-4)
+    assert found.validity.max_strain == pytest.approx(strain.max())

@@ -13,11 +13,11 @@ from contactimg.effects.mechanics.approximate_state import CandidateSample, Coup
 from contactimg.effects.mechanics.neighbour_field import field_terms
 from contactimg.effects.output_change import Answer, Asperities, output_changes
 from contactimg.errors import ModelRangeError
-from contactimg.mechanics.profiles import AxisymmetricProfile
+from contactimg.mechanics.profiles import ProfileUnderLens
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.asperity_laws import AsperityLaw, HertzLaw, left_out_for
 from contactimg.models.coupling import Kernel
-from contactimg.models.profile_law import PROFILED, ProfileLaw, stated_profile
+from contactimg.models.profile_law import PROFILED, ProfileLaw, pressed_profile
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import HERTZ_LIMIT, close_pairs, contact_flags
 from contactimg.scene import Scene
@@ -55,9 +55,9 @@ class LoadedScene:
     problem: ScaledProblem
 
     @cached_property
-    def profile(self) -> AxisymmetricProfile | None:
-        """The profile of the asperities where the scene states one."""
-        return stated_profile(self.scene)
+    def profile(self) -> ProfileUnderLens | None:
+        """The profile of the asperities under the lens where the scene states one."""
+        return pressed_profile(self.scene)
 
     @property
     def own_law(self) -> str:
@@ -71,8 +71,7 @@ class LoadedScene:
         """The law of the state that the effects are compared with: paraboloids, or the stated profile."""
         if self.profile is None:
             return HertzLaw()
-        indenter = self.scene.need("indenter", PURPOSE)
-        return ProfileLaw(self.profile, indenter.radius, self.problem.length, self.problem.depth)
+        return ProfileLaw(self.profile, self.problem.length, self.problem.depth)
 
     @cached_property
     def sample(self) -> CandidateSample:

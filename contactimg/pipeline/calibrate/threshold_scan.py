@@ -16,7 +16,6 @@ from contactimg.imaging.measure import ImageMeasurement
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import (
     contact_sites,
-    refuse_profile,
     scene_asperities,
     scene_of_defined_laws,
 )
@@ -92,7 +91,6 @@ def measure_thresholds(
     """
     levels = np.sort(np.asarray(thresholds, float))
     scene = experiment.scene
-    refuse_profile(scene)
     scene.need("camera", "a calibration")
     measure = partial(_count_frame, scene=scene, thresholds=levels)
     parts = list(for_each_frame(experiment, measure, workers=workers, advance=advance))
