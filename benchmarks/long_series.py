@@ -15,15 +15,17 @@ import importlib
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
+from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from contactimg.cli import main
-from contactimg.files.frame_store import STORE_FOLDER
+from contactimg.files.frame_store import STORE_FILE, STORE_FOLDER
 from contactimg.pipeline import series
 
 FILES = 200
@@ -119,18 +121,23 @@ def run(folder: Path, out: Path, peak: Peak, *, stored: bool, until: int | None)
     """Process the series; end it when the store holds ``until`` frames. Return the exit code."""
     words = [sys.executable, __file__, "--process", str(folder), str(out), *(["--stored"] if stored else [])]
     child = subprocess.Popen(words)  # noqa: S603
-    store, seen, count = out / STORE_FOLDER / "frames.txt", 0, 0
     while child.poll() is None:
         peak.look(child.pid)
-        if until is not None and store.is_file():
-            with store.open("rb") as file:
-                file.seek(seen)
-                data = file.read()
-            seen, count = seen + len(data), count + data.count(b"\n")
-            if count >= until:
-                child.send_signal(signal.SIGKILL)
+        if until is not None and _stored_frames(out / STORE_FOLDER / STORE_FILE) >= until:
+            child.send_signal(signal.SIGKILL)
         time.sleep(LOOK_EVERY_SECONDS)
     return child.returncode
+
+
+def _stored_frames(store: Path) -> int:
+    """Results that a store holds, with two records each."""
+    if not store.is_file():
+        return 0
+    try:
+        with closing(sqlite3.connect(f"file:{store}?mode=ro", uri=True)) as database:
+            return (database.execute("SELECT max(rowid) FROM results").fetchone()[0] or 0) // 2
+    except sqlite3.OperationalError:  # it is being made
+        return 0
 
 
 def process(folder: str, out: str, *, stored: bool) -> int:

@@ -64,6 +64,7 @@ INNER_ROOMS = {
         "inputs",
         "loading_path",
         "parallel",
+        "measured_frame",
         "edits",
         "effects",
         "frame",

@@ -5,7 +5,7 @@ import time
 from collections import Counter
 
 import pytest
-from joblib.externals.loky import get_reusable_executor
+from loky import get_reusable_executor
 
 from contactimg.cli import main
 from contactimg.engine.calls import in_parallel

@@ -41,14 +41,21 @@ def echo_first_run(*, quiet: bool) -> None:
         click.echo("first run: compiling the numerical code, once; this takes one to two minutes", err=True)
 
 
-def echo_frames(frames: "pd.DataFrame", *, title: str) -> None:
-    """Print the frames in mN and mm^2, one line each, without empty columns; then the messages."""
+def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, int] | None = None) -> None:
+    """Print the frames in mN and mm^2, one line each, without empty columns; then the messages.
+
+    With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
+    """
     heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")
     rows = [_cells(row) for row in frames.to_dict("records")]
     filled = [k for k in range(len(heads)) if k < 2 or any(row[k] for row in rows)]
     _echo_table(title, [heads[k] for k in filled], [[row[k] for k in filled] for row in rows], left=2)
     for row in frames[frames["message"] != ""].to_dict("records"):
         click.echo(f"{row['frame']}: {row['message']}")
+    total = sum((statuses or {}).values())
+    if total > len(frames):
+        counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
+        click.echo(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
 
 
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:

@@ -13,10 +13,7 @@ from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from contactimg.files import Experiment, OutputFolder, TableFormat
-    from contactimg.pipeline.measured_series import MeasuredSeries
     from contactimg.pipeline.written_run import WrittenRun
     from contactimg.scene import Scene
 
@@ -183,18 +180,17 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     )
     echo_first_run(quiet=options.quiet)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
-        series, run = _measure(experiment, out, options)
+        run = _measure(experiment, out, options)
         out.record |= run.record | edits_record(experiment.edits)
     if not options.quiet:
-        echo_frames(run.frames, title=f"{folder}, method {_method(scene, options.tolerance)}")
-        _echo_run(run, series, used.get("calibration", {}))
+        title = f"{folder}, method {_method(scene, options.tolerance)}"
+        echo_frames(run.frames, title=title, statuses=run.statuses)
+        _echo_run(run, used.get("calibration", {}))
         click.echo(f"results in {target}")
-    return _exit_code(run.frames)
+    return _exit_code(run)
 
 
-def _measure(
-    experiment: "Experiment", out: "OutputFolder", options: ProcessOptions
-) -> "tuple[MeasuredSeries, WrittenRun]":
+def _measure(experiment: "Experiment", out: "OutputFolder", options: ProcessOptions) -> "WrittenRun":
     """Measure the frames, and write tables and pictures."""
     with stage("loading"):
         from contactimg.pipeline.pictures import draw_overlays
@@ -221,10 +217,10 @@ def _measure(
                 numbers=options.numbers,
                 advance=advance,
             )
-    return series, run
+    return run
 
 
-def _echo_run(run: "WrittenRun", series: "MeasuredSeries", calibration: dict[str, Any]) -> None:
+def _echo_run(run: "WrittenRun", calibration: dict[str, Any]) -> None:
     """Print what the calibration acts on, which law the forces follow, and what the rims say of a film."""
     from contactimg.imaging.fit.film_choice import summarise_films
 
@@ -232,16 +228,15 @@ def _echo_run(run: "WrittenRun", series: "MeasuredSeries", calibration: dict[str
         click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
     if run.law is not None:
         click.echo(run.law.sentence())
-    if series.films:
-        click.echo(summarise_films(series.films.values()))
+    if run.films:
+        click.echo(summarise_films(run.films.values()))
 
 
-def _exit_code(frames: "pd.DataFrame") -> int:
+def _exit_code(run: "WrittenRun") -> int:
     """1 if a frame failed or none shows anything that can be measured, else 0."""
     from contactimg.tables import FAILED
 
-    nothing = frames["area_m2"].isna().all() and frames["n_contacts"].isna().all()
-    return int(nothing or (frames["status"] == FAILED).any())
+    return int(not run.measurable or run.statuses[FAILED] > 0)
 
 
 def _method(scene: "Scene", tolerance: float | None) -> str:

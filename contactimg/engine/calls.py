@@ -1,14 +1,14 @@
 """Calls of one function, in several processes or on the cluster in use, with the results in order."""
 
-import os
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from multiprocessing import parent_process
 from typing import Any, TypeVar
 
-from joblib import Parallel, delayed, effective_n_jobs
-from joblib.externals.loky.process_executor import BrokenProcessPool
+from loky import cpu_count
 
 from contactimg.engine.cluster import cluster_in_use
-from contactimg.engine.worker_life import live_with_parent
+from contactimg.engine.local import call_in_processes
 from contactimg.errors import ContactimgError
 from contactimg.timings import collect_call, gather, is_collecting
 
@@ -55,52 +55,29 @@ def in_parallel(
     """
     cluster = cluster_in_use()
     if cluster is None:
-        if workers is None:
-            workers = 1 if count < FEW_CALLS else -1
-        processes = effective_n_jobs(workers)
+        processes = _processes(count, workers)
         if processes == 1:
             return (function(*item) for item in arguments)
+        if not is_collecting():
+            return call_in_processes(function, arguments, processes)
+        timed = call_in_processes(partial(collect_call, function), arguments, processes)
+        return gather(timed, processes=processes)
     if not is_collecting():
-        return (
-            _local(function, arguments, workers)
-            if cluster is None
-            else cluster.call(function, arguments, lost)
-        )
-    jobs = ((function, *item) for item in arguments)
-    if cluster is None:
-        return gather(_local(collect_call, jobs, workers), processes=processes)
+        return cluster.call(function, arguments, lost)
 
     def lost_in_time(error: ContactimgError, _function: object, *item: Any) -> Any:
         if lost is None:
             raise error
         return collect_call(lost, error, *item)
 
+    jobs = ((function, *item) for item in arguments)
     return gather(cluster.call(collect_call, jobs, lost_in_time), processes=cluster.processes())
 
 
-def _local(
-    function: Callable[..., Result], arguments: Iterable[tuple[Any, ...]], workers: int | None
-) -> Iterator[Result]:
-    """The results of processes of this machine."""
-    pool = Parallel(
-        n_jobs=workers,
-        backend="loky",
-        return_as="generator",
-        pre_dispatch="2*n_jobs",
-        initializer=live_with_parent,
-        initargs=(os.getpid(),),
-    )
-    return _closing(pool(delayed(function)(*item) for item in arguments))
-
-
-def _closing(results: Generator[Result]) -> Iterator[Result]:
-    """The results; if the caller is interrupted, the calls that still run are ended with their processes."""
-    try:
-        yield from results
-    except BrokenProcessPool:
-        raise ContactimgError(
-            "a worker process was ended from outside, perhaps because memory ran out; start the command "
-            "again, with fewer --workers if memory is short"
-        ) from None
-    finally:
-        results.close()
+def _processes(count: int, workers: int | None) -> int:
+    """Processes of this machine that share calls; a process that was started for calls starts none itself."""
+    if parent_process() is not None:
+        return 1
+    if workers is None:
+        workers = 1 if count < FEW_CALLS else -1
+    return workers if workers > 0 else max(1, cpu_count() + 1 + workers)

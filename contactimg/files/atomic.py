@@ -5,7 +5,7 @@ import math
 import os
 import re
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,8 @@ import numpy as np
 
 from contactimg.errors import InputError
 from contactimg.timings import stage
+
+_STREAMED_LEVELS = 2  # of JSON: the keys of the record, and the items of each
 
 
 @contextmanager
@@ -107,6 +109,7 @@ def flush_to_disk(path: str | Path) -> None:
             os.close(handle)
 
 
+@stage("writing")
 def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     """Write JSON: numpy numbers and arrays as numbers and lists, paths as text, NaN and infinity as ``null``.
 
@@ -117,14 +120,31 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
     path : str or Path
         The file, written completely or not at all.
     """
-    write_text(json.dumps(_plain(data), indent=2, ensure_ascii=True) + "\n", path)
+    with replacing(path) as part, part.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines(_json_pieces(data))
+        file.write("\n")
+
+
+def _json_pieces(value: Any, level: int = 0) -> Iterator[str]:
+    """JSON text, indented; of long tables one item at a time."""
+    start = "\n" + "  " * level
+    inside = isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes)
+    if level == _STREAMED_LEVELS or not inside or not value:
+        yield json.dumps(_plain(value), indent=2).replace("\n", start)
+        return
+    named = isinstance(value, Mapping)
+    yield "{" if named else "["
+    for number, item in enumerate(value.items() if named else value):
+        yield ("," if number else "") + start + "  " + (f"{json.dumps(str(item[0]))}: " if named else "")
+        yield from _json_pieces(item[1] if named else item, level + 1)
+    yield start + ("}" if named else "]")
 
 
 def _plain(value: Any) -> Any:
     """The value with JSON types only."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | set):
+    if isinstance(value, Sequence | set) and not isinstance(value, str | bytes):
         return [_plain(item) for item in value]
     if isinstance(value, np.ndarray | np.generic):
         return _plain(value.tolist())

@@ -6,7 +6,7 @@ import math
 import re
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,7 @@ from contactimg.files.commit import finish_commit
 from contactimg.files.corrections import PixelCorrections, find_areas
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.edits import EDITS_FILE, masked_areas, read_edits
-from contactimg.files.sources import FrameSource, is_image, list_frames
+from contactimg.files.sources import FrameList, FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
@@ -47,14 +47,14 @@ class Experiment:
         The description of the experiment.
     references : tuple of FrameSource
         The non-contact frames, usually one; empty if the scene names none.
-    frames : tuple of FrameSource
+    frames : sequence of FrameSource
         The frames in order, without the reference.
     loads : DataFrame
         Columns of `contactimg.tables.LOADS`, one row per frame in the same order; NaN without a load.
     asperities : DataFrame or None
         Columns of `contactimg.tables.ASPERITIES`; None if the scene names no table.
-    inputs : tuple of Path
-        Every file that a result depends on.
+    others : tuple of Path
+        The files that every frame's result depends on: references, tables, dark frame, flat field and masks.
     edits : DataFrame
         Corrections by hand, columns of `contactimg.tables.EDITS`; those that mask act on the pixels.
     corrections : PixelCorrections
@@ -63,10 +63,10 @@ class Experiment:
 
     scene: Scene
     references: tuple[FrameSource, ...]
-    frames: tuple[FrameSource, ...]
+    frames: Sequence[FrameSource]
     loads: pd.DataFrame
     asperities: pd.DataFrame | None
-    inputs: tuple[Path, ...]
+    others: tuple[Path, ...]
     edits: pd.DataFrame = field(default_factory=EDITS.empty)
     corrections: PixelCorrections = field(default_factory=PixelCorrections)
 
@@ -74,6 +74,18 @@ class Experiment:
     def reference(self) -> FrameSource | None:
         """The first of the references; None without one."""
         return self.references[0] if self.references else None
+
+    @property
+    def inputs(self) -> Iterator[Path]:
+        """Every file that a result depends on, once: references, frames, the others."""
+        before = [source.path for source in self.references]
+        yield from dict.fromkeys(before)
+        last = None
+        for source in self.frames:
+            if source.path != last and source.path not in before:
+                yield source.path
+            last = source.path
+        yield from (path for path in self.others if path not in before)
 
     def load_of(self, name: str) -> float:
         """Load P (N) of the frame with this name, NaN without one."""
@@ -192,17 +204,15 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     tables = [_loads_file(scene), _asperities_file(scene), _edits_file(scene)]
     edits = EDITS.empty() if tables[2] is None else read_edits(tables[2])
     loads = _align_loads(tables[0], frames, pulled=pulled)
-    sources = [*references, *frames]
     corrections = _find_corrections(scene, frames)
     corrections = replace(corrections, areas=corrections.areas + masked_areas(edits))
-    files = [source.path for source in sources] + [table for table in tables if table is not None]
-    inputs = tuple(dict.fromkeys(files + corrections.files))
+    files = [source.path for source in references] + [table for table in tables if table is not None]
+    others = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
         frames = [replace(frame, correct=corrections) for frame in frames]
         references = tuple(replace(one, correct=corrections.of_reference) for one in references)
-    return Experiment(
-        scene, references, tuple(frames), loads, read_scene_asperities(scene), inputs, edits, corrections
-    )
+    asperities = read_scene_asperities(scene)
+    return Experiment(scene, references, FrameList(frames), loads, asperities, others, edits, corrections)
 
 
 def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:

@@ -3,26 +3,35 @@
 import hashlib
 import logging
 import shutil
+import sqlite3
 import zlib
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from contactimg.engine.installation import source_digest
 from contactimg.errors import InputError
+from contactimg.files.input_files import InputFiles
 from contactimg.files.records import decode, encode
 
 logger = logging.getLogger(__name__)
 
 STORE_FOLDER = ".contactimg.frames"
+STORE_FILE = "frames.sqlite"
 
-_FILE = "frames.txt"
-_KEY_DIGITS = 64  # of SHA-256
+_KEPT = 4  # results whose first record stays in memory: what is asked of one frame is asked in a row
+
+_TABLE = (
+    "CREATE TABLE IF NOT EXISTS results "
+    "(key BLOB NOT NULL, part INTEGER NOT NULL, checksum INTEGER NOT NULL, data BLOB NOT NULL, "
+    "UNIQUE (key, part))"
+)
 
 
 class FrameStore:
-    """Results by key in one file that only grows: each line a key, a checksum and a record.
+    """Results by key in a SQLite database; nothing of them stays in memory.
 
     Parameters
     ----------
@@ -35,35 +44,31 @@ class FrameStore:
 
     Notes
     -----
-    A line that was cut off, because the process was killed while it was written, is dropped.
+    A result is there whole or not at all, whenever the process ends: SQLite writes ahead to a log. A database
+    that something else has damaged is deleted with a warning when it is opened.
     """
 
     def __init__(self, folder: Path, record: Mapping[str, Any], *, resumes: bool = True) -> None:
         self.folder = folder
         self.resumes = resumes
-        self._file = folder / _FILE
         self._versions = encode([record.get("versions"), record.get("platform"), source_digest()])
-        self._digests = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
-        self._places = dict(self._scan())
+        inputs = record.get("inputs", [])
+        self._inputs = inputs if isinstance(inputs, InputFiles) else InputFiles(inputs)
+        self._database: sqlite3.Connection | None = None
+        self._first = lru_cache(_KEPT)(self._read)
+        if self._file.is_file():
+            self._open()
 
-    def _scan(self) -> Iterable[tuple[str, tuple[int, int]]]:
-        """Key, and offset and length of the record, of every whole line; what follows is cut off."""
-        if not self._file.is_file():
-            return
-        end = 0
-        with self._file.open("rb") as file:
-            for line in file:
-                key, _, rest = line.partition(b" ")
-                checksum, _, data = rest.partition(b" ")
-                if len(key) != _KEY_DIGITS or checksum != _checksum(data[:-1]) or not line.endswith(b"\n"):
-                    break
-                yield key.decode(), (end + len(line) - len(data), len(data))
-                end += len(line)
-        with self._file.open("r+b") as file:
-            file.truncate(end)
+    @property
+    def _file(self) -> Path:
+        return self.folder / STORE_FILE
 
-    def __contains__(self, key: str | None) -> bool:
-        return key in self._places
+    def __contains__(self, key: bytes | None) -> bool:
+        if key is None or self._database is None:
+            return False
+        with self._errors():
+            found = self._database.execute("SELECT 1 FROM results WHERE key = ? AND part = 0", (key,))
+            return found.fetchone() is not None
 
     def common(self, settings: object, others: Iterable[Path]) -> str | None:
         """What the keys of several frames have in common.
@@ -80,29 +85,43 @@ class FrameStore:
         str or None
             None if the settings have no text or a file has no digest: nothing is stored then.
         """
-        digests = [self._digests.get(str(path.resolve())) for path in others]
+        digests = [self._inputs.digest(path) for path in others]
         if None in digests:
             return None
         try:
-            return _sha256(self._versions, encode(settings), encode(digests))
+            return _sha256(self._versions, encode(settings), encode(digests)).hex()
         except TypeError as error:
             logger.info("the frames cannot be stored: %s", error)
             return None
 
-    def key(self, common: str | None, path: Path | None, job: object) -> str | None:
+    def key(self, common: str | None, path: Path | None, job: object) -> bytes | None:
         """The key of a frame, or of a job without a file; None without ``common`` or a digest of the file."""
-        digest = "" if path is None else self._digests.get(str(path.resolve()))
+        digest = "" if path is None else self._inputs.digest(path)
         return None if common is None or digest is None else _sha256(common, digest, encode(job))
 
-    def get(self, key: str) -> Any:
-        """The result with a key that the store contains."""
-        offset, length = self._places[key]
-        with self._file.open("rb") as file:
-            file.seek(offset)
-            return decode(file.read(length).decode())
+    def get(self, key: bytes, part: int = 0) -> Any:
+        """The result with a key that the store contains, or a further part of it.
 
-    def put(self, key: str, value: object) -> None:
-        """Add a result; one that has no text is left out.
+        Raises
+        ------
+        InputError
+            If it is damaged.
+        """
+        return self._read(key, part) if part else self._first(key)
+
+    def _read(self, key: bytes, part: int = 0) -> Any:
+        """A part of a result, from the disk."""
+        database = self._database or self._open()
+        with self._errors():
+            checksum, data = database.execute(
+                "SELECT checksum, data FROM results WHERE key = ? AND part = ?", (key, part)
+            ).fetchone()
+        if zlib.crc32(data) != checksum:
+            raise InputError(f"{self._file}: is damaged; delete {self.folder} and start again")
+        return decode(data.decode())
+
+    def put(self, key: bytes, *parts: object) -> bool:
+        """Add a result, whole or in parts that can be read one by one; False if it has no text.
 
         Raises
         ------
@@ -110,30 +129,74 @@ class FrameStore:
             If it cannot be written.
         """
         try:
-            data = encode(value).encode()
+            texts = [encode(part).encode() for part in parts]
         except TypeError as error:
             logger.info("a frame cannot be stored: %s", error)
-            return
-        try:
-            self.folder.mkdir(exist_ok=True)
-            with self._file.open("ab") as file:
-                start = file.tell() + _KEY_DIGITS + 10
-                file.write(b" ".join([key.encode(), _checksum(data), data]) + b"\n")
-        except OSError as error:
-            raise InputError(f"{self._file}: cannot be written ({error.strerror or error})") from None
-        self._places[key] = (start, len(data))
+            return False
+        rows = [(key, number, zlib.crc32(text), text) for number, text in enumerate(texts)]
+        database = self._database or self._open()
+        with self._errors(), database:
+            database.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?)", rows)
+        self._first.cache_clear()
+        return True
 
     def remove(self) -> None:
         """Delete the store."""
+        self.close()
         with suppress(OSError):
             shutil.rmtree(self.folder)
 
+    def close(self) -> None:
+        """Close the database; it is opened again when it is asked for."""
+        if self._database is not None:
+            self._database.close()
+            self._database = None
 
-def _checksum(data: bytes) -> bytes:
-    """Eight hexadecimal digits."""
-    return f"{zlib.crc32(data):08x}".encode()
+    def _open(self) -> sqlite3.Connection:
+        """Open the database, a new one if there is none or what is there is none."""
+        try:
+            self.folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise InputError(f"{self._file}: cannot be written ({error.strerror or error})") from None
+        try:
+            self._database = _connect(self._file)
+        except sqlite3.OperationalError:
+            with self._errors():
+                raise
+        except sqlite3.DatabaseError as error:
+            logger.warning("%s: %s; the frames are measured again", self._file, error)
+            self.remove()
+            return self._open()
+        return self._database
+
+    @contextmanager
+    def _errors(self) -> Iterator[None]:
+        """Errors of the database as a sentence."""
+        try:
+            yield
+        except sqlite3.OperationalError as error:
+            raise InputError(
+                f"{self._file}: cannot be written or read ({error}); is the disk full?"
+            ) from None
+        except sqlite3.DatabaseError as error:
+            raise InputError(f"{self._file}: {error}; delete {self.folder} and start again") from None
 
 
-def _sha256(*texts: str) -> str:
+def _connect(file: Path) -> sqlite3.Connection:
+    """The database in a file, made if it is new."""
+    # a job of the review page measures in a thread of its own, one at a time
+    database = sqlite3.connect(file, check_same_thread=False)
+    try:
+        database.execute("PRAGMA journal_mode = WAL")
+        database.execute("PRAGMA synchronous = NORMAL")
+        database.execute(_TABLE)
+        database.execute("SELECT max(rowid), max(key) FROM results").fetchone()
+    except sqlite3.Error:
+        database.close()
+        raise
+    return database
+
+
+def _sha256(*texts: str) -> bytes:
     """The digest of texts."""
-    return hashlib.sha256("\n".join(texts).encode("utf-8", "surrogateescape")).hexdigest()
+    return hashlib.sha256("\n".join(texts).encode("utf-8", "surrogateescape")).digest()

@@ -21,6 +21,7 @@ from contactimg.files.commit import (
     release_lock_file,
 )
 from contactimg.files.frame_store import STORE_FOLDER, FrameStore
+from contactimg.files.input_files import InputFiles
 from contactimg.files.runs import read_records, relative_to_output
 from contactimg.files.signals import signals_held
 from contactimg.files.table_hashes import table_hashes
@@ -86,7 +87,6 @@ class OutputFolder:
         self._main_files = {Path(name) for name in main_files}
         self._created: list[Path] = []
         self._store: FrameStore | None = None
-        self._inputs = _times_and_sizes(self.record)
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
@@ -162,8 +162,8 @@ class OutputFolder:
 
     def _refuse_changed_inputs(self) -> None:
         """Raise if an input file is another one now than when the run began: its digest would be wrong."""
-        now = _times_and_sizes(self.record)
-        changed = [path for path, before in self._inputs.items() if now.get(path, before) != before]
+        inputs = self.record.get("inputs")
+        changed = inputs.changed() if isinstance(inputs, InputFiles) else []
         if changed:
             raise InputError(
                 f"{changed[0]} changed while the command ran"
@@ -205,16 +205,6 @@ class OutputFolder:
         for folder in self._created:
             with suppress(OSError):
                 folder.rmdir()
-
-
-def _times_and_sizes(record: Mapping[str, Any]) -> dict[str, tuple[int, int]]:
-    """Time of the last change and size of each input file that exists."""
-    found = {}
-    for entry in record.get("inputs", []):
-        with suppress(OSError):
-            status = Path(entry["path"]).stat()
-            found[entry["path"]] = (status.st_mtime_ns, status.st_size)
-    return found
 
 
 def _files_of(record: Mapping[str, Any]) -> set[Path]:

@@ -1,6 +1,5 @@
 """The provenance of a result, and reading a run back from its output folder."""
 
-import hashlib
 import importlib.metadata
 import json
 import logging
@@ -19,6 +18,7 @@ import pandas as pd
 from contactimg import __version__
 from contactimg.errors import InputError
 from contactimg.files.commit import PROVENANCE_FILE, read_settled
+from contactimg.files.input_files import InputFiles
 from contactimg.files.run_record import check_record
 from contactimg.files.run_tables import read_run_table, table_file
 from contactimg.files.table_hashes import changed_tables
@@ -75,7 +75,7 @@ def provenance(
         "versions": _versions(),
         "platform": platform.platform(),
         "configuration": configuration,
-        "inputs": [_fingerprint(path) for path in inputs],
+        "inputs": InputFiles.read(inputs),
     }
 
 
@@ -95,16 +95,6 @@ def _versions() -> dict[str, str]:
     names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
     versions = {name: importlib.metadata.version(name) for name in sorted(names)}
     return {"contactimg": __version__, "python": platform.python_version()} | versions
-
-
-def _fingerprint(path: Path) -> dict[str, Any]:
-    """Path, size and SHA-256 of a file."""
-    try:
-        with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
-        return {"path": str(path.resolve()), "bytes": path.stat().st_size, "sha256": digest}
-    except OSError as error:
-        return {"path": str(path.resolve()), "bytes": None, "sha256": None, "error": error.strerror}
 
 
 def read_records(folder: Path) -> list[dict[str, Any]]:

@@ -4,6 +4,8 @@ import glob
 import os
 import re
 import warnings
+from array import array
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -217,6 +219,54 @@ def _check_names(sources: Sequence[FrameSource]) -> None:
     if count > 1:
         paths = [str(source.path) for source in sources if source.name == name]
         raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
+
+
+class FrameList(Sequence[FrameSource]):
+    """Sources of frames, each made when it is asked for: a series of 10^5 takes its names and little more.
+
+    Parameters
+    ----------
+    sources : iterable of FrameSource
+    """
+
+    def __init__(self, sources: Iterable[FrameSource]) -> None:
+        self._names: list[str] = []
+        self._files: list[str] = []
+        self._numbers = array("q")  # of the image in the file
+        self._kinds: list[FrameSource] = []  # the first of each row of frames that are read alike
+        self._starts: list[int] = []
+        for k, source in enumerate(sources):
+            if not self._kinds or not _read_alike(source, self._kinds[-1]):
+                self._kinds.append(source)
+                self._starts.append(k)
+            file = source.path.name
+            self._names.append(source.name)
+            self._files.append(source.name if source.name == file else file)
+            self._numbers.append(source.index)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    @overload
+    def __getitem__(self, index: int) -> FrameSource: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "FrameList": ...
+
+    def __getitem__(self, index: int | slice) -> "FrameSource | FrameList":
+        """One source, or some."""
+        if isinstance(index, slice):
+            return FrameList(self[k] for k in range(*index.indices(len(self))))
+        k = range(len(self))[index]
+        kind = self._kinds[bisect_right(self._starts, k) - 1]
+        path = kind.path.with_name(self._files[k])
+        return replace(kind, name=self._names[k], path=path, index=self._numbers[k])
+
+
+def _read_alike(one: FrameSource, two: FrameSource) -> bool:
+    """Whether two sources differ only in name, file and number."""
+    alike = one.full_scale == two.full_scale and one.response == two.response
+    return alike and one.correct is two.correct and one.path.parent == two.path.parent
 
 
 class FrameSeries(Sequence[Frame]):

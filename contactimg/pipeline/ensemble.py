@@ -241,12 +241,12 @@ class Calls:
 
     def solve(self, ensemble: Ensemble, patterns: int) -> Any:
         """The patterns in order, a few in memory at a time."""
-        keys: list[str | None] = [None] * patterns
+        keys: list[bytes | None] = [None] * patterns
         if self.store is not None:
             common = self.store.common(["ensemble", ensemble], [])
             keys = [self.store.key(common, None, k) for k in range(patterns)]
 
-        def compute(numbers: list[int]) -> Any:
+        def compute(numbers: Sequence[int]) -> Any:
             jobs = [(k,) for k in numbers]
             lost = partial(_lost, len(ensemble.loads))
             return in_parallel(ensemble.solve, jobs, count=len(jobs), workers=self.workers, lost=lost)

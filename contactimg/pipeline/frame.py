@@ -1,7 +1,6 @@
 """Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any, Literal
 
@@ -11,16 +10,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.frame import Frame
-from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.shapes.hand_edits import HandEdit
-from contactimg.pipeline.parallel import FailedFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED
-from contactimg.tradeoff.choice import Choice, measure_cheapest
+from contactimg.tradeoff.choice import measure_cheapest
 
 
 def measure_frame(
@@ -142,107 +140,6 @@ class FrameOptions:
     def of_frame(self, name: str) -> "FrameOptions":
         """Those that concern one frame."""
         return replace(self, edits={name: self.edits.get(name, ())})
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredFrame:
-    """One frame's part of a run, in pixels.
-
-    Parameters
-    ----------
-    contacts, rejected : DataFrame
-    row : dict
-        Its row of the frames table.
-    shape : (int, int) or None
-        Rows and columns; None for a frame that failed.
-    own_optics : SharedOptics or None
-        Contrast (grey levels) and blur that the frame alone shows; None where it shows nothing.
-    level : float
-        Grey level of its background; 0 where that was subtracted before.
-    choice : Choice or None
-        How it was measured and why, where that was chosen for a tolerance.
-    outlines : DataFrame
-        Of its contacts of free shape.
-    film : FilmVerdict or None
-        What its rims say of an air film; None where none was looked for.
-    """
-
-    contacts: pd.DataFrame
-    rejected: pd.DataFrame
-    row: dict[str, Any]
-    shape: tuple[int, int] | None
-    own_optics: SharedOptics | None = None
-    level: float = 0.0
-    choice: Choice | None = None
-    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
-    film: FilmVerdict | None = None
-
-    @classmethod
-    def failed(cls, failure: FailedFrame) -> "MeasuredFrame":
-        """The part of a frame that could not be measured: empty tables and a row that says why."""
-        return cls(CONTACTS.empty(), REJECTED.empty(), failure.row, shape=None)
-
-    @property
-    def relative_optics(self) -> SharedOptics | None:
-        """Its own optics with the contrast divided by the background, so that drifts of the lamp cancel."""
-        return None if self.own_optics is None else self.own_optics.scaled(1.0 / (self.level or 1.0))
-
-    def with_choice(self, choice: Choice | None) -> "MeasuredFrame":
-        """The same with the choice of the method, which is added to the message."""
-        if choice is None:
-            return self
-        message = "; ".join(text for text in (self.row["message"], str(choice)) if text)
-        return self._with(self.row | {"message": message}, choice)
-
-    def _with(self, row: dict[str, Any], choice: Choice | None) -> "MeasuredFrame":
-        """The same with another row and choice."""
-        return replace(self, row=row, choice=choice)
-
-    def whole(self) -> "MeasuredFrame":
-        """The part with its tables in memory."""
-        return self
-
-    def shelved(self, read: Callable[[], "MeasuredFrame"]) -> "ShelvedFrame":
-        """The part without its tables, which ``read`` gives when they are asked for."""
-        return ShelvedFrame(self, read)
-
-    def summary(self) -> str:
-        """One line about the frame, for the log."""
-        numbers = (f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float))
-        count = self.row.get("n_contacts", pd.NA)
-        head = f"{self.row['frame']}: {self.row['status']}, {0 if pd.isna(count) else count} contacts, "
-        return head + ", ".join(numbers)
-
-
-class ShelvedFrame(MeasuredFrame):
-    """A measured frame whose tables stay on the disk and are read each time they are asked for."""
-
-    def __init__(self, part: MeasuredFrame, read: Callable[[], MeasuredFrame]) -> None:
-        light = {name: getattr(part, name) for name in _FIELDS if name not in _TABLES}
-        self.__dict__.update(light, _read=read)
-
-    def __getattr__(self, name: str) -> Any:
-        if name in _TABLES:
-            return getattr(self.whole(), name)
-        raise AttributeError(name)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        whole = self.whole()
-        return MeasuredFrame, tuple(getattr(whole, name) for name in _FIELDS)
-
-    def _with(self, row: dict[str, Any], choice: Choice | None) -> MeasuredFrame:
-        changed = object.__new__(ShelvedFrame)
-        changed.__dict__.update(self.__dict__ | {"row": row, "choice": choice})
-        return changed
-
-    def whole(self) -> MeasuredFrame:
-        """The part with its tables in memory."""
-        light = {name: value for name, value in self.__dict__.items() if name in _FIELDS}
-        return replace(self.__dict__["_read"](), **light)
-
-
-_FIELDS = tuple(item.name for item in fields(MeasuredFrame))
-_TABLES = ("contacts", "rejected", "outlines")
 
 
 def measure_scene_frame(

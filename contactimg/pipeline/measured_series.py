@@ -1,4 +1,4 @@
-"""A measured series: one row a frame in memory, contacts a few frames at a time."""
+"""A measured series: its tables, a few frames at a time."""
 
 import logging
 from collections.abc import Iterator, Sequence
@@ -6,18 +6,18 @@ from dataclasses import dataclass, replace
 from functools import cached_property, reduce
 from operator import or_
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from contactimg.effects.local_law import LawEvidence, LawPlan, decide_law
 from contactimg.forces import sphere_radii
-from contactimg.imaging.fit.film_choice import FilmVerdict
-from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.pose_and_forces import find_pose, with_forces, with_pose
 from contactimg.pipeline.run import Run
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
-from contactimg.tradeoff.choice import Choice
 
 logger = logging.getLogger(__name__)
 
@@ -33,9 +33,9 @@ class MeasuredSeries:
     ----------
     scene : Scene
     parts : sequence of MeasuredFrame
-        In order. Those measured with a store leave their tables there.
-    frames : DataFrame
-        The frames table before anything is known of pose and forces.
+        In order. Those measured with a store stay there.
+    loads : ndarray, shape (n,)
+        Load of each frame, N; NaN where it is not known.
     sites : DataFrame or None
         Composite summits of the asperities.
     pose : PoseFit or None
@@ -44,7 +44,7 @@ class MeasuredSeries:
 
     scene: Scene
     parts: Sequence[MeasuredFrame]
-    frames: pd.DataFrame
+    loads: NDArray[np.float64]
     sites: pd.DataFrame | None
     pose: PoseFit | None
 
@@ -58,25 +58,14 @@ class MeasuredSeries:
         shape: tuple[int, int],
     ) -> "MeasuredSeries":
         """The series of measured frames with these loads and this usual shape."""
-        frames = FRAMES.conform(pd.DataFrame([part.row for part in parts]))
+        names = [part.row["frame"] for part in parts]
         load = loads.drop_duplicates("frame").set_index("frame")["load_N"]
-        frames = frames.assign(load_N=load.reindex(frames["frame"]).to_numpy(float))
-        series = cls(scene, parts, frames, sites, None)
+        series = cls(scene, parts, load.reindex(names).to_numpy(float), sites, None)
         if scene.camera is None:
             return series
-        most = int(frames["n_contacts"].fillna(0).to_numpy(float).argmax())
-        run = replace(series._run(most, most + 1), frames=frames)
-        return replace(series, pose=find_pose(run, sites, shape))
-
-    @property
-    def choices(self) -> dict[str, Choice]:
-        """Frame -> how it was measured and why, where that was chosen for a tolerance."""
-        return {str(part.row["frame"]): part.choice for part in self.parts if part.choice is not None}
-
-    @property
-    def films(self) -> dict[str, FilmVerdict]:
-        """Frame -> what its rims say of an air film, where one was looked for."""
-        return {str(part.row["frame"]): part.film for part in self.parts if part.film is not None}
+        counts = [0 if pd.isna(part.row.get("n_contacts")) else part.row["n_contacts"] for part in parts]
+        most = int(np.argmax(counts))
+        return replace(series, pose=find_pose(series._run(most, most + 1), sites, shape))
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
@@ -92,10 +81,10 @@ class MeasuredSeries:
             _joined(REJECTED, blocks),
             _joined(FRAMES, blocks),
             self.pose,
-            self.choices,
+            {name: choice for block in blocks for name, choice in block.choices.items()},
             _joined(OUTLINES, blocks),
             next((block.law for block in blocks if block.law is not None), None),
-            self.films,
+            {name: film for block in blocks for name, film in block.films.items()},
         )
 
     @cached_property
@@ -118,9 +107,12 @@ class MeasuredSeries:
     def _run(self, first: int, end: int) -> Run:
         """Some frames, in pixels."""
         parts = [part.whole() for part in self.parts[first:end]]
-        frames = self.frames.iloc[first:end].reset_index(drop=True)
+        frames = FRAMES.conform(pd.DataFrame([part.row for part in parts]))
+        frames = frames.assign(load_N=self.loads[first:end])
         contacts, rejected, outlines = (_joined(schema, parts) for schema in (CONTACTS, REJECTED, OUTLINES))
-        return Run(self.scene, contacts, rejected, frames, None, outlines=outlines)
+        choices = {part.row["frame"]: part.choice for part in parts if part.choice is not None}
+        films = {part.row["frame"]: part.film for part in parts if part.film is not None}
+        return Run(self.scene, contacts, rejected, frames, None, choices, outlines, films=films)
 
 
 def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:

@@ -1,11 +1,12 @@
 """The one loop over the frames of an experiment."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, overload
 
 from numpy.typing import NDArray
 
@@ -67,20 +68,21 @@ def for_each_frame(
         Called once a frame, in order.
     store : FrameStore, optional
         Results that are in it are taken from it, the others are added; failures are not. Results that can
-        (``shelved``) leave their tables in it.
+        (``shelved``) stay in it.
 
     Yields
     ------
     result of ``measure``, or FailedFrame
         In order, a few frames in memory at a time.
     """
-    whole, jobs = jobs is None, [(source,) for source in experiment.frames] if jobs is None else jobs
-    keys: Sequence[str | None] = [None] * len(jobs)
+    whole, jobs = jobs is None, Jobs(experiment.frames) if jobs is None else jobs
+    keys: Sequence[bytes | None] = [None] * len(jobs)
     if store is not None:
         keys = _store_keys(store, experiment, measure, jobs)
 
-    def compute(numbers: list[int]) -> Iterator[Result | FailedFrame]:
-        return _measure_jobs(experiment, measure, [jobs[k] for k in numbers], workers=workers)
+    def compute(numbers: Sequence[int]) -> Iterator[Result | FailedFrame]:
+        chosen = (jobs[k] for k in numbers)
+        return _measure_jobs(experiment, measure, chosen, count=len(numbers), workers=workers)
 
     for part in through_store(store, keys, compute, what="frames" if whole else "", work="measured"):
         yield part
@@ -88,10 +90,49 @@ def for_each_frame(
             advance()
 
 
+class Jobs(Sequence[tuple[Any, ...]]):
+    """Frames to measure, each with the arguments that are made when it is its turn.
+
+    Parameters
+    ----------
+    frames : sequence of FrameSource
+    numbers : sequence of int, optional
+        Which of them; default: all.
+    arguments : callable, optional
+        Gives what a frame's measurement needs besides its pixels, from the frame's number.
+    """
+
+    def __init__(
+        self,
+        frames: Sequence[FrameSource],
+        numbers: Sequence[int] | None = None,
+        arguments: Callable[[int], tuple[Any, ...]] = lambda _: (),
+    ) -> None:
+        self._frames = frames
+        self._numbers = range(len(frames)) if numbers is None else numbers
+        self._arguments = arguments
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[Any, ...]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "Jobs": ...
+
+    def __getitem__(self, index: int | slice) -> "tuple[Any, ...] | Jobs":
+        """One job, or some."""
+        if isinstance(index, slice):
+            return Jobs(self._frames, self._numbers[index], self._arguments)
+        number = self._numbers[index]
+        return self._frames[number], *self._arguments(number)
+
+
 def through_store(
     store: FrameStore | None,
-    keys: Sequence[str | None],
-    compute: Callable[[list[int]], Iterator[Result]],
+    keys: Sequence[bytes | None],
+    compute: Callable[[Sequence[int]], Iterator[Result]],
     *,
     what: str,
     work: str,
@@ -101,7 +142,7 @@ def through_store(
     Parameters
     ----------
     store : FrameStore or None
-    keys : sequence of str or None
+    keys : sequence of bytes or None
         One a result; None where it is not stored.
     compute : callable
         Gives the results of the numbers that the store lacks, in order.
@@ -109,7 +150,7 @@ def through_store(
         For the message that says how much was done: what is counted, and what is done with the others. No
         message without ``what``.
     """
-    done = [store is not None and key in store for key in keys]
+    done = bytearray(store is not None and key in store for key in keys)
     if what and any(done) and store is not None and store.resumes:
         logger.warning(
             "%s of %s %s were done by a run that was ended; the others are %s",
@@ -118,36 +159,42 @@ def through_store(
             what,
             work,
         )
-    new = compute([k for k, known in enumerate(done) if not known])
+    new = compute(array("q", (k for k, known in enumerate(done) if not known)))
     for key, known in zip(keys, done, strict=True):
         if store is None or key is None:
             yield next(new)
-            continue
-        part = store.get(key) if known else next(new)
-        if not known and not isinstance(part, FailedFrame):
-            store.put(key, part)
-        yield _shelved(part, store, key) if key in store else part
+        else:
+            yield _on_shelf(store.get(key), store, key) if known else _stored(next(new), store, key)
 
 
-def _shelved(part: Any, store: FrameStore, key: str) -> Any:
-    """A result without what can be read again from the store."""
-    shelve = getattr(part, "shelved", None)
-    return part if shelve is None else shelve(partial(store.get, key))
+def _stored(part: Any, store: FrameStore, key: bytes) -> Any:
+    """A new result in the store; a failure, and one that has no text, stays as it is."""
+    if isinstance(part, FailedFrame):
+        return part
+    records = part.records() if hasattr(part, "records") else (part,)
+    return _on_shelf(records[0], store, key) if store.put(key, *records) else part
+
+
+def _on_shelf(first: Any, store: FrameStore, key: bytes) -> Any:
+    """A result by its first record: it stays in the store if it can be read from there again."""
+    shelve = getattr(first, "shelved", None)
+    return first if shelve is None else shelve(store, key)
 
 
 def _measure_jobs(
     experiment: Experiment,
     measure: Callable[..., Result],
-    jobs: Sequence[tuple[Any, ...]],
+    jobs: Iterable[tuple[Any, ...]],
     *,
+    count: int,
     workers: int | None,
 ) -> Iterator[Result | FailedFrame]:
     """Measure jobs in several processes."""
-    if not jobs:
+    if not count:
         return iter(())
     reference = read_reference(experiment)
     call = partial(_measure_source, measure, None if reference is None else reference.image)
-    return in_parallel(call, jobs, count=len(jobs), workers=workers, lost=_lost_frame)
+    return in_parallel(call, jobs, count=count, workers=workers, lost=_lost_frame)
 
 
 def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> FailedFrame:
@@ -157,16 +204,15 @@ def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> Fail
 
 def _store_keys(
     store: FrameStore, experiment: Experiment, measure: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]
-) -> list[str | None]:
+) -> list[bytes | None]:
     """The key of each job in the store."""
     call = measure if isinstance(measure, partial) else partial(measure)
     function = f"{call.func.__module__}:{call.func.__qualname__}"
     references = [_without_folder(source) for source in experiment.references]
-    frames = {source.path for source in experiment.frames}
     # of the edits only those that concern a frame are part of its key: of its settings and its corrections
-    others = frames | {edits_file(experiment.scene, experiment.scene.folder)}
+    edits = edits_file(experiment.scene, experiment.scene.folder)
     common = store.common(
-        [function, call.args, references], [path for path in experiment.inputs if path not in others]
+        [function, call.args, references], [path for path in experiment.others if path != edits]
     )
     return [
         store.key(

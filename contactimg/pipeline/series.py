@@ -2,10 +2,9 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,14 +12,15 @@ import pandas as pd
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, FrameStore, open_experiment
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
-from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.pipeline.background.second_pass import measure_on_background
 from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
-from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_scene_frame
+from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
 from contactimg.pipeline.run import Run
 from contactimg.scene import Scene
 
@@ -125,46 +125,83 @@ def _measure_frames(
     measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
     parts = []
     for measured in for_each_frame(experiment, measure, workers=workers, advance=advance, store=store):
-        part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
-        logger.info("%s", part.summary())
-        parts.append(part)
+        parts.append(MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured)
+        parts[-1].log()
     parts, shape = _same_size(parts)
     parts, background = measure_on_background(experiment, options, parts, workers=workers, store=store)
-    method = options.scene.measure.method
-    # a pixel count takes each frame's own plateau
-    fitted = [(part.choice.method if part.choice else method) == "disk" for part in parts]
-    own_optics = [part.relative_optics for part, disks in zip(parts, fitted, strict=True) if disks]
-    pooled = pool_optics([optics for optics in own_optics if optics is not None])
-    if pooled is None:
+    optics = _OpticsOfSeries.of(parts, options.scene.measure.method)
+    if optics is None:
         return parts, shape
-    again, jobs = list[int](), list[tuple[Any, ...]]()
-    for k, optics in enumerate(_with_edges_of_others(pooled, parts)):
-        if fitted[k] and _gains_by_pooling(parts[k].whole(), optics):
-            again.append(k)
-            jobs.append((experiment.frames[k], optics.scaled(parts[k].level or 1.0)))
-    if background is not None:
+    again = [k for k, part in enumerate(parts) if optics.gains(k, part)]
+
+    def lent(k: int) -> SharedOptics:
+        return optics.for_frame(k).scaled(parts[k].level or 1.0)
+
+    if background is None:
+        jobs = Jobs(experiment.frames, again, lambda k: (lent(k),))
+    else:
         measure = background.measure
-        jobs = [background.job(*job) for job in jobs]
+        jobs = Jobs(experiment.frames, again, lambda k: background.arguments(k, lent(k)))
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
-        logger.info("with the contrast, the blur and the edge of the series: %s", part.summary())
+        part.log("with the contrast, the blur and the edge of the series: ")
         parts[k] = part.with_choice(parts[k].choice)
     return parts, shape
 
 
-def _with_edges_of_others(pooled: SharedOptics, parts: list[MeasuredFrame]) -> Iterator[SharedOptics]:
-    """The pooled optics for each frame, with the edge that the others show: its own adds nothing to it."""
-    own = [None if part.own_optics is None else part.own_optics.edge for part in parts]
-    seen = [edge for edge in own if edge is not None and edge.count >= FEWEST_SCORES]
-    places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
-    pool = [seen[k] for k in np.unique(np.rint(places).astype(int))]
-    of_all, in_pool = replace(pooled, edge=pool_edges(pool)), {id(edge) for edge in pool}
-    for edge in own:
-        if id(edge) in in_pool:
-            yield replace(pooled, edge=pool_edges([other for other in pool if other is not edge]))
-        else:
-            yield of_all
+@dataclass(frozen=True, eq=False)
+class _OpticsOfSeries:
+    """Contrast, blur and edge that the frames of a series have in common.
+
+    Parameters
+    ----------
+    pooled : SharedOptics
+        Contrast and blur of all frames, edge of those in the pool.
+    pool : dict
+        Number of a frame -> its own edge, of the frames that the edge is pooled from.
+    method : str
+        Of the scene, where no other was chosen for a frame.
+    """
+
+    pooled: SharedOptics
+    pool: dict[int, EdgeKnowledge]
+    method: str
+
+    @classmethod
+    def of(cls, parts: Sequence[MeasuredFrame], method: str) -> "_OpticsOfSeries | None":
+        """Those of the frames that were fitted; None if none of them determines its contrast."""
+        own = (part.relative_optics if _is_fitted(part, method) else None for part in parts)
+        pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
+        if pooled is None:
+            return None
+        seen = [k for k, part in enumerate(parts) if _edge_count(part) >= FEWEST_SCORES]
+        places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
+        chosen = [seen[k] for k in np.unique(np.rint(places).astype(int))]
+        edges = {k: parts[k].own_optics.edge for k in chosen}
+        return cls(replace(pooled, edge=pool_edges(list(edges.values()))), edges, method)
+
+    def for_frame(self, k: int) -> SharedOptics:
+        """The pooled optics for a frame, with the edge that the others show: its own adds nothing to it."""
+        if k not in self.pool:
+            return self.pooled
+        others = [edge for number, edge in self.pool.items() if number != k]
+        return replace(self.pooled, edge=pool_edges(others))
+
+    def gains(self, k: int, part: MeasuredFrame) -> bool:
+        """Whether a frame is measured again with these optics."""
+        return _is_fitted(part, self.method) and _gains_by_pooling(part, self.for_frame(k))
+
+
+def _is_fitted(part: MeasuredFrame, method: str) -> bool:
+    """Whether disks were fitted to a frame: a pixel count takes each frame's own plateau."""
+    return (part.choice.method if part.choice else method) == "disk"
+
+
+def _edge_count(part: MeasuredFrame) -> int:
+    """Contacts that the edge of a frame rests on."""
+    edge = None if part.own_optics is None else part.own_optics.edge
+    return 0 if edge is None else edge.count
 
 
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
@@ -173,12 +210,11 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     A frame without a contact is measured again too: a faint contact may be detected once its contrast is
     known.
     """
-    own = part.relative_optics
     if part.shape is None or pd.isna(part.row["n_contacts"]):
         return False
-    if own is None or not len(part.contacts):
+    own, contacts = part.relative_optics, part.contacts
+    if own is None or not len(contacts):
         return True
-    contacts = part.contacts
     slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
     shifts = contacts[["contrast_shift_px", "blur_shift_px"]].to_numpy(float)
     edge = contacts["edge_shift_px"].to_numpy(float)

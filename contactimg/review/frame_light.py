@@ -14,8 +14,9 @@ from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.imaging.shapes.rim_blur import estimate_blur
 from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
-from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_prepared, measure_scene_frame
+from contactimg.pipeline.frame import FrameOptions, measure_prepared, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, read_reference, scene_asperities
+from contactimg.pipeline.measured_frame import MeasuredFrame
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.files import read_run_table
-from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
 
 TABLES: dict[str, Schema] = {

@@ -22,6 +22,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "helpers"))
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, wait_until
 from small_series import SCENE
+from stored_results import stored_results
 
 from contactimg.cli import main
 from contactimg.files import write_scene
@@ -60,7 +61,7 @@ def case(name: str, victim: str, expected: dict[str, bytes], rng: np.random.Gene
         words = [*COMMANDS[name], "-o", str(out), "--quiet", "--cluster"]
         command = begin([*words, str(parts.file)])
         stack.callback(command.kill)
-        wait_until(lambda: any(out.rglob("frames.txt")) or command.poll() is not None, START_LIMIT_S)
+        wait_until(lambda: stored_results(out) or command.poll() is not None, START_LIMIT_S)
         time.sleep(rng.uniform(0.0, 1.0))
         if command.poll() is not None:
             return "it ended before anything was killed", 0.0

@@ -208,7 +208,7 @@ def _be_the_command(arguments: list[str], work: Path, stop: Stop | None, mark: s
         code = main(arguments)
         os.write(writer, str(count).encode())
         # what a Python process does at its end: loky's workers are told to go
-        from joblib.externals.loky.process_executor import _python_exit
+        from loky.process_executor import _python_exit
 
         _python_exit()
     finally:

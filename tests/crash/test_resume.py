@@ -9,11 +9,13 @@ import pytest
 from small_series import copy_of
 
 from contactimg.cli import main
+from contactimg.errors import InputError
 from contactimg.files import FrameStore, open_experiment, provenance, read_scene
+from contactimg.files.frame_store import STORE_FILE
 from contactimg.files.records import decode, encode
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 from contactimg.pipeline import measured_series, series
-from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.written_run import write_run
 from contactimg.tables import CONTACTS, REJECTED
 from contactimg.tradeoff.choice import Choice
@@ -104,21 +106,55 @@ def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_pa
     assert measured_now(change=other_asperities)[:3] == names
 
 
-def test_a_line_that_was_cut_off_is_dropped(tmp_path):
-    record = {"inputs": [{"path": str(tmp_path / "a.tif"), "sha256": "1"}]}
-    store = FrameStore(tmp_path / "store", record)
-    keys = [store.key(store.common("s", []), tmp_path / "a.tif", k) for k in range(3)]
+def filled(folder):
+    """A store of three results that was not closed, and their keys."""
+    record = {"inputs": [{"path": str(folder / "a.tif"), "sha256": "01" * 32}]}
+    store = FrameStore(folder / "store", record)
+    keys = [store.key(store.common("s", []), folder / "a.tif", k) for k in range(3)]
     for k, key in enumerate(keys):
-        store.put(key, {"value": k, "text": "é\n"})
-    file = next((tmp_path / "store").iterdir())
-    whole = file.read_bytes()
-    for cut in range(1, len(whole.splitlines()[-1]) + 2):
-        file.write_bytes(whole[:-cut])
-        again = FrameStore(tmp_path / "store", record)
-        assert [key in again for key in keys] == [True, True, False]
+        assert store.put(key, {"value": k, "text": "é\n"}, ["second", k])
+    return store, keys
+
+
+def test_results_whose_writing_was_cut_off_are_dropped(tmp_path):
+    _store, keys = filled(tmp_path)
+    log = next((tmp_path / "store").glob("*-wal")).read_bytes()
+    held = []
+    for cut in (*range(0, len(log), 997), len(log)):
+        copy = tmp_path / f"cut_{cut}"
+        copy.mkdir()
+        (copy / STORE_FILE).write_bytes((tmp_path / "store" / STORE_FILE).read_bytes())
+        (copy / f"{STORE_FILE}-wal").write_bytes(log[: len(log) - cut])
+        again = FrameStore(copy, {})
+        held.append([key in again for key in keys])
+        for k, key in enumerate(keys):
+            if key in again:
+                assert again.get(key) == {"value": k, "text": "é\n"}
+                assert again.get(key, 1) == ["second", k]
         again.put(keys[2], "new")
         assert again.get(keys[2]) == "new"
-        assert FrameStore(tmp_path / "store", record).get(keys[1]) == {"value": 1, "text": "é\n"}
+        again.close()
+    assert [True, True, True] in held
+    assert [True, True, False] in held
+    assert all(found == sorted(found, reverse=True) for found in held)
+
+
+def test_a_damaged_store_is_started_again_or_named(tmp_path, caplog):
+    store, keys = filled(tmp_path)
+    store.close()
+    file = tmp_path / "store" / STORE_FILE
+    whole = file.read_bytes()
+    file.write_bytes(b"something else" * 100)
+    again = FrameStore(file.parent, {})
+    assert [key in again for key in keys] == [False, False, False]
+    again.remove()
+    assert "the frames are measured again" in caplog.text
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(whole.replace(b'["second",2]', b'["second",3]'))
+    again = FrameStore(file.parent, {})
+    assert again.get(keys[1], 1) == ["second", 1]
+    with pytest.raises(InputError, match="is damaged; delete"):
+        again.get(keys[2], 1)
 
 
 def test_a_file_without_digest_is_not_stored(tmp_path):
@@ -162,12 +198,12 @@ def test_frames_leave_their_tables_in_the_store(small_series, tmp_path):
     kept = series.measure_parts(experiment, workers=1, store=store)
     held = series.measure_parts(experiment, workers=1)
     for shelved, part in zip(kept.parts, held.parts, strict=True):
-        assert not {"contacts", "rejected", "outlines"} & set(vars(shelved))
+        assert vars(shelved) == {}
         again = pickle.loads(pickle.dumps(shelved))  # noqa: S301
         assert type(again) is MeasuredFrame
         pd.testing.assert_frame_equal(again.contacts, part.contacts, check_exact=True)
         chosen = shelved.with_choice(Choice("disk", error=0.077, stated=0.002, relative=0.01, output="area"))
-        assert "contacts" not in vars(chosen)
+        assert vars(chosen) == {}
         assert chosen.whole().row["message"].endswith(str(chosen.choice))
     pd.testing.assert_frame_equal(kept.whole().contacts, held.whole().contacts, check_exact=True)
 

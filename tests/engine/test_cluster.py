@@ -10,6 +10,7 @@ import pandas as pd
 import pytest
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, start, wait_until
 from small_series import SCENE
+from stored_results import stored_results
 
 from contactimg import InputError, solve_ensemble
 from contactimg.cli import main
@@ -142,7 +143,7 @@ def test_the_client_killed_and_the_run_taken_up(parts, series, tmp_path, capfd):
     words = ["process", str(series), "-o"]
     with ExitStack() as stack:
         first = start(stack, "contactimg", *words, str(out), *options)
-        wait_until(lambda: any(out.rglob("frames.txt")))
+        wait_until(lambda: stored_results(out))
         first.kill()
         first.wait()
     assert not (out / "contacts.csv").exists()

@@ -195,7 +195,7 @@ def test_page_of_a_stack_as_reference(folder):
     experiment = experiment_of(folder, images={"reference": "s.tif[0]", "frames": "s.tif"})
     assert experiment.reference.read().image[0, 0] == 0
     assert names(experiment) == ["s.tif[1]", "s.tif[2]"]
-    assert experiment.inputs == (with_pages,)
+    assert list(experiment.inputs) == [with_pages]
     sentence = f"{folder / 's.tif[3]'}: there is no such reference; name one of s.tif[0] ... s.tif[2]"
     assert refusal(folder, images={"reference": "s.tif[3]", "frames": "s.tif"}) == sentence
     sentence = f"{folder}: there is no frame besides the reference s.tif[0], s.tif[1], s.tif[2]"

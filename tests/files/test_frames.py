@@ -4,11 +4,11 @@ import pickle
 import struct
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
 import imagecodecs
-import joblib
 import numpy as np
 import pytest
 import tifffile
@@ -709,9 +709,8 @@ def test_sources_travel_to_workers(tmp_path, levels):
     sources = list_frames(write_tiff(tmp_path / "s.tif", stack))
     assert len(pickle.dumps(sources[2])) < 1000
     assert pickle.loads(pickle.dumps(sources[2])) == sources[2]  # noqa: S301
-    sums = joblib.Parallel(n_jobs=2, backend="threading")(
-        joblib.delayed(lambda source: int(source.read().image.sum()))(source) for source in sources
-    )
+    with ThreadPoolExecutor(2) as pool:
+        sums = list(pool.map(lambda source: int(source.read().image.sum()), sources))
     assert sums == [int(image.sum()) for image in stack]
 
 

@@ -216,7 +216,7 @@ def test_provenance_that_points_outside_deletes_nothing_there(tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
     (tmp_path / "out").mkdir()
     outputs = ["../precious.txt", str(tmp_path / "precious.txt")]
-    (tmp_path / "out" / "provenance.json").write_text(json.dumps(RECORD | {"outputs": outputs}))
+    (tmp_path / "out" / "provenance.json").write_text(json.dumps(RECORD | {"inputs": [], "outputs": outputs}))
     run(tmp_path / "out", {"a.txt": "1"})
     assert (tmp_path / "precious.txt").read_text() == "mine"
 
@@ -320,7 +320,7 @@ def test_provenance_says_what_a_repetition_needs(experiment):
     assert configuration["scene"]["measure"]["threshold"] == 0.5  # a default
     names = [Path(entry["path"]).name for entry in record["inputs"]]
     assert names == ["frame_0.tif", "frame_1.tif", "loads.csv"]
-    data = experiment.inputs[2].read_bytes()
+    data = list(experiment.inputs)[2].read_bytes()
     assert record["inputs"][2]["sha256"] == hashlib.sha256(data).hexdigest()
     assert record["inputs"][2]["bytes"] == len(data)
 

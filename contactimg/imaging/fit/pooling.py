@@ -5,7 +5,8 @@ in every frame, as is the blur, up to slow changes. Frames are weighted by their
 variance between frames.
 """
 
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,12 +20,12 @@ from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 
 
-def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
+def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:
     """The contrast and blur that frames have in common.
 
     Parameters
     ----------
-    frames : sequence of SharedOptics
+    frames : iterable of SharedOptics
         From each frame alone, contrasts relative to the background level.
 
     Returns
@@ -40,17 +41,17 @@ def pool_optics(frames: Sequence[SharedOptics]) -> SharedOptics | None:
     >>> round(pooled.contrast, 3), round(pooled.blur_px, 3)
     (1.254, 1.404)
     """
-    resolved = [frame for frame in frames if frame.contrast_relative_std < RESOLVED_CONTRAST_FRACTION]
-    if not resolved:
+    values, best = array("d"), None
+    for frame in frames:
+        if frame.contrast_relative_std < RESOLVED_CONTRAST_FRACTION:
+            values.extend((frame.contrast, frame.contrast_relative_std, frame.blur_px, frame.blur_std_px))
+            if best is None or frame.contrast_relative_std < best.contrast_relative_std:
+                best = frame
+    if best is None:
         return None
-    contrast = _mean(
-        np.log([frame.contrast for frame in resolved]),
-        np.array([frame.contrast_relative_std for frame in resolved]),
-    )
-    blur = _mean(
-        np.array([frame.blur_px for frame in resolved]), np.array([frame.blur_std_px for frame in resolved])
-    )
-    best = min(resolved, key=lambda frame: frame.contrast_relative_std)
+    contrasts, relative_stds, blurs, blur_stds = np.frombuffer(values).reshape(-1, 4).T.copy()
+    contrast = _mean(np.log(contrasts), relative_stds)
+    blur = _mean(blurs, blur_stds)
     level = float(np.exp(contrast.value))
     return SharedOptics(
         contrast=level,

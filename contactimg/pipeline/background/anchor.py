@@ -18,8 +18,9 @@ from contactimg.pipeline.background.looks import (
     look_of,
     view_of,
 )
-from contactimg.pipeline.frame import FrameOptions, MeasuredFrame
+from contactimg.pipeline.frame import FrameOptions
 from contactimg.pipeline.inputs import read_reference
+from contactimg.pipeline.measured_frame import MeasuredFrame
 
 
 @dataclass(frozen=True, eq=False)

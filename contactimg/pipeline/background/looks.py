@@ -13,7 +13,8 @@ from contactimg.imaging.background.pooled.views import Placement, View, to_ancho
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import Rim, rim_table
-from contactimg.pipeline.frame import FrameOptions, MeasuredFrame
+from contactimg.pipeline.frame import FrameOptions
+from contactimg.pipeline.measured_frame import MeasuredFrame
 
 HIDDEN_PX = 5.0
 """Margin around what a frame hides: three and a half blur widths of the usual optics. Chosen by hand."""

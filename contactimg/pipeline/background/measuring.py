@@ -15,7 +15,8 @@ from contactimg.imaging.background.pooled.sums import PooledBackground
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background.looks import OwnView, contribute_view, digest_of
-from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_scene_frame
+from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
+from contactimg.pipeline.measured_frame import MeasuredFrame
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Pool the background of a series from its frames."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -25,7 +25,7 @@ from contactimg.pipeline.background.looks import (
     look_of,
 )
 from contactimg.pipeline.background.measuring import FirstPass, Pool, measure_on_pool
-from contactimg.pipeline.frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 
 logger = logging.getLogger(__name__)
@@ -52,11 +52,11 @@ class SeriesBackground:
     Parameters
     ----------
     measure : callable
-        For `contactimg.pipeline.parallel.for_each_frame`, with the jobs of `job`.
+        For `contactimg.pipeline.parallel.for_each_frame`, with the arguments of `arguments`.
     own : dict
         Frame -> what it contributed.
-    first : dict
-        Frame -> how it was measured with the reference.
+    first : sequence of MeasuredFrame
+        The frames as measured with the reference.
     remarks : dict
         Frame -> what to say of it; under the empty name, what to say of each.
     ghosts : int
@@ -65,15 +65,16 @@ class SeriesBackground:
 
     measure: Callable[..., MeasuredFrame]
     own: dict[str, OwnView]
-    first: dict[str, MeasuredFrame]
+    first: Sequence[MeasuredFrame]
     remarks: dict[str, str]
     ghosts: int = 0
 
-    def job(self, source: FrameSource, optics: SharedOptics | None = None) -> tuple[Any, ...]:
-        """What `measure` needs for a frame, beside its pixels and the reference."""
-        name = source.name
+    def arguments(self, k: int, optics: SharedOptics | None = None) -> tuple[Any, ...]:
+        """What `measure` needs for the frame of this number, beside its pixels and the reference."""
+        first = self.first[k]
+        name = str(first.row["frame"])
         remark = "; ".join(text for text in (self.remarks.get(""), self.remarks.get(name)) if text)
-        return source, optics, FirstPass(self.first[name], self.own.get(name), remark)
+        return optics, FirstPass(first, self.own.get(name), remark)
 
 
 def pool_views(series: Series) -> SeriesBackground | None:
@@ -147,7 +148,7 @@ class _Pooling:
         return SeriesBackground(
             partial(measure_on_pool, pool=pool),
             {source.name: one for source, one in own.items()},
-            {str(part.row["frame"]): part for part in self.series.parts},
+            self.series.parts,
             self._remarks(agreement, good),
             agreement.spots_of(0, sign=self.series.sign) if self.anchor.is_reference else 0,
         )

@@ -13,8 +13,9 @@ from contactimg.frame import Frame
 from contactimg.pipeline.background.anchor import Series
 from contactimg.pipeline.background.looks import is_measured
 from contactimg.pipeline.background.pooling import SeriesBackground, pool_views
-from contactimg.pipeline.frame import FrameOptions, MeasuredFrame, measure_scene_frame
-from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
+from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -75,8 +76,7 @@ def measure_on_background(
     if background is None:
         return parts, None
     numbers = [k for k, part in enumerate(series.parts) if is_measured(part)]
-    jobs = [background.job(experiment.frames[k]) for k in numbers]
-    again = list(series.parts)
+    jobs, again = Jobs(experiment.frames, numbers, background.arguments), list(series.parts)
     second = for_each_frame(experiment, background.measure, jobs, workers=workers, store=store)
     for k, part in zip(numbers, second, strict=True):
         if not isinstance(part, FailedFrame):
@@ -86,7 +86,7 @@ def measure_on_background(
         logger.info("the pooled background gains nothing; the reference is used")
         return parts, None
     for part in again:
-        logger.info("on the pooled background: %s", part.summary())
+        part.log("on the pooled background: ")
     return again, background
 
 
@@ -95,7 +95,7 @@ def _without_reference(series: Series, ghosts: int) -> Series:
     fault = f"the reference shows {ghosts} spots like contacts that no frame confirms"
     logger.warning("%s; it is not used", fault)
     call = partial(_measure_alone, options=series.options)
-    jobs = [(source,) for source in series.experiment.frames]
+    jobs = Jobs(series.experiment.frames)
     new = for_each_frame(series.experiment, call, jobs, workers=series.workers, store=series.store)
     parts = [
         old if isinstance(part, FailedFrame) or not is_measured(old) else part
@@ -119,9 +119,7 @@ def _is_wanted(scene: Scene, parts: list[MeasuredFrame]) -> bool:
 
 def _gains(before: list[MeasuredFrame], after: list[MeasuredFrame]) -> bool:
     """Whether the noise of the difference has become smaller in most frames."""
-    ratios = [
-        one.row["noise"] / two.row["noise"]
-        for one, two in zip(before, after, strict=True)
-        if one is not two and two.row["noise"] > 0
-    ]
+    pairs = zip(before, after, strict=True)
+    noise = ((one.row["noise"], two.row["noise"]) for one, two in pairs if one is not two)
+    ratios = [one / two for one, two in noise if two > 0]
     return bool(ratios) and float(np.median(ratios)) > LEAST_GAIN
