@@ -371,12 +371,13 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
     InputError
         If two rows mean the same frame.
     """
+    present = set(names)
     stems = Counter(Path(name).stem for name in names)
     by_stem = {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
     meant = []
     for given in loads["frame"]:
-        last = given if given in names else re.split(r"[/\\]", given)[-1]
-        meant.append(last if last in names else by_stem.get(last, given))
+        last = given if given in present else re.split(r"[/\\]", given)[-1]
+        meant.append(last if last in present else by_stem.get(last, given))
     table = loads.assign(frame=meant)
     repeated = table[table.duplicated(["frame"])]
     if len(repeated):

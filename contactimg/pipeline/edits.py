@@ -26,9 +26,10 @@ def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[st
         to frame.
     """
     names = [source.name for source in experiment.frames]
+    known = {EVERY_FRAME, *names}
     edits: dict[str, list[HandEdit]] = {}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
-        if row["frame"] not in (EVERY_FRAME, *names):
+        if row["frame"] not in known:
             logger.warning(
                 "edits: row %s (%s) is for the frame %s, which is not there; the edit has no effect",
                 number, row["action"], row["frame"],
