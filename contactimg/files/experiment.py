@@ -203,25 +203,25 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     frames = _find_frames(scene, list(references))
     tables = [_loads_file(scene), _asperities_file(scene), _edits_file(scene)]
     edits = EDITS.empty() if tables[2] is None else read_edits(tables[2])
-    loads = _align_loads(tables[0], frames, pulled=pulled)
+    loads = _align_loads(tables[0], frames.names, pulled=pulled)
     corrections = _find_corrections(scene, frames)
     corrections = replace(corrections, areas=corrections.areas + masked_areas(edits))
     files = [source.path for source in references] + [table for table in tables if table is not None]
     others = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
-        frames = [replace(frame, correct=corrections) for frame in frames]
+        frames = FrameList(replace(frame, correct=corrections) for frame in frames)
         references = tuple(replace(one, correct=corrections.of_reference) for one in references)
     asperities = read_scene_asperities(scene)
-    return Experiment(scene, references, FrameList(frames), loads, asperities, others, edits, corrections)
+    return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
 
 
-def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:
+def _find_corrections(scene: Scene, frames: FrameList) -> PixelCorrections:
     """Dark frame, flat field and masks that the scene names."""
     images, folder = scene.images, Path(scene.folder)
     dark, flat = (
-        _list_frames(named, scene, folder=folder) if named else [] for named in (images.dark, images.flat)
+        _list_frames(named, scene, folder=folder) if named else () for named in (images.dark, images.flat)
     )
-    names = [frame.name for frame in frames]
+    names = frames.names
     return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names), tuple(names))
 
 
@@ -254,14 +254,10 @@ def _asperities_file(scene: Scene) -> Path | None:
     return Path(scene.folder) / named if named else None
 
 
-def _list_frames(
-    path: str | Path | list[str], scene: Scene, *, folder: str | Path = "."
-) -> list[FrameSource]:
+def _list_frames(path: str | Path | list[str], scene: Scene, *, folder: str | Path = ".") -> FrameList:
     """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
     full_scale = None if scene.camera is None else scene.camera.full_scale
-    response = CameraResponse.of(scene.camera)
-    sources = list_frames(path, folder=folder, full_scale=full_scale)
-    return [replace(source, response=response) for source in sources]
+    return list_frames(path, folder=folder, full_scale=full_scale, response=CameraResponse.of(scene.camera))
 
 
 def _find_references(scene: Scene) -> list[FrameSource]:
@@ -273,7 +269,7 @@ def _find_references(scene: Scene) -> list[FrameSource]:
     return list(dict.fromkeys(found))
 
 
-def _list_reference(named: str, scene: Scene) -> list[FrameSource]:
+def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
     """The reference frames of one entry."""
     path = Path(scene.folder) / named
     file = named_file(named, Path(scene.folder))
@@ -289,21 +285,25 @@ def _list_reference(named: str, scene: Scene) -> list[FrameSource]:
     return matches
 
 
-def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSource]:
+def _find_frames(scene: Scene, references: list[FrameSource]) -> FrameList:
     """The frames of a scene, without the references."""
     folder, named = Path(scene.folder), scene.images.frames
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
-    frames = _list_frames(named, scene, folder=folder)
     places = {(reference.path.resolve(), reference.index) for reference in references}
-    frames = [frame for frame in frames if (frame.path.resolve(), frame.index) not in places]
+    listed = _list_frames(named, scene, folder=folder)
+    frames = FrameList(frame for frame in listed if (frame.path.resolve(), frame.index) not in places)
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
     used = set(_find_corrections(scene, frames).files)
-    frames = [frame for frame in frames if frame.path not in used]
-    extra = [frame for frame in frames if frame.path not in chosen and is_correction(frame.path)]
-    frames = [frame for frame in frames if frame not in extra]
-    dropped = [frame.name for frame in frames if is_reference(frame.path) and frame.path not in chosen]
-    frames = [frame for frame in frames if frame.name not in dropped]
+    extra, dropped = list[str](), list[str]()
+    for frame in frames:
+        if frame.path not in used and frame.path not in chosen:
+            if is_correction(frame.path):
+                extra.append(frame.name)
+            elif is_reference(frame.path):
+                dropped.append(frame.name)
+    left_out = {*extra, *dropped}
+    frames = FrameList(frame for frame in frames if frame.path not in used and frame.name not in left_out)
     if not frames:
         besides = _some([reference.name for reference in references] or dropped)
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
@@ -317,7 +317,7 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
         logger.warning(
             "%s: %s is not measured as a frame; to use it, name it in [images] as dark, flat or mask",
             folder,
-            _some(frame.name for frame in extra),
+            _some(extra),
         )
     return frames
 
@@ -343,9 +343,8 @@ def edits_file(scene: Scene | None, folder: str | Path) -> Path:
     return Path(scene.folder) / (scene.images.edits or EDITS_FILE)
 
 
-def _align_loads(path: Path | None, frames: list[FrameSource], *, pulled: bool) -> pd.DataFrame:
+def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.DataFrame:
     """One row per frame; mismatches are logged, and it is an error if no load belongs to a frame."""
-    names = [frame.name for frame in frames]
     if path is None:
         return LOADS.conform({"frame": names})
     loads = _name_frames(path, read_loads(path, pulled=pulled), names)

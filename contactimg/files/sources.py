@@ -130,10 +130,67 @@ def natural_key(text: PathLike) -> tuple[list[str | int], str]:
     return [int(part) if number % 2 else part for number, part in enumerate(parts)], text
 
 
+class FrameList(Sequence[FrameSource]):
+    """Sources of frames, each made when it is asked for: a series of 10^5 takes its names and little more.
+
+    Parameters
+    ----------
+    sources : iterable of FrameSource
+
+    Attributes
+    ----------
+    names : list of str
+        Names of the frames.
+    """
+
+    def __init__(self, sources: Iterable[FrameSource]) -> None:
+        self.names: list[str] = []
+        self._files: list[str] = []
+        self._numbers = array("q")  # of the image in the file
+        self._kinds: list[FrameSource] = []  # the first of each row of frames that are read alike
+        self._starts: list[int] = []
+        for k, source in enumerate(sources):
+            if not self._kinds or not _read_alike(source, self._kinds[-1]):
+                self._kinds.append(source)
+                self._starts.append(k)
+            file = source.path.name
+            self.names.append(source.name)
+            self._files.append(source.name if source.name == file else file)
+            self._numbers.append(source.index)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @overload
+    def __getitem__(self, index: int) -> FrameSource: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "FrameList": ...
+
+    def __getitem__(self, index: int | slice) -> "FrameSource | FrameList":
+        """One source, or some."""
+        if isinstance(index, slice):
+            return FrameList(self[k] for k in range(*index.indices(len(self))))
+        k = range(len(self))[index]
+        kind = self._kinds[bisect_right(self._starts, k) - 1]
+        path = kind.path.with_name(self._files[k])
+        return replace(kind, name=self.names[k], path=path, index=self._numbers[k])
+
+
+def _read_alike(one: FrameSource, two: FrameSource) -> bool:
+    """Whether two sources differ only in name, file and number."""
+    alike = one.full_scale == two.full_scale and one.response == two.response
+    return alike and one.correct is two.correct and one.path.parent == two.path.parent
+
+
 @stage("reading")
 def list_frames(
-    path: PathLike | Iterable[PathLike], *, folder: PathLike = ".", full_scale: float | None = None
-) -> list[FrameSource]:
+    path: PathLike | Iterable[PathLike],
+    *,
+    folder: PathLike = ".",
+    full_scale: float | None = None,
+    response: CameraResponse | None = None,
+) -> FrameList:
     """List the frames of a folder, a glob, a file or a list of these, without reading an image.
 
     Parameters
@@ -145,10 +202,12 @@ def list_frames(
         Folder that relative paths refer to.
     full_scale : float, optional
         Grey level at which the sensor saturates, if the files do not state it.
+    response : CameraResponse, optional
+        By which grey levels are made proportional to light.
 
     Returns
     -------
-    list of FrameSource
+    FrameList
         A file that cannot be read is listed as well; reading it raises an error.
 
     Raises
@@ -166,25 +225,26 @@ def list_frames(
     entries = [path] if isinstance(path, str | os.PathLike) else list(path)
     if not entries:
         raise InputError("the list of frames is empty; name at least one file, folder or glob")
-    files = [file for entry in entries for file in _files(Path(folder), entry)]
-    sources = [source for file in files for source in _images(file)]
+    files = (file for entry in entries for file in _files(Path(folder), entry))
+    found = (source for file in files for source in _images(file))
+    sources = FrameList(replace(source, full_scale=full_scale, response=response) for source in found)
     _check_names(sources)
-    return [replace(source, full_scale=full_scale) for source in sources]
+    return sources
 
 
-def _files(folder: Path, entry: PathLike) -> list[Path]:
+def _files(folder: Path, entry: PathLike) -> Iterable[Path]:
     """The image files of one path or glob."""
     path = folder / entry
     if path.is_dir():
-        files = [file for file in path.iterdir() if is_image(file)]
-        return _sort_files(files, f"{path} holds no image file")
+        names = [file.name for file in path.iterdir() if is_image(file)]
+        return _in_order(path, names, f"{path} holds no image file")
     if path.exists():
         _decoder(path)
         return [path]
     if glob.has_magic(os.fspath(entry)):
         matches = glob.glob(os.fspath(entry), root_dir=folder, recursive=True)  # noqa: PTH207 (may be absolute)
-        files = [folder / match for match in matches if is_image(folder / match)]
-        return _sort_files(files, f"{path} matches no image file")
+        names = [match for match in matches if is_image(folder / match)]
+        return _in_order(folder, names, f"{path} matches no image file")
     raise InputError(f"{path}: there is no such file or folder")
 
 
@@ -193,11 +253,11 @@ def is_image(path: Path) -> bool:
     return path.suffix.lower() in _DECODERS and not path.name.startswith(".") and path.is_file()
 
 
-def _sort_files(files: list[Path], complaint: str) -> list[Path]:
-    """The files in natural order; raise if there is none."""
-    if not files:
+def _in_order(folder: Path, names: list[str], complaint: str) -> Iterable[Path]:
+    """The files of a folder in natural order; raise if there is none."""
+    if not names:
         raise InputError(f"{complaint}; looked for {', '.join(SUFFIXES)}")
-    return sorted(files, key=lambda path: natural_key(path.as_posix()))
+    return (folder / name for name in sorted(names, key=lambda name: natural_key(Path(name).as_posix())))
 
 
 def _images(path: Path) -> list[FrameSource]:
@@ -213,60 +273,12 @@ def _images(path: Path) -> list[FrameSource]:
     return [FrameSource(f"{path.name}[{k}]", path, index) for k, index in enumerate(numbers)]
 
 
-def _check_names(sources: Sequence[FrameSource]) -> None:
+def _check_names(sources: FrameList) -> None:
     """Raise if two frames have the same name."""
-    name, count = Counter(source.name for source in sources).most_common(1)[0]
+    name, count = Counter(sources.names).most_common(1)[0]
     if count > 1:
         paths = [str(source.path) for source in sources if source.name == name]
         raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
-
-
-class FrameList(Sequence[FrameSource]):
-    """Sources of frames, each made when it is asked for: a series of 10^5 takes its names and little more.
-
-    Parameters
-    ----------
-    sources : iterable of FrameSource
-    """
-
-    def __init__(self, sources: Iterable[FrameSource]) -> None:
-        self._names: list[str] = []
-        self._files: list[str] = []
-        self._numbers = array("q")  # of the image in the file
-        self._kinds: list[FrameSource] = []  # the first of each row of frames that are read alike
-        self._starts: list[int] = []
-        for k, source in enumerate(sources):
-            if not self._kinds or not _read_alike(source, self._kinds[-1]):
-                self._kinds.append(source)
-                self._starts.append(k)
-            file = source.path.name
-            self._names.append(source.name)
-            self._files.append(source.name if source.name == file else file)
-            self._numbers.append(source.index)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-    @overload
-    def __getitem__(self, index: int) -> FrameSource: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> "FrameList": ...
-
-    def __getitem__(self, index: int | slice) -> "FrameSource | FrameList":
-        """One source, or some."""
-        if isinstance(index, slice):
-            return FrameList(self[k] for k in range(*index.indices(len(self))))
-        k = range(len(self))[index]
-        kind = self._kinds[bisect_right(self._starts, k) - 1]
-        path = kind.path.with_name(self._files[k])
-        return replace(kind, name=self._names[k], path=path, index=self._numbers[k])
-
-
-def _read_alike(one: FrameSource, two: FrameSource) -> bool:
-    """Whether two sources differ only in name, file and number."""
-    alike = one.full_scale == two.full_scale and one.response == two.response
-    return alike and one.correct is two.correct and one.path.parent == two.path.parent
 
 
 class FrameSeries(Sequence[Frame]):
