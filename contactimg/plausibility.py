@@ -253,6 +253,9 @@ def _doubts_about_asperities(asperities: pd.DataFrame) -> Iterator[str]:
     """Heights against radii, radii against distances, and single asperities on the other side of zero."""
     height, radius = (float(asperities[name].abs().median()) for name in ("height_m", "radius_m"))
     yield from ASPERITY_RADIUS.doubt("the median of radius_m of the asperities", radius)
+    for name, plausible in (("radius_2_m", ASPERITY_RADIUS), ("young_modulus_Pa", YOUNG_MODULUS)):
+        if name in asperities and asperities[name].notna().any():
+            yield from plausible.doubt(f"the median of {name} of the asperities", asperities[name].median())
     if height > radius:
         yield (
             f"the asperities are taller (median of height_m {height:g} m) than their radius of curvature "

@@ -35,7 +35,7 @@ from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
-from contactimg.surfaces import base_radius, refuse_own_caps
+from contactimg.surfaces import base_radius, equivalent_radii, refuse_own_caps
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
@@ -419,7 +419,7 @@ def pattern_sides(section: Asperities, asperities: pd.DataFrame) -> tuple[float,
     InputError
         If the table has too few asperities to determine the sides, or its span contradicts ``side_m``.
     """
-    base = base_radius(asperities["height_m"], asperities["radius_m"])
+    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
     spans = [float(np.ptp(asperities[name])) if len(asperities) else 0.0 for name in ("x_m", "y_m")]
     sides = [float(np.ptp([asperities[name] - base, asperities[name] + base])) for name in ("x_m", "y_m")]
     if section.generate is None and "side" not in section.model_fields_set:

@@ -7,12 +7,14 @@ import pytest
 from contactimg.errors import InputError
 from contactimg.files import open_experiment, read_scene, write_table
 from contactimg.forces import local_forces, sphere_radii
+from contactimg.pipeline.analyse.places import radius_ratios
 from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
 from contactimg.pipeline.inputs import contact_sites, scene_of_defined_laws
 from contactimg.pipeline.overlay import compare_run
 from contactimg.pipeline.series import measure_series
 from contactimg.pipeline.simulate import simulate_series, write_simulation
 from contactimg.pipeline.tradeoff import prepare_tradeoff
+from contactimg.plausibility import doubts_about_scene
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.surfaces import generate_asperities
@@ -120,3 +122,21 @@ def test_tradeoff_takes_spherical_caps(table, tmp_path):
     scene = scene_from_dict(SCENE, folder=tmp_path)
     with pytest.raises(InputError, match="tradeoff takes spherical caps of one modulus; leave the column"):
         prepare_tradeoff(scene, load=0.02)
+
+
+def test_moduli_and_radii_in_another_unit_are_doubted(table):
+    scene = scene_from_dict(SCENE)
+    assert not list(doubts_about_scene(scene, table))
+    slips = table.assign(young_modulus_Pa=6.0, radius_2_m=250.0)
+    doubts = " ".join(doubts_about_scene(scene, slips))
+    assert "the median of young_modulus_Pa of the asperities = 6 Pa" in doubts
+    assert "the median of radius_2_m of the asperities = 250 m" in doubts
+    empty = table.assign(young_modulus_Pa=np.nan, radius_2_m=np.nan)
+    assert not list(doubts_about_scene(scene, empty))
+
+
+def test_a_over_r_of_ellipsoids_takes_the_geometric_mean(table):
+    scene = scene_from_dict(SCENE)
+    truth = predict_contacts(scene, table, load=0.02).contacts
+    second = table["radius_2_m"].to_numpy()[truth["asperity"].to_numpy(int)]
+    np.testing.assert_allclose(radius_ratios(truth, scene, table), truth["radius_m"] / np.sqrt(1e-4 * second))

@@ -195,7 +195,7 @@ def draw_predicted(
     contacts : list of Outline
         This frame's measured contacts.
     predicted : dict
-        Contacts tables of the ``"coupled"`` and the ``"uncoupled"`` model.
+        Contacts tables of the ``"coupled"`` and the ``"uncoupled"`` model, with the columns in px.
     hertz_circle : (x, y, radius) or None
         Apparent contact of the smooth sphere, sample coordinates, m.
     pose : Pose
@@ -209,12 +209,11 @@ def draw_predicted(
     # dashed, so that the measured contact shows where they coincide
     for model, colour, dashes in (("uncoupled", UNCOUPLED, (4.0, 8.0)), ("coupled", COUPLED, (8.0, 8.0))):
         if model in predicted:
-            disks = _in_pixels(predicted[model], pose, shift_px)
-            layers.append(Layer(disks, colour, f"predicted, {model} ({len(disks)})", dashes, width=0.7))
+            seen = contact_outlines(predicted[model])
+            layers.append(Layer(seen, colour, f"predicted, {model} ({len(seen)})", dashes, width=0.7))
     if hertz_circle is not None:
         circle = pd.DataFrame([hertz_circle], columns=["x_m", "y_m", "radius_m"])
-        disks = _in_pixels(circle, pose, shift_px)
-        layers.append(Layer(disks, HERTZ, "Hertz, smooth sphere", (16.0, 10.0)))
+        layers.append(Layer(_in_pixels(circle, pose, shift_px), HERTZ, "Hertz, smooth sphere", (16.0, 10.0)))
     seen = [outline for layer in layers if layer.colour != HERTZ for outline in layer.outlines]
     x, y = (np.array([getattr(outline, name) for outline in seen]) for name in ("x", "y"))
     part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))

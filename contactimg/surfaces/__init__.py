@@ -14,6 +14,7 @@ from contactimg.surfaces.asperity_table import (
     base_radius,
     check_asperities,
     composite_apexes,
+    equivalent_radii,
     refuse_own_caps,
 )
 from contactimg.surfaces.patterns import CapLaw, DropletCaps, GaussianCaps, UniformCaps, generate_asperities
@@ -31,6 +32,7 @@ __all__ = [
     "base_radius",
     "check_asperities",
     "composite_apexes",
+    "equivalent_radii",
     "generate_asperities",
     "refuse_own_caps",
 ]

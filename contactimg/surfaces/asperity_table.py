@@ -140,6 +140,21 @@ def _filled_columns(asperities: pd.DataFrame, radius: Values) -> dict[str, Value
     return columns
 
 
+def equivalent_radii(asperities: pd.DataFrame) -> Values:
+    """Radius of curvature of each cap (m), of ellipsoids the geometric mean of the two.
+
+    Examples
+    --------
+    >>> equivalent_radii(pd.DataFrame({"radius_m": [1e-4, 1e-4], "radius_2_m": [4e-4, np.nan]}))
+    array([0.0002, 0.0001])
+    """
+    radius = asperities["radius_m"].to_numpy(float)
+    if "radius_2_m" not in asperities:
+        return radius
+    second = asperities["radius_2_m"].to_numpy(float)
+    return np.where(np.isnan(second), radius, np.sqrt(radius * second))
+
+
 def refuse_own_caps(
     asperities: pd.DataFrame, purpose: str, *, columns: Collection[str] = ASPERITIES.later
 ) -> None:

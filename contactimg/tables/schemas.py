@@ -150,7 +150,7 @@ CONTACTS = Schema(
         "semi_minor_px": ("float64", "minor half-axis, px"),
         "angle_rad": (
             "float64",
-            "angle of the major axis in the image, from +x towards +y, -pi/2 to pi/2, rad; empty for a disk",
+            "angle of the major axis in the image, without a camera on the sample, from +x towards +y, rad",
         ),
         "semi_major_m": ("float64", "major half-axis, m"),
         "semi_minor_m": ("float64", "minor half-axis, m"),

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from contactimg.files import write_palette_image
+from contactimg.pipeline import pictures
 from contactimg.pipeline.pictures import Shown, draw_measured, draw_predicted
 from contactimg.plots import COUPLED, MEASURED
 from contactimg.plots.overlay import GREYS, Layer, View, draw_overlay, grey_indices
@@ -130,3 +131,16 @@ def test_a_prediction_that_coincides_leaves_the_measured_contact_and_the_frame_v
     assert share_of(both, COUPLED) > 0
     assert share_of(both, MEASURED) > 0.5 * share_of(alone, MEASURED)
     assert both.indices[150, 100] < 0.6 * GREYS  # dimmed: lines on the rim stand out
+
+
+def test_predicted_ellipses_are_drawn_as_ellipses(frame, monkeypatch):
+    drawn = []
+    monkeypatch.setattr(
+        pictures, "draw_overlay", lambda image, layers, view: drawn.extend(layers[-1].outlines)
+    )
+    table = contacts([0, 0]).assign(shape=["disk", "ellipse"])
+    table = table.assign(semi_major_px=30.0, semi_minor_px=10.0, angle_rad=0.3)
+    stated = {"pose": Pose(frame.shape, 6e-6), "shift_px": (0.0, 0.0), "view": VIEW}
+    draw_predicted(frame, [], {"coupled": table}, None, **stated)
+    axes = [(one.semi_major, one.semi_minor, one.angle) for one in drawn]
+    assert axes == [(RADIUS, RADIUS, 0.0), (30.0, 10.0, 0.3)]

@@ -16,6 +16,7 @@ from contactimg.pipeline.inputs import scene_asperities
 from contactimg.pipeline.run import frame_shift, run_of_folder
 from contactimg.pose import Pose
 from contactimg.scene import Scene
+from contactimg.surfaces import equivalent_radii
 from contactimg.tables import LOADS, Status
 
 logger = logging.getLogger(__name__)
@@ -179,7 +180,7 @@ def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
             raise InputError(
                 f"contacts.csv names asperity {last}, but their table has {len(asperities)} rows"
             )
-        radii[known] = asperities["radius_m"].to_numpy(float)[contacts["asperity"][known].to_numpy(int)]
+        radii[known] = equivalent_radii(asperities)[contacts["asperity"][known].to_numpy(int)]
     return contacts["radius_m"] / radii
 
 
