@@ -40,7 +40,7 @@ from contactimg.files.output import OutputFolder
 from contactimg.files.run_tables import TableFormat, TableWriter, main_tables, read_run_table, require_format
 from contactimg.files.runs import RunFolder, provenance, read_records, read_run
 from contactimg.files.scene_edit import set_scene_keys
-from contactimg.files.sources import FrameSeries, FrameSource, list_frames, read_frames
+from contactimg.files.sources import FrameList, FrameSeries, FrameSource, list_frames, read_frames
 from contactimg.files.table_hashes import RUN_TABLES
 from contactimg.files.tiff import write_frame
 
@@ -54,6 +54,7 @@ __all__ = [
     "SCENE_FILE",
     "EditsFile",
     "Experiment",
+    "FrameList",
     "FrameSeries",
     "FrameSource",
     "FrameStore",

@@ -58,7 +58,7 @@ def provenance(
     -------
     dict
         schema_version, command, created (UTC), versions (of contactimg, Python and each library it depends
-        on), platform, configuration (scene, scene_folder, options) and inputs.
+        on), platform, configuration (scene, scene_folder, options) and inputs (`InputFiles`).
 
     Examples
     --------

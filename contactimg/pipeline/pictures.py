@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameSource, write_palette_image
+from contactimg.files import Experiment, FrameList, FrameSource, write_palette_image
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
 from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
@@ -75,13 +75,13 @@ def draw_overlays(
     """
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
-    pairs = zip(experiment.frames, series.parts, strict=True)
-    sources = {source.name: source for source, part in pairs if part.row["status"] != Status.FAILED}
-    stretch = series_stretch(list(sources.values()))
+    failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
+    sources = FrameList(source for source in experiment.frames if source.name not in failed)
+    stretch = series_stretch(sources)
+    measured = ((name, shown) for name, shown in _shown(series) if name not in failed)
     jobs = (
-        (sources[name], shown, view_of(name, experiment, stretch, pixel_size), folder, numbers)
-        for name, shown in _shown(series)
-        if name in sources
+        (source, shown, view_of(name, experiment, stretch, pixel_size), folder, numbers)
+        for source, (name, shown) in zip(sources, measured, strict=True)
     )
     for _ in in_parallel(_draw_frame, jobs, count=len(sources), workers=workers):
         if advance is not None:
