@@ -8,7 +8,8 @@ Read in this order:
 
 - ``solution`` and ``validity``: what a solved problem is, and how far it is from the limits of the models;
 - ``interacting``: every contact of a pattern, elastically coupled. Below it ``scaled_problem`` (removes the
-  dimensions), ``asperity_laws`` (one contact), ``coupling`` and ``fast_coupling`` with ``near_field_sum``
+  dimensions), ``asperity_laws`` (one contact), ``cap_shapes`` (ellipsoids, unequal moduli), ``profile_law``
+  (any axisymmetric profile), ``coupling`` and ``fast_coupling`` with ``near_field_sum``
   (displacement by the neighbours), ``full_coupling`` (their field over the width of a contact),
   ``newton_iteration``, ``coarse_grid`` (the start for many contacts), ``contact_solver`` (puts these
   together);
