@@ -34,7 +34,7 @@ from contactimg.files.experiment import (
     read_scene_loads,
     write_scene,
 )
-from contactimg.files.figures import write_figure, write_figures, write_palette_image
+from contactimg.files.figures import figure_bytes, write_figure, write_figures, write_palette_image
 from contactimg.files.frame_store import FrameStore
 from contactimg.files.output import OutputFolder
 from contactimg.files.run_tables import TableFormat, TableWriter, main_tables, read_run_table, require_format
@@ -64,6 +64,7 @@ __all__ = [
     "TableWriter",
     "edit_points",
     "edits_file",
+    "figure_bytes",
     "finish_commit",
     "is_reference",
     "list_frames",

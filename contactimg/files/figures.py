@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -70,13 +71,21 @@ def write_figure(ax: Axes, path: str | Path, *, caption: str = "") -> None:
     -----
     Without the time of writing and random names, so that the same figure has the same bytes.
     """
+    path = Path(path)
+    data = figure_bytes(ax, path.suffix.removeprefix("."), caption=caption)
+    with replacing(path) as part:
+        part.write_bytes(data)
+
+
+def figure_bytes(ax: Axes, kind: str, *, caption: str = "") -> bytes:
+    """The figure that holds these axes as a file of a format of `FIGURE_FORMATS`; see `write_figure`."""
     figure = ax.get_figure(root=True)
     if not isinstance(figure, Figure):
-        raise InputError(f"{path}: the axes belong to no figure; draw them on one")
-    kind = Path(path).suffix.removeprefix(".")
+        raise InputError("the axes belong to no figure; draw them on one")
     metadata = UNDATED.get(kind, {}) | ({CAPTION_KEYS.get(kind, "Description"): caption} if caption else {})
-    with mpl.rc_context(FIXED_OUTPUT), replacing(path) as part:
-        figure.savefig(part, format=kind, metadata=metadata)
+    with mpl.rc_context(FIXED_OUTPUT), BytesIO() as file:
+        figure.savefig(file, format=kind, metadata=metadata)
+        return file.getvalue()
 
 
 @stage("pictures")

@@ -4,7 +4,6 @@ import json
 from collections.abc import Sequence
 from math import isnan, nan
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import jinja2
 import pandas as pd
@@ -12,7 +11,7 @@ from matplotlib.axes import Axes
 
 from contactimg import __version__
 from contactimg.analysis.estimates import Estimate
-from contactimg.files import write_figure
+from contactimg.files import figure_bytes
 from contactimg.plots import CAPTIONS, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
 from contactimg.report.contents import Contents, gather_contents
@@ -95,10 +94,7 @@ def _exponent_of(results: pd.DataFrame) -> Exponent | None:
 
 def _as_svg(ax: Axes) -> str:
     """The figure of the axes as a data URI."""
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "figure.svg")
-        write_figure(ax, path)
-        return data_uri("image/svg+xml", path.read_bytes())
+    return data_uri("image/svg+xml", figure_bytes(ax, "svg"))
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:

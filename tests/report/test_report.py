@@ -97,6 +97,12 @@ def test_every_part_is_there(page):
     assert sources.count(None) == 1
 
 
+def test_a_page_is_made_without_temporary_files(run, monkeypatch):
+    # a command that is killed leaves them
+    monkeypatch.setattr(tempfile, "mkdtemp", lambda *_, **__: pytest.fail("a temporary folder"))
+    assert "data:image/svg+xml" in build_report(run)
+
+
 def test_the_first_page_says_what_was_measured_and_what_is_wrong(run):
     page = build_report(run)
     first = " ".join(Page(page[: page.index('id="frames"')]).text)
