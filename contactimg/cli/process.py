@@ -222,14 +222,12 @@ def _measure(experiment: "Experiment", out: "OutputFolder", options: ProcessOpti
 
 def _echo_run(run: "WrittenRun", calibration: dict[str, Any]) -> None:
     """Print what the calibration acts on, which law the forces follow, and what the rims say of a film."""
-    from contactimg.imaging.fit.film_choice import summarise_films
-
     if calibration:
         click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
     if run.law is not None:
         click.echo(run.law.sentence())
-    if run.films:
-        click.echo(summarise_films(run.films.values()))
+    if run.film:
+        click.echo(run.film)
 
 
 def _exit_code(run: "WrittenRun") -> int:

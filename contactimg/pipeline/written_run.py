@@ -1,6 +1,7 @@
 """Write a measured series to a folder, a few frames at a time."""
 
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -10,11 +11,11 @@ import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
 from contactimg.files import TableFormat, TableWriter
-from contactimg.imaging.fit.film_choice import FilmVerdict
+from contactimg.imaging.fit.film_choice import summarise_films
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.run import pose_record
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
-from contactimg.tradeoff.choice import Choice
 
 MOST_SHOWN = 1000
 """Frames of a run whose rows stay in memory, for the terminal. Chosen: more than anybody reads there."""
@@ -34,8 +35,8 @@ class WrittenRun:
         Whether any frame shows something that can be measured.
     law : LawPlan or None
         Law of the local forces; None without forces.
-    films : dict
-        Frame -> what its rims say of an air film, where one was looked for.
+    film : str
+        What the rims say of an air film, in a line; empty where none was looked for.
     record : dict
         What the provenance must state.
     """
@@ -44,14 +45,13 @@ class WrittenRun:
     statuses: Counter[str]
     measurable: bool
     law: LawPlan | None
-    films: dict[str, FilmVerdict]
+    film: str
     record: dict[str, Any]
 
 
 def write_run(series: MeasuredSeries, folder: Path, table_format: TableFormat = "csv") -> WrittenRun:
     """Write contacts, frames, rejected and, if any, outlines, a few frames at a time."""
     shown, statuses, measurable, law = [FRAMES.empty()], Counter[str](), False, None
-    films, choices = dict[str, FilmVerdict](), dict[str, Choice]()
     with ExitStack() as stack:
         tables = [
             stack.enter_context(TableWriter(schema, folder, table_format))
@@ -64,28 +64,35 @@ def write_run(series: MeasuredSeries, folder: Path, table_format: TableFormat = 
                 shown.append(block.frames)
             statuses.update(block.frames["status"])
             measurable |= bool(block.frames[["area_m2", "n_contacts"]].notna().any(axis=None))
-            films |= block.films
-            choices |= block.choices
             law = law or block.law
     if not tables[-1].rows:
         tables[-1].path.unlink()
     frames = FRAMES.conform(pd.concat(shown[1:] or shown, ignore_index=True))
-    record = _record(series, law, films, choices)
-    return WrittenRun(frames, statuses, measurable, law, films, record)
-
-
-def _record(
-    series: MeasuredSeries,
-    law: LawPlan | None,
-    films: dict[str, FilmVerdict],
-    choices: dict[str, Choice],
-) -> dict[str, Any]:
-    """What the provenance must state of a series."""
+    films, choices = _OfFrames(series.parts, "film"), _OfFrames(series.parts, "choice")
     record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
     if law is not None:
         record["law"] = law.sentence()
-    if films:
-        record["film"] = {frame: asdict(verdict) for frame, verdict in films.items()}
-    if choices:
-        record["methods"] = {frame: asdict(choice) for frame, choice in choices.items()}
-    return record
+    record |= {name: found for name, found in (("film", films), ("methods", choices)) if found}
+    film = summarise_films(films.found()) if films else ""
+    return WrittenRun(frames, statuses, measurable, law, film, record)
+
+
+class _OfFrames(Mapping[str, dict[str, Any]]):
+    """Frame -> what its measurement says of a matter, for the provenance; made when it is asked for."""
+
+    def __init__(self, parts: Sequence[MeasuredFrame], matter: str) -> None:
+        self._matter = matter
+        self._parts = {part.row["frame"]: part for part in parts if getattr(part, matter) is not None}
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parts)
+
+    def __getitem__(self, frame: str) -> dict[str, Any]:
+        return asdict(getattr(self._parts[frame], self._matter))
+
+    def found(self) -> Iterator[Any]:
+        """What the measurements say, as it is."""
+        return (getattr(part, self._matter) for part in self._parts.values())

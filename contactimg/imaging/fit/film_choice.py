@@ -255,20 +255,21 @@ def summarise_films(verdicts: Iterable[FilmVerdict]) -> str:
     'air film: none on 1 of 1 frames; log-likelihood -0.5 +- 1.5 with it, over 40 rims; the rims of 1 cannot
     tell, their uncertainties allow for both; with it the areas would change by -2 to -2 %'
     """
-    found = list(verdicts)
-    taken = sum(verdict.taken for verdict in found)
-    frames = f"taken on {taken}" if taken else f"none on {len(found)}"
-    total = sum(verdict.log_likelihood for verdict in found)
-    std = float(np.sqrt(np.nansum([verdict.std**2 for verdict in found])))
-    changes = [100 * one.area_change for one in found if one.doubt > DECIDED_DOUBT]
+    numbers = (
+        (one.taken, one.log_likelihood, one.std, one.rims, one.doubt, one.area_change) for one in verdicts
+    )
+    found = np.fromiter(numbers, (float, 6))
+    taken, log_likelihood, std, rims, doubt, area_change = found.T
+    frames = f"taken on {taken.sum():.0f}" if taken.any() else f"none on {len(found)}"
+    changes = 100 * area_change[doubt > DECIDED_DOUBT]
     left = ""
-    if changes:
+    if len(changes):
         left = f"; the rims of {len(changes)} cannot tell, their uncertainties allow for both"
-        other = f"{'without' if taken else 'with'} it the areas would change by"
-        left += f"; {other} {min(changes):+.2g} to {max(changes):+.2g} %"
+        other = f"{'without' if taken.any() else 'with'} it the areas would change by"
+        left += f"; {other} {changes.min():+.2g} to {changes.max():+.2g} %"
     return (
-        f"air film: {frames} of {len(found)} frames; log-likelihood {total:+.3g} +- {std:.2g} with it, over "
-        f"{sum(verdict.rims for verdict in found)} rims{left}"
+        f"air film: {frames} of {len(found)} frames; log-likelihood {log_likelihood.sum():+.3g} +- "
+        f"{np.sqrt(np.nansum(std**2)):.2g} with it, over {rims.sum():.0f} rims{left}"
     )
 
 
