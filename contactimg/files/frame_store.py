@@ -166,6 +166,8 @@ class FrameStore:
         except sqlite3.DatabaseError as error:
             logger.warning("%s: %s; the frames are measured again", self._file, error)
             self.remove()
+            if self._file.exists():
+                raise InputError(f"{self._file}: {error}; delete {self.folder} and start again") from None
             return self._open()
         return self._database
 

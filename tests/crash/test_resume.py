@@ -1,6 +1,7 @@
 """A run that was ended is taken up: what was measured is not measured again, and the files are the same."""
 
 import pickle
+import shutil
 from functools import wraps
 
 import numpy as np
@@ -139,7 +140,7 @@ def test_results_whose_writing_was_cut_off_are_dropped(tmp_path):
     assert all(found == sorted(found, reverse=True) for found in held)
 
 
-def test_a_damaged_store_is_started_again_or_named(tmp_path, caplog):
+def test_a_damaged_store_is_started_again_or_named(tmp_path, caplog, monkeypatch):
     store, keys = filled(tmp_path)
     store.close()
     file = tmp_path / "store" / STORE_FILE
@@ -148,6 +149,12 @@ def test_a_damaged_store_is_started_again_or_named(tmp_path, caplog):
     again = FrameStore(file.parent, {})
     assert [key in again for key in keys] == [False, False, False]
     again.remove()
+    monkeypatch.setattr(shutil, "rmtree", lambda _: None)  # it cannot be deleted
+    file.parent.mkdir()
+    file.write_bytes(b"something else" * 100)
+    with pytest.raises(InputError, match="is not a database; delete"):
+        FrameStore(file.parent, {})
+    monkeypatch.undo()
     assert "the frames are measured again" in caplog.text
     file.parent.mkdir(exist_ok=True)
     file.write_bytes(whole.replace(b'["second",2]', b'["second",3]'))
