@@ -5,9 +5,9 @@
 
 The frames are links to those of sample_data/sa_plus (1600 x 1200 pixels), on their reference. Two runs of
 different lengths give the rate after start-up: the frames that one has more over the time that it takes
-longer. Printed beside it: processes times the rate of the measurement of one frame in a loop, in one process,
-before and after the runs; and the ratio. A frame that is measured again with the optics of the series counts
-twice.
+longer. Beside it: processes times the rate of the same measurements of decoded frames in a loop, in one
+process, likewise from two lengths. Each frame is measured alone and again with the optics of the series,
+which the loop does too.
 """
 
 import argparse
@@ -18,16 +18,16 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 from contactimg.files import open_experiment, read_scene
-from contactimg.pipeline.effects import film_setting, resolve_measurement
-from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
-from contactimg.pipeline.inputs import contact_sites, read_reference, scene_asperities
+from contactimg.pipeline import series
+from contactimg.pipeline.inputs import read_reference
+from contactimg.pipeline.parallel import for_each_frame
 
 SAMPLES = Path(__file__).parents[1] / "sample_data" / "sa_plus"
 SHORT = 0.2  # frames of the short run over those of the long one
-AGAIN = b"with the contrast, the blur and the edge of the series"  # in the log, of a second measurement
-ROUNDS = 2  # over the frames, in each loop
 
 
 def make_series(folder: Path, count: int) -> None:
@@ -43,33 +43,43 @@ def make_series(folder: Path, count: int) -> None:
     (folder / "scene.toml").write_text(text, encoding="utf-8")
 
 
-def time_run(top: Path, count: int, workers: int) -> tuple[float, int]:
-    """Wall time of the command, and how many measurements it made."""
-    series, out = top / f"series_{count}", top / f"out_{count}"
-    make_series(series, count)
-    words = ["process", str(series), "-o", str(out), "--workers", str(workers), "--no-pictures", "--verbose"]
+def time_run(top: Path, count: int, workers: int) -> float:
+    """Wall time of the command."""
+    folder, out = top / f"series_{count}", top / f"out_{count}"
+    make_series(folder, count)
+    words = ["process", str(folder), "-o", str(out), "--workers", str(workers), "--no-pictures", "--quiet"]
     start = time.perf_counter()
-    done = subprocess.run([sys.executable, "-m", "contactimg", *words], check=True, capture_output=True)  # noqa: S603
-    return time.perf_counter() - start, count + (done.stdout + done.stderr).count(AGAIN)
+    subprocess.run([sys.executable, "-m", "contactimg", *words], check=True)  # noqa: S603
+    return time.perf_counter() - start
 
 
-def seconds_a_frame(folder: Path) -> float:
-    """Wall time of the measurement of a decoded frame, in a loop over the sample frames."""
-    scene = read_scene(folder)
-    experiment = open_experiment(scene)
-    resolved = resolve_measurement(scene)
-    asperities = scene_asperities(scene)
-    sites = None if asperities is None else contact_sites(asperities, scene)
-    options = FrameOptions(resolved, film_setting(resolved, sites))
+def seconds_of_loop(folder: Path) -> float:
+    """Wall time of all measurements of a series, in a loop over its decoded frames in this process."""
+    calls = measurements(folder)
+    experiment = open_experiment(read_scene(folder))
     reference = read_reference(experiment)
     image = None if reference is None else reference.image
-    frames = [source.read() for source in experiment.frames]
-    measure_scene_frame(frames[0], image, options=options)  # compiled before anything is timed
-    start = time.perf_counter()
-    for _ in range(ROUNDS):
-        for frame in frames:
-            measure_scene_frame(frame, image, options=options)
-    return (time.perf_counter() - start) / (ROUNDS * len(frames))
+    spent = 0.0
+    for measure, source, *arguments in calls:
+        frame = source.read()
+        start = time.perf_counter()
+        measure(frame, image, *arguments)
+        spent += time.perf_counter() - start
+    return spent
+
+
+def measurements(folder: Path) -> list[tuple[Any, ...]]:
+    """What a run of the series measures, in order: function, frame, and further arguments."""
+    made = []
+
+    def noted(experiment: Any, measure: Any, jobs: Any = None, **options: Any) -> Any:
+        chosen = [(source,) for source in experiment.frames] if jobs is None else list(jobs)
+        made.extend((measure, *job) for job in chosen)
+        return for_each_frame(experiment, measure, jobs, **options)
+
+    with patch.object(series, "for_each_frame", noted):
+        series.measure_parts(open_experiment(read_scene(folder)))
+    return made
 
 
 def main() -> None:
@@ -81,24 +91,15 @@ def main() -> None:
     few = max(int(SHORT * options.frames), 2 * options.workers)
     top = Path(tempfile.mkdtemp(prefix="throughput_"))
     try:
-        make_series(top / "loop", len(list(SAMPLES.glob("frame_*.tif"))))
-        loops = [seconds_a_frame(top / "loop")]
-        (short, first), (long, all_of_them) = (
-            time_run(top, count, options.workers) for count in (few, options.frames)
-        )
-        loops.append(seconds_a_frame(top / "loop"))
+        short, long = (time_run(top, count, options.workers) for count in (few, options.frames))
+        loops = [seconds_of_loop(top / f"series_{count}") for count in (few, options.frames)]
     finally:
         shutil.rmtree(top)
-    rate = (all_of_them - first) / (long - short)
-    full = options.workers * len(loops) / sum(loops)
-    print(f"loop, before and after: {', '.join(f'{1e3 * seconds:.0f}' for seconds in loops)} ms a frame")
-    print(
-        f"process: {few} frames {short:.1f} s, {options.frames} frames {long:.1f} s ({all_of_them} measured)"
-    )
-    print(
-        f"after start-up {rate:.2f} measurements/s; {options.workers} x loop {full:.2f}; "
-        f"ratio {rate / full:.3f}"
-    )
+    more = options.frames - few
+    rate, full = more / (long - short), options.workers * more / (loops[1] - loops[0])
+    print(f"loop: {few} frames {loops[0]:.1f} s, {options.frames} frames {loops[1]:.1f} s")
+    print(f"process: {few} frames {short:.1f} s, {options.frames} frames {long:.1f} s")
+    print(f"after start-up {rate:.2f} frames/s; {options.workers} x loop {full:.2f}; ratio {rate / full:.3f}")
 
 
 if __name__ == "__main__":

@@ -35,9 +35,16 @@ from contactimg.files.experiment import (
     write_scene,
 )
 from contactimg.files.figures import figure_bytes, write_figure, write_figures, write_palette_image
-from contactimg.files.frame_store import FrameStore
+from contactimg.files.frame_store import EncodedResult, FrameStore, decode_part
 from contactimg.files.output import OutputFolder
-from contactimg.files.run_tables import TableFormat, TableWriter, main_tables, read_run_table, require_format
+from contactimg.files.run_tables import (
+    EncodedRows,
+    TableFormat,
+    TableWriter,
+    main_tables,
+    read_run_table,
+    require_format,
+)
 from contactimg.files.runs import RunFolder, provenance, read_records, read_run
 from contactimg.files.scene_edit import set_scene_keys
 from contactimg.files.sources import FrameList, FrameSeries, FrameSource, list_frames, read_frames
@@ -53,6 +60,8 @@ __all__ = [
     "RUN_TABLES",
     "SCENE_FILE",
     "EditsFile",
+    "EncodedResult",
+    "EncodedRows",
     "Experiment",
     "FrameList",
     "FrameSeries",
@@ -62,6 +71,7 @@ __all__ = [
     "RunFolder",
     "TableFormat",
     "TableWriter",
+    "decode_part",
     "edit_points",
     "edits_file",
     "figure_bytes",

@@ -365,7 +365,7 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     with replacing(path) as part:
         rows = CsvRows(schema, part)
         try:
-            rows.add(table)
+            rows.add(CsvRows.encoded(table, schema))
         finally:
             rows.close()
 
@@ -374,18 +374,24 @@ class CsvRows:
     """A CSV file as `write_table` writes it, to which rows are added."""
 
     def __init__(self, schema: Schema, path: Path) -> None:
-        self._schema, self._path = schema, path
+        self._path = path
         try:
             self._file = path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
-        self._writer = csv.writer(self._file, lineterminator="\n")
-        self._writer.writerow(schema.columns)
+        csv.writer(self._file, lineterminator="\n").writerow(schema.columns)
 
-    def add(self, table: pd.DataFrame) -> None:
-        """Add the rows of a table."""
+    @staticmethod
+    def encoded(table: pd.DataFrame, schema: Schema) -> str:
+        """The rows of a table as text."""
+        text = io.StringIO(newline="")
+        csv.writer(text, lineterminator="\n").writerows(text_rows(table, schema))
+        return text.getvalue()
+
+    def add(self, text: str) -> None:
+        """Add rows of `encoded`."""
         try:
-            self._writer.writerows(text_rows(table, self._schema))
+            self._file.write(text)
             self._file.flush()
         except OSError as error:
             raise InputError(f"{self._path}: cannot be written ({error.strerror or error})") from None

@@ -7,6 +7,7 @@ import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -28,6 +29,34 @@ _TABLE = (
     "(key BLOB NOT NULL, part INTEGER NOT NULL, checksum INTEGER NOT NULL, data BLOB NOT NULL, "
     "UNIQUE (key, part))"
 )
+
+
+@dataclass(frozen=True)
+class EncodedResult:
+    """A result as a store keeps it: whole, or in parts that can be read one by one.
+
+    Parameters
+    ----------
+    texts : tuple of bytes
+        One a part, for `decode_part`.
+    """
+
+    texts: tuple[bytes, ...]
+
+    @classmethod
+    def of(cls, result: Any) -> "EncodedResult | None":
+        """A result encoded, in parts if it has ``records``; None if it has no text."""
+        parts = result.records() if hasattr(result, "records") else (result,)
+        try:
+            return cls(tuple(encode(part).encode() for part in parts))
+        except TypeError as error:
+            logger.info("a result cannot be stored: %s", error)
+            return None
+
+
+def decode_part(text: bytes) -> Any:
+    """A part of a result from its text."""
+    return decode(text.decode())
 
 
 class FrameStore:
@@ -107,10 +136,20 @@ class FrameStore:
         InputError
             If it is damaged.
         """
-        return self._read(key, part) if part else self._first(key)
+        return decode_part(self.text(key, part)) if part else self._first(key)
 
-    def _read(self, key: bytes, part: int = 0) -> Any:
-        """A part of a result, from the disk."""
+    def _read(self, key: bytes) -> Any:
+        """The first part of a result, from the disk."""
+        return decode_part(self.text(key))
+
+    def text(self, key: bytes, part: int = 0) -> bytes:
+        """A part of a result as it is stored, for `decode_part`.
+
+        Raises
+        ------
+        InputError
+            If it is damaged.
+        """
         database = self._database or self._open()
         with self._errors():
             checksum, data = database.execute(
@@ -118,27 +157,22 @@ class FrameStore:
             ).fetchone()
         if zlib.crc32(data) != checksum:
             raise InputError(f"{self._file}: is damaged; delete {self.folder} and start again")
-        return decode(data.decode())
+        text: bytes = data
+        return text
 
-    def put(self, key: bytes, *parts: object) -> bool:
-        """Add a result, whole or in parts that can be read one by one; False if it has no text.
+    def put(self, key: bytes, result: EncodedResult) -> None:
+        """Add a result.
 
         Raises
         ------
         InputError
             If it cannot be written.
         """
-        try:
-            texts = [encode(part).encode() for part in parts]
-        except TypeError as error:
-            logger.info("a frame cannot be stored: %s", error)
-            return False
-        rows = [(key, number, zlib.crc32(text), text) for number, text in enumerate(texts)]
+        rows = [(key, number, zlib.crc32(text), text) for number, text in enumerate(result.texts)]
         database = self._database or self._open()
         with self._errors(), database:
             database.executemany("INSERT OR REPLACE INTO results VALUES (?, ?, ?, ?)", rows)
         self._first.cache_clear()
-        return True
 
     def remove(self) -> None:
         """Delete the store."""

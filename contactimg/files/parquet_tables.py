@@ -34,9 +34,13 @@ class ParquetRows:
         except OSError as error:
             raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
 
-    def add(self, table: pd.DataFrame) -> None:
-        """Add the rows of a table; NaN and NA become nulls."""
-        whole = self._schema.conform(table)
+    @staticmethod
+    def encoded(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
+        """The rows of a table in the order and with the types of the schema."""
+        return schema.conform(table)
+
+    def add(self, whole: pd.DataFrame) -> None:
+        """Add rows of `encoded`; NaN and NA become nulls."""
         try:
             self._writer.write_table(
                 self._arrow.Table.from_pandas(whole, schema=self._columns, preserve_index=False)

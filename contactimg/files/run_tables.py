@@ -1,8 +1,9 @@
 """The tables of a run folder, as CSV or Parquet: written a few frames at a time, read alike."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, Self, get_args
+from typing import Any, Literal, Self, get_args
 
 import pandas as pd
 
@@ -14,7 +15,36 @@ from contactimg.timings import stage
 TableFormat = Literal["csv", "parquet"]
 """How the tables of a run are written."""
 
+_ROWS: dict[str, type[CsvRows] | type[ParquetRows]] = {"csv": CsvRows, "parquet": ParquetRows}
+
 FORMATS: tuple[str, ...] = get_args(TableFormat)
+
+
+@dataclass(frozen=True, eq=False)
+class EncodedRows:
+    """Rows of a table as a file has them: made in any process, written in one.
+
+    Parameters
+    ----------
+    count : int
+    content : str or DataFrame
+        Text of CSV, or columns for Parquet.
+    """
+
+    count: int
+    content: str | pd.DataFrame
+
+    @classmethod
+    @stage("writing")
+    def of(cls, table: pd.DataFrame, schema: Schema, table_format: TableFormat) -> "EncodedRows":
+        """The rows of a table.
+
+        Raises
+        ------
+        InputError
+            If they do not fit the schema.
+        """
+        return cls(len(table), _ROWS[table_format].encoded(table, schema))
 
 
 class TableWriter:
@@ -34,9 +64,9 @@ class TableWriter:
     """
 
     def __init__(self, schema: Schema, folder: Path, table_format: TableFormat = "csv") -> None:
-        self.schema, self.rows = schema, 0
+        self.schema, self.rows, self._format = schema, 0, table_format
         self.path = folder / f"{schema.name}.{table_format}"
-        self._file = (CsvRows if table_format == "csv" else ParquetRows)(schema, self.path)
+        self._file: Any = _ROWS[table_format](schema, self.path)
 
     def __enter__(self) -> Self:
         return self
@@ -44,7 +74,6 @@ class TableWriter:
     def __exit__(self, *_error: object) -> None:
         self._file.close()
 
-    @stage("writing")
     def add(self, table: pd.DataFrame) -> None:
         """Add the rows of a table.
 
@@ -53,8 +82,19 @@ class TableWriter:
         InputError
             If they do not fit the schema or cannot be written.
         """
-        self._file.add(table)
-        self.rows += len(table)
+        self.append(EncodedRows.of(table, self.schema, self._format))
+
+    @stage("writing")
+    def append(self, rows: EncodedRows) -> None:
+        """Add rows that were encoded for this table and its format.
+
+        Raises
+        ------
+        InputError
+            If they cannot be written.
+        """
+        self._file.add(rows.content)
+        self.rows += rows.count
 
 
 def table_file(folder: Path, schema: Schema) -> Path:

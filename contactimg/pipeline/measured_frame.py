@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from contactimg.files import FrameStore
+from contactimg.files import FrameStore, decode_part
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.parallel import FailedFrame
@@ -180,8 +180,8 @@ class ShelvedFrame(MeasuredFrame):
         return tables
 
     def __reduce__(self) -> tuple[Any, ...]:
-        whole = self.whole()
-        return MeasuredFrame, tuple(getattr(whole, item.name) for item in fields(MeasuredFrame))
+        texts = (self.store.text(self.key, part) for part in (0, 1))
+        return _whole_frame, (*texts, dict(self.changes))
 
     def _with(self, row: dict[str, Any], choice: Choice | None) -> MeasuredFrame:
         return ShelvedFrame(self.store, self.key, {"row": row, "choice": choice})
@@ -190,3 +190,8 @@ class ShelvedFrame(MeasuredFrame):
         """The part with its tables in memory."""
         head = {name: getattr(self, name) for name in _HEAD}
         return MeasuredFrame(**head, **vars(self.tables()))
+
+
+def _whole_frame(head: bytes, tables: bytes, changes: Mapping[str, Any]) -> MeasuredFrame:
+    """A frame in memory, in the process that was handed what a store has of it."""
+    return MeasuredFrame(**{**vars(decode_part(head)), **changes}, **vars(decode_part(tables)))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameSource, FrameStore, edits_file
+from contactimg.files import EncodedResult, Experiment, FrameSource, FrameStore, decode_part, edits_file
 from contactimg.pipeline.inputs import read_reference
 from contactimg.tables import Status
 
@@ -82,7 +82,8 @@ def for_each_frame(
 
     def compute(numbers: Sequence[int]) -> Iterator[Result | FailedFrame]:
         chosen = (jobs[k] for k in numbers)
-        return _measure_jobs(experiment, measure, chosen, count=len(numbers), workers=workers)
+        call = measure if None in keys else partial(_encoded, measure)
+        return _measure_jobs(experiment, call, chosen, count=len(numbers), workers=workers)
 
     for part in through_store(store, keys, compute, what="frames" if whole else "", work="measured"):
         yield part
@@ -145,7 +146,7 @@ def through_store(
     keys : sequence of bytes or None
         One a result; None where it is not stored.
     compute : callable
-        Gives the results of the numbers that the store lacks, in order.
+        Gives the results of the numbers that the store lacks, in order; as they are, or encoded.
     what, work : str
         For the message that says how much was done: what is counted, and what is done with the others. No
         message without ``what``.
@@ -167,12 +168,21 @@ def through_store(
             yield _on_shelf(store.get(key), store, key) if known else _stored(next(new), store, key)
 
 
+def _encoded(measure: Callable[..., Any], *arguments: Any) -> Any:
+    """In a worker: a measurement as a store keeps it, if it has a text."""
+    result = measure(*arguments)
+    return EncodedResult.of(result) or result
+
+
 def _stored(part: Any, store: FrameStore, key: bytes) -> Any:
     """A new result in the store; a failure, and one that has no text, stays as it is."""
     if isinstance(part, FailedFrame):
         return part
-    records = part.records() if hasattr(part, "records") else (part,)
-    return _on_shelf(records[0], store, key) if store.put(key, *records) else part
+    encoded = part if isinstance(part, EncodedResult) else EncodedResult.of(part)
+    if encoded is None:
+        return part
+    store.put(key, encoded)
+    return _on_shelf(decode_part(encoded.texts[0]), store, key)
 
 
 def _on_shelf(first: Any, store: FrameStore, key: bytes) -> Any:

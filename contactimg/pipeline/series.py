@@ -97,7 +97,7 @@ def measure_parts(
     edits = edits_by_frame(experiment, relative=relative)
     options = FrameOptions(resolved, film_setting(resolved, sites), relative, edits)
     parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance, store=store)
-    return MeasuredSeries.of(scene, parts, experiment.loads, sites, shape)
+    return MeasuredSeries.of(scene, parts, experiment.loads, sites, shape, workers=workers)
 
 
 def _measure_frames(

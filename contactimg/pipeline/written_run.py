@@ -1,21 +1,24 @@
 """Write a measured series to a folder, a few frames at a time."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from contactimg.effects.local_law import LawPlan
-from contactimg.files import TableFormat, TableWriter
+from contactimg.files import EncodedRows, TableFormat, TableWriter
 from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.run import pose_record
+from contactimg.pipeline.run import Run, pose_record
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED
+
+_TABLES = (CONTACTS, FRAMES, REJECTED, OUTLINES)
 
 MOST_SHOWN = 1000
 """Frames of a run whose rows stay in memory, for the terminal. Chosen: more than anybody reads there."""
@@ -52,14 +55,14 @@ class WrittenRun:
 def write_run(series: MeasuredSeries, folder: Path, table_format: TableFormat = "csv") -> WrittenRun:
     """Write contacts, frames, rejected and, if any, outlines, a few frames at a time."""
     shown, statuses, measurable, law = [FRAMES.empty()], Counter[str](), False, None
+    films, choices = _OfFrames(series.parts, "film"), _OfFrames(series.parts, "choice")
     with ExitStack() as stack:
-        tables = [
-            stack.enter_context(TableWriter(schema, folder, table_format))
-            for schema in (CONTACTS, FRAMES, REJECTED, OUTLINES)
-        ]
-        for block in series.blocks():
-            for table in tables:
-                table.add(getattr(block, table.schema.name))
+        tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
+        for block in series.of_blocks(partial(_EncodedBlock.of, table_format)):
+            for table, rows in zip(tables, block.tables, strict=True):
+                table.append(rows)
+            films.add(statuses.total(), block.frames["frame"], block.films)
+            choices.add(statuses.total(), block.frames["frame"], block.choices)
             if statuses.total() < MOST_SHOWN:
                 shown.append(block.frames)
             statuses.update(block.frames["status"])
@@ -68,7 +71,6 @@ def write_run(series: MeasuredSeries, folder: Path, table_format: TableFormat = 
     if not tables[-1].rows:
         tables[-1].path.unlink()
     frames = FRAMES.conform(pd.concat(shown[1:] or shown, ignore_index=True))
-    films, choices = _OfFrames(series.parts, "film"), _OfFrames(series.parts, "choice")
     record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
     if law is not None:
         record["law"] = law.sentence()
@@ -77,22 +79,43 @@ def write_run(series: MeasuredSeries, folder: Path, table_format: TableFormat = 
     return WrittenRun(frames, statuses, measurable, law, film, record)
 
 
+@dataclass(frozen=True, eq=False)
+class _EncodedBlock:
+    """A block as it is written: made in any process."""
+
+    tables: tuple[EncodedRows, ...]
+    frames: pd.DataFrame
+    law: LawPlan | None
+    films: frozenset[str]
+    choices: frozenset[str]
+
+    @classmethod
+    def of(cls, table_format: TableFormat, run: Run) -> "_EncodedBlock":
+        """The tables of a block encoded, and the names of frames with a film or a choice."""
+        tables = tuple(EncodedRows.of(getattr(run, schema.name), schema, table_format) for schema in _TABLES)
+        return cls(tables, run.frames, run.law, frozenset(run.films), frozenset(run.choices))
+
+
 class _OfFrames(Mapping[str, dict[str, Any]]):
     """Frame -> what its measurement says of a matter, for the provenance; made when it is asked for."""
 
     def __init__(self, parts: Sequence[MeasuredFrame], matter: str) -> None:
-        self._matter = matter
-        self._parts = {part.row["frame"]: part for part in parts if getattr(part, matter) is not None}
+        self._parts, self._matter = parts, matter
+        self._numbers = dict[str, int]()
+
+    def add(self, first: int, frames: Iterable[str], concerned: Container[str]) -> None:
+        """Add frames that begin at a number, those that the matter concerns."""
+        self._numbers |= {name: k for k, name in enumerate(frames, first) if name in concerned}
 
     def __len__(self) -> int:
-        return len(self._parts)
+        return len(self._numbers)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._parts)
+        return iter(self._numbers)
 
     def __getitem__(self, frame: str) -> dict[str, Any]:
-        return asdict(getattr(self._parts[frame], self._matter))
+        return asdict(getattr(self._parts[self._numbers[frame]], self._matter))
 
     def found(self) -> Iterator[Any]:
         """What the measurements say, as it is."""
-        return (getattr(part, self._matter) for part in self._parts.values())
+        return (getattr(self._parts[k], self._matter) for k in self._numbers.values())

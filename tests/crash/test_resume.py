@@ -11,7 +11,7 @@ from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.errors import InputError
-from contactimg.files import FrameStore, open_experiment, provenance, read_scene
+from contactimg.files import EncodedResult, FrameStore, open_experiment, provenance, read_scene
 from contactimg.files.frame_store import STORE_FILE
 from contactimg.files.records import decode, encode
 from contactimg.imaging.profile.optics import Halo, SharedOptics
@@ -107,13 +107,24 @@ def test_other_settings_frames_or_tables_are_measured_again(small_series, tmp_pa
     assert measured_now(change=other_asperities)[:3] == names
 
 
+class InTwoParts:
+    """A result in two parts."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def records(self):
+        """The parts."""
+        return {"value": self.value, "text": "é\n"}, ["second", self.value]
+
+
 def filled(folder):
     """A store of three results that was not closed, and their keys."""
     record = {"inputs": [{"path": str(folder / "a.tif"), "sha256": "01" * 32}]}
     store = FrameStore(folder / "store", record)
     keys = [store.key(store.common("s", []), folder / "a.tif", k) for k in range(3)]
     for k, key in enumerate(keys):
-        assert store.put(key, {"value": k, "text": "é\n"}, ["second", k])
+        store.put(key, EncodedResult.of(InTwoParts(k)))
     return store, keys
 
 
@@ -132,7 +143,7 @@ def test_results_whose_writing_was_cut_off_are_dropped(tmp_path):
             if key in again:
                 assert again.get(key) == {"value": k, "text": "é\n"}
                 assert again.get(key, 1) == ["second", k]
-        again.put(keys[2], "new")
+        again.put(keys[2], EncodedResult.of("new"))
         assert again.get(keys[2]) == "new"
         again.close()
     assert [True, True, True] in held
