@@ -1,7 +1,7 @@
 """Frames per second of `process` without pictures, against measuring decoded frames in a loop.
 
     python benchmarks/throughput.py --frames 400
-    python benchmarks/throughput.py --frames 60 --workers 2
+    python benchmarks/throughput.py --frames 60 --workers 2 --uncompressed
 
 The frames are links to those of sample_data/sa_plus (1600 x 1200 pixels), on their reference. Two runs of
 different lengths give the rate after start-up: the frames that one has more over the time that it takes
@@ -21,6 +21,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+import tifffile
+
 from contactimg.files import open_experiment, read_scene
 from contactimg.pipeline import series
 from contactimg.pipeline.inputs import read_reference
@@ -30,10 +32,12 @@ SAMPLES = Path(__file__).parents[1] / "sample_data" / "sa_plus"
 SHORT = 0.2  # frames of the short run over those of the long one
 
 
-def make_series(folder: Path, count: int) -> None:
-    """A series of links to the sample frames."""
+def make_series(folder: Path, count: int, *, compressed: bool = True) -> None:
+    """A series of links to the sample frames, or to copies of them that are not compressed."""
     folder.mkdir()
     frames = sorted(SAMPLES.glob("frame_*.tif"))
+    if not compressed:
+        frames = [_uncompressed(path, folder.parent) for path in frames]
     for number in range(count):
         (folder / f"frame_{number:05d}.tif").symlink_to(frames[number % len(frames)])
     for name in ("reference.tif", "asperities.csv"):
@@ -43,10 +47,17 @@ def make_series(folder: Path, count: int) -> None:
     (folder / "scene.toml").write_text(text, encoding="utf-8")
 
 
+def _uncompressed(path: Path, folder: Path) -> Path:
+    """A copy of a frame that is not compressed, as cameras write them."""
+    copy = folder / path.name
+    if not copy.exists():
+        tifffile.imwrite(copy, tifffile.imread(path))
+    return copy
+
+
 def time_run(top: Path, count: int, workers: int) -> float:
     """Wall time of the command."""
     folder, out = top / f"series_{count}", top / f"out_{count}"
-    make_series(folder, count)
     words = ["process", str(folder), "-o", str(out), "--workers", str(workers), "--no-pictures", "--quiet"]
     start = time.perf_counter()
     subprocess.run([sys.executable, "-m", "contactimg", *words], check=True)  # noqa: S603
@@ -87,10 +98,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--uncompressed", action="store_true", help="frames as cameras write them")
     options = parser.parse_args()
     few = max(int(SHORT * options.frames), 2 * options.workers)
     top = Path(tempfile.mkdtemp(prefix="throughput_"))
     try:
+        for count in (few, options.frames):
+            make_series(top / f"series_{count}", count, compressed=not options.uncompressed)
         short, long = (time_run(top, count, options.workers) for count in (few, options.frames))
         loops = [seconds_of_loop(top / f"series_{count}") for count in (few, options.frames)]
     finally:

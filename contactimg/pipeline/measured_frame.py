@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from contactimg.files import FrameStore, decode_part
@@ -63,6 +64,11 @@ class MeasuredFrame:
         """Its own optics with the contrast divided by the background, so that drifts of the lamp cancel."""
         return None if self.own_optics is None else self.own_optics.scaled(1.0 / (self.level or 1.0))
 
+    @property
+    def cubes(self) -> "SumOfCubes":
+        """Uncertainties of the sum of the cubes of its radii."""
+        return SumOfCubes.of(self.contacts)
+
     def with_choice(self, choice: Choice | None) -> "MeasuredFrame":
         """The same with the choice of the method, which is added to the message."""
         if choice is None:
@@ -80,9 +86,8 @@ class MeasuredFrame:
 
     def records(self) -> tuple["FrameHead", "FrameTables"]:
         """What a store keeps of it, in two parts: most of what is done with a series needs the first only."""
-        return FrameHead(*(getattr(self, name) for name in _HEAD)), FrameTables(
-            self.contacts, self.rejected, self.outlines
-        )
+        head = FrameHead(**{name: getattr(self, name) for name in (*_HEAD, "cubes")})
+        return head, FrameTables(self.contacts, self.rejected, self.outlines)
 
     def log(self, before: str = "") -> None:
         """Log one line about the frame."""
@@ -116,13 +121,45 @@ class FrameHead:
     level: float
     choice: Choice | None
     film: FilmVerdict | None
+    cubes: "SumOfCubes"
 
     def shelved(self, store: FrameStore, key: bytes) -> "ShelvedFrame":
         """The frame that stays in the store."""
         return ShelvedFrame(store, key)
 
 
-_HEAD = tuple(item.name for item in fields(FrameHead))
+_HEAD = tuple(item.name for item in fields(FrameHead) if item.name != "cubes")
+
+
+@dataclass(frozen=True)
+class SumOfCubes:
+    """Standard uncertainties of the sum of a^3 over the contacts of a frame, by their source.
+
+    Parameters
+    ----------
+    contacts : int
+        Number of contacts.
+    own : float, px^3
+        From the independent errors of the radii.
+    contrast, blur : float, px^3
+        From what the contacts share: the contrast with the correlated blur, and the rest of the blur.
+    edge : float, px^3
+        From what the frame does not decide about its edges.
+    """
+
+    contacts: int
+    own: float
+    contrast: float
+    blur: float
+    edge: float
+
+    @classmethod
+    def of(cls, contacts: pd.DataFrame) -> "SumOfCubes":
+        """Those of a contacts table."""
+        slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
+        shifts = contacts[["contrast_shift_px", "blur_shift_px", "edge_shift_px"]].to_numpy(float)
+        alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)
+        return cls(len(contacts), float(np.sqrt(slope**2 @ alone)), *map(float, slope @ shifts))
 
 
 class _InHead:
@@ -159,6 +196,7 @@ class ShelvedFrame(MeasuredFrame):
     level: Any = _InHead()
     choice: Any = _InHead()
     film: Any = _InHead()
+    cubes: Any = _InHead()
     contacts: Any = _InTables()
     rejected: Any = _InTables()
     outlines: Any = _InTables()
@@ -194,4 +232,5 @@ class ShelvedFrame(MeasuredFrame):
 
 def _whole_frame(head: bytes, tables: bytes, changes: Mapping[str, Any]) -> MeasuredFrame:
     """A frame in memory, in the process that was handed what a store has of it."""
-    return MeasuredFrame(**{**vars(decode_part(head)), **changes}, **vars(decode_part(tables)))
+    stored = vars(decode_part(head)) | changes
+    return MeasuredFrame(**{name: stored[name] for name in _HEAD}, **vars(decode_part(tables)))

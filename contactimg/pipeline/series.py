@@ -4,7 +4,7 @@ import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
@@ -183,10 +183,13 @@ class _OpticsOfSeries:
 
     def for_frame(self, k: int) -> SharedOptics:
         """The pooled optics for a frame, with the edge that the others show: its own adds nothing to it."""
-        if k not in self.pool:
-            return self.pooled
-        others = [edge for number, edge in self.pool.items() if number != k]
-        return replace(self.pooled, edge=pool_edges(others))
+        return self._without.get(k, self.pooled)
+
+    @cached_property
+    def _without(self) -> dict[int, SharedOptics]:
+        """Number of a frame in the pool -> the optics with the edge that the others show."""
+        edges = {k: [edge for other, edge in self.pool.items() if other != k] for k in self.pool}
+        return {k: replace(self.pooled, edge=pool_edges(others)) for k, others in edges.items()}
 
     def gains(self, k: int, part: MeasuredFrame) -> bool:
         """Whether a frame is measured again with these optics."""
@@ -212,16 +215,11 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     """
     if part.shape is None or pd.isna(part.row["n_contacts"]):
         return False
-    own, contacts = part.relative_optics, part.contacts
-    if own is None or not len(contacts):
+    own, cubes = part.relative_optics, part.cubes
+    if own is None or not cubes.contacts:
         return True
-    slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
-    shifts = contacts[["contrast_shift_px", "blur_shift_px"]].to_numpy(float)
-    edge = contacts["edge_shift_px"].to_numpy(float)
-    shared = np.sum(shifts**2, axis=1) + edge**2
-    alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - shared, 0.0)
-    own_part, edge_part = float(np.sqrt(slope**2 @ alone)), float(slope @ edge)
-    gain = gain_of_pooling(slope @ shifts, own_part, own, pooled, edge_part=edge_part)
+    common = np.array([cubes.contrast, cubes.blur])
+    gain = gain_of_pooling(common, cubes.own, own, pooled, edge_part=cubes.edge)
     return gain > POOLING_GAIN or _lacks_edge(own, pooled)
 
 
