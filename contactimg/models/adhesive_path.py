@@ -97,8 +97,7 @@ class AdhesivePath:
             guess = np.zeros(self.problem.order.size)
             guess[state.rows] = state.contact_radius
             path = replace(self, problem=self._refine(path.problem, state, guess), base=self.problem)
-            following, taken = path._settle(guess.copy(), state.indentation, first=False)
-            steps += taken
+            following, steps = path._settle(guess.copy(), state.indentation, first=False, steps=steps)
             _, radius, _ = following.scattered(guess.size)
             difference, state = float(np.abs(radius - guess).max() / guess.max()), following
             if difference <= FIELD_UPDATE_CHANGE:
@@ -120,9 +119,14 @@ class AdhesivePath:
             self.problem, at, kernel, near=near, force=force[near], pull=pull, contact_radius=a
         )
 
-    def _settle(self, guess: Values, depth: float, *, first: bool) -> tuple[AdhesiveState, int]:
-        """Newton for one set of contacts after the other, from guessed radii and indentation."""
-        p, rows, steps = self.problem, np.flatnonzero(guess), 0
+    def _settle(
+        self, guess: Values, depth: float, *, first: bool, steps: int = 0
+    ) -> tuple[AdhesiveState, int]:
+        """Newton for one set of contacts after the other, from guessed radii and indentation.
+
+        ``steps`` were taken before for the same solution; they are in the number returned.
+        """
+        p, rows = self.problem, np.flatnonzero(guess)
         broken = np.zeros(guess.size, dtype=bool)
         while rows.size:
             if first:

@@ -14,6 +14,13 @@ from contactimg.surfaces import UniformCaps
 
 MODELS = ("interacting", "adhesive", "adhesive path", "gw", "gt", "ensemble", "pattern")
 
+LARGEST_SIDE = 500.0
+"""Side of the patterns of an ensemble in units of the size of a cap: a million caps, which are solved in some
+minutes, would be taken for a hang."""
+
+ENDLESS_SIDE = 1e5
+"""Side in the same units from which on a pattern has more caps than contactimg makes: it must be refused."""
+
 MAX_LOAD_ERROR = 1e-6
 """Largest relative difference between the sum of the forces and the load of a converged solution."""
 
@@ -142,6 +149,8 @@ def draw_pattern(
     options = {"kind": kind, "side": size * decades(rng, -1, 1.5), "coverage": float(rng.uniform(0.01, 0.5))}
     if rng.random() < 0.15:
         options["side"] *= decades(rng, -6, 6)
+    if model == "ensemble" and LARGEST_SIDE < options["side"] / size < ENDLESS_SIDE:
+        options["side"] = LARGEST_SIDE * size
     if model == "pattern":
         return Case(model, options | {"seed": int(rng.integers(1000))})
     return Case(model, options | shared | {"loads": [load], "patterns": 2, "seed": int(rng.integers(1000))})
