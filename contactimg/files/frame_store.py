@@ -22,6 +22,9 @@ logger = logging.getLogger(__name__)
 STORE_FOLDER = ".contactimg.frames"
 STORE_FILE = "frames.sqlite"
 
+KEY_BYTES = 32
+"""Length of a key: a SHA-256."""
+
 _KEPT = 4  # results whose first record stays in memory: what is asked of one frame is asked in a row
 
 _TABLE = (

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import sys
 from array import array
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -58,7 +59,7 @@ class InputFiles(Sequence[dict[str, Any]]):
         digest, size = entry.get("sha256"), entry.get("bytes")
         if "error" in entry or digest is None:
             self._errors[len(self._names)] = entry.get("error")
-        self._names.append(name)
+        self._names.append(sys.intern(name))  # often that of a frame, too
         self._folder.append(len(self._folders) - 1)
         self._size.append(_UNKNOWN if size is None else size)
         self._digests += bytes(_DIGEST_BYTES) if digest is None else bytes.fromhex(digest)

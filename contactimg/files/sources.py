@@ -3,6 +3,7 @@
 import glob
 import os
 import re
+import sys
 import warnings
 from array import array
 from bisect import bisect_right
@@ -154,8 +155,8 @@ class FrameList(Sequence[FrameSource]):
                 self._kinds.append(source)
                 self._starts.append(k)
             file = source.path.name
-            self.names.append(source.name)
-            self._files.append(source.name if source.name == file else file)
+            self.names.append(sys.intern(source.name))
+            self._files.append(sys.intern(file))
             self._numbers.append(source.index)
 
     def __len__(self) -> int:

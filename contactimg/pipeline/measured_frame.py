@@ -1,15 +1,15 @@
 """One frame's part of a run: in memory, or in a store from which it is read when something is asked of it."""
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 import pandas as pd
 
-from contactimg.files import FrameStore, decode_part
+from contactimg.files import KEY_BYTES, FrameStore, decode_part
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.parallel import FailedFrame
@@ -228,6 +228,53 @@ class ShelvedFrame(MeasuredFrame):
         """The part with its tables in memory."""
         head = {name: getattr(self, name) for name in _HEAD}
         return MeasuredFrame(**head, **vars(self.tables()))
+
+
+class MeasuredFrames(Sequence[MeasuredFrame]):
+    """Measured frames in order; of those that are in a store only the key is in memory.
+
+    Parameters
+    ----------
+    parts : iterable of MeasuredFrame
+    """
+
+    def __init__(self, parts: Iterable[MeasuredFrame] = ()) -> None:
+        self._store: FrameStore | None = None
+        self._keys = bytearray()
+        self._others: dict[int, MeasuredFrame] = {}
+        for part in parts:
+            self.append(part)
+
+    def __len__(self) -> int:
+        return len(self._keys) // KEY_BYTES
+
+    @overload
+    def __getitem__(self, index: int) -> MeasuredFrame: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[MeasuredFrame]: ...
+
+    def __getitem__(self, index: int | slice) -> MeasuredFrame | list[MeasuredFrame]:
+        """One frame, or some."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        k = range(len(self))[index]
+        if k in self._others or self._store is None:
+            return self._others[k]
+        return ShelvedFrame(self._store, bytes(self._keys[KEY_BYTES * k : KEY_BYTES * (k + 1)]))
+
+    def __setitem__(self, k: int, part: MeasuredFrame) -> None:
+        key = bytes(KEY_BYTES)
+        if isinstance(part, ShelvedFrame) and not part.changes and self._store in (None, part.store):
+            self._store, key = part.store, part.key
+            self._others.pop(k, None)
+        else:
+            self._others[k] = part
+        self._keys[KEY_BYTES * k : KEY_BYTES * (k + 1)] = key
+
+    def append(self, part: MeasuredFrame) -> None:
+        """Add a frame at the end."""
+        self[len(self)] = part
 
 
 def _whole_frame(head: bytes, tables: bytes, changes: Mapping[str, Any]) -> MeasuredFrame:

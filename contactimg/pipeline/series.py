@@ -1,6 +1,7 @@
 """Measure a series: each frame alone, some again with the optics of the series, then pose and forces."""
 
 import logging
+from array import array
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
-from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame, MeasuredFrames
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
 from contactimg.pipeline.run import Run
@@ -107,12 +108,12 @@ def _measure_frames(
     workers: int | None,
     advance: Callable[[], None] | None,
     store: FrameStore | None,
-) -> tuple[list[MeasuredFrame], tuple[int, int]]:
+) -> tuple[MeasuredFrames, tuple[int, int]]:
     """Measure every frame on its own, then again those that need contrast and blur of the others.
 
     Returns
     -------
-    parts : list of MeasuredFrame
+    parts : MeasuredFrames
         In order; a frame that cannot be measured has a row that says why.
     shape : (int, int)
         Rows and columns of the frames.
@@ -123,16 +124,16 @@ def _measure_frames(
         If no frame at all could be measured; the message gives the first reason.
     """
     measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
-    parts = []
+    parts = MeasuredFrames()
     for measured in for_each_frame(experiment, measure, workers=workers, advance=advance, store=store):
         parts.append(MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured)
         parts[-1].log()
-    parts, shape = _same_size(parts)
+    shape = _refuse_other_sizes(parts)
     parts, background = measure_on_background(experiment, options, parts, workers=workers, store=store)
     optics = _OpticsOfSeries.of(parts, options.scene.measure.method)
     if optics is None:
         return parts, shape
-    again = [k for k, part in enumerate(parts) if optics.gains(k, part)]
+    again = array("q", (k for k, part in enumerate(parts) if optics.gains(k, part)))
 
     def lent(k: int) -> SharedOptics:
         return optics.for_frame(k).scaled(parts[k].level or 1.0)
@@ -230,17 +231,14 @@ def _lacks_edge(own: SharedOptics, pooled: SharedOptics) -> bool:
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 
-def _same_size(parts: list[MeasuredFrame]) -> tuple[list[MeasuredFrame], tuple[int, int]]:
-    """The parts, those of an unusual frame size as failures, and the usual size."""
+def _refuse_other_sizes(parts: MeasuredFrames) -> tuple[int, int]:
+    """Make failures of the frames of an unusual size, and return the usual one."""
     sizes = Counter(part.shape for part in parts if part.shape is not None)
     if not sizes:
         raise InputError(f"no frame could be measured; the first: {parts[0].row['message']}")
     (rows, columns), _ = sizes.most_common(1)[0]
-    checked = []
-    for part in parts:
+    for k, part in enumerate(parts):
         if part.shape not in (None, (rows, columns)):
             odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
-            checked.append(MeasuredFrame.failed(FailedFrame.of(part.row["frame"], FrameError(odd))))
-        else:
-            checked.append(part)
-    return checked, (rows, columns)
+            parts[k] = MeasuredFrame.failed(FailedFrame.of(part.row["frame"], FrameError(odd)))
+    return rows, columns

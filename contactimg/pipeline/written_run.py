@@ -1,7 +1,8 @@
 """Write a measured series to a folder, a few frames at a time."""
 
+from array import array
 from collections import Counter
-from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, ItemsView, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -101,21 +102,39 @@ class _OfFrames(Mapping[str, dict[str, Any]]):
 
     def __init__(self, parts: Sequence[MeasuredFrame], matter: str) -> None:
         self._parts, self._matter = parts, matter
-        self._numbers = dict[str, int]()
+        self._numbers = array("q")
 
     def add(self, first: int, frames: Iterable[str], concerned: Container[str]) -> None:
         """Add frames that begin at a number, those that the matter concerns."""
-        self._numbers |= {name: k for k, name in enumerate(frames, first) if name in concerned}
+        self._numbers.extend(k for k, name in enumerate(frames, first) if name in concerned)
 
     def __len__(self) -> int:
         return len(self._numbers)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._numbers)
+        return (self._parts[k].row["frame"] for k in self._numbers)
 
     def __getitem__(self, frame: str) -> dict[str, Any]:
-        return asdict(getattr(self._parts[self._numbers[frame]], self._matter))
+        for name, found in zip(self, self.found(), strict=True):
+            if name == frame:
+                return asdict(found)
+        raise KeyError(frame)
+
+    def items(self) -> "_Items":
+        """Frames with what their measurements say, each read once."""
+        return _Items(self)
 
     def found(self) -> Iterator[Any]:
         """What the measurements say, as it is."""
-        return (getattr(self._parts[k], self._matter) for k in self._numbers.values())
+        return (getattr(self._parts[k], self._matter) for k in self._numbers)
+
+
+class _Items(ItemsView[str, dict[str, Any]]):
+    """Items of `_OfFrames`."""
+
+    _mapping: _OfFrames
+
+    def __iter__(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        return (
+            (name, asdict(found)) for name, found in zip(self._mapping, self._mapping.found(), strict=True)
+        )

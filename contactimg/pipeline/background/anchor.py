@@ -1,5 +1,6 @@
 """The image whose coordinates and light the views of a series take, and frames placed on it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +32,7 @@ class Series:
     ----------
     experiment : Experiment
     options : FrameOptions
-    parts : list of MeasuredFrame
+    parts : sequence of MeasuredFrame
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
     reference_fault : str
@@ -42,7 +43,7 @@ class Series:
 
     experiment: Experiment
     options: FrameOptions
-    parts: list[MeasuredFrame]
+    parts: Sequence[MeasuredFrame]
     workers: int | None
     reference_fault: str = ""
     store: FrameStore | None = None

@@ -97,7 +97,7 @@ def pool_views(series: Series) -> SeriesBackground | None:
     return _Pooling(series, anchor, different).finish()
 
 
-def _choose_views(parts: list[MeasuredFrame]) -> list[int]:
+def _choose_views(parts: Sequence[MeasuredFrame]) -> list[int]:
     """Frames to pool, evenly spread over those that show a background."""
     usable = [k for k, part in enumerate(parts) if is_measured(part)]
     places = np.linspace(0, len(usable) - 1, min(MOST_VIEWS, len(usable)))

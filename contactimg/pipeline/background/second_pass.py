@@ -1,6 +1,7 @@
 """Measure the frames of a series again, on the background that they show together."""
 
 import logging
+from array import array
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +15,7 @@ from contactimg.pipeline.background.anchor import Series
 from contactimg.pipeline.background.looks import is_measured
 from contactimg.pipeline.background.pooling import SeriesBackground, pool_views
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
-from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame, MeasuredFrames
 from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
 from contactimg.scene import Scene
 
@@ -37,18 +38,18 @@ the noise is known to 0.6 %."""
 def measure_on_background(
     experiment: Experiment,
     options: FrameOptions,
-    parts: list[MeasuredFrame],
+    parts: MeasuredFrames,
     *,
     workers: int | None,
     store: FrameStore | None = None,
-) -> tuple[list[MeasuredFrame], SeriesBackground | None]:
+) -> tuple[MeasuredFrames, SeriesBackground | None]:
     """Measure the frames of a series again, on the background that they show together.
 
     Parameters
     ----------
     experiment : Experiment
     options : FrameOptions
-    parts : list of MeasuredFrame
+    parts : MeasuredFrames
         The frames as measured with the reference of the scene, or without one.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
@@ -57,7 +58,7 @@ def measure_on_background(
 
     Returns
     -------
-    parts : list of MeasuredFrame
+    parts : MeasuredFrames
         As given where the background could not be pooled or, unless the scene asks for it, gains nothing.
     background : SeriesBackground or None
         None if ``parts`` are as given.
@@ -75,14 +76,17 @@ def measure_on_background(
         return parts, None
     if background is None:
         return parts, None
-    numbers = [k for k, part in enumerate(series.parts) if is_measured(part)]
-    jobs, again = Jobs(experiment.frames, numbers, background.arguments), list(series.parts)
+    numbers = array("q", (k for k, part in enumerate(series.parts) if is_measured(part)))
+    jobs, again = Jobs(experiment.frames, numbers, background.arguments), MeasuredFrames(series.parts)
     second = for_each_frame(experiment, background.measure, jobs, workers=workers, store=store)
+    ratios = array("d")
     for k, part in zip(numbers, second, strict=True):
         if not isinstance(part, FailedFrame):
             again[k] = part
+            if part.row["noise"] > 0:
+                ratios.append(parts[k].row["noise"] / part.row["noise"])
     optional = options.scene.images.background == "auto" and not series.reference_fault
-    if optional and not _gains(parts, again):
+    if optional and not (ratios and np.median(ratios) > LEAST_GAIN):
         logger.info("the pooled background gains nothing; the reference is used")
         return parts, None
     for part in again:
@@ -97,10 +101,10 @@ def _without_reference(series: Series, ghosts: int) -> Series:
     call = partial(_measure_alone, options=series.options)
     jobs = Jobs(series.experiment.frames)
     new = for_each_frame(series.experiment, call, jobs, workers=series.workers, store=series.store)
-    parts = [
+    parts = MeasuredFrames(
         old if isinstance(part, FailedFrame) or not is_measured(old) else part
         for old, part in zip(series.parts, new, strict=True)
-    ]
+    )
     return replace(series, parts=parts, reference_fault=fault)
 
 
@@ -109,17 +113,9 @@ def _measure_alone(frame: Frame, _reference: NDArray | None, *, options: FrameOp
     return measure_scene_frame(frame, None, options=options)
 
 
-def _is_wanted(scene: Scene, parts: list[MeasuredFrame]) -> bool:
+def _is_wanted(scene: Scene, parts: MeasuredFrames) -> bool:
     """Whether the scene asks for a pooled background, or leaves the choice and the series is long enough."""
     wish, count = scene.images.background, sum(is_measured(part) for part in parts)
     if wish == "auto":
         return scene.measure.method == "disk" and count >= FEWEST_FRAMES
     return wish == "pooled" and count > 1
-
-
-def _gains(before: list[MeasuredFrame], after: list[MeasuredFrame]) -> bool:
-    """Whether the noise of the difference has become smaller in most frames."""
-    pairs = zip(before, after, strict=True)
-    noise = ((one.row["noise"], two.row["noise"]) for one, two in pairs if one is not two)
-    ratios = [one / two for one, two in noise if two > 0]
-    return bool(ratios) and float(np.median(ratios)) > LEAST_GAIN
