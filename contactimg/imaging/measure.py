@@ -20,10 +20,11 @@ from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
+from contactimg.imaging.fit.edge_profile import WORSE_CHI_SQUARE_RATIO
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.quality import FittedDetections
-from contactimg.imaging.judge.review import review
+from contactimg.imaging.judge.review import Review, review
 from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
@@ -229,8 +230,8 @@ def measure_image(
     if method == "threshold" or not foreground.contrast.plateau > 0:
         counted = count_again(prepared, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
-    detections = measure_by_fit(foreground, difference, film=_film_setting(film), edits=edits)
-    return _judged(prepared, detections, shape, float("nan"))
+    seen = _fitted(prepared, shape, _film_setting(film), edits)
+    return _judged(prepared, seen, float("nan"))
 
 
 def count_again(
@@ -248,13 +249,39 @@ def count_again(
         )
     else:
         detections = replace(no_detections(foreground.prior_optics), unmatched=edits)
-    return _judged(prepared, detections, "disk", fraction)
+    return _judged(prepared, review(foreground, prepared.difference, detections, shape="disk"), fraction)
 
 
-def _judged(prepared: PreparedImage, detections: Detections, shape: str, fraction: float) -> ImageMeasurement:
+def _fitted(
+    prepared: PreparedImage, shape: str, film: FilmSetting | None, edits: Sequence[HandEdit]
+) -> Review:
+    """What the method "disk" finds, after a second look.
+
+    An edge that was learned from disks may only imitate the ellipses that the contacts are: a plain edge is
+    taken where the ellipses fit as well with it.
+    """
+    foreground, difference = prepared.foreground, prepared.difference
+    seen = review(
+        foreground, difference, measure_by_fit(foreground, difference, film=film, edits=edits), shape=shape
+    )
+    if not np.isfinite(seen.ellipse_misfit) or not _has_learned_edge(seen.detections):
+        return seen
+    plain = measure_by_fit(foreground, difference, film=film, edits=edits, learns_edge=False)
+    other = review(foreground, difference, plain, shape=shape)
+    return other if other.ellipse_misfit <= WORSE_CHI_SQUARE_RATIO * seen.ellipse_misfit else seen
+
+
+def _has_learned_edge(detections: Detections) -> bool:
+    """Whether the frame itself showed an edge that is not plain, at less work than it may cost."""
+    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
+    if fit is None or fit.edge is None or fit.problem.work.ran_out:
+        return False
+    return bool(fit.edge.families)
+
+
+def _judged(prepared: PreparedImage, seen: Review, fraction: float) -> ImageMeasurement:
     """The result after a second look and a verdict on the frame."""
     foreground, difference = prepared.foreground, prepared.difference
-    seen = review(foreground, difference, detections, shape=shape)
     verdict = judge(foreground, difference, seen)
     result = _tabulate(foreground, difference, seen.detections, verdict, fraction)
     return replace(result, outlines=seen.outlines, prepared=prepared, film=_film_verdict(seen.detections))

@@ -1,5 +1,6 @@
 """Images that nobody made for contacts, and what must hold of their measurement all the same."""
 
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -143,19 +144,29 @@ def stand_out(difference, disks, sign):
 
 @dataclass
 class Looked:
-    """A measurement of any image, and what is wrong with it."""
+    """A measurement of any image, what is wrong with it, and the processor time that it took, s."""
 
     result: ImageMeasurement
     invisible: int = 0
     poor: float = 0.0
     faults: list[str] = field(default_factory=list)
+    rises: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    seconds: float = 0.0
 
 
-def look_at(image, reference, *, method, polarity, least_rise=0.0) -> Looked:
-    """Measure an image and look for what must not be; the values of a float image lie between 0 and 1."""
+def look_at(image, reference, *, method, polarity, least_rise=0.0, known_scale=True) -> Looked:
+    """Measure an image and look for what must not be.
+
+    The values of a float image lie between 0 and 1, unless the scale is not known: then no contrast may
+    exceed what lies between the lowest and the highest pixel of both images.
+    """
     levels = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)
-    result = measure_image(image, reference, method=method, polarity=polarity, full_scale=levels)
-    disks, found = result.disks, []
+    if not known_scale:
+        both = [image] if reference is None else [image, reference]
+        levels = float(max(part.max() for part in both)) - float(min(part.min() for part in both))
+    full_scale, start = levels if known_scale else None, time.process_time()
+    result = measure_image(image, reference, method=method, polarity=polarity, full_scale=full_scale)
+    seconds, disks, found = time.process_time() - start, result.disks, []
     if abs(result.contrast) > levels:
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
@@ -171,7 +182,7 @@ def look_at(image, reference, *, method, polarity, least_rise=0.0) -> Looked:
         found.append(f"ok although {poor:.0%} are poor fits")
     if result.status != "ok" and not result.message:
         found.append(f"status {result.status} without a sentence")
-    return Looked(result, invisible, float(poor), found)
+    return Looked(result, invisible, float(poor), found, rise, seconds)
 
 
 def faults(image, reference, *, method, polarity, least_rise=0.0):

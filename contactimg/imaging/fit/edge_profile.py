@@ -107,6 +107,7 @@ def learn_edge(
     refine: Refine,
     lent: EdgeKnowledge | None = None,
     known: bool = False,
+    new_families: bool = True,
 ) -> EdgeFit:
     """Learn the edge of a frame's contacts, and fit them with it.
 
@@ -124,6 +125,8 @@ def learn_edge(
         What other frames say of the edge.
     known : bool
         Whether a reference contact has told where in its edge a contact ends.
+    new_families : bool
+        Whether other edges than a plain one, or that of other frames, are looked for.
 
     Returns
     -------
@@ -145,7 +148,7 @@ def learn_edge(
     if len(scores.score) < FEWEST_SCORES:
         return search.finish(current, search.unseen(current))
     if not current.learned.families:
-        if not search.may_learn(joint, isolated):
+        if not new_families or not search.may_learn(joint, isolated):
             return search.finish(current, scores)
         if not scores.is_suspicious(search.prior(current)):
             result = search.finish(current, scores, of=len(isolated))

@@ -65,6 +65,7 @@ def measure_by_fit(
     *,
     film: FilmSetting | None,
     edits: Sequence[HandEdit] = (),
+    learns_edge: bool = True,
 ) -> FittedDetections:
     """Find the contacts of a frame and fit a blurred disk to each.
 
@@ -77,6 +78,8 @@ def measure_by_fit(
         Bright rim that the air film draws around the contacts; None: the edge is sharp.
     edits : sequence of HandEdit
         Corrections by hand to what was found; the changed disks are fitted with the others.
+    learns_edge : bool
+        Whether another edge than a plain one is looked for.
 
     Returns
     -------
@@ -92,6 +95,7 @@ def measure_by_fit(
         film,
         edits,
         foreground.frame_pair.cut_off(foreground.sign),
+        learns_edge,
     )
     best: FrameFit | None = None
     for _ in range(MOST_ATTEMPTS):
@@ -128,6 +132,8 @@ class _Given:
     edits : sequence of HandEdit
     cut_off : CutOff or None
         End of the grey levels at the background.
+    learns_edge : bool
+        Whether another edge than a plain one is looked for.
     """
 
     prior_optics: SharedOptics
@@ -137,6 +143,7 @@ class _Given:
     film: FilmSetting | None
     edits: Sequence[HandEdit]
     cut_off: CutOff | None
+    learns_edge: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +225,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         return _with_film(start, given, weighed)
     learned = learn_edge(
         plain.problem, plain.joint, prior, ratio=ratio, refine=refine, lent=given.prior_optics.edge,
-        known=given.prior_optics.known_edge is not None,
+        known=given.prior_optics.known_edge is not None, new_families=given.learns_edge,
     )  # fmt: skip
     if trial is not None and weighed is not None and learned.learned.families:
         weighed = trial.against(weighed, learned)

@@ -67,6 +67,8 @@ class Review:
         Remark on contacts that are no disks; empty if all are.
     outlines : tuple of (int, list of ndarray)
         Row of each contact of free shape, and its outlines (x, y), px.
+    ellipse_misfit : float
+        See `contactimg.imaging.judge.shape_ladder.Climb`.
     """
 
     detections: Detections
@@ -77,6 +79,7 @@ class Review:
     background: BackgroundLeft = field(default_factory=BackgroundLeft)
     shapes: str = ""
     outlines: Outlines = ()
+    ellipse_misfit: float = float("nan")
 
 
 @stage("second look")
@@ -97,11 +100,11 @@ def review(
     scratch &= ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
-    agreement, remark = None, ""
+    agreement, remark, misfit = None, "", float("nan")
     outlines: tuple[tuple[int, list[NDArray[np.float64]]], ...] = ()
     if isinstance(detections, FittedDetections) and len(_places(detections)):
         climbed = climb(detections, shape=shape)
-        remark = climbed.remark
+        remark, misfit = climbed.remark, climbed.misfit
         lost = _is_outshone(foreground, difference, climbed.detections)
         lost[[row for row, lines in climbed.outlines if len(lines) > 1]] = False  # dark in a hole
         detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
@@ -121,6 +124,7 @@ def review(
         _inspect(foreground, difference, detections),
         remark,
         outlines,
+        misfit,
     )
 
 

@@ -91,11 +91,15 @@ class Climb:
         How many contacts are no disks, and a distortion that all share; empty if there is nothing to say.
     outlines : list of (int, list of ndarray)
         Row of a contact of free shape, and its outlines (x, y), px of the frame.
+    misfit : float
+        Median of the mean squared residuals of the contacts as ellipses, over their variance, where contrast
+        and blur were settled on them; NaN where most are disks.
     """
 
     detections: FittedDetections
     remark: str = ""
     outlines: Outlines = ()
+    misfit: float = float("nan")
 
 
 @stage("shapes")
@@ -421,7 +425,8 @@ class _Ladder:
             rows=self.detections.rows[kept],
         )
         lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
-        return Climb(detections, self._remark(columns["shape"][kept]), lines)
+        misfit = float("nan") if self.change is None else self.change.misfit
+        return Climb(detections, self._remark(columns["shape"][kept]), lines, misfit)
 
     def _contacts(self) -> Columns:
         """Columns of the contacts as disks, behind the contrast and blur that ellipses say."""
