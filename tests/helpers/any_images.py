@@ -138,7 +138,8 @@ def stand_out(difference, disks, sign):
         inside, ring = difference[box][r <= max(a, 0.75)], difference[box][(r > a + 3) & (r < a + 10)]
         if inside.size and ring.size > 8:
             scatter = 1.4826 * np.median(np.abs(ring - np.median(ring)))
-            out[k] = sign * (inside.mean() - np.median(ring)) / max(scatter, 1e-6)
+            least = 1e-6 * max(float(np.abs(ring).max()), float(np.abs(inside).max()), 1e-300)
+            out[k] = sign * (inside.mean() - np.median(ring)) / max(scatter, least)
     return out
 
 
@@ -167,7 +168,7 @@ def look_at(image, reference, *, method, polarity, least_rise=0.0, known_scale=T
     full_scale, start = levels if known_scale else None, time.process_time()
     result = measure_image(image, reference, method=method, polarity=polarity, full_scale=full_scale)
     seconds, disks, found = time.process_time() - start, result.disks, []
-    if abs(result.contrast) > levels:
+    if abs(result.contrast) > levels * (1 + 1e-9):
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
     if not np.isfinite(disks[list(CONTACT_COLUMNS)].to_numpy(float)).all():

@@ -11,7 +11,7 @@ from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.interlaced import displacement_of_rows
 from contactimg.imaging.judge.review import Review, unfinished
 from contactimg.imaging.pixels.binned_image import BinnedImage
-from contactimg.imaging.reject.detections import Detections
+from contactimg.imaging.reject.detections import CountedDetections, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.tables import Flag, Status
 
@@ -42,6 +42,10 @@ radius of a contact of two blur widths by 1 %; 0.007 at most on frames as assume
 LEAST_FOUND_SHARE = 0.85
 """Share of the free background on which the light was followed, at least. Chosen: 0.97 at least on frames as
 assumed, 0.71 and less where a change of the light was not followed."""
+LARGEST_EDGE_SHARE = 0.5
+"""Distance between threshold and rim over the radius, in the median, above which counted pixels are no
+contacts to measure. Chosen: the area is uncertain by a factor of two; 0.16 at most on frames as assumed, 0.7
+to 18 on photographs and clouds."""
 LEAST_FREE_SHARE = 0.02
 """Share of the frame that contacts must leave free for a statement on the background. Chosen: 600 blocks of
 1600 x 1200 pixels."""
@@ -170,9 +174,25 @@ def _contact_defects(seen: Review) -> list[tuple[str, str]]:
         blur = seen.detections.optics.blur_px
         text = f"{poor} of {flags.size} contacts do not look like disks behind a blur of {blur:.2g} px"
         defects.append((Status.POOR_FIT, text))
+    if text := _blurred_away(seen.detections):
+        defects.append((Status.SOFT, text))
     if seen.agreement is not None and (text := seen.agreement.remark(seen.detections.contacts["radius_px"])):
         defects.append((Status.DISAGREES, text))
     return defects
+
+
+def _blurred_away(detections: Detections) -> str:
+    """What to say of counted pixels whose rims are about as wide as they are; empty if they are not."""
+    if not isinstance(detections, CountedDetections):
+        return ""
+    radius, shift = (np.asarray(detections.contacts[name]) for name in ("radius_px", "edge_shift_px"))
+    share = np.abs(shift) / radius
+    if share.size < FLAGGED_LEAST_CONTACTS or np.median(share) <= LARGEST_EDGE_SHARE:
+        return ""
+    return (
+        f"the radius is {np.median(radius):.2g} px in the median behind a blur of "
+        f"{detections.rim_blur_px:.2g} px: either these are no contacts, or pixels above a threshold do not tell their areas"
+    )
 
 
 def _ran_out_of_work(detections: Detections) -> str:

@@ -53,3 +53,19 @@ def test_a_contact_whose_fit_was_cut_off_covers_the_area_of_its_light(crowd, mon
     assert (disks["flags"].to_numpy() & int(Flag.POOR_FIT) > 0).all()
     assert (disks["radius_px"] == fitted["radius_px"]).all()
     assert (disks["radius_std_px"] > fitted["radius_std_px"]).all()
+
+
+@pytest.mark.parametrize(("name", "polarity"), [("coins", "dark"), ("astronaut", "bright")])
+def test_counted_shades_that_are_as_wide_as_their_rims_are_not_ok(name, polarity):
+    """Of 258 and 38 regions on a photograph half do not exceed the scatter around them."""
+    image = sized(photographs()[name], 60_000, np.random.default_rng(len(name)))
+    result = measure_image(image, method="threshold", polarity=polarity)
+    assert len(result.disks) > 20
+    assert result.status == Status.SOFT
+    assert "either these are no contacts" in result.message
+
+
+def test_counted_contacts_behind_narrow_rims_are_ok(crowd):
+    result = measure_image(*crowd[:2], method="threshold", polarity="bright")
+    assert result.status == Status.OK
+    assert "no contacts" not in result.message
