@@ -70,8 +70,8 @@ class Status(enum.StrEnum):
     """``[effects] film`` is set by hand, and the rims of the contacts say the opposite; the uncertainties
     cover both."""
     SOFT = "soft edges"
-    """The width of the edges, or the light just outside, grows with the contacts, or the blur is about as wide
-    as the counted contacts. Where in it a contact ends cannot be seen in one image; the uncertainties, common
+    """The width of the edges, or the light just outside, grows with the contacts, or the blur is about as
+    wide as the counted contacts. Where in it a contact ends cannot be seen in one image; the uncertainties, common
     to all contacts, include that."""
 
     NO_POSE = "no pose"

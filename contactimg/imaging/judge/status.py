@@ -191,7 +191,8 @@ def _blurred_away(detections: Detections) -> str:
         return ""
     return (
         f"the radius is {np.median(radius):.2g} px in the median behind a blur of "
-        f"{detections.rim_blur_px:.2g} px: either these are no contacts, or pixels above a threshold do not tell their areas"
+        f"{detections.rim_blur_px:.2g} px: either these are no contacts, or pixels above a "
+        "threshold do not tell their areas"
     )
 
 
