@@ -71,8 +71,8 @@ class Status(enum.StrEnum):
     cover both."""
     SOFT = "soft edges"
     """The width of the edges, or the light just outside, grows with the contacts, or the blur is about as
-    wide as the counted contacts. Where in it a contact ends cannot be seen in one image; the uncertainties, common
-    to all contacts, include that."""
+    wide as counted contacts. Where in it a contact ends cannot be seen in one image; the uncertainties,
+    common to all contacts, include that."""
 
     NO_POSE = "no pose"
     """Fewer than half of the contacts fall on an asperity of the table, wherever the camera may look:
