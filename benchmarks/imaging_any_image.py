@@ -20,8 +20,9 @@ import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
-from imaging_figures import save
+from imaging_figures import FOLDER, save
 from imaging_scores import ROOT, markdown, put_table
+from PIL import Image
 
 from contactimg.pipeline.frame import outlines_table
 from contactimg.plots.overlay import Layer, View, draw_overlay
@@ -285,6 +286,8 @@ def draw_worst(worst, items, name="imaging_any_image.png"):
         place.set_title(title, fontsize=8)
         place.set_axis_off()
     save(figure, name)
+    path = FOLDER / name
+    Image.open(path).convert("RGB").quantize(64).save(path, optimize=True)
 
 
 def write(rows, worst, items, *, publish):

@@ -34,6 +34,9 @@ detected."""
 CLEAR_RISE_FRACTION, CLEAR_RISE_PROMINENCE = 0.5, 0.5
 """A contact that rises by this fraction of the contrast need exceed the scatter of its surroundings less:
 neighbours, cut contacts and rests of uneven light scatter more than noise. Chosen on touching beads."""
+OWN_RISE_FRACTION, MOST_LOOKED_AT = 0.5, 60
+"""Part of its rise over the background that a contact must show in the frame without the reference; contacts
+that are looked at. Chosen: 0.9 on frames as assumed; for time."""
 VISIBILITY_ROUNDS = 6
 """Rounds of looking at the contacts that are left: a rejected one belongs to the surroundings of the next."""
 USUAL_BLUR_PX = 1.4
@@ -69,6 +72,8 @@ class Review:
         Row of each contact of free shape, and its outlines (x, y), px.
     ellipse_misfit : float
         See `contactimg.imaging.judge.shape_ladder.Climb`.
+    of_reference : float
+        Share of the contacts that the reference makes: the frame itself does not show them.
     """
 
     detections: Detections
@@ -80,6 +85,7 @@ class Review:
     shapes: str = ""
     outlines: Outlines = ()
     ellipse_misfit: float = float("nan")
+    of_reference: float = 0.0
 
 
 @stage("second look")
@@ -125,6 +131,7 @@ def review(
         remark,
         outlines,
         misfit,
+        _share_of_reference(foreground, _places(detections), blur),
     )
 
 
@@ -158,6 +165,19 @@ def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np
     high = rise > CLEAR_RISE_FRACTION * foreground.contrast.plateau
     least = np.where(high, CLEAR_RISE_PROMINENCE, LEAST_PROMINENCE)
     return np.asarray((rise <= 0.0) | (rise < least * scatter))
+
+
+def _share_of_reference(foreground: Foreground, places: NDArray, blur: float) -> float:
+    """Share of the contacts that rise in the difference from the reference but not in the frame."""
+    pair = foreground.frame_pair
+    if pair.reference is None or not len(places):
+        return 0.0
+    some = places[:: -(-len(places) // MOST_LOOKED_AT)]
+    frame = pair.frame.astype(np.float32) * np.float32(foreground.sign)
+    own, rise = (
+        measure_rise(image, pair.valid, some, blur_px=blur)[0] for image in (frame, foreground.image)
+    )
+    return float(np.mean(own < OWN_RISE_FRACTION * rise))
 
 
 def _is_outshone(

@@ -36,6 +36,9 @@ assumed have 1e-3 at most."""
 LARGEST_DARK_SHARE = 0.004
 """Share of dark blocks above which the reference is that of another place. Chosen: 0 on frames as assumed,
 0.013 with fifteen contacts in the reference."""
+LARGEST_REFERENCE_SHARE = 0.5
+"""Share of the contacts that the frame itself does not show above which the reference is that of another
+place. Chosen: 0 on frames as assumed."""
 LARGEST_UNEVENNESS = 0.02
 """Unevenness of the background over the contrast above which the light was not followed. Chosen: it moves the
 radius of a contact of two blur widths by 1 %; 0.007 at most on frames as assumed."""
@@ -120,6 +123,12 @@ def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple
         text = (
             f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, by a "
             "fifth of the contrast and more: does the reference show contacts, or another place?"
+        )
+        defects.append((Status.WRONG_REFERENCE, text))
+    if seen.of_reference > LARGEST_REFERENCE_SHARE:
+        text = (
+            f"{100 * seen.of_reference:.0f} % of the contacts are in the reference, not in the frame: is it "
+            "that of another place?"
         )
         defects.append((Status.WRONG_REFERENCE, text))
     if left.found_share < LEAST_FOUND_SHARE:

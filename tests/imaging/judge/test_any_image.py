@@ -69,3 +69,13 @@ def test_counted_contacts_behind_narrow_rims_are_ok(crowd):
     result = measure_image(*crowd[:2], method="threshold", polarity="bright")
     assert result.status == Status.OK
     assert "no contacts" not in result.message
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_contacts_that_only_the_reference_shows_are_not_ok(crowd, method):
+    """Bright contacts in a reference are dust, or dark contacts of an empty frame."""
+    frame, reference, _ = crowd
+    result = measure_image(reference, frame, method=method, polarity="dark")
+    assert len(result.disks) >= 3
+    assert result.status == Status.WRONG_REFERENCE
+    assert "are in the reference, not in the frame" in result.message
