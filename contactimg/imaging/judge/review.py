@@ -11,7 +11,9 @@ from contactimg.imaging.judge.agreement import Agreement, compare
 from contactimg.imaging.judge.background_left import BackgroundLeft, inspect_background
 from contactimg.imaging.judge.counted_light import compare_some
 from contactimg.imaging.judge.second_opinion import (
+    LEAST_BLUR_PX,
     REGION_BLUR_WIDTHS,
+    RING_PX,
     Scenery,
     is_outshone,
     measure_again,
@@ -173,11 +175,16 @@ def _share_of_reference(foreground: Foreground, places: NDArray, blur: float) ->
     if pair.reference is None or not len(places):
         return 0.0
     some = places[:: -(-len(places) // MOST_LOOKED_AT)]
-    frame = pair.frame.astype(np.float32) * np.float32(foreground.sign)
+    frame = np.zeros(pair.frame.shape, np.float32)  # filled where it is looked at, for time
+    reach = some[:, 2] + REGION_BLUR_WIDTHS * max(blur, LEAST_BLUR_PX) + RING_PX + 2.0
+    low = np.maximum(some[:, :2] - reach[:, None], 0.0).astype(int)
+    high = np.maximum(some[:, :2] + reach[:, None] + 1.0, 0.0).astype(int)
+    for (left, top), (right, bottom) in zip(low.tolist(), high.tolist(), strict=True):
+        frame[top:bottom, left:right] = pair.frame[top:bottom, left:right]
     own, rise = (
         measure_rise(image, pair.valid, some, blur_px=blur)[0] for image in (frame, foreground.image)
     )
-    return float(np.mean(own < OWN_RISE_FRACTION * rise))
+    return float(np.mean(foreground.sign * own < OWN_RISE_FRACTION * rise))
 
 
 def _is_outshone(
