@@ -2,6 +2,7 @@
 
 import pickle
 import shutil
+from dataclasses import replace
 from functools import wraps
 
 import numpy as np
@@ -16,7 +17,8 @@ from contactimg.files.frame_store import STORE_FILE
 from contactimg.files.records import decode, encode
 from contactimg.imaging.profile.optics import Halo, SharedOptics
 from contactimg.pipeline import measured_series, series
-from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import MeasuredFrame, MeasuredFrames
+from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pipeline.written_run import write_run
 from contactimg.tables import CONTACTS, REJECTED
 from contactimg.tradeoff.choice import Choice
@@ -237,3 +239,38 @@ def test_blocks_of_frames_give_the_tables_of_all(small_series, tmp_path, monkeyp
         monkeypatch.undo()
     for name in TABLES:
         assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "together" / name).read_bytes()
+
+
+@pytest.mark.parametrize("table_format", ["csv", "parquet"])
+def test_blocks_are_the_same_from_any_process(small_series, tmp_path, monkeypatch, table_format):
+    experiment = open_experiment(read_scene(small_series))
+    record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
+    store = FrameStore(tmp_path / "store", record)
+    kept = series.measure_parts(experiment, workers=2, store=store)
+    monkeypatch.setattr(measured_series, "BLOCK_FRAMES", 1)
+    for folder, workers in (("one", 1), ("two", 2)):
+        (tmp_path / folder).mkdir()
+        write_run(replace(kept, workers=workers), tmp_path / folder, table_format)
+    written = sorted(path.name for path in (tmp_path / "one").iterdir())
+    assert f"contacts.{table_format}" in written
+    for name in written:
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_of_frames_in_a_store_only_keys_are_held(small_series, tmp_path):
+    experiment = open_experiment(read_scene(small_series))
+    record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
+    shelved = list(series.measure_parts(experiment, store=FrameStore(tmp_path / "store", record)).parts)
+    failed = MeasuredFrame.failed(FailedFrame.of("frame_2.tif", ValueError("odd")))
+    chosen = shelved[2].with_choice(Choice("disk", error=0.077, stated=0.002, relative=0.01, output="area"))
+    frames = MeasuredFrames([*shelved, failed])
+    frames[1], frames[2], frames[3] = failed, chosen, shelved[0]
+    assert [part.row["frame"] for part in frames] == [shelved[k].row["frame"] for k in (0, 1, 2, 0)]
+    assert frames[1] is failed
+    assert frames[2] is chosen
+    assert [part.row for part in frames[2:]] == [chosen.row, shelved[0].row]
+    frames[1] = shelved[1]
+    pd.testing.assert_frame_equal(frames[1].contacts, shelved[1].contacts, check_exact=True)
+    pd.testing.assert_frame_equal(frames[-1].contacts, shelved[0].contacts, check_exact=True)
+    with pytest.raises(IndexError):
+        frames[4]
