@@ -1,5 +1,6 @@
 """One scene has one area: commands that say the same thing agree to the last digit."""
 
+import numpy as np
 import pandas as pd
 import pytest
 from small_series import copy_of
@@ -11,13 +12,27 @@ from contactimg.files import write_scene
 LOADS = (0.005, 0.02, 0.05)
 
 
-@pytest.fixture(scope="module", params=["paper", "planned"])
+def make_ellipsoids(table):
+    """Half of the caps of a table with another second radius, a third with a modulus of their own."""
+    caps = pd.read_csv(table)
+    number = np.arange(len(caps))
+    caps = caps.assign(
+        radius_2_m=caps["radius_m"] * np.where(number % 2, 1.0, 1.4),
+        azimuth_rad=0.1 * (number % 16),
+        young_modulus_Pa=np.where(number % 3, np.nan, 5e6),
+    )
+    caps.to_csv(table, index=False)
+
+
+@pytest.fixture(scope="module", params=["paper", "planned", "own caps"])
 def outputs(request, small_series, tmp_path_factory):
     """The folder with what predict, process, overlay and analyse wrote for one scene."""
     top = tmp_path_factory.mktemp("one")
     series, run = copy_of(small_series, top / "series"), top / "run"
     source = {name: dict(keys) for name, keys in read_scene(series).source.items()}
-    source["effects"] |= {"model": request.param}
+    source["effects"] |= {"model": "paper" if request.param == "paper" else "planned"}
+    if request.param == "own caps":
+        make_ellipsoids(series / "asperities.csv")
     source.pop("tolerance", None)
     write_scene(source, series / "scene.toml")
     loads = [word for load in LOADS for word in ("--load-N", str(load))]
