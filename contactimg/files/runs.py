@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from contactimg import __version__
@@ -237,6 +238,12 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
     if (contacts["asperity"] < 0).any():
         raise InputError(
             f"{table_file(folder, CONTACTS)}: column asperity must not be negative; repeat the run"
+        )
+    placed = np.isfinite(contacts[["x_m", "y_m"]].to_numpy(float)).all(axis=1)
+    if placed.any() and not placed.all():
+        raise InputError(
+            f"{table_file(folder, CONTACTS)}: row {int(np.argmin(placed)) + 1} of {len(placed)} has no x_m "
+            "and y_m, others have; delete the row or repeat the run"
         )
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from contactimg import read_run
 from contactimg.cli import main
+from contactimg.errors import InputError
 from contactimg.report import build_report
 
 
@@ -86,3 +87,12 @@ def test_sums_that_were_edited_are_those_of_the_contacts_again(run):
 def test_figures_are_those_that_the_analysis_wrote(run):
     (run / "laws" / "area_of_somebody_else.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
     assert "area_of_somebody_else" not in build_report(run)
+
+
+def test_a_contact_without_a_place_among_others_is_named(run):
+    path = run / "contacts.csv"
+    table = pd.read_csv(path)
+    table.loc[2, "x_m"] = np.nan
+    table.to_csv(path, index=False)
+    with pytest.raises(InputError, match=rf"contacts\.csv: row 3 of {len(table)} has no x_m and y_m"):
+        read_run(run)

@@ -91,7 +91,7 @@ class GroupWindow:
             squares[problem.valid == 0] = 0.0
         if problem.saturated is not None:
             squares[(problem.saturated == 1) & (residual < 0.0)] = 0.0
-        return squares
+        return np.asarray(squares, np.float32)
 
     def highest_residual(self, disks: NDArray) -> NDArray[np.float64] | None:
         """x, y and height of the highest peak of the blurred residual."""

@@ -287,6 +287,6 @@ class _Curve:
         allowed = difference + decrease * kurtosis_std**2
         excluded = np.divide(decrease * difference, allowed, out=np.zeros(NODES), where=allowed > 0) > 1.0
         far = np.flatnonzero(excluded)
-        first = far[far < at].max(initial=-1) + 1
-        last = far[far > at].min(initial=NODES) - 1
+        first = int(far[far < at].max(initial=-1)) + 1
+        last = int(far[far > at].min(initial=NODES)) - 1
         return (np.arange(NODES) >= min(first, at - 1)) & (np.arange(NODES) <= max(last, at + 1))

@@ -145,7 +145,7 @@ def view_background(image: NDArray, placement: Placement, disks: NDArray[np.floa
     if not finite.all():
         flat = np.where(finite, flat, np.float32(np.median(flat[finite])))
     back = _inverse(placement.alignment)
-    return View(_move(flat, back), (_move_mask(seen, back) > 0).astype(np.uint8))
+    return View(_move(np.asarray(flat, np.float32), back), (_move_mask(seen, back) > 0).astype(np.uint8))
 
 
 def pixels_outside(disks: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.uint8]:
