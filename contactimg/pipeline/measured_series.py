@@ -68,13 +68,14 @@ class MeasuredSeries:
         workers: int | None = 1,
     ) -> "MeasuredSeries":
         """The series of measured frames with these loads and this usual shape."""
-        names = [part.row["frame"] for part in parts]
-        load = loads.drop_duplicates("frame").set_index("frame")["load_N"]
-        series = cls(scene, parts, load.reindex(names).to_numpy(float), sites, None, workers)
+        # one number at a time: lists of names would be the largest thing in memory
+        load = dict(zip(loads["frame"][::-1], loads["load_N"][::-1], strict=True))
+        load_of_part = (load.get(part.row["frame"], np.nan) for part in parts)
+        series = cls(scene, parts, np.fromiter(load_of_part, float, len(parts)), sites, None, workers)
         if scene.camera is None:
             return series
-        counts = [0 if pd.isna(part.row.get("n_contacts")) else part.row["n_contacts"] for part in parts]
-        most = int(np.argmax(counts))
+        counts = (0 if pd.isna(part.row.get("n_contacts")) else part.row["n_contacts"] for part in parts)
+        most = int(np.argmax(np.fromiter(counts, float, len(parts))))
         return replace(series, pose=find_pose(series._part(most, most + 1)._run(), sites, shape))
 
     def blocks(self) -> Iterator[Run]:
