@@ -38,7 +38,8 @@ CLEAR_RISE_FRACTION, CLEAR_RISE_PROMINENCE = 0.5, 0.5
 neighbours, cut contacts and rests of uneven light scatter more than noise. Chosen on touching beads."""
 OWN_RISE_FRACTION, MOST_LOOKED_AT = 0.5, 60
 """Part of its rise over the background that a contact must show in the frame without the reference; contacts
-that are looked at. Chosen: 0.9 on frames as assumed; for time."""
+that are looked at. Chosen: half-way between the frame alone and the reference alone, not measured; for
+time."""
 VISIBILITY_ROUNDS = 6
 """Rounds of looking at the contacts that are left: a rejected one belongs to the surroundings of the next."""
 USUAL_BLUR_PX = 1.4
