@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from contactimg.engine.installation import difference, installation
 from contactimg.errors import ContactimgError, InputError, finite_number
@@ -32,6 +33,9 @@ PATIENCE_VARIABLE = "CONTACTIMG_CLUSTER_WAIT_S"
 CALLS_PER_PROCESS = 4
 """Calls that are handed out at a time, per process of the cluster. Chosen: no process waits while the results
 of a slow call before them are awaited; sensitivity not measured."""
+
+SENDING_TRIES = 3
+"""Times that a function is sent while workers are being ended. Chosen by hand; changes no result."""
 
 _LOOK_EVERY_SECONDS = 2.0  # whether there is still a worker
 _CLOSE_SECONDS = 5.0  # chosen: a connection that cannot be closed in this time is left to the system
@@ -76,14 +80,12 @@ class _Task:
             return self.function(*arguments)
 
 
-def _call(task: _Task, arguments: tuple[Any, ...]) -> Any:
-    """A call on a worker."""
-    return task.call(arguments)
+def _call(name: str, arguments: tuple[Any, ...]) -> Any:
+    """A call on a worker, of the task that it has under a name."""
+    from distributed import get_worker
 
-
-def _as_it_is(task: _Task) -> _Task:
-    """The task: a worker that lacks it gets it from another one or from the scheduler."""
-    return task
+    common: Any = get_worker().plugins[name]
+    return common.task.call(arguments)
 
 
 class Cluster:
@@ -129,27 +131,52 @@ class Cluster:
         """
         pending: deque[tuple[tuple[Any, ...], Future]] = deque()
         rest, task = iter(arguments), _Task(function, str(Path.cwd()), installation())
-        with self._failures_named():
-            sent = self._submit(_as_it_is, task)
-        while True:
-            with self._failures_named():
-                room = max(CALLS_PER_PROCESS * self.processes() - len(pending), 0 if pending else 1)
-            for item in islice(rest, room):
+        with self._sent(task) as name:
+            while True:
                 with self._failures_named():
-                    pending.append((item, self._submit(_call, sent, item)))
-            if not pending:
-                return
-            # what is pending when the caller stops is dropped: the scheduler forgets calls nobody waits for
-            item, future = pending.popleft()
-            if self._was_killed(future):
-                future = self._alone(task, item, [other for _, other in pending])
-            yield self._result(item, future, lost)
+                    room = max(CALLS_PER_PROCESS * self.processes() - len(pending), 0 if pending else 1)
+                for item in islice(rest, room):
+                    with self._failures_named():
+                        pending.append((item, self._submit(name, item)))
+                if not pending:
+                    return
+                # what is pending when the caller stops is dropped: the scheduler forgets such calls
+                item, future = pending.popleft()
+                if self._was_killed(future):
+                    future = self._alone(name, item, [other for _, other in pending])
+                yield self._result(item, future, lost)
 
-    def _submit(self, function: Callable[..., Any], *arguments: Any) -> "Future":
+    @contextmanager
+    def _sent(self, task: _Task) -> Iterator[str]:
+        """The name under which all workers have a task, those that come later as well.
+
+        A task that calls depend on as on a result is lost with the only worker that has it: distributed
+        2026.8 then may wait for ever for another worker that was just about to fetch it.
+        """
+        from contactimg.engine.cluster_plugin import CommonTask
+
+        name = f"contactimg-{uuid4().hex}"
+        with self._failures_named():
+            for _ in range(SENDING_TRIES - 1):
+                with suppress(OSError):  # a worker was ended just then
+                    self._client.register_plugin(CommonTask(task), name=name)
+                    break
+            else:
+                self._client.register_plugin(CommonTask(task), name=name)
+        try:
+            yield name
+        finally:
+            scheduler: Any = self._client.scheduler
+            with suppress(Exception):  # it may have gone
+                self._client.sync(
+                    scheduler.unregister_worker_plugin, name=name, callback_timeout=_CLOSE_SECONDS
+                )
+
+    def _submit(self, name: str, arguments: tuple[Any, ...]) -> "Future":
         """A future of a call."""
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
-            return self._client.submit(function, *arguments, pure=False)
+            return self._client.submit(_call, name, arguments, pure=False)
 
     def _was_killed(self, future: "Future") -> bool:
         """Whether a call was on one ended worker after the other, by its own doing or that of others."""
@@ -158,12 +185,12 @@ class Cluster:
         with self._failures_named():
             return isinstance(self._error_of(future), KilledWorker)
 
-    def _alone(self, task: _Task, arguments: tuple[Any, ...], others: list["Future"]) -> "Future":
+    def _alone(self, name: str, arguments: tuple[Any, ...], others: list["Future"]) -> "Future":
         """A call with nothing else on the cluster: whatever ends its workers now is its own doing."""
         with self._failures_named():
             for other in others:
                 self._error_of(other)
-            return self._submit(_call, self._submit(_as_it_is, task), arguments)
+            return self._submit(name, arguments)
 
     def _result(self, arguments: tuple[Any, ...], future: "Future", lost: Callable[..., Any] | None) -> Any:
         """The result of a call when it is there."""

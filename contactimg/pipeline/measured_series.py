@@ -105,7 +105,7 @@ class MeasuredSeries:
     @cached_property
     def _law(self) -> LawPlan | None:
         """The law of the local forces, on which the contacts of all frames decide; None without forces."""
-        if self.scene.elastic is None:
+        if self.scene.elastic is None or self.pose is None:
             return None
         return decide_law(self.scene, reduce(or_, self._share(_law_evidence)))
 
