@@ -28,7 +28,8 @@ from contactimg.models.newton_iteration import (
     take_step,
 )
 from contactimg.models.scaled_problem import ScaledProblem
-from contactimg.models.validity import Pairs, close_pairs, overlapping, unstable_pair
+from contactimg.models.validity import Pairs, close_pairs, overlapping, sampled_spacing, unstable_pair
+from contactimg.models.work_limit import limit_work
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -60,6 +61,10 @@ field corrections, 1e-2 of a penetration or less, nor the errors of the sums, fo
 matter.
 """
 
+
+MAX_OVERLAPPING = 0.5
+"""Share of the contacts that may overlap a neighbour in the start of a screened solution. Chosen by time:
+beyond, the Newton matrix is close to indefinite, and 12 000 to 50 000 contacts take thousands of sums."""
 
 FIELD_COUPLINGS = ("hertz", "full")
 """Couplings with field corrections, computed for all pairs of a candidate and a contact."""
@@ -106,6 +111,13 @@ class ContactSolver:
         alone = self._uncoupled()
         if self.coupling == "none":
             return self.problem, self._system(self.problem, NoCoupling()), alone, 0
+        with limit_work():
+            return self._select(alone, seed)
+
+    def _select(
+        self, alone: Iterate, seed: Values | None
+    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
+        """Solve for the candidates, and for more of them until none is left out."""
         force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
         for _ in range(MAX_SELECTIONS):
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
@@ -176,6 +188,7 @@ class ContactSolver:
         else:
             force, indentation = coarse_grid_start(candidates, self.law, self.kernel, force, indentation)
             iterate = evaluate_iterate(rough, force, indentation, sums.displacement(force))
+        _refuse_crowd(candidates, iterate)
         rough, iterate, steps = self._converge(candidates, rough, iterate, rough=True)
         return self._solve_near(candidates, rough, iterate, steps, sum_accuracy=SCREENING_SUM_ACCURACY)
 
@@ -315,6 +328,23 @@ def _refuse_excessive_load(problem: ScaledProblem) -> None:
             f"a contact of radius {contact_radius * problem.length:.3g} m on a pattern "
             f"{extent * problem.length:.3g} m wide; lower the load"
         )
+
+
+def _refuse_crowd(problem: ScaledProblem, iterate: Iterate) -> None:
+    """Raise `ModelRangeError` if most contacts of a first estimate overlap a neighbour."""
+    # Hertz's radii of the forces, which sum to the load; those at the penetrations are not consistent yet
+    contact_radius = np.cbrt(0.75 * problem.radius * np.maximum(iterate.force, 0.0))
+    spacing = sampled_spacing(problem.x, problem.y, contact_radius)
+    share = float(np.mean(spacing < 1))
+    if share <= MAX_OVERLAPPING:
+        return
+    # the force goes as the cube of the contact radius
+    bearable = float(iterate.force.sum()) * problem.force_unit * float(np.median(spacing)) ** 3
+    raise ModelRangeError(
+        f"about {share:.0%} of {np.count_nonzero(contact_radius)} contacts would overlap a neighbour (at "
+        f"most {MAX_OVERLAPPING:.0%} may): beyond any model of single contacts; lower the load to some "
+        f"{bearable:.2g} N or less, or the indentation, and check their units"
+    )
 
 
 def _refuse_ambiguous(problem: ScaledProblem, system: ContactSystem, iterate: Iterate) -> None:

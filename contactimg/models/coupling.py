@@ -18,6 +18,7 @@ from scipy.linalg import lapack
 
 from contactimg.mechanics import layer
 from contactimg.models.conjugate_gradients import NotPositiveDefinite, dense_conjugate_gradients
+from contactimg.models.work_limit import count_matrix
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -170,6 +171,7 @@ class DenseCoupling:
         """By conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
         system = _newton_matrix(self.matrix, active, scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:
+            count_matrix(active.size, products=MAX_DENSE_STEPS)
             solution, solved = dense_conjugate_gradients(system, sides, tolerance, MAX_DENSE_STEPS)
             if solved:
                 return solution
@@ -196,6 +198,7 @@ class DenseCoupling:
 
 def _cholesky_factor(system: Values) -> Values:
     """The lower factor of a symmetric matrix, which is overwritten; `NotPositiveDefinite` if it has none."""
+    count_matrix(len(system), factorisations=1)
     # the upper triangle in C order is the lower one for LAPACK, whose factorisation is the faster
     factor, failed = lapack.dpotrf(system.T, lower=1, clean=0, overwrite_a=1)
     if failed:

@@ -18,6 +18,7 @@ from contactimg.errors import InputError
 from contactimg.models.conjugate_gradients import conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel
 from contactimg.models.near_field_sum import NearFieldSum
+from contactimg.models.work_limit import count_terms
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -132,6 +133,7 @@ class FastCoupling:
     @stage("coupling sums")
     def paired_displacement(self, force: Complex) -> Complex:
         """Displacement by two sets of forces, the real and the imaginary parts."""
+        count_terms(force.size)
         to_modes, back = self._plans
         modes = to_modes.execute(force)
         modes *= self._multiplier
@@ -177,6 +179,7 @@ class FastCoupling:
     @stage("coupling sums")
     def fields(self, force: Values, contact_radius: Values) -> Fields:
         """The neighbours' fields: pairs within the cutoff plus the Fourier series."""
+        count_terms(2 * force.size)
         to_modes, back = self._plans
         k = 2 * np.pi / (self._modes * self._cell) * np.arange(-self._modes // 2, self._modes // 2)
         widening = force * contact_radius**2 / 10

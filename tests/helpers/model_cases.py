@@ -15,11 +15,8 @@ from contactimg.surfaces import UniformCaps
 MODELS = ("interacting", "adhesive", "adhesive path", "gw", "gt", "ensemble", "pattern")
 
 LARGEST_SIDE = 500.0
-"""Side of the patterns of an ensemble in units of the size of a cap: a million caps, which are solved in some
-minutes, would be taken for a hang."""
-
-ENDLESS_SIDE = 1e5
-"""Side in the same units from which on a pattern has more caps than contactimg makes: it must be refused."""
+"""Side of the patterns of an ensemble in units of the size of a cap beyond which there is one of them: a
+million caps take some ten seconds to be placed, and up to a minute to be solved."""
 
 MAX_LOAD_ERROR = 1e-6
 """Largest relative difference between the sum of the forces and the load of a converged solution."""
@@ -149,11 +146,11 @@ def draw_pattern(
     options = {"kind": kind, "side": size * decades(rng, -1, 1.5), "coverage": float(rng.uniform(0.01, 0.5))}
     if rng.random() < 0.15:
         options["side"] *= decades(rng, -6, 6)
-    if model == "ensemble" and LARGEST_SIDE < options["side"] / size < ENDLESS_SIDE:
-        options["side"] = LARGEST_SIDE * size
     if model == "pattern":
         return Case(model, options | {"seed": int(rng.integers(1000))})
-    return Case(model, options | shared | {"loads": [load], "patterns": 2, "seed": int(rng.integers(1000))})
+    patterns = 1 if options["side"] > LARGEST_SIDE * size else 2
+    shared |= {"loads": [load], "patterns": patterns, "seed": int(rng.integers(1000))}
+    return Case(model, options | shared)
 
 
 def answers(case: Case) -> Iterable[tuple[float | None, Any]]:
