@@ -1,5 +1,8 @@
 """One scene has one area: commands that say the same thing agree to the last digit."""
 
+import re
+from html import unescape
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +11,8 @@ from small_series import copy_of
 from contactimg import read_scene
 from contactimg.cli import main
 from contactimg.files import write_scene
+from contactimg.plots.numbers import number_with_std
+from contactimg.report.contents import gather_contents
 
 LOADS = (0.005, 0.02, 0.05)
 
@@ -26,7 +31,7 @@ def make_ellipsoids(table):
 
 @pytest.fixture(scope="module", params=["paper", "planned", "own caps"])
 def outputs(request, small_series, tmp_path_factory):
-    """The folder with what predict, process, overlay and analyse wrote for one scene."""
+    """The folder with what predict, process, overlay, analyse and report wrote for one scene."""
     top = tmp_path_factory.mktemp("one")
     series, run = copy_of(small_series, top / "series"), top / "run"
     source = {name: dict(keys) for name, keys in read_scene(series).source.items()}
@@ -41,6 +46,7 @@ def outputs(request, small_series, tmp_path_factory):
         ["process", str(series), "-o", str(run), "--no-pictures"],
         ["overlay", str(run), "-o", str(top / "overlay")],
         ["analyse", str(run), "-o", str(top / "analysis")],
+        ["report", str(run), "--with", str(top / "overlay"), "-o", str(top / "page.html")],
     ):
         assert main([*words, "--quiet"]) == 0
     return top
@@ -73,3 +79,19 @@ def test_the_measured_area_is_the_same_in_process_and_analyse(outputs):
     measured = areas[areas["model"] == "measured"]["area_m2"].tolist()
     assert measured == frames["area_m2"].tolist()
     assert contacts.groupby("frame")["area_m2"].sum().tolist() == pytest.approx(measured, rel=1e-14)
+
+
+def test_the_report_shows_the_areas_of_process(outputs):
+    page = unescape((outputs / "page.html").read_text(encoding="utf-8"))
+    frames = pd.read_csv(outputs / "run" / "frames.csv")
+    assert len(frames) == len(LOADS)
+    for row in frames.itertuples():
+        shown = re.search(rf"<tr><td>{re.escape(row.frame)}</td>.*?</tr>", page).group()
+        assert f"<td>{number_with_std(1e6 * row.area_m2, 1e6 * row.area_std_m2)}</td>" in shown
+
+
+def test_the_report_has_the_area_law_of_analyse(outputs):
+    results = pd.read_csv(outputs / "analysis" / "results.csv").set_index(["quantity", "model"])
+    stated = results.loc[("area_exponent", "measured")]
+    law = gather_contents(outputs / "run", others=[], max_pictures=0).law
+    assert (law.exponent.value, law.exponent.std) == (stated["value"], stated["std"])
