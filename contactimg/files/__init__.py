@@ -35,7 +35,7 @@ from contactimg.files.experiment import (
     write_scene,
 )
 from contactimg.files.figures import figure_bytes, write_figure, write_figures, write_palette_image
-from contactimg.files.frame_store import KEY_BYTES, EncodedResult, FrameStore, decode_part
+from contactimg.files.frame_store import EncodedResult, FrameStore, KeyList, decode_part
 from contactimg.files.output import OutputFolder
 from contactimg.files.run_tables import (
     EncodedRows,
@@ -55,7 +55,6 @@ __all__ = [
     "CALIBRATION_FILE",
     "EDITS_FILE",
     "EVERY_FRAME",
-    "KEY_BYTES",
     "MASK",
     "PROVENANCE_FILE",
     "RUN_TABLES",
@@ -68,6 +67,7 @@ __all__ = [
     "FrameSeries",
     "FrameSource",
     "FrameStore",
+    "KeyList",
     "OutputFolder",
     "RunFolder",
     "TableFormat",

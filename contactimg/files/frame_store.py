@@ -5,12 +5,12 @@ import logging
 import shutil
 import sqlite3
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from contactimg.engine.installation import source_digest
 from contactimg.errors import InputError
@@ -22,8 +22,8 @@ logger = logging.getLogger(__name__)
 STORE_FOLDER = ".contactimg.frames"
 STORE_FILE = "frames.sqlite"
 
-KEY_BYTES = 32
-"""Length of a key: a SHA-256."""
+_KEY_BYTES = 32  # SHA-256
+_NO_KEY = bytes(_KEY_BYTES)
 
 _KEPT = 4  # results whose first record stays in memory: what is asked of one frame is asked in a row
 
@@ -60,6 +60,45 @@ class EncodedResult:
 def decode_part(text: bytes) -> Any:
     """A part of a result from its text."""
     return decode(text.decode())
+
+
+class KeyList(Sequence["bytes | None"]):
+    """Keys of results in order, None where there is none: 32 bytes each in one block of memory.
+
+    Parameters
+    ----------
+    keys : iterable of bytes or None
+    """
+
+    def __init__(self, keys: Iterable[bytes | None] = ()) -> None:
+        self._bytes = bytearray()
+        for key in keys:
+            self.append(key)
+
+    def __len__(self) -> int:
+        return len(self._bytes) // _KEY_BYTES
+
+    @overload
+    def __getitem__(self, index: int) -> bytes | None: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> "KeyList": ...
+
+    def __getitem__(self, index: int | slice) -> "bytes | KeyList | None":
+        """One key, or some."""
+        if isinstance(index, slice):
+            return KeyList(self[k] for k in range(*index.indices(len(self))))
+        start = _KEY_BYTES * range(len(self))[index]
+        key = bytes(self._bytes[start : start + _KEY_BYTES])
+        return None if key == _NO_KEY else key
+
+    def __setitem__(self, index: int, key: bytes | None) -> None:
+        start = _KEY_BYTES * range(len(self))[index]
+        self._bytes[start : start + _KEY_BYTES] = key or _NO_KEY
+
+    def append(self, key: bytes | None) -> None:
+        """Add a key at the end."""
+        self._bytes += key or _NO_KEY
 
 
 class FrameStore:

@@ -25,9 +25,9 @@ def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[st
         If contacts are to be corrected and the method is chosen by a tolerance, which may change from frame
         to frame.
     """
-    names = [source.name for source in experiment.frames]
-    known = {EVERY_FRAME, *names}
     edits: dict[str, list[HandEdit]] = {}
+    names = [source.name for source in experiment.frames] if len(experiment.edits) else []
+    known = {EVERY_FRAME, *names}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
         if row["frame"] not in known:
             logger.warning(

@@ -9,7 +9,7 @@ from typing import Any, overload
 import numpy as np
 import pandas as pd
 
-from contactimg.files import KEY_BYTES, FrameStore, decode_part
+from contactimg.files import FrameStore, KeyList, decode_part
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.parallel import FailedFrame
@@ -240,13 +240,13 @@ class MeasuredFrames(Sequence[MeasuredFrame]):
 
     def __init__(self, parts: Iterable[MeasuredFrame] = ()) -> None:
         self._store: FrameStore | None = None
-        self._keys = bytearray()
+        self._keys = KeyList()
         self._others: dict[int, MeasuredFrame] = {}
         for part in parts:
             self.append(part)
 
     def __len__(self) -> int:
-        return len(self._keys) // KEY_BYTES
+        return len(self._keys)
 
     @overload
     def __getitem__(self, index: int) -> MeasuredFrame: ...
@@ -259,22 +259,20 @@ class MeasuredFrames(Sequence[MeasuredFrame]):
         if isinstance(index, slice):
             return [self[k] for k in range(*index.indices(len(self)))]
         k = range(len(self))[index]
-        if k in self._others or self._store is None:
-            return self._others[k]
-        return ShelvedFrame(self._store, bytes(self._keys[KEY_BYTES * k : KEY_BYTES * (k + 1)]))
+        key = self._keys[k]
+        return self._others[k] if key is None or self._store is None else ShelvedFrame(self._store, key)
 
     def __setitem__(self, k: int, part: MeasuredFrame) -> None:
-        key = bytes(KEY_BYTES)
         if isinstance(part, ShelvedFrame) and not part.changes and self._store in (None, part.store):
-            self._store, key = part.store, part.key
+            self._store, self._keys[k] = part.store, part.key
             self._others.pop(k, None)
         else:
-            self._others[k] = part
-        self._keys[KEY_BYTES * k : KEY_BYTES * (k + 1)] = key
+            self._keys[k], self._others[k] = None, part
 
     def append(self, part: MeasuredFrame) -> None:
         """Add a frame at the end."""
-        self[len(self)] = part
+        self._keys.append(None)
+        self[len(self) - 1] = part
 
 
 def _whole_frame(head: bytes, tables: bytes, changes: Mapping[str, Any]) -> MeasuredFrame:

@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
-from contactimg.files import EncodedResult, Experiment, FrameSource, FrameStore, decode_part, edits_file
+from contactimg.files import (
+    EncodedResult,
+    Experiment,
+    FrameSource,
+    FrameStore,
+    KeyList,
+    decode_part,
+    edits_file,
+)
 from contactimg.pipeline.inputs import read_reference
 from contactimg.tables import Status
 
@@ -214,7 +222,7 @@ def _lost_frame(error: Exception, source: FrameSource, *_arguments: Any) -> Fail
 
 def _store_keys(
     store: FrameStore, experiment: Experiment, measure: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]
-) -> list[bytes | None]:
+) -> KeyList:
     """The key of each job in the store."""
     call = measure if isinstance(measure, partial) else partial(measure)
     function = f"{call.func.__module__}:{call.func.__qualname__}"
@@ -224,7 +232,7 @@ def _store_keys(
     common = store.common(
         [function, call.args, references], [path for path in experiment.others if path != edits]
     )
-    return [
+    return KeyList(
         store.key(
             common,
             job[0].path,
@@ -235,7 +243,7 @@ def _store_keys(
             ],
         )
         for job in jobs
-    ]
+    )
 
 
 def _of_frame(value: Any, name: str) -> Any:

@@ -1,7 +1,9 @@
 """A run that was ended is taken up: what was measured is not measured again, and the files are the same."""
 
+import hashlib
 import pickle
 import shutil
+import tracemalloc
 from dataclasses import replace
 from functools import wraps
 
@@ -12,7 +14,7 @@ from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.errors import InputError
-from contactimg.files import EncodedResult, FrameStore, open_experiment, provenance, read_scene
+from contactimg.files import EncodedResult, FrameStore, KeyList, open_experiment, provenance, read_scene
 from contactimg.files.frame_store import STORE_FILE
 from contactimg.files.records import decode, encode
 from contactimg.imaging.profile.optics import Halo, SharedOptics
@@ -274,3 +276,21 @@ def test_of_frames_in_a_store_only_keys_are_held(small_series, tmp_path):
     pd.testing.assert_frame_equal(frames[-1].contacts, shelved[0].contacts, check_exact=True)
     with pytest.raises(IndexError):
         frames[4]
+
+
+def test_a_list_of_keys_takes_little_memory_and_knows_where_there_is_none():
+    made = [None if k % 3 == 0 else hashlib.sha256(bytes([k])).digest() for k in range(9)]
+    keys = KeyList(made)
+    assert list(keys) == made
+    assert keys[-1] == made[-1]
+    assert list(keys[2:7:2]) == made[2:7:2]
+    keys[1], keys[3] = None, made[5]
+    assert list(keys[:4]) == [None, None, made[2], made[5]]
+    with pytest.raises(IndexError):
+        keys[9]
+    tracemalloc.start()
+    many = KeyList(made[1] for _ in range(10_000))
+    taken = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert len(many) == 10_000
+    assert taken < 40 * len(many)
