@@ -5,9 +5,10 @@
 
 The frames are links to those of sample_data/sa_plus (1600 x 1200 pixels), on their reference. Two runs of
 different lengths give the rate after start-up: the frames that one has more over the time that it takes
-longer. Beside it: processes times the rate of the same measurements of decoded frames in a loop, in one
-process, likewise from two lengths. Each frame is measured alone and again with the optics of the series,
-which the loop does too.
+longer. Beside it: the rate of the same measurements of decoded frames in a loop, likewise from two lengths,
+times the number of processes, with one loop alone and with as many loops side by side as the run has
+processes, which share the memory of the machine as they do. Each frame is measured alone and again with the
+optics of the series, which the loop does too.
 """
 
 import argparse
@@ -79,6 +80,13 @@ def seconds_of_loop(folder: Path) -> float:
     return spent
 
 
+def seconds_side_by_side(folder: Path, processes: int) -> float:
+    """Mean wall time of `seconds_of_loop` in several processes at once."""
+    words = [sys.executable, __file__, "--loop", str(folder)]
+    loops = [subprocess.Popen(words, stdout=subprocess.PIPE, text=True) for _ in range(processes)]  # noqa: S603
+    return sum(float(loop.communicate()[0]) for loop in loops) / processes
+
+
 def measurements(folder: Path) -> list[tuple[Any, ...]]:
     """What a run of the series measures, in order: function, frame, and further arguments."""
     made = []
@@ -94,26 +102,36 @@ def measurements(folder: Path) -> list[tuple[Any, ...]]:
 
 
 def main() -> None:
-    """Print the rates and their ratio."""
+    """Print the rates and their ratios."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--frames", type=int, default=400)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--uncompressed", action="store_true", help="frames as cameras write them")
+    parser.add_argument("--loop", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.loop:
+        print(seconds_of_loop(options.loop))
+        return
     few = max(int(SHORT * options.frames), 2 * options.workers)
-    top = Path(tempfile.mkdtemp(prefix="throughput_"))
+    counts, top = (few, options.frames), Path(tempfile.mkdtemp(prefix="throughput_"))
+    folders = [top / f"series_{count}" for count in counts]
     try:
-        for count in (few, options.frames):
-            make_series(top / f"series_{count}", count, compressed=not options.uncompressed)
-        short, long = (time_run(top, count, options.workers) for count in (few, options.frames))
-        loops = [seconds_of_loop(top / f"series_{count}") for count in (few, options.frames)]
+        for count, folder in zip(counts, folders, strict=True):
+            make_series(folder, count, compressed=not options.uncompressed)
+        runs = [time_run(top, count, options.workers) for count in counts]
+        loops = {n: [seconds_side_by_side(folder, n) for folder in folders] for n in (1, options.workers)}
     finally:
         shutil.rmtree(top)
     more = options.frames - few
-    rate, full = more / (long - short), options.workers * more / (loops[1] - loops[0])
-    print(f"loop: {few} frames {loops[0]:.1f} s, {options.frames} frames {loops[1]:.1f} s")
-    print(f"process: {few} frames {short:.1f} s, {options.frames} frames {long:.1f} s")
-    print(f"after start-up {rate:.2f} frames/s; {options.workers} x loop {full:.2f}; ratio {rate / full:.3f}")
+    rate = more / (runs[1] - runs[0])
+    print(f"process: {few} frames {runs[0]:.1f} s, {options.frames} frames {runs[1]:.1f} s")
+    print(f"after start-up {rate:.2f} frames/s")
+    for number, seconds in loops.items():
+        full = options.workers * more / (seconds[1] - seconds[0])
+        print(
+            f"{number} loops side by side: {few} frames {seconds[0]:.1f} s, {options.frames} frames "
+            f"{seconds[1]:.1f} s; {options.workers} x loop {full:.2f} frames/s; ratio {rate / full:.3f}"
+        )
 
 
 if __name__ == "__main__":
