@@ -41,29 +41,26 @@ def in_parallel(
         Processes; None for one per core, or only this one for fewer than `FEW_CALLS` calls. On a cluster
         (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
     lost : callable, optional
-        On a cluster, called with the error and the arguments of a call that ended one worker after the other:
+        Called with the error and the arguments of a call that ended its worker among others and again alone:
         gives the result in its place. Default: the error is raised.
 
     Raises
     ------
     ContactimgError
-        If a worker process was ended from outside, or the cluster has gone.
+        If calls end their workers and there is no ``lost``, or several of them in a row do; if the cluster
+        has gone.
 
     Notes
     -----
     Local workers end with this process, whatever ends it (`contactimg.engine.worker_life`).
     """
     cluster = cluster_in_use()
-    if cluster is None:
-        processes = _processes(count, workers)
-        if processes == 1:
-            return (function(*item) for item in arguments)
-        if not is_collecting():
-            return call_in_processes(function, arguments, processes)
-        timed = call_in_processes(partial(collect_call, function), arguments, processes)
-        return gather(timed, processes=processes)
+    processes = _processes(count, workers) if cluster is None else cluster.processes()
+    if cluster is None and processes == 1:
+        return (function(*item) for item in arguments)
+    call = partial(call_in_processes, processes=processes) if cluster is None else cluster.call
     if not is_collecting():
-        return cluster.call(function, arguments, lost)
+        return call(function, arguments, lost)
 
     def lost_in_time(error: ContactimgError, _function: object, *item: Any) -> Any:
         if lost is None:
@@ -71,7 +68,7 @@ def in_parallel(
         return collect_call(lost, error, *item)
 
     jobs = ((function, *item) for item in arguments)
-    return gather(cluster.call(collect_call, jobs, lost_in_time), processes=cluster.processes())
+    return gather(call(collect_call, jobs, lost_in_time), processes=processes)
 
 
 def _processes(count: int, workers: int | None) -> int:

@@ -5,7 +5,7 @@ import pickle
 import tempfile
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -28,6 +28,10 @@ AHEAD = 8
 """Calls for each process that are made before the oldest result is taken. Chosen: a call that takes as long
 as eight others keeps no process waiting, and that many results fit into memory."""
 
+MOST_FAILURES = 8
+"""Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
+the calls, and each failure costs seconds, in which processes start."""
+
 _THREADS = (
     "BLIS_NUM_THREADS",
     "MKL_NUM_THREADS",
@@ -39,37 +43,101 @@ _THREADS = (
 
 
 def call_in_processes(
-    function: Callable[..., Result], arguments: Iterable[tuple[Any, ...]], processes: int
+    function: Callable[..., Result],
+    arguments: Iterable[tuple[Any, ...]],
+    lost: Callable[..., Result] | None = None,
+    *,
+    processes: int,
 ) -> Iterator[Result]:
     """Call a function for each tuple of arguments; see `contactimg.engine.calls.in_parallel`.
 
     A caller that is slower than the processes holds them up: no more than `AHEAD` results for each process
     wait in memory. If the caller is interrupted, the calls that still run are ended with their processes.
     """
-    executor = get_reusable_executor(
-        max_workers=processes,
-        timeout=IDLE_SECONDS,
-        initializer=live_with_parent,
-        initargs=(os.getpid(),),
-        env={name: os.environ.get(name, str(max(1, cpu_count() // processes))) for name in _THREADS},
-    )
-    calls = deque[Future[Result]]()
     with _written(function) as file:
+        pool = _Pool(file, processes, lost)
         try:
             for item in arguments:
-                calls.append(executor.submit(_call, file, *item))
-                if len(calls) == AHEAD * processes:
-                    yield calls.popleft().result()
-            while calls:
-                yield calls.popleft().result()
+                pool.submit(item)
+                if len(pool.calls) == AHEAD * processes:
+                    yield pool.first()
+            while pool.calls:
+                yield pool.first()
+        finally:
+            if pool.calls:
+                pool.end()
+
+
+class _Pool:
+    """Processes, started anew when one of them was ended, and the calls that were made and not yet taken."""
+
+    def __init__(self, file: str, processes: int, lost: Callable[..., Any] | None) -> None:
+        self.calls = deque[tuple[tuple[Any, ...], Future[Any]]]()
+        self._file, self._processes, self._lost = file, processes, lost
+        self._executor = self._started()
+        self._failures = 0  # in a row
+
+    def _started(self) -> Any:
+        return get_reusable_executor(
+            max_workers=self._processes,
+            timeout=IDLE_SECONDS,
+            initializer=live_with_parent,
+            initargs=(os.getpid(),),
+            env={
+                name: os.environ.get(name, str(max(1, cpu_count() // self._processes))) for name in _THREADS
+            },
+        )
+
+    def submit(self, item: tuple[Any, ...]) -> None:
+        """Make a call."""
+        self.calls.append((item, self._future(item)))
+
+    def _future(self, item: tuple[Any, ...]) -> Future[Any]:
+        try:
+            future: Future[Any] = self._executor.submit(_call, self._file, *item)
         except BrokenProcessPool:
+            self._executor = self._started()
+            future = self._executor.submit(_call, self._file, *item)
+        return future
+
+    def first(self) -> Any:
+        """The result of the oldest call, when it is there."""
+        item, future = self.calls[0]
+        try:
+            found = self._result(item, future)
+            self._failures = 0
+        except BrokenProcessPool:
+            found = self._given_up(item)
+        self.calls.popleft()
+        return found
+
+    def _result(self, item: tuple[Any, ...], future: Future[Any]) -> Any:
+        try:
+            return future.result()
+        except BrokenProcessPool:  # by any of the calls under way
+            return self._alone(item).result()
+
+    def _alone(self, item: tuple[Any, ...]) -> Future[Any]:
+        """A call with nothing else in the processes: whatever ends its process now is its own doing."""
+        wait([future for _, future in self.calls])
+        return self._future(item)
+
+    def _given_up(self, item: tuple[Any, ...]) -> Any:
+        """What stands for the result of a call that ended its process alone."""
+        self._failures += 1
+        if self._lost is None or self._failures == MOST_FAILURES:
             raise ContactimgError(
                 "a worker process was ended from outside, perhaps because memory ran out; start the command "
                 "again, with fewer --workers if memory is short"
-            ) from None
-        finally:
-            if calls:
-                executor.shutdown(kill_workers=True)
+            )
+        failure = ContactimgError(
+            "ended its process, in the end with no other beside it, perhaps because memory ran out"
+        )
+        return self._lost(failure, *item)
+
+    def end(self) -> None:
+        """End the calls that still run, with their processes."""
+        self._executor.shutdown(kill_workers=True)
 
 
 @contextmanager

@@ -1,0 +1,93 @@
+"""A call that ends its process costs the others nothing, and is given up after a second time alone."""
+
+import os
+import signal
+import time
+from functools import partial
+
+import pytest
+from small_series import copy_of
+
+from contactimg import read_scene
+from contactimg.engine import local
+from contactimg.engine.calls import in_parallel
+from contactimg.errors import ContactimgError
+from contactimg.files import open_experiment
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.timings import collect
+
+COUNT = 30
+
+
+def deadly_square(deadly, number):
+    """The square; end the process for some of the numbers."""
+    if number in deadly:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.01)
+    return number**2
+
+
+def once_deadly(folder, number):
+    """The square; end the process the first time that number 3 comes."""
+    mark = folder / "mark"
+    if number == 3 and not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number**2
+
+
+def deadly_frame(frame, _reference):
+    """End the process for one of the frames."""
+    if frame.name == "frame_2.tif":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return frame.name
+
+
+def squares(function, lost=None):
+    numbers = [(number,) for number in range(COUNT)]
+    return list(in_parallel(function, numbers, count=COUNT, workers=2, lost=lost))
+
+
+@pytest.mark.parametrize("deadly", [{3}, {0, 1, 17}, {COUNT - 1}])
+def test_calls_that_end_their_process_are_replaced_and_no_other(deadly):
+    found = squares(partial(deadly_square, deadly), lambda error, number: (number, str(error)))
+    assert [found[k] for k in range(COUNT) if k not in deadly] == [
+        k**2 for k in range(COUNT) if k not in deadly
+    ]
+    for number in deadly:
+        assert found[number][0] == number
+        assert found[number][1].startswith("ended its process, in the end with no other beside it")
+
+
+def test_with_stages_timed_as_well():
+    with collect():
+        found = squares(partial(deadly_square, {5}), lambda _error, number: -number)
+    assert found == [-5 if k == 5 else k**2 for k in range(COUNT)]
+
+
+def test_a_process_ended_once_from_outside_costs_nothing(tmp_path):
+    assert squares(partial(once_deadly, tmp_path)) == [k**2 for k in range(COUNT)]
+    assert (tmp_path / "mark").exists()
+
+
+def test_without_a_replacement_the_error_is_raised_and_the_processes_work_again():
+    with pytest.raises(ContactimgError, match="a worker process was ended from outside"):
+        squares(partial(deadly_square, {3}))
+    assert squares(partial(deadly_square, set())) == [k**2 for k in range(COUNT)]
+
+
+def test_calls_that_all_end_their_process_are_not_tried_for_ever(monkeypatch):
+    monkeypatch.setattr(local, "MOST_FAILURES", 3)
+    given_up = []
+    with pytest.raises(ContactimgError, match="a worker process was ended from outside"):
+        squares(partial(deadly_square, set(range(COUNT))), lambda _error, number: given_up.append(number))
+    assert len(given_up) == 2
+
+
+def test_a_frame_that_ends_its_process_fails_and_the_others_are_kept(small_series, tmp_path):
+    experiment = open_experiment(read_scene(copy_of(small_series, tmp_path / "series")))
+    parts = list(for_each_frame(experiment, deadly_frame, workers=2))
+    assert len(parts) == 3
+    assert (parts[0], parts[2]) == ("frame_1.tif", "frame_3.tif")
+    assert isinstance(parts[1], FailedFrame)
+    assert parts[1].row["message"].startswith("frame_2.tif: its measurement ended its process")
