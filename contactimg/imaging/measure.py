@@ -261,10 +261,9 @@ def _fitted(
     taken where the ellipses fit as well with it.
     """
     foreground, difference = prepared.foreground, prepared.difference
-    seen = review(
-        foreground, difference, measure_by_fit(foreground, difference, film=film, edits=edits), shape=shape
-    )
-    if not np.isfinite(seen.ellipse_misfit) or not _has_learned_edge(seen.detections):
+    disks = measure_by_fit(foreground, difference, film=film, edits=edits)
+    seen = review(foreground, difference, disks, shape=shape)
+    if not np.isfinite(seen.ellipse_misfit) or not _has_learned_edge(disks):
         return seen
     plain = measure_by_fit(foreground, difference, film=film, edits=edits, learns_edge=False)
     other = review(foreground, difference, plain, shape=shape)

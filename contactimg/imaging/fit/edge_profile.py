@@ -68,8 +68,8 @@ INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
 WORSE_CHI_SQUARE_RATIO = 1.004
-"""Median chi-square over that with the plain edge above which a learned edge fits worse. Chosen: real edges
-raised it by up to 0.3 % by chance."""
+"""Chi-square over that with the plain edge above which a learned edge fits worse: both the ratio of the medians
+of all contacts and the median of their ratios. Chosen: real edges raised one of them by up to 0.6 % by chance."""
 FAMILY_RELATIVE_STD = 0.1
 """Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
 exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
@@ -155,8 +155,7 @@ def learn_edge(
             if len(isolated) <= FEW_CONTACTS or not result.is_undecided:
                 return result
     current, scores = search.learn(current, isolated, refine)
-    worst = WORSE_CHI_SQUARE_RATIO * np.median(plain.joint.fit.chi_square)
-    if np.median(current.joint.fit.chi_square) > worst:
+    if _fits_worse(current.joint.fit.chi_square, plain.joint.fit.chi_square):
         current, scores = plain, search.scores(plain, isolated)  # it does not fit better
     return search.finish(current, scores)
 
@@ -380,6 +379,12 @@ class _Search:
             own_covariance=_of_optics(own_step, edge),
             radius_shifts=np.column_stack([modes[:, 0], common]),
         )
+
+
+def _fits_worse(after: Values, before: Values) -> bool:
+    """Whether the contacts have larger mean squared residuals than before."""
+    medians = float(np.median(after) / np.median(before))
+    return min(medians, float(np.median(after / np.maximum(before, 1e-9)))) > WORSE_CHI_SQUARE_RATIO
 
 
 def _of_optics(step: SharedStep, edge: Edge) -> Values:

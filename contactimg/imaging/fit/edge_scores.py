@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
+from contactimg.imaging.kernels.ellipse_equations import draw_ellipse
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.kernels.radial_sums import radial_nodes, sum_residuals
+from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.edge_shape import (
     FAMILIES,
@@ -59,6 +60,8 @@ CLIP_SIGMA = 5.0
 LOCAL_BACKGROUND_FRACTION = 0.05
 """Uncertainty of the background about a contact, of the contrast. By hand: where contacts are dense it is not
 known better; no edge is to be learned from it."""
+ELLIPTICITY = slice(4, 6)
+"""Columns of the two components of the ellipticity, where disks are ellipses."""
 OWN = 3  # contrast and radius of a contact, and the background about it
 SHARED = 2  # ln C and the blur come before the parameters of the edge
 
@@ -157,9 +160,12 @@ def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDA
     """Contacts whose profile no neighbour and no border disturbs, from the narrowest to the widest."""
     reach = REACH_BLUR_WIDTHS * blur
     alone = np.ones(len(disks), np.bool_)
-    gap = reach + NEIGHBOUR_BLUR_WIDTHS * blur
-    alone[find_pairs(disks, 0.5 * gap).ravel()] = False
-    x, y, margin = disks[:, X], disks[:, Y], disks[:, RADIUS] + reach
+    gap, round_ = reach + NEIGHBOUR_BLUR_WIDTHS * blur, disks
+    if disks.shape[1] > ELLIPTICITY.start:
+        round_ = disks[:, : ELLIPTICITY.start].copy()
+        round_[:, RADIUS] *= np.exp(np.hypot(*disks[:, ELLIPTICITY].T))
+    alone[find_pairs(round_, 0.5 * gap).ravel()] = False
+    x, y, margin = disks[:, X], disks[:, Y], round_[:, RADIUS] + reach
     alone &= (x > margin) & (y > margin) & (x < shape[1] - 1 - margin) & (y < shape[0] - 1 - margin)
     chosen = np.flatnonzero(alone & (disks[:, RADIUS] > SMALLEST_BLUR_WIDTHS * blur))
     return evenly(chosen[np.argsort(disks[chosen, RADIUS], kind="stable")], MOST_CONTACTS)
@@ -234,13 +240,16 @@ class EdgeScores:
 
     @classmethod
     def of(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
-        """From the pixels about isolated disks (x, y, radius, contrast)."""
+        """From the pixels about isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`)."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
         profile = edge.profile(fine.disks)
         clip = max(CLIP_SIGMA * problem.pixel_noise, LEAST_CLIP_FRACTION * problem.contrast)
+        image = problem.image
+        if disks.shape[1] > ELLIPTICITY.start:
+            image = _with_round_rims(image, disks, fine, edge.blur)
         rest = sum_residuals(
-            problem.image, for_kernel(problem.valid), disks, nodes.inner, profile,
+            image, for_kernel(problem.valid), disks, nodes.inner, profile,
             (fine.step, nodes.step), nodes.count, clip,
         )  # fmt: skip
         whole = np.isfinite(rest[:, 0])
@@ -324,6 +333,22 @@ class EdgeScores:
         """Score and information of all contacts, over the factor of the variances that they show."""
         _, factor, _ = self._scatter(chosen)
         return self.score.sum(axis=0) / factor, self.information.sum(axis=0) / factor
+
+
+def _with_round_rims(
+    image: NDArray[np.float32], disks: Values, nodes: PlacedNodes, blur: float
+) -> NDArray[np.float32]:
+    """The image with the edges of ellipses replaced by those of the circles of equal area, along their rims.
+
+    What a rim of varying curvature adds is taken off: a plain ellipse leaves the residuals of a plain disk.
+    """
+    image = image.copy()
+    add_profiles(image, disks, nodes.inner, BlurredDisks.of(nodes.disks, blur).p, nodes.step)
+    order = [X, Y, RADIUS, *range(ELLIPTICITY.start, ELLIPTICITY.stop), CONTRAST]
+    for parameters in disks[:, order]:
+        parameters[-1] *= -1.0
+        draw_ellipse(image, parameters, blur)
+    return image
 
 
 @lru_cache(maxsize=64)

@@ -79,7 +79,7 @@ def measure_by_fit(
     edits : sequence of HandEdit
         Corrections by hand to what was found; the changed disks are fitted with the others.
     learns_edge : bool
-        Whether another edge than a plain one is looked for.
+        Whether another edge than a plain one is taken; else nor is that of other frames.
 
     Returns
     -------
@@ -215,7 +215,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
         return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
 
-    trial, weighed = None, None
+    trial, weighed, lent = None, None, given.prior_optics.edge
     if given.film is not None:
         placement = Placement(problem.image.shape, ratio)
         likely = film_makes_contrast(given.film.rim, ratio)
@@ -224,7 +224,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     if weighed is not None and weighed.verdict.taken and given.film is not None and given.film.asked == "on":
         return _with_film(start, given, weighed)
     learned = learn_edge(
-        plain.problem, plain.joint, prior, ratio=ratio, refine=refine, lent=given.prior_optics.edge,
+        plain.problem, plain.joint, prior, ratio=ratio, refine=refine, lent=lent if given.learns_edge else None,
         known=given.prior_optics.known_edge is not None, new_families=given.learns_edge,
     )  # fmt: skip
     if trial is not None and weighed is not None and learned.learned.families:
@@ -233,7 +233,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         return _with_film(start, given, weighed)
     return replace(
         plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
-        film=weighed,
+        film=weighed, ratio=ratio, lent_edge=lent,
     )  # fmt: skip
 
 

@@ -18,7 +18,7 @@ from contactimg.imaging.fit.settings import (
     SIGNIFICANT_LIGHT_SIGMA,
 )
 from contactimg.imaging.fit.shared_optics import JointFit
-from contactimg.imaging.profile.optics import Halo, KnownEdge, SharedOptics, combine_errors
+from contactimg.imaging.profile.optics import EdgeKnowledge, Halo, KnownEdge, SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.implausible_disks import reject_disks
@@ -51,6 +51,10 @@ class FrameFit:
         What the rims say of an air film; None where none was looked for.
     known_edge : KnownEdge or None
         What a reference contact has told of the edge, px of the frame.
+    ratio : float
+        Contrast over background level; negative for dark contacts.
+    lent_edge : EdgeKnowledge or None
+        What other frames say of the edge, for contacts that are no disks.
     """
 
     problem: FitProblem
@@ -63,6 +67,8 @@ class FrameFit:
     edge: LearnedEdge | None = None
     film: WeighedFilm | None = None
     known_edge: KnownEdge | None = None
+    ratio: float = 0.0
+    lent_edge: EdgeKnowledge | None = None
 
     @property
     def has_film(self) -> bool:
@@ -137,6 +143,23 @@ def report_contacts(
         accepted, rejected, optics, own, smallest, unmatched, unresolved, *_edge_verdict(result), result,
         rows[~bad],
     )  # fmt: skip
+
+
+def with_edge(
+    detections: FittedDetections, edge: LearnedEdge, added: NDArray[np.float32] | None
+) -> FittedDetections:
+    """The detections with an edge that was learned after the disks were fitted.
+
+    ``added`` makes the edges of the image plain; None where they are.
+    """
+    if detections.frame_fit is None:
+        return detections
+    problem = detections.frame_fit.problem
+    problem = problem if added is None else replace(problem, image=problem.image + added)
+    result = replace(detections.frame_fit, edge=edge, problem=problem)
+    remark, status = _edge_verdict(result)
+    own = replace(detections.own_optics, edge=edge.knowledge)
+    return replace(detections, own_optics=own, remark=remark, status=status, frame_fit=result)
 
 
 def _decide_by_hand(

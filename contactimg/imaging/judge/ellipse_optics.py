@@ -62,7 +62,7 @@ def settle_on_ellipses(
     ellipses: Sequence[FittedEllipse],
     refit: Callable[[Sequence[FittedEllipse], CommonOptics], list[FittedEllipse]],
     optics: CommonOptics,
-    joint: JointFit,
+    known: Values,
 ) -> OpticsChange | None:
     """Find the contrast and the blur that suit ellipses best.
 
@@ -74,8 +74,8 @@ def settle_on_ellipses(
         Fits the same ellipses behind other optics.
     optics : CommonOptics
         From the disks.
-    joint : JointFit
-        Of the disks; tells how much of the optics was known before.
+    known : ndarray, shape (2, 2)
+        Information of what was known of (ln contrast, blur) before.
 
     Returns
     -------
@@ -84,8 +84,6 @@ def settle_on_ellipses(
     """
     if sum(each.pixels > 0 for each in ellipses) < FEWEST_CONTACTS:
         return None
-    known = np.linalg.inv(joint.covariance) - np.linalg.inv(joint.own_covariance)
-    known += np.diag(LEAST_INFORMATION / np.array([1.0, optics.blur]) ** 2)
     now, current, total = optics, list(ellipses), np.zeros(2)
     for _ in range(STEPS):
         score, information = _witnesses(current).total(1.0, np.nan)
@@ -106,6 +104,12 @@ def settle_on_ellipses(
         current = refit(current, now)
     misfit = float(np.nanmedian([each.chi_square[0] for each in current]))
     return OpticsChange(now, total, misfit)
+
+
+def prior_information(joint: JointFit, optics: CommonOptics) -> Values:
+    """How much of (ln contrast, blur) was known before a joint fit of disks."""
+    known = np.linalg.inv(joint.covariance) - np.linalg.inv(joint.own_covariance)
+    return np.asarray(known + np.diag(LEAST_INFORMATION / np.array([1.0, optics.blur]) ** 2))
 
 
 def _witnesses(ellipses: Sequence[FittedEllipse]) -> DiskScores:

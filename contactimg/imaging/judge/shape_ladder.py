@@ -23,7 +23,7 @@ from contactimg.imaging.fit.ellipse import (
     fit_ellipse,
     render_ellipse,
 )
-from contactimg.imaging.fit.quality import FittedDetections
+from contactimg.imaging.fit.quality import FittedDetections, with_edge
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
@@ -35,10 +35,12 @@ from contactimg.imaging.judge.common_distortion import (
     find_distortion,
     has_own_misfit,
 )
+from contactimg.imaging.judge.ellipse_edge import EllipseEdge, learn_edge_of_ellipses
 from contactimg.imaging.judge.ellipse_optics import (
     LEAST_ELLIPSE_SHARE,
     OpticsChange,
     largest_edge_shift,
+    prior_information,
     settle_on_ellipses,
 )
 from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
@@ -157,6 +159,8 @@ class _Ladder:
         Groups that were left as they are because the work was too much.
     change : OpticsChange or None
         What ellipses say of contrast and blur, where many contacts are ellipses.
+    edge : EllipseEdge or None
+        That disks and ellipses show together, where many contacts are ellipses.
     edge_limit : ndarray, px
         Largest error of each radius because of another edge, as the light of these ellipses shows it.
     """
@@ -177,6 +181,7 @@ class _Ladder:
         self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
         self.unheard = 0
         self.change: OpticsChange | None = None
+        self.edge: EllipseEdge | None = None
         self.edge_limit = np.full(len(detections.rows), np.inf)
         self.distortion: Distortion | None = None
         self.contrast = CommonContrast.of(scene, [])
@@ -272,7 +277,9 @@ class _Ladder:
             return [self._refit(part.view, fit, optics) for part, fit in zip(witnesses, fits, strict=True)]
 
         fits = [part.ellipse for part in witnesses]
-        self.change = settle_on_ellipses(fits, refit, self.scene.optics, self.joint)
+        self.change = settle_on_ellipses(
+            fits, refit, self.scene.optics, prior_information(self.joint, self.scene.optics)
+        )
         if self.change is None:
             return found
         self.scene = replace(self.scene, optics=self.change.optics)
@@ -283,6 +290,25 @@ class _Ladder:
                 single = "ellipse" if self._is_elongated(ellipse) else "disk"
             found[k] = replace(found[k], ellipse=ellipse, kind=single)
         self.edge_limit = self._edge_limit([found[k] for k in at if found[k].kind == "ellipse"])
+        return self._with_learned_edge(found, at)
+
+    def _with_learned_edge(self, found: list[ClimbedContact], at: list[int]) -> list[ClimbedContact]:
+        """The contacts behind the edge that they show together, some of them as ellipses."""
+        if self.change is None or self.detections.frame_fit is None:
+            return found
+        apart = Flag.EDGE | Flag.MANUAL | Flag.MERGED | Flag.SATURATED
+        alone = self.detections.rows[~_flagged(self.detections, apart)]
+        climbed = [found[k] for k in at]
+        self.edge = learn_edge_of_ellipses(
+            self.scene, self.detections.frame_fit, self.change, climbed, alone
+        )
+        if self.edge is None or self.edge.added is None:
+            return found
+        for k, ellipse in zip(at, self.edge.ellipses, strict=True):
+            view = found[k].view.with_light(self.edge.added)
+            kind = "ellipse" if self.shape != "auto" or self._is_elongated(ellipse) else "disk"
+            kind = found[k].kind if len(found[k].members) > 1 else kind
+            found[k] = replace(found[k], ellipse=ellipse, view=view, kind=kind)
         return found
 
     def _edge_limit(self, ellipses: list[ClimbedContact]) -> NDArray[np.float64]:
@@ -406,7 +432,9 @@ class _Ladder:
             dropped[rows] = True
             dropped[row] = False
             values = self._values(contact)
-            if contact.kind != "free":
+            if contact.kind != "free" and self.edge is not None:
+                values |= {name: columns[name][row] for name in ("radius_px", "radius_std_px", *SHARED_PARTS)}
+            elif contact.kind != "free":
                 edge = columns["edge_shift_px"][row]
                 values["radius_std_px"] = float(np.hypot(float(values["radius_std_px"]), edge))
             flags = int(np.bitwise_or.reduce(columns["flags"][rows]))
@@ -424,9 +452,16 @@ class _Ladder:
             contacts={name: values[kept] for name, values in columns.items()},
             rows=self.detections.rows[kept],
         )
+        if self.edge is not None:
+            detections = with_edge(detections, self.edge.fit.learned, self.edge.added)
         lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
-        misfit = float("nan") if self.change is None else self.change.misfit
-        return Climb(detections, self._remark(columns["shape"][kept]), lines, misfit)
+        return Climb(detections, self._remark(columns["shape"][kept]), lines, self._misfit())
+
+    def _misfit(self) -> float:
+        """See `Climb`."""
+        if self.edge is not None and self.edge.ellipses:
+            return float(np.nanmedian([part.chi_square[0] for part in self.edge.ellipses]))
+        return float("nan") if self.change is None else self.change.misfit
 
     def _contacts(self) -> Columns:
         """Columns of the contacts as disks, behind the contrast and blur that ellipses say."""
@@ -439,8 +474,14 @@ class _Ladder:
         edge = np.clip(contacts["edge_shift_px"], -self.edge_limit, self.edge_limit)
         new = np.column_stack([shifts, edge])
         own = np.maximum(contacts["radius_std_px"] ** 2 - np.sum(old**2, axis=1), 0.0)
+        radius = np.maximum(contacts["radius_px"] + step, 0.5 * contacts["radius_px"])
+        if self.edge is not None:
+            rows, listed = self.row_of[self.edge.rows], self.row_of[self.edge.rows] >= 0
+            radius[rows[listed]] = binning * self.edge.radius_px[listed]
+            own[rows[listed]] = (binning * self.edge.own_std[listed]) ** 2
+            new[rows[listed]] = binning * self.edge.shifts[listed]
         changed = dict(zip(SHARED_PARTS, new.T, strict=True))
-        changed["radius_px"] = np.maximum(contacts["radius_px"] + step, 0.5 * contacts["radius_px"])
+        changed["radius_px"] = radius
         changed["radius_std_px"] = np.sqrt(own + np.sum(new**2, axis=1))
         return {**contacts, **changed}
 

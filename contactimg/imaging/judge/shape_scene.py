@@ -194,6 +194,12 @@ class GroupView:
         """Of a pixel here."""
         return self.window.noise
 
+    def with_light(self, added: NDArray[np.float32]) -> "GroupView":
+        """With the light of another image of the frame added."""
+        (left, top), (rows, columns) = self.window.corner, self.window.image.shape
+        image = self.window.image + added[top : top + rows, left : left + columns]
+        return replace(self, window=replace(self.window, image=image))
+
     def squared_residuals(self, model: NDArray) -> NDArray[np.float64]:
         """Of a model image, over their variance; 0 where a pixel is not valid."""
         contrast = self.scene.optics.contrast

@@ -147,6 +147,25 @@ def axes_of(parameters):
     return parameters[2] * stretch, parameters[2] / stretch, math.cos(angle), math.sin(angle), eta
 
 
+@njit(cache=True, error_model="numpy")
+def rim_distance(dx, dy, ellipse):
+    """Distance from the centre of the circle of equal area at which a point of an ellipse has its like.
+
+    As far off the rim, to first order; in the middle, where no distance from a rim is defined, at the same
+    fraction of the half-axes. ``ellipse``: see `axes_of`.
+    """
+    a, b, cosine, sine, _ = ellipse
+    x, y = (cosine * dx + sine * dy) / a, (cosine * dy - sine * dx) / b
+    q, radius = math.sqrt(x * x + y * y), math.sqrt(a * b)
+    slope = math.sqrt((x / a) ** 2 + (y / b) ** 2)
+    if slope == 0.0:
+        return 0.0
+    off = (q - 1.0) * q / slope
+    if q >= 1.0:
+        return radius + off
+    return q * (radius + off) + (1.0 - q) * q * radius
+
+
 @njit(cache=True)
 def draw_ellipse(image, parameters, s):
     """Add one blurred ellipse to an image."""

@@ -1,5 +1,7 @@
 """Residuals of disks against the distance from their centres; radial profiles added to an image (compiled).
 
+A row of six numbers, with the two components of the ellipticity behind the contrast, is an ellipse: the distance
+is that of `contactimg.imaging.kernels.ellipse_equations.rim_distance`, and the radius that of equal area.
 Profiles and templates are given at nodes, linear between them: `INNER_NODES` equal steps from the centre of a
 disk to ``inner``, then steps of a given length.
 """
@@ -7,6 +9,8 @@ disk to ``inner``, then steps of a given length.
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 
 INNER_NODES = 6
 """Steps inside; accuracy: the plateau of a contact is smooth."""
@@ -38,6 +42,17 @@ def _place(r, inner, step):
     return INNER_NODES + (r - inner) / step
 
 
+@njit(cache=True)
+def _axes(disk):
+    """Half-axes and angle of a row, as `rim_distance` takes them; how far it reaches beyond its radius."""
+    parameters = np.zeros(6)
+    parameters[:3], parameters[5] = disk[:3], disk[3]
+    if len(disk) > 4:
+        parameters[3:5] = disk[4:6]
+    ellipse = axes_of(parameters)
+    return ellipse, ellipse[0] - disk[2] if len(disk) > 4 else 0.0
+
+
 @njit(cache=True, error_model="numpy")
 def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
     """Residuals of each disk, shared between the two nodes about each pixel: shape (n, INNER_NODES + count).
@@ -48,19 +63,22 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
     """
     rows, columns = image.shape
     sums = np.zeros((len(disks), INNER_NODES + count))
-    masked = valid.shape == image.shape
+    masked, elongated = valid.shape == image.shape, disks.shape[1] > 4
     for i in range(len(disks)):
         x, y, c = disks[i, 0], disks[i, 1], disks[i, 3]
         reach = inner[i] + steps[1] * (count - 1) - 1e-9
-        top, bottom = _window(y, reach, rows)
-        first, last = _window(x, reach, columns)
+        ellipse, longer = _axes(disks[i])
+        top, bottom = _window(y, reach + longer, rows)
+        first, last = _window(x, reach + longer, columns)
         for row in range(top, bottom):
             dy2 = (row - y) ** 2
             for column in range(first, last):
                 r2 = (column - x) ** 2 + dy2
-                if r2 >= reach * reach:
+                if r2 >= (reach + longer) ** 2:
                     continue
-                r = np.sqrt(r2)
+                r = rim_distance(column - x, row - y, ellipse) if elongated else np.sqrt(r2)
+                if r >= reach:
+                    continue
                 if masked and valid[row, column] == 0:
                     sums[i, 0] = np.nan
                 place = _place(r, inner[i], steps[0])
@@ -78,18 +96,23 @@ def sum_residuals(image, valid, disks, inner, profiles, steps, count, clip):
 def add_profiles(image, disks, inner, profiles, step):
     """Add contrast times profile of each disk to an image, in place."""
     rows, columns = image.shape
+    elongated = disks.shape[1] > 4
     for i in range(len(disks)):
         x, y, c = disks[i, 0], disks[i, 1], disks[i, 3]
         reach = inner[i] + step * (profiles.shape[1] - INNER_NODES - 1) - 1e-9
-        top, bottom = _window(y, reach, rows)
-        first, last = _window(x, reach, columns)
+        ellipse, longer = _axes(disks[i])
+        top, bottom = _window(y, reach + longer, rows)
+        first, last = _window(x, reach + longer, columns)
         for row in range(top, bottom):
             dy2 = (row - y) ** 2
             for column in range(first, last):
                 r2 = (column - x) ** 2 + dy2
-                if r2 >= reach * reach:
+                if r2 >= (reach + longer) ** 2:
                     continue
-                place = _place(np.sqrt(r2), inner[i], step)
+                r = rim_distance(column - x, row - y, ellipse) if elongated else np.sqrt(r2)
+                if r >= reach:
+                    continue
+                place = _place(r, inner[i], step)
                 k = int(place)
                 image[row, column] += c * (
                     profiles[i, k] + (place - k) * (profiles[i, k + 1] - profiles[i, k])

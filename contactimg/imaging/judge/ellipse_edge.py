@@ -1,0 +1,213 @@
+"""The edge that contacts share, learned where many of them are ellipses.
+
+To disks that are fitted to ellipses every rim looks soft and uneven: what else the edges show is lost in that,
+or taken for something else. Here ellipses with contrast and blur settled on them
+(`contactimg.imaging.judge.ellipse_optics`) take the place of the disks in the search of
+`contactimg.imaging.fit.edge_profile`. Edges of ellipses are those of the circles of equal area, as far off the rim
+(`contactimg.imaging.kernels.ellipse_equations.rim_distance`).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.edge_profile import EdgeFit, learn_edge
+from contactimg.imaging.fit.ellipse import CommonOptics, FittedEllipse, Window, fit_ellipse
+from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.quality import FrameFit
+from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
+from contactimg.imaging.judge.climbed_contact import ClimbedContact
+from contactimg.imaging.judge.ellipse_optics import (
+    OpticsChange,
+    prior_information,
+    settle_on_ellipses,
+)
+from contactimg.imaging.judge.shape_scene import ShapeScene
+
+Values = NDArray[np.float64]
+
+AS_DISK, AS_ELLIPSE = [0, 1, 2, 5, 3, 4], [0, 1, 2, 4, 5, 3]
+"""Parameters of an ellipse in the order of a disk, the ellipticity last; and back."""
+MOST_WITNESSES = 60  # ellipses that contrast and blur are settled on; for time
+
+
+@dataclass(frozen=True, eq=False)
+class EllipseEdge:
+    """Contacts with the edge that disks and ellipses share.
+
+    Parameters
+    ----------
+    fit : EdgeFit
+        Its disks have the components of their ellipticity as well.
+    rows : ndarray of int
+        Row of each among the disks of the frame.
+    ellipses : list of FittedEllipse
+        Of each contact that was given, behind this edge.
+    added : ndarray of float32 or None
+        What makes the edges of the image plain; None where they are.
+    """
+
+    fit: EdgeFit
+    rows: NDArray[np.intp]
+    ellipses: list[FittedEllipse]
+    added: NDArray[np.float32] | None
+
+    @property
+    def radius_px(self) -> NDArray[np.float64]:
+        """Of each contact, pixels of the fit."""
+        return self.fit.joint.fit.disks[:, RADIUS]
+
+    @property
+    def own_std(self) -> NDArray[np.float64]:
+        """Uncertainty of each radius that no other shares."""
+        return self.fit.joint.fit.std[:, RADIUS]
+
+    @property
+    def shifts(self) -> NDArray[np.float64]:
+        """Changes of all radii by contrast, blur and edge, one standard uncertainty of each."""
+        return np.column_stack([self.fit.joint.radius_shifts, self.fit.learned.undecided])
+
+
+def learn_edge_of_ellipses(
+    scene: ShapeScene,
+    frame_fit: FrameFit,
+    change: OpticsChange,
+    contacts: Sequence[ClimbedContact],
+    others: NDArray[np.intp],
+) -> EllipseEdge | None:
+    """Learn the edge of a frame many of whose contacts are ellipses.
+
+    Parameters
+    ----------
+    scene : ShapeScene
+        With the contrast and blur that ellipses say.
+    frame_fit : FrameFit
+        Of the disks, with a plain edge.
+    change : OpticsChange
+    contacts : sequence of ClimbedContact
+        That climbed, fitted behind these optics.
+    others : ndarray of int
+        Disks that fit and that touch no other.
+
+    Returns
+    -------
+    EllipseEdge or None
+        None where disks show no edge either: a frame with a film, or by hand.
+    """
+    edge, joint = frame_fit.edge, frame_fit.joint
+    if joint is None or edge is None or edge.families:
+        return None
+    crowd = _Crowd(scene, joint, change, contacts, others)
+    prior = OpticsPrior(np.array([np.log(joint.contrast), joint.fit.blur]), crowd.known)
+    first = crowd.joint_fit(scene.optics, crowd.first_disks(change))
+    found = learn_edge(
+        replace(scene.problem, image=scene.image), first, prior, ratio=frame_fit.ratio, refine=crowd.refine,
+        lent=frame_fit.lent_edge, known=frame_fit.known_edge is not None,
+    )  # fmt: skip
+    if not found.learned.families:
+        return EllipseEdge(found, crowd.rows, [part.ellipse for part in contacts], None)
+    fits = [crowd.fits[k] for k in range(len(contacts))]
+    return EllipseEdge(found, crowd.rows, fits, found.problem.image - scene.image)
+
+
+class _Crowd:
+    """All contacts of a frame: those that climbed first, then disks that may have a window, then the rest.
+
+    Attributes
+    ----------
+    scene : ShapeScene
+    before : JointFit
+        Of the disks.
+    known : ndarray, shape (2, 2)
+        Information of what was known of contrast and blur before.
+    misfit : float
+        Least mean squared residual over its variance that is believed.
+    rows : ndarray of int
+        Row of each contact among the disks of the frame.
+    views : dict
+        Contact -> window.
+    fits : dict
+        Contact -> ellipse in its window, of late.
+    contrast : float
+        Common contrast, of late.
+    climbed, alone : int
+        Number of those that climbed, and of these and those that may have a window.
+    """
+
+    def __init__(
+        self,
+        scene: ShapeScene,
+        before: JointFit,
+        change: OpticsChange,
+        contacts: Sequence[ClimbedContact],
+        others: NDArray[np.intp],
+    ):
+        self.scene, self.before, self.misfit = scene, before, min(change.misfit, 1.0)
+        self.known, self.contrast = prior_information(before, scene.optics), scene.optics.contrast
+        self.views = {k: part.view for k, part in enumerate(contacts)}
+        self.fits = {k: part.ellipse for k, part in enumerate(contacts)}
+        free = np.ones(len(scene.disks), np.bool_)
+        main = [int(part.members[np.argmax(scene.disks[part.members, RADIUS])]) for part in contacts]
+        for part in contacts:
+            free[part.members] = False
+        alone = [int(row) for row in others if free[row]]
+        free[alone] = False
+        self.climbed, self.alone = len(main), len(main) + len(alone)
+        self.rows = np.array([*main, *alone, *np.flatnonzero(free)], np.intp)
+
+    def first_disks(self, change: OpticsChange) -> Values:
+        """The contacts as they are, behind the contrast and blur that ellipses say."""
+        step, _ = change.shifts(self.before)
+        disks = np.zeros((len(self.rows), len(AS_DISK)))
+        disks[:, :4] = self.scene.disks[self.rows]
+        disks[:, RADIUS] = np.maximum(disks[:, RADIUS] + step[self.rows], 0.5 * disks[:, RADIUS])
+        return disks
+
+    def refine(self, problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
+        """Fit the contacts with windows to another image, as `contactimg.imaging.fit.edge_profile` asks."""
+        if len(self.views) == self.climbed:  # disks follow the edge as exactly as ellipses
+            seen = {k: self.scene.view(self.rows[k : k + 1]) for k in range(self.climbed, self.alone)}
+            self.views |= {k: view for k, view in seen.items() if view is not None}
+        added = problem.image - self.scene.image
+        windows = {k: view.with_light(added).window for k, view in self.views.items()}
+        optics = replace(self.scene.optics, blur=fit.blur, contrast=self.contrast)
+        starts = {k: fit.disks[k, AS_ELLIPSE] for k in windows}
+        some = list(windows)[:: -(-len(windows) // MOST_WITNESSES)]
+
+        def refit(fits: Sequence[FittedEllipse], other: CommonOptics) -> list[FittedEllipse]:
+            return [
+                self._fit(windows[k], k, part.parameters, other) for k, part in zip(some, fits, strict=True)
+            ]
+
+        witnesses = [self._fit(windows[k], k, starts[k], optics) for k in some]
+        change = settle_on_ellipses(witnesses, refit, optics, prior.information)
+        optics = optics if change is None else change.optics
+        self.contrast = optics.contrast
+        self.fits = {k: self._fit(windows[k], k, starts[k], optics) for k in windows}
+        return self.joint_fit(optics, fit.disks)
+
+    def joint_fit(self, optics: CommonOptics, disks: Values) -> JointFit:
+        """The contacts as a joint fit of disks; those without a window are ``disks``."""
+        fit = self.before.fit
+        disks, std, misfit = disks.copy(), fit.std[self.rows], fit.chi_square[self.rows]
+        response = self.before.radius_shifts @ np.linalg.inv(np.linalg.cholesky(self.before.covariance))
+        shifts = response[self.rows] @ np.linalg.cholesky(optics.covariance)
+        for k, part in self.fits.items():
+            disks[k], shifts[k] = part.parameters[AS_DISK], part.shifts[RADIUS]
+            std[k] = np.sqrt(np.diag(part.covariance)[AS_DISK[:4]])
+            if k < self.climbed:  # that of a disk was not measured in a window before
+                misfit[k] = np.nan_to_num(part.chi_square[0], nan=misfit[k])
+        return replace(
+            self.before, fit=replace(fit, disks=disks, std=std, chi_square=misfit, blur=optics.blur),
+            contrast=optics.contrast, spread=optics.spread, covariance=optics.covariance, radius_shifts=shifts,
+        )  # fmt: skip
+
+    def _fit(self, window: Window, k: int, start: Values, optics: CommonOptics) -> FittedEllipse:
+        """The ellipse, or the disk, of one window."""
+        return fit_ellipse(
+            window, start, optics, inflation=self.scene.inflation(float(start[RADIUS])), misfit=self.misfit,
+            circular=k >= self.climbed,
+        )  # fmt: skip
