@@ -36,15 +36,23 @@ def disk_psf(radius_px):
     return (psf / psf.sum()).astype(np.float32)
 
 
-def paint(truth, *, profile, reach, weight, shape=SHAPE):
-    """Sum of ``weight * profile(r, a)`` (px) on the fine grid, the larger value where contacts overlap."""
+def paint(truth, *, profile, reach, weight, shape=SHAPE, ratios=None, angles=None):
+    """Sum of ``weight * profile(r, a)`` (px) on the fine grid, the larger value where contacts overlap.
+
+    ``ratios`` and ``angles`` of the half-axes make ellipses of the same area; r is then that of the circle.
+    """
+    ratios, angles = (np.full(len(truth), 1.0) if part is None else part for part in (ratios, angles))
     rows, columns = shape
     fine = np.zeros((rows * FINE, columns * FINE), np.float32)
-    for x, y, a, w in zip(truth.x_px, truth.y_px, truth.radius_px, weight, strict=True):
-        cx, cy, far = (x + 0.5) * FINE - 0.5, (y + 0.5) * FINE - 0.5, (a + reach(a)) * FINE + 2
+    contacts = zip(truth.x_px, truth.y_px, truth.radius_px, weight, ratios, angles, strict=True)
+    for x, y, a, w, ratio, angle in contacts:
+        stretch = np.sqrt(ratio)
+        cx, cy, far = (x + 0.5) * FINE - 0.5, (y + 0.5) * FINE - 0.5, stretch * (a + reach(a)) * FINE + 2
         x0, x1 = max(int(cx - far), 0), min(int(cx + far) + 2, columns * FINE)
         y0, y1 = max(int(cy - far), 0), min(int(cy + far) + 2, rows * FINE)
-        r = np.hypot(np.arange(x0, x1) - cx, (np.arange(y0, y1) - cy)[:, None]) / FINE
+        dx, dy = np.arange(x0, x1) - cx, (np.arange(y0, y1) - cy)[:, None]
+        along, across = dx * np.cos(angle) + dy * np.sin(angle), dy * np.cos(angle) - dx * np.sin(angle)
+        r = np.hypot(along / stretch, across * stretch) / FINE
         patch = fine[y0:y1, x0:x1]
         np.maximum(patch, (w * profile(r, a)).astype(np.float32), out=patch)
     return fine
@@ -107,8 +115,11 @@ CASES = {
 }  # fmt: skip
 
 
-def edge_frame(case, *, seed, n=150, optics=OPTICS, radii=(2.0, 30.0), film=None):
-    """Frame, reference and truth of one case of `CASES`; ``film(distance_px, a)`` is an excess outside."""
+def edge_frame(case, *, seed, n=150, optics=OPTICS, radii=(2.0, 30.0), film=None, ratio=1.0):
+    """Frame, reference and truth of one case of `CASES`; ``film(distance_px, a)`` is an excess outside.
+
+    ``ratio`` of the half-axes makes ellipses of any orientation.
+    """
     rng = np.random.default_rng(seed)
     keys = CASES[case]
     truth = scatter(n, optics, rng, radii=radii)
@@ -116,7 +127,10 @@ def edge_frame(case, *, seed, n=150, optics=OPTICS, radii=(2.0, 30.0), film=None
     if film is not None:
         profile, reach = (lambda r, a: np.maximum(hard(r, a), (r > a) * film(r - a, a))), lambda a: 12.0
     weight = 1 + keys.get("trend", 0.0) * np.exp(-truth.radius_px.to_numpy() / 5.0)
-    fine = paint(truth, profile=profile, reach=reach, weight=weight, shape=optics.shape)
+    turned = {}
+    if ratio != 1.0:
+        turned = {"ratios": np.full(len(truth), ratio), "angles": rng.uniform(0, np.pi, len(truth))}
+    fine = paint(truth, profile=profile, reach=reach, weight=weight, shape=optics.shape, **turned)
     if "blur" in keys:
         fine = keys["blur"](fine)
     elif "psf" in keys:

@@ -224,8 +224,9 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     if weighed is not None and weighed.verdict.taken and given.film is not None and given.film.asked == "on":
         return _with_film(start, given, weighed)
     learned = learn_edge(
-        plain.problem, plain.joint, prior, ratio=ratio, refine=refine, lent=lent if given.learns_edge else None,
-        known=given.prior_optics.known_edge is not None, new_families=given.learns_edge,
+        plain.problem, plain.joint, prior, ratio=ratio, refine=refine,
+        lent=lent if given.learns_edge else None, known=given.prior_optics.known_edge is not None,
+        new_families=given.learns_edge,
     )  # fmt: skip
     if trial is not None and weighed is not None and learned.learned.families:
         weighed = trial.against(weighed, learned)

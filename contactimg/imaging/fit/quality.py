@@ -146,11 +146,12 @@ def report_contacts(
 
 
 def with_edge(
-    detections: FittedDetections, edge: LearnedEdge, added: NDArray[np.float32] | None
+    detections: FittedDetections, edge: LearnedEdge, joint: JointFit, added: NDArray[np.float32] | None
 ) -> FittedDetections:
     """The detections with an edge that was learned after the disks were fitted.
 
-    ``added`` makes the edges of the image plain; None where they are.
+    ``joint`` has the contrast and the blur that go with it; ``added`` makes the edges of the image plain,
+    None where they are.
     """
     if detections.frame_fit is None:
         return detections
@@ -158,8 +159,12 @@ def with_edge(
     problem = problem if added is None else replace(problem, image=problem.image + added)
     result = replace(detections.frame_fit, edge=edge, problem=problem)
     remark, status = _edge_verdict(result)
-    own = replace(detections.own_optics, edge=edge.knowledge)
-    return replace(detections, own_optics=own, remark=remark, status=status, frame_fit=result)
+    optics, own = (
+        replace(joint.optics(covariance, binning=problem.binning), halo=result.halo)
+        for covariance in (joint.covariance, joint.own_covariance)
+    )
+    own = replace(own, edge=edge.knowledge)
+    return replace(detections, optics=optics, own_optics=own, remark=remark, status=status, frame_fit=result)
 
 
 def _decide_by_hand(
@@ -189,7 +194,9 @@ def _edge_verdict(result: FrameFit) -> tuple[str, str]:
 def _tabulate(result: FrameFit) -> tuple[Columns, NDArray[np.intp]]:
     """Columns of all disks in pixels of the frame, with flags, from top to bottom, and their rows."""
     problem, disks = result.problem, result.fit.disks
-    std, shifts, binning = result.fit.std[:, RADIUS], result.radius_shifts, problem.binning
+    # a disk without pixels is not known at all
+    std = np.where(result.fit.std[:, RADIUS] > 0, result.fit.std[:, RADIUS], np.inf)
+    shifts, binning = result.radius_shifts, problem.binning
     gap, light = _gap_to_border(disks, problem.image.shape), disks[:, RADIUS] / (2 * std)
     everything = np.column_stack([shifts, result.edge_shift])
     contacts = {

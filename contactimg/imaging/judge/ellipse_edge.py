@@ -1,10 +1,10 @@
 """The edge that contacts share, learned where many of them are ellipses.
 
-To disks that are fitted to ellipses every rim looks soft and uneven: what else the edges show is lost in that,
-or taken for something else. Here ellipses with contrast and blur settled on them
+To disks that are fitted to ellipses every rim looks soft and uneven: what else the edges show is lost in
+that, or taken for something else. Here ellipses with contrast and blur settled on them
 (`contactimg.imaging.judge.ellipse_optics`) take the place of the disks in the search of
-`contactimg.imaging.fit.edge_profile`. Edges of ellipses are those of the circles of equal area, as far off the rim
-(`contactimg.imaging.kernels.ellipse_equations.rim_distance`).
+`contactimg.imaging.fit.edge_profile`. The edge of an ellipse is that of the circle of equal area, as far off
+its rim (`contactimg.imaging.kernels.ellipse_equations.rim_distance`).
 """
 
 from collections.abc import Sequence
@@ -21,6 +21,7 @@ from contactimg.imaging.fit.quality import FrameFit
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.ellipse_optics import (
+    LEAST_INFORMATION,
     OpticsChange,
     prior_information,
     settle_on_ellipses,
@@ -68,7 +69,9 @@ class EllipseEdge:
     @property
     def shifts(self) -> NDArray[np.float64]:
         """Changes of all radii by contrast, blur and edge, one standard uncertainty of each."""
-        return np.column_stack([self.fit.joint.radius_shifts, self.fit.learned.undecided])
+        undecided = self.fit.learned.undecided
+        undecided = undecided if len(undecided) else np.zeros(len(self.rows))
+        return np.column_stack([self.fit.joint.radius_shifts, undecided])
 
 
 def learn_edge_of_ellipses(
@@ -200,9 +203,13 @@ class _Crowd:
             std[k] = np.sqrt(np.diag(part.covariance)[AS_DISK[:4]])
             if k < self.climbed:  # that of a disk was not measured in a window before
                 misfit[k] = np.nan_to_num(part.chi_square[0], nan=misfit[k])
+        own = np.linalg.inv(optics.covariance) - self.known
+        own += np.diag(LEAST_INFORMATION / np.array([1.0, optics.blur]) ** 2)
         return replace(
-            self.before, fit=replace(fit, disks=disks, std=std, chi_square=misfit, blur=optics.blur),
-            contrast=optics.contrast, spread=optics.spread, covariance=optics.covariance, radius_shifts=shifts,
+            self.before, own_covariance=np.linalg.inv(own),
+            fit=replace(fit, disks=disks, std=std, chi_square=misfit, blur=optics.blur),
+            contrast=optics.contrast, spread=optics.spread, covariance=optics.covariance,
+            radius_shifts=shifts,
         )  # fmt: skip
 
     def _fit(self, window: Window, k: int, start: Values, optics: CommonOptics) -> FittedEllipse:

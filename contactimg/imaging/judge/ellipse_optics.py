@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.ellipse import RADIUS, CommonOptics, FittedEllipse
+from contactimg.imaging.fit.ellipse import CommonOptics, FittedEllipse
 from contactimg.imaging.fit.shared_optics import NARROWEST, DiskScores, JointFit
 from contactimg.imaging.judge.common_distortion import FEWEST_CONTACTS
-from contactimg.imaging.judge.shape_rows import FreeContact
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median
 
 Values = NDArray[np.float64]
@@ -87,7 +86,7 @@ def settle_on_ellipses(
     now, current, total = optics, list(ellipses), np.zeros(2)
     for _ in range(STEPS):
         score, information = _witnesses(current).total(1.0, np.nan)
-        covariance = np.linalg.inv(information + known)
+        covariance = np.asarray(np.linalg.inv(information + known), float)
         now = replace(now, covariance=covariance)
         step = covariance @ (score - known @ total)
         if float(step @ (information + known) @ step) < SETTLED_STD**2:
@@ -125,41 +124,3 @@ def _witnesses(ellipses: Sequence[FittedEllipse]) -> DiskScores:
     near = away <= CLIPPED_SIGMA * max(MAD_TO_STD * median(away), 1.0)
     response = np.concatenate([part.response for part in parts])
     return DiskScores(score[near], information[near], response[near])
-
-
-def largest_edge_shift(
-    ellipses: Sequence[FittedEllipse], lights: Sequence[FreeContact], radius: Values
-) -> Values:
-    """How far the edge may move radii of all contacts alike, as their light shows it.
-
-    Light over contrast does not depend on the edge: its difference from the areas of the ellipses, in the
-    mean, is what another edge does to them, be it the same for all radii or in proportion to them.
-
-    Parameters
-    ----------
-    ellipses : sequence of FittedEllipse
-    lights : sequence of FreeContact
-        The same contacts.
-    radius : ndarray, px
-        For which the limit is wanted.
-
-    Returns
-    -------
-    ndarray, px
-        Root mean square of the mean difference and its standard uncertainty, the larger one of both kinds.
-    """
-    own = np.array([each.parameters[RADIUS] for each in ellipses])
-    rim = 2.0 * np.pi * own
-    difference = (np.array([each.shape.area for each in lights]) - np.pi * own**2) / rim
-    variance = (np.array([each.area_std for each in lights]) / rim) ** 2
-    variance += np.array([each.covariance[RADIUS, RADIUS] for each in ellipses])
-    shared = np.array([each.area_shift for each in lights]) / rim
-    limits = []
-    for slope in (np.ones(len(own)), own):
-        weight = slope**2 / variance
-        weight /= weight.sum()
-        mean = float(np.median(difference / slope))
-        # the median of normal deviates has pi/2 times the variance of their mean
-        noise = np.pi / 2.0 * float(weight**2 @ (variance / slope**2))
-        limits.append(np.sqrt(mean**2 + noise + float(weight @ (shared / slope)) ** 2))
-    return np.maximum(limits[0], limits[1] * radius)

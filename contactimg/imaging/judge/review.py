@@ -119,7 +119,7 @@ def review(
         detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
         unseen = np.append(unseen, lost[lost])
     if isinstance(detections, FittedDetections) and len(_places(detections)):
-        agreement = _compare(foreground, difference, detections, blur)
+        agreement = _compare(foreground, difference, detections, _edge_blur(detections))
         detections = _with_disagreement(detections, agreement)
     if isinstance(detections, CountedDetections) and len(_places(detections)):
         agreement = compare_some(_scenery(foreground, difference, detections), detections)

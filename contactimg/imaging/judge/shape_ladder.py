@@ -39,7 +39,6 @@ from contactimg.imaging.judge.ellipse_edge import EllipseEdge, learn_edge_of_ell
 from contactimg.imaging.judge.ellipse_optics import (
     LEAST_ELLIPSE_SHARE,
     OpticsChange,
-    largest_edge_shift,
     prior_information,
     settle_on_ellipses,
 )
@@ -50,7 +49,7 @@ from contactimg.imaging.judge.shape_calls import (
     find_calls,
     usual_chi_square,
 )
-from contactimg.imaging.judge.shape_rows import ellipse_row, free_row
+from contactimg.imaging.judge.shape_rows import describe_shapes, ellipse_row, free_row
 from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
 from contactimg.imaging.reject.detections import Columns, shape_columns
 from contactimg.tables import Flag
@@ -161,8 +160,6 @@ class _Ladder:
         What ellipses say of contrast and blur, where many contacts are ellipses.
     edge : EllipseEdge or None
         That disks and ellipses show together, where many contacts are ellipses.
-    edge_limit : ndarray, px
-        Largest error of each radius because of another edge, as the light of these ellipses shows it.
     """
 
     def __init__(
@@ -182,7 +179,6 @@ class _Ladder:
         self.unheard = 0
         self.change: OpticsChange | None = None
         self.edge: EllipseEdge | None = None
-        self.edge_limit = np.full(len(detections.rows), np.inf)
         self.distortion: Distortion | None = None
         self.contrast = CommonContrast.of(scene, [])
 
@@ -289,7 +285,6 @@ class _Ladder:
             if len(found[k].members) == 1 and self.shape == "auto":
                 single = "ellipse" if self._is_elongated(ellipse) else "disk"
             found[k] = replace(found[k], ellipse=ellipse, kind=single)
-        self.edge_limit = self._edge_limit([found[k] for k in at if found[k].kind == "ellipse"])
         return self._with_learned_edge(found, at)
 
     def _with_learned_edge(self, found: list[ClimbedContact], at: list[int]) -> list[ClimbedContact]:
@@ -299,9 +294,7 @@ class _Ladder:
         apart = Flag.EDGE | Flag.MANUAL | Flag.MERGED | Flag.SATURATED
         alone = self.detections.rows[~_flagged(self.detections, apart)]
         climbed = [found[k] for k in at]
-        self.edge = learn_edge_of_ellipses(
-            self.scene, self.detections.frame_fit, self.change, climbed, alone
-        )
+        self.edge = learn_edge_of_ellipses(self.scene, self.detections.frame_fit, self.change, climbed, alone)
         if self.edge is None or self.edge.added is None:
             return found
         for k, ellipse in zip(at, self.edge.ellipses, strict=True):
@@ -310,17 +303,6 @@ class _Ladder:
             kind = found[k].kind if len(found[k].members) > 1 else kind
             found[k] = replace(found[k], ellipse=ellipse, view=view, kind=kind)
         return found
-
-    def _edge_limit(self, ellipses: list[ClimbedContact]) -> NDArray[np.float64]:
-        """How far another edge may move the radius of each contact, as the light of ellipses shows it, px."""
-        binning = self.scene.problem.binning
-        radius = self.detections.contacts["radius_px"] / binning
-        if len(ellipses) < FEWEST_CONTACTS:
-            return np.full(len(radius), np.inf)
-        some = ellipses[:: -(-len(ellipses) // MOST_WITNESSES)]
-        contrast = CommonContrast.of(self.scene, [part.view for part in some])
-        lights = [measure_by_light(part.view, contrast) for part in some]
-        return binning * largest_edge_shift([part.ellipse for part in some], lights, radius)
 
     def _refit(self, view: GroupView, fit: FittedEllipse, optics: CommonOptics) -> FittedEllipse:
         """The same ellipse behind other optics."""
@@ -453,9 +435,11 @@ class _Ladder:
             rows=self.detections.rows[kept],
         )
         if self.edge is not None:
-            detections = with_edge(detections, self.edge.fit.learned, self.edge.added)
+            detections = with_edge(detections, self.edge.fit.learned, self.edge.fit.joint, self.edge.added)
         lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
-        return Climb(detections, self._remark(columns["shape"][kept]), lines, self._misfit())
+        listed = columns["shape"][kept] if self.shape == "auto" else np.zeros(0)
+        remark = describe_shapes(listed, self.distortion, unheard=self.unheard)
+        return Climb(detections, remark, lines, self._misfit())
 
     def _misfit(self) -> float:
         """See `Climb`."""
@@ -471,8 +455,7 @@ class _Ladder:
         binning = self.scene.problem.binning
         step, shifts = (binning * part[self.detections.rows] for part in self.change.shifts(self.joint))
         old = np.stack([contacts[name] for name in SHARED_PARTS], axis=1)
-        edge = np.clip(contacts["edge_shift_px"], -self.edge_limit, self.edge_limit)
-        new = np.column_stack([shifts, edge])
+        new = np.column_stack([shifts, contacts["edge_shift_px"]])
         own = np.maximum(contacts["radius_std_px"] ** 2 - np.sum(old**2, axis=1), 0.0)
         radius = np.maximum(contacts["radius_px"] + step, 0.5 * contacts["radius_px"])
         if self.edge is not None:
@@ -505,28 +488,3 @@ class _Ladder:
     def _in_frame(self, view: GroupView, line: NDArray[np.float64]) -> NDArray[np.float64]:
         """An outline in pixels of the frame."""
         return self.scene.problem.in_frame(line + np.array(view.window.corner))
-
-    def _remark(self, shapes: NDArray) -> str:
-        """How many contacts are no disks, and what they share."""
-        parts = []
-        if self.distortion is not None:
-            degrees = np.degrees(self.distortion.angle)
-            parts.append(
-                f"all contacts are elongated alike, {self.distortion.ratio:.3f} : 1 at {degrees:.0f} degrees "
-                "from x towards y: that is the camera's, and their areas do not depend on it"
-            )
-        ellipses, free = (int(np.count_nonzero(shapes == kind)) for kind in ("ellipse", "free"))
-        named = [(ellipses, "ellipse", "an ellipse"), (free, "free", "of free shape")]
-        if self.shape == "auto" and ellipses + free:
-            texts = [_count_text(number, kind) for number, kind, _ in named if number]
-            parts.append(" and ".join(texts) + ": a disk does not describe them")
-        if self.unheard:
-            parts.append(f"{self.unheard} more were left as disks, as too many call for another shape")
-        return "; ".join(parts)
-
-
-def _count_text(number: int, kind: str) -> str:
-    """How many contacts have a shape."""
-    if kind == "ellipse":
-        return "1 contact is an ellipse" if number == 1 else f"{number} contacts are ellipses"
-    return "1 contact has a free shape" if number == 1 else f"{number} contacts have free shapes"

@@ -1,12 +1,14 @@
-"""Columns of contacts that are no disks."""
+"""Columns of contacts that are no disks, and what to say of them."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.imaging.count.free_shape import FreeShape
 from contactimg.imaging.fit.ellipse import RADIUS, FittedEllipse, X, Y
 from contactimg.imaging.fit.problem import FitProblem
+from contactimg.imaging.judge.common_distortion import Distortion
 from contactimg.imaging.reject.detections import perimeter_of_ellipse
 
 
@@ -81,3 +83,29 @@ def free_row(free: FreeContact, problem: FitProblem, corner: tuple[int, int]) ->
         "perimeter_px": shape.perimeter * binning,
         "holes": shape.holes,
     }
+
+
+def describe_shapes(shapes: NDArray, distortion: Distortion | None, *, unheard: int) -> str:
+    """How many contacts are no disks, and what they share; ``unheard`` groups were not asked."""
+    parts = []
+    if distortion is not None:
+        degrees = np.degrees(distortion.angle)
+        parts.append(
+            f"all contacts are elongated alike, {distortion.ratio:.3f} : 1 at {degrees:.0f} degrees "
+            "from x towards y: that is the camera's, and their areas do not depend on it"
+        )
+    ellipses, free = (int(np.count_nonzero(shapes == kind)) for kind in ("ellipse", "free"))
+    named = [(ellipses, "ellipse"), (free, "free")]
+    if ellipses + free:
+        texts = [_count_text(number, kind) for number, kind in named if number]
+        parts.append(" and ".join(texts) + ": a disk does not describe them")
+    if unheard:
+        parts.append(f"{unheard} more were left as disks, as too many call for another shape")
+    return "; ".join(parts)
+
+
+def _count_text(number: int, kind: str) -> str:
+    """How many contacts have a shape."""
+    if kind == "ellipse":
+        return "1 contact is an ellipse" if number == 1 else f"{number} contacts are ellipses"
+    return "1 contact has a free shape" if number == 1 else f"{number} contacts have free shapes"

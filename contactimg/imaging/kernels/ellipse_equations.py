@@ -163,7 +163,7 @@ def rim_distance(dx, dy, ellipse):
     off = (q - 1.0) * q / slope
     if q >= 1.0:
         return radius + off
-    return q * (radius + off) + (1.0 - q) * q * radius
+    return q * q * (radius + off) + (1.0 - q * q) * q * radius
 
 
 @njit(cache=True)

@@ -1,7 +1,8 @@
 """Residuals of disks against the distance from their centres; radial profiles added to an image (compiled).
 
-A row of six numbers, with the two components of the ellipticity behind the contrast, is an ellipse: the distance
-is that of `contactimg.imaging.kernels.ellipse_equations.rim_distance`, and the radius that of equal area.
+A row of six numbers, with the two components of the ellipticity behind the contrast, is an ellipse: its
+distance is that of `contactimg.imaging.kernels.ellipse_equations.rim_distance`, its radius that of equal
+area.
 Profiles and templates are given at nodes, linear between them: `INNER_NODES` equal steps from the centre of a
 disk to ``inner``, then steps of a given length.
 """

@@ -142,8 +142,13 @@ def test_ellipses_settle_the_blur_that_disks_take_for_too_wide(monkeypatch):
     assert wrong < -0.05
     pulls = (settled["area_px2"] - areas) / settled["area_std_px2"]
     assert np.sqrt(np.mean(pulls**2)) < 1.6  # twelve normal deviates: 1e-3
-    # the light bounds what another edge may do to the areas
-    assert settled["edge_shift_px"].abs().max() < 0.5 * misled["edge_shift_px"].abs().min()
+    # what twelve ellipses do not decide about their edge is what twelve disks do not decide
+    image, reference, _ = frame(
+        [ellipse(1.0)] * len(places), places, angles=angles, rng=rng, shape=(180, 250)
+    )
+    disks = in_order(measure_image(image, reference), places)
+    ratio = settled["edge_shift_px"].abs().mean() / disks["edge_shift_px"].abs().mean()
+    assert ratio == pytest.approx(1.0, abs=0.1)  # ratio 0.98 measured; disks fitted to the ellipses: 1.45
 
 
 def test_what_a_place_of_the_field_has_in_common_is_no_shape(rng):
