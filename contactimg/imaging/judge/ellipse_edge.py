@@ -206,7 +206,7 @@ class _Crowd:
         own = np.linalg.inv(optics.covariance) - self.known
         own += np.diag(LEAST_INFORMATION / np.array([1.0, optics.blur]) ** 2)
         return replace(
-            self.before, own_covariance=np.linalg.inv(own),
+            self.before, own_covariance=np.asarray(np.linalg.inv(own), float),
             fit=replace(fit, disks=disks, std=std, chi_square=misfit, blur=optics.blur),
             contrast=optics.contrast, spread=optics.spread, covariance=optics.covariance,
             radius_shifts=shifts,
