@@ -4,6 +4,7 @@ import pickle
 import struct
 import subprocess
 import sys
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -737,3 +738,17 @@ def test_writing_is_compressed_and_repeatable(tmp_path):
     write_frame(smooth, tmp_path / "b.tif")
     assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
     assert (tmp_path / "a.tif").stat().st_size < smooth.image.nbytes / 10
+
+
+def test_a_long_series_is_listed_in_little_memory(tmp_path, levels):
+    """The list of 10^5 frames must not decide about the memory of a run."""
+    write_tiff(tmp_path / "frame_00000.tif", levels)
+    for number in range(1, 3000):
+        (tmp_path / f"frame_{number:05d}.tif").symlink_to(tmp_path / "frame_00000.tif")
+    list_frames(tmp_path)
+    tracemalloc.start()
+    frames = list_frames(tmp_path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(frames) == 3000
+    assert most < 280 * len(frames)
