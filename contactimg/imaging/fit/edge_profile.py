@@ -68,9 +68,9 @@ INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
 WORSE_CHI_SQUARE_RATIO = 1.004
-"""Chi-square over that with the plain edge above which a learned edge fits worse: both the ratio of the
-medians of all contacts and the median of their ratios. Chosen: real edges raised one of them by up to 0.6 %
-by chance."""
+"""Chi-square over that with the plain edge above which a learned edge fits worse: the ratio of the
+medians of all contacts, the median of their ratios and the ratio of their means. Chosen: real edges raised one
+of them by up to 0.6 % by chance."""
 FAMILY_RELATIVE_STD = 0.1
 """Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
 exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
@@ -109,6 +109,7 @@ def learn_edge(
     lent: EdgeKnowledge | None = None,
     known: bool = False,
     new_families: bool = True,
+    among: NDArray[np.int64] | None = None,
 ) -> EdgeFit:
     """Learn the edge of a frame's contacts, and fit them with it.
 
@@ -128,6 +129,8 @@ def learn_edge(
         Whether a reference contact has told where in its edge a contact ends.
     new_families : bool
         Whether other edges than a plain one, or that of other frames, are looked for.
+    among : ndarray of int or None
+        Contacts from which it is learned; None: all.
 
     Returns
     -------
@@ -141,6 +144,7 @@ def learn_edge(
     if problem.noise.rim > 0 and joint.fit.blur < SHARPEST_BLUR_PX:
         return plain
     isolated = search.isolated(joint)
+    isolated = isolated if among is None else isolated[np.isin(isolated, among)]
     if lent is not None and lent.families:
         plain = current = search.begin_with(joint, lent, refine)
     if len(isolated) < FEWEST_SCORES:
@@ -383,9 +387,13 @@ class _Search:
 
 
 def _fits_worse(after: Values, before: Values) -> bool:
-    """Whether the contacts have larger mean squared residuals than before."""
-    medians = float(np.median(after) / np.median(before))
-    return min(medians, float(np.median(after / np.maximum(before, 1e-9)))) > WORSE_CHI_SQUARE_RATIO
+    """Whether the contacts have larger mean squared residuals than before; NaN for those not looked at."""
+    known = np.isfinite(after) & np.isfinite(before)
+    after, before = after[known], np.maximum(before[known], 1e-9)
+    if not len(after):
+        return False
+    ratios = np.median(after) / np.median(before), np.median(after / before), np.mean(after) / np.mean(before)
+    return float(min(ratios)) > WORSE_CHI_SQUARE_RATIO
 
 
 def _of_optics(step: SharedStep, edge: Edge) -> Values:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.edge_profile import EdgeFit, learn_edge
+from contactimg.imaging.fit.edge_scores import MOST_CONTACTS, evenly
 from contactimg.imaging.fit.ellipse import CommonOptics, FittedEllipse, Window, fit_ellipse
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.quality import FrameFit
@@ -33,6 +34,7 @@ Values = NDArray[np.float64]
 AS_DISK, AS_ELLIPSE = [0, 1, 2, 5, 3, 4], [0, 1, 2, 4, 5, 3]
 """Parameters of an ellipse in the order of a disk, the ellipticity last; and back."""
 MOST_WITNESSES = 60  # ellipses that contrast and blur are settled on; for time
+MOST_LEARNERS = MOST_CONTACTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +107,14 @@ def learn_edge_of_ellipses(
         return None
     crowd = _Crowd(scene, joint, change, contacts, others)
     prior = OpticsPrior(np.array([np.log(joint.contrast), joint.fit.blur]), crowd.known)
-    first = crowd.joint_fit(scene.optics, crowd.first_disks(change))
+    first = crowd.joint_fit(scene.optics, crowd.first_disks(change), range(crowd.climbed))
     found = learn_edge(
         replace(scene.problem, image=scene.image), first, prior, ratio=frame_fit.ratio, refine=crowd.refine,
-        lent=frame_fit.lent_edge, known=frame_fit.known_edge is not None,
+        lent=frame_fit.lent_edge, known=frame_fit.known_edge is not None, among=crowd.learners,
     )  # fmt: skip
     if not found.learned.families:
         return EllipseEdge(found, crowd.rows, [part.ellipse for part in contacts], None)
+    found = crowd.settled(found)
     fits = [crowd.fits[k] for k in range(len(contacts))]
     return EllipseEdge(found, crowd.rows, fits, found.problem.image - scene.image)
 
@@ -130,6 +133,10 @@ class _Crowd:
         Least mean squared residual over its variance that is believed.
     rows : ndarray of int
         Row of each contact among the disks of the frame.
+    learners : ndarray of int
+        Contacts that the edge is learned from.
+    inflation : ndarray
+        Factor of the variances of each for noise that pixels share.
     views : dict
         Contact -> window.
     fits : dict
@@ -160,6 +167,9 @@ class _Crowd:
         free[alone] = False
         self.climbed, self.alone = len(main), len(main) + len(alone)
         self.rows = np.array([*main, *alone, *np.flatnonzero(free)], np.intp)
+        size = scene.disks[self.rows[: self.alone], RADIUS]
+        self.learners = np.sort(evenly(np.argsort(size, kind="stable"), MOST_LEARNERS))
+        self.inflation = scene.inflations(scene.disks[self.rows, RADIUS])
 
     def first_disks(self, change: OpticsChange) -> Values:
         """The contacts as they are, behind the contrast and blur that ellipses say."""
@@ -170,39 +180,59 @@ class _Crowd:
         return disks
 
     def refine(self, problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
-        """Fit the contacts with windows to another image, as `contactimg.imaging.fit.edge_profile` asks."""
-        if len(self.views) == self.climbed:  # disks follow the edge as exactly as ellipses
-            seen = {k: self.scene.view(self.rows[k : k + 1]) for k in range(self.climbed, self.alone)}
-            self.views |= {k: view for k, view in seen.items() if view is not None}
+        """Fit the learners to another image, as `contactimg.imaging.fit.edge_profile` asks.
+
+        The others follow by their derivatives, until `settled`.
+        """
+        learners = self._learners_seen()
         added = problem.image - self.scene.image
-        windows = {k: view.with_light(added).window for k, view in self.views.items()}
-        optics = replace(self.scene.optics, blur=fit.blur, contrast=self.contrast)
-        starts = {k: fit.disks[k, AS_ELLIPSE] for k in windows}
-        some = list(windows)[:: -(-len(windows) // MOST_WITNESSES)]
+        windows = {k: self.views[k].with_light(added).window for k in learners}
+        some = learners[:: -(-len(learners) // MOST_WITNESSES)]
 
         def refit(fits: Sequence[FittedEllipse], other: CommonOptics) -> list[FittedEllipse]:
-            return [
-                self._fit(windows[k], k, part.parameters, other) for k, part in zip(some, fits, strict=True)
-            ]
+            parts = zip(some, fits, strict=True)
+            return [self._fit(k, windows[k], part.parameters, other) for k, part in parts]
 
-        witnesses = [self._fit(windows[k], k, starts[k], optics) for k in some]
+        optics = replace(self.scene.optics, blur=fit.blur, contrast=self.contrast)
+        witnesses = [self._fit(k, windows[k], fit.disks[k, AS_ELLIPSE], optics) for k in some]
         change = settle_on_ellipses(witnesses, refit, optics, prior.information)
         optics = optics if change is None else change.optics
         self.contrast = optics.contrast
-        self.fits = {k: self._fit(windows[k], k, starts[k], optics) for k in windows}
-        return self.joint_fit(optics, fit.disks)
+        self.fits |= {k: self._fit(k, windows[k], fit.disks[k, AS_ELLIPSE], optics) for k in learners}
+        return self.joint_fit(optics, fit.disks, learners)
 
-    def joint_fit(self, optics: CommonOptics, disks: Values) -> JointFit:
-        """The contacts as a joint fit of disks; those without a window are ``disks``."""
+    def _learners_seen(self) -> list[int]:
+        """The learners that have a window."""
+        new = {int(k): self.scene.view(self.rows[k : k + 1]) for k in self.learners if k not in self.views}
+        self.views |= {k: view for k, view in new.items() if view is not None}
+        return [int(k) for k in self.learners if k in self.views]
+
+    def settled(self, found: EdgeFit) -> EdgeFit:
+        """All contacts with windows fitted behind an edge; disks follow it as exactly as ellipses."""
+        joint, added = found.joint, found.problem.image - self.scene.image
+        self.learners = np.arange(self.alone)
+        optics = replace(self.scene.optics, blur=joint.fit.blur, contrast=joint.contrast)
+        disks = joint.fit.disks.copy()
+        for k in self._learners_seen():
+            window = self.views[k].with_light(added).window
+            self.fits[k] = self._fit(k, window, disks[k, AS_ELLIPSE], optics)
+            disks[k] = self.fits[k].parameters[AS_DISK]
+        return replace(found, joint=replace(joint, fit=replace(joint.fit, disks=disks)))
+
+    def joint_fit(self, optics: CommonOptics, disks: Values, fitted: Sequence[int]) -> JointFit:
+        """The contacts as a joint fit of disks: those that were fitted, the others as they are.
+
+        The mean squared residual is NaN for all but those that climbed: of disks it is not known before.
+        """
         fit = self.before.fit
-        disks, std, misfit = disks.copy(), fit.std[self.rows], fit.chi_square[self.rows]
+        disks, std, misfit = disks.copy(), fit.std[self.rows], np.full(len(self.rows), np.nan)
         response = self.before.radius_shifts @ np.linalg.inv(np.linalg.cholesky(self.before.covariance))
         shifts = response[self.rows] @ np.linalg.cholesky(optics.covariance)
         for k, part in self.fits.items():
-            disks[k], shifts[k] = part.parameters[AS_DISK], part.shifts[RADIUS]
-            std[k] = np.sqrt(np.diag(part.covariance)[AS_DISK[:4]])
-            if k < self.climbed:  # that of a disk was not measured in a window before
-                misfit[k] = np.nan_to_num(part.chi_square[0], nan=misfit[k])
+            std[k], shifts[k] = np.sqrt(np.diag(part.covariance)[AS_DISK[:4]]), part.shifts[RADIUS]
+        for k in fitted:
+            disks[k] = self.fits[k].parameters[AS_DISK]
+            misfit[k] = self.fits[k].chi_square[0] if k < self.climbed else np.nan
         own = np.linalg.inv(optics.covariance) - self.known
         own += np.diag(LEAST_INFORMATION / np.array([1.0, optics.blur]) ** 2)
         return replace(
@@ -212,9 +242,9 @@ class _Crowd:
             radius_shifts=shifts,
         )  # fmt: skip
 
-    def _fit(self, window: Window, k: int, start: Values, optics: CommonOptics) -> FittedEllipse:
+    def _fit(self, k: int, window: Window, start: Values, optics: CommonOptics) -> FittedEllipse:
         """The ellipse, or the disk, of one window."""
         return fit_ellipse(
-            window, start, optics, inflation=self.scene.inflation(float(start[RADIUS])), misfit=self.misfit,
+            window, start, optics, inflation=float(self.inflation[k]), misfit=self.misfit,
             circular=k >= self.climbed,
         )  # fmt: skip

@@ -97,11 +97,12 @@ class ShapeScene:
 
     def inflation(self, radius: float) -> float:
         """Factor of the variance of a rim of this radius for noise that pixels share."""
+        return float(self.inflations(np.array([radius]))[0])
+
+    def inflations(self, radii: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same of rims of several radii."""
         noise = self.problem.noise
-        factor = self.correlation.rim_inflation(
-            np.array([radius]), self.optics.blur, noise=noise, gain=1.0 + noise.slope
-        )
-        return float(factor[0])
+        return self.correlation.rim_inflation(radii, self.optics.blur, noise=noise, gain=1.0 + noise.slope)
 
     def groups(self, called: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
         """Groups of disks that may be one contact each, those with a called member."""
