@@ -69,8 +69,8 @@ INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 and light outside like a soft rim."""
 WORSE_CHI_SQUARE_RATIO = 1.004
 """Chi-square over that with the plain edge above which a learned edge fits worse: the ratio of the
-medians of all contacts, the median of their ratios and the ratio of their means. Chosen: real edges raised one
-of them by up to 0.6 % by chance."""
+medians of all contacts, the median of their ratios and the ratio of their means. Chosen: real edges raised
+one of them by up to 0.6 % by chance."""
 FAMILY_RELATIVE_STD = 0.1
 """Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
 exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""

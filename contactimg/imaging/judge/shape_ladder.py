@@ -482,7 +482,7 @@ class _Ladder:
     def _new_flags(self, contact: ClimbedContact, flags: int) -> int:
         """Flags of the new shape: what was said of the disks no longer holds."""
         old = Flag.POOR_FIT | Flag.MERGED if len(contact.members) > 1 else Flag.POOR_FIT
-        poor = contact.kind != "free" and self._is_poor(contact.ellipse)
+        poor = contact.kind != "free" and bool(contact.ellipse.chi_square[0] > POOR_CHI_SQUARE)
         return (flags & ~int(old)) | (int(Flag.POOR_FIT) if poor else 0)
 
     def _in_frame(self, view: GroupView, line: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,13 +9,14 @@ from edge_frames import edge_frame, errors
 from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 from contactimg.imaging.kernels.radial_sums import INNER_NODES, add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.measure import measure_image
+from contactimg.tables import Flag
 
 SEED = 11
 
 
 @cache
 def measured(case, ratio=1.3):
-    """Measurement, error of the sum of the areas over its uncertainty, pulls of the radii."""
+    """Measurement, error of the sum of the areas over its uncertainty, pulls of the radii apart."""
     frame, reference, truth = edge_frame(case, seed=SEED, ratio=ratio, n=120, radii=(2.5, 9.0))
     result = measure_image(frame, reference)
     pairs, error = errors(truth, result.disks)
@@ -26,7 +27,8 @@ def measured(case, ratio=1.3):
     own = np.maximum(std**2 - np.sum(shared**2, axis=1), 0.0)
     spread = np.sqrt(np.sum((radius @ shared) ** 2) + radius**2 @ own)
     total = 0.5 * np.sum(radius**2 - truth["radius_px"].to_numpy()[pairs[:, 0]] ** 2)
-    return result, total / spread, error / std
+    apart = (disks["flags"].to_numpy() & int(Flag.MERGED)) == 0  # ellipses that touch stay disks
+    return result, total / spread, (error / std)[apart]
 
 
 LEARNED = {
@@ -66,6 +68,14 @@ def test_a_gamma_is_seen_on_round_and_on_long_ellipses(ratio):
     result, total, _ = measured("gamma", ratio)
     assert result.status != "ok"
     assert abs(total) < 3.0
+
+
+def test_ellipses_that_do_not_describe_their_pixels_teach_no_edge():
+    """Coma makes ellipses of disks: areas were off by 14 % and 24 % with an edge learned from them."""
+    result, total, _ = measured("coma", 1.0)
+    assert result.status == "poor fit"
+    assert "in the middle" not in result.message
+    assert abs(total) < 4.0
 
 
 def test_a_point_has_its_like_as_far_off_the_rim_and_at_the_same_fraction_inside():
