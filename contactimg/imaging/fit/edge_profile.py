@@ -44,7 +44,7 @@ from contactimg.imaging.profile.edge_shape import (
     BlurredDisks,
     edge_profile,
 )
-from contactimg.imaging.profile.optics import EdgeKnowledge
+from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -106,8 +106,7 @@ def learn_edge(
     *,
     ratio: float,
     refine: Refine,
-    lent: EdgeKnowledge | None = None,
-    known: bool = False,
+    given: SharedOptics,
     new_families: bool = True,
     among: NDArray[np.int64] | None = None,
 ) -> EdgeFit:
@@ -123,10 +122,9 @@ def learn_edge(
         Contrast over background level; negative for dark contacts.
     refine : callable
         Fits the disks of a problem anew: ``refine(problem, fit, optics_prior)``.
-    lent : EdgeKnowledge or None
-        What other frames say of the edge.
-    known : bool
-        Whether a reference contact has told where in its edge a contact ends.
+    given : SharedOptics
+        What other frames say of the edge, and whether a reference contact has told where in its edge a
+        contact ends.
     new_families : bool
         Whether other edges than a plain one, or that of other frames, are looked for.
     among : ndarray of int or None
@@ -139,12 +137,12 @@ def learn_edge(
         or too few of them wide; uncertainties include what is undecided. Unchanged where the pixels are too
         coarse for the rims.
     """
+    lent, known = given.edge, given.known_edge is not None
     search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent, known)
     plain = current = EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))
     if problem.noise.rim > 0 and joint.fit.blur < SHARPEST_BLUR_PX:
         return plain
-    isolated = search.isolated(joint)
-    isolated = isolated if among is None else isolated[np.isin(isolated, among)]
+    isolated = search.isolated(joint, among)
     if lent is not None and lent.families:
         plain = current = search.begin_with(joint, lent, refine)
     if len(isolated) < FEWEST_SCORES:
@@ -191,10 +189,11 @@ class _Search:
         """With the contrast and spread of a fit."""
         return replace(self.problem, prior=replace(self.problem.prior, mean=joint.contrast, std=joint.spread))
 
-    def isolated(self, joint: JointFit) -> NDArray[np.int64]:
-        """Contacts whose profile nothing disturbs."""
+    def isolated(self, joint: JointFit, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
+        """Contacts, ``among`` some, whose profile nothing disturbs."""
         disks = joint.fit.disks
         isolated = isolated_disks(disks, self.problem.image.shape, blur=joint.fit.blur)
+        isolated = isolated if among is None else isolated[np.isin(isolated, among)]
         # a plateau that is cut off by the sensor looks like another edge
         return isolated[~touches(self.problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
 

@@ -215,7 +215,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
     def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
         return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
 
-    trial, weighed, lent = None, None, given.prior_optics.edge
+    trial, weighed = None, None
     if given.film is not None:
         placement = Placement(problem.image.shape, ratio)
         likely = film_makes_contrast(given.film.rim, ratio)
@@ -225,7 +225,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         return _with_film(start, given, weighed)
     learned = learn_edge(
         plain.problem, plain.joint, prior, ratio=ratio, refine=refine,
-        lent=lent if given.learns_edge else None, known=given.prior_optics.known_edge is not None,
+        given=given.prior_optics if given.learns_edge else replace(given.prior_optics, edge=None),
         new_families=given.learns_edge,
     )  # fmt: skip
     if trial is not None and weighed is not None and learned.learned.families:
@@ -234,7 +234,7 @@ def _attempt(start: _Start, given: _Given) -> FrameFit:
         return _with_film(start, given, weighed)
     return replace(
         plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
-        film=weighed, ratio=ratio, lent_edge=lent,
+        film=weighed, ratio=ratio, lent_edge=given.prior_optics.edge,
     )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from contactimg.imaging.judge.ellipse_optics import (
     settle_on_ellipses,
 )
 from contactimg.imaging.judge.shape_scene import ShapeScene
+from contactimg.imaging.profile.optics import SharedOptics
 
 Values = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def learn_edge_of_ellipses(
     problem = replace(scene.problem, image=scene.image, work=Work(WORK_PER_PIXEL * scene.image.size))
     search = partial(
         learn_edge, problem, first, prior, ratio=frame_fit.ratio, refine=crowd.refine,
-        lent=frame_fit.lent_edge, known=frame_fit.known_edge is not None, among=crowd.learners,
+        given=SharedOptics(edge=frame_fit.lent_edge, known_edge=frame_fit.known_edge), among=crowd.learners,
     )  # fmt: skip
     found = search()
     if found.learned.families and not problem.work.is_done:
