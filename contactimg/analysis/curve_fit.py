@@ -271,8 +271,9 @@ def fit_line(points: Points, *, scatter: float | None = None) -> CurveFit:
     (1.95, 0.0)
     """
     x, y = np.asarray(points.x), np.asarray(points.y)
-    if np.ptp(x) == 0:
-        raise InputError(f"a line needs points at two or more different x, got {len(x)} at {x[0]:g}")
+    if len(np.unique(x)) < 2:
+        place = f" at {x[0]:g}" if len(x) else ""
+        raise InputError(f"a line needs points at two or more different x, got {len(x)}{place}")
 
     first = (y[np.argmax(x)] - y[np.argmin(x)]) / np.ptp(x)
     start = np.array([float(np.mean(y - first * x)), float(first)])

@@ -246,10 +246,30 @@ def test_points_have_the_errors_of_counting():
     assert points["density_correlation"][0] == pytest.approx(1.5**-0.5)
 
 
-def test_annuli_with_few_contacts_or_no_forces_are_left_out():
-    moments = exact_moments([1e4, 1e4, 1e4])
-    moments.loc[0, "n"], moments.loc[1, "n_forces"] = 4, 0
-    assert pressure_points(moments)["n"].tolist() == [200.0]
+def test_annuli_without_forces_or_beside_such_with_few_contacts_are_left_out():
+    moments = exact_moments([1e4] * 6)
+    moments.loc[1, "n_forces"], moments["area"] = 0, 1e-6
+    moments["n"] = [6, 200, 210, 4, 7, 1]
+    # the own number of an annulus does not decide: beside the fourth there are more, beside the fifth few
+    assert pressure_points(moments)["n"].tolist() == [6.0, 210.0, 4.0, 1.0]
+    moments["area"] = [1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-7]
+    assert pressure_points(moments)["n"].tolist() == [6.0, 210.0, 4.0]
+
+
+def test_chance_in_the_numbers_does_not_make_the_law_flatter():
+    """Few contacts an annulus, of which the number and each force are drawn: eta ~ p^0.7."""
+    rng = np.random.default_rng(11)
+    pressure = np.geomspace(300, 2e4, 24)
+    mean_force, area = 1e-4 * (pressure / 2e3) ** 0.3, 4e-7 * (pressure / 2e3) ** -0.5
+    found = []
+    for _ in range(60):
+        number = rng.poisson(area * pressure / mean_force)
+        forces = [force * rng.exponential(size=n) for n, force in zip(number, mean_force, strict=True)]
+        moments = exact_moments(pressure).assign(area=area, n=number, n_forces=number, a=1e-5 * number)
+        moments["p"], moments["pp"] = [f.sum() for f in forces], [(f**2).sum() for f in forces]
+        moments["aa"], moments["ap"] = 1e-10 * number, 1e-5 * moments["p"]
+        found.append(fit_contact_law([{"one": moments}], "density").single.exponent.value)
+    assert np.mean(found) == pytest.approx(0.7, abs=0.02)
 
 
 def test_four_places_give_their_scatter():
