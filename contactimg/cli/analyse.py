@@ -95,7 +95,7 @@ class AnalyseOptions:
     type=click.IntRange(min=1),
     default=5,
     show_default=True,
-    help="Smallest number of contacts of a ring that is used in the laws against the local pressure.",
+    help="Fewest contacts to expect in a ring, by those beside it, for the laws against the local pressure.",
 )
 @click.option(
     "--confidence",

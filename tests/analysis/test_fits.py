@@ -316,3 +316,8 @@ def test_normal_heights_look_normal_and_others_do_not():
     skew = describe_topography(caps(rng.lognormal(-10, 0.5, 119), rng.uniform(1e-5, 9e-5, 119)))
     assert skew.height_normality < 1e-3
     assert np.isnan(describe_topography(caps([3.0, 3.1, 2.9], [1.0, 1.0, 1.0])).radius_normality)
+
+
+def test_no_point_is_a_sentence():
+    with pytest.raises(InputError, match="got 0"):
+        fit_power_law([], [])

@@ -50,7 +50,7 @@ class AnalysisOptions:
         Radius of the smallest contacts, measured or predicted, that count in annuli: contacts that the camera
         cannot resolve must not count for the models only. Areas A(P) include all contacts.
     min_contacts : float
-        Fewest contacts of an annulus that enters the laws against the local pressure.
+        Fewest contacts to expect in an annulus that enters the laws against the local pressure.
     models : bool
         Whether the coupled, uncoupled and Greenwood-Tripp models are solved too.
     smooth_stress : Estimate or None, Pa
