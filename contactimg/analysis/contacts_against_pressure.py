@@ -27,7 +27,9 @@ EXPECTED_COUNT_PASSES = 2
 of its uncertainty."""
 
 
-def pressure_points(moments: pd.DataFrame, *, min_contacts: float = 5) -> pd.DataFrame:
+def pressure_points(
+    moments: pd.DataFrame, *, min_contacts: float = 5, by_those_beside: bool = False
+) -> pd.DataFrame:
     """Pressure, density and mean radius of the contacts in annuli, with their counting errors.
 
     Parameters
@@ -35,9 +37,11 @@ def pressure_points(moments: pd.DataFrame, *, min_contacts: float = 5) -> pd.Dat
     moments : DataFrame
         From `annulus_moments` in one sector, or from `sum_moments`: one row an annulus, from the centre on.
     min_contacts : float
-        An annulus is left out if the density of those beside it lets expect fewer contacts in it. Its own
-        number does not decide, since that would select annuli that have more contacts by chance: on simulated
-        patterns SA- of one place the exponent of the density would be 10 % too small instead of 1 %.
+        Annuli with fewer contacts are left out.
+    by_those_beside : bool
+        Leave out an annulus if the density of those beside it lets expect fewer contacts in it, whatever its
+        own number is. For few places: the own number selects annuli that have more contacts by chance, and on
+        simulated patterns SA- of one place the exponent of the density is 10 % too small instead of 1 %.
 
     Returns
     -------
@@ -52,8 +56,8 @@ def pressure_points(moments: pd.DataFrame, *, min_contacts: float = 5) -> pd.Dat
     variances ``1/n`` (density), ``sum p^2/(sum p)^2`` (pressure), ``sum a^2/(sum a)^2 - 1/n`` (radius), and
     covariances with the pressure ``1/n`` and ``sum a p/(sum a sum p) - 1/n``.
     """
-    expected = _expected_beside(moments)
-    kept = moments[(expected >= min_contacts) & (moments["n_forces"] > 0) & (moments["area"] > 0)]
+    decisive = _expected_beside(moments) if by_those_beside else moments["n"].to_numpy(float)
+    kept = moments[(decisive >= min_contacts) & (moments["n_forces"] > 0) & (moments["area"] > 0)]
     n, a, p, area = (kept[name].to_numpy(float) for name in ("n", "a", "p", "area"))
     p_variance = kept["pp"].to_numpy(float) / p**2
     a_variance = np.maximum(kept["aa"].to_numpy(float) / a**2 - 1 / n, 0.0)
@@ -99,7 +103,7 @@ def fit_contact_law(
     quantity : {"density", "mean_radius"}
         Contacts per unit area, or mean contact radius.
     min_contacts : float
-        As for `pressure_points`, of all places together.
+        Fewest contacts, of all places together, that the annuli beside an annulus let expect in it.
     confidence : float
         Of the intervals.
 
@@ -186,7 +190,10 @@ def _left_out(law: BrokenLaw, rests: list[pd.DataFrame], quantity: str, confiden
 def _pooled_points(loads: Sequence[Mapping[str, pd.DataFrame]], min_contacts: float) -> pd.DataFrame:
     """The annuli of all loads, each pooled over the places."""
     return pd.concat(
-        [pressure_points(sum_moments(places.values()), min_contacts=min_contacts) for places in loads],
+        [
+            pressure_points(sum_moments(places.values()), min_contacts=min_contacts, by_those_beside=True)
+            for places in loads
+        ],
         ignore_index=True,
     )
 

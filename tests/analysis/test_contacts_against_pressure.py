@@ -246,14 +246,20 @@ def test_points_have_the_errors_of_counting():
     assert points["density_correlation"][0] == pytest.approx(1.5**-0.5)
 
 
-def test_annuli_without_forces_or_beside_such_with_few_contacts_are_left_out():
+def test_annuli_with_few_contacts_or_no_forces_are_left_out():
+    moments = exact_moments([1e4, 1e4, 1e4])
+    moments.loc[0, "n"], moments.loc[1, "n_forces"] = 4, 0
+    assert pressure_points(moments)["n"].tolist() == [200.0]
+
+
+def test_the_annuli_beside_an_annulus_decide_where_its_own_number_is_chance():
     moments = exact_moments([1e4] * 6)
-    moments.loc[1, "n_forces"], moments["area"] = 0, 1e-6
+    moments.loc[1, "n_forces"] = 0
     moments["n"] = [6, 200, 210, 4, 7, 1]
-    # the own number of an annulus does not decide: beside the fourth there are more, beside the fifth few
-    assert pressure_points(moments)["n"].tolist() == [6.0, 210.0, 4.0, 1.0]
-    moments["area"] = [1e-6, 1e-6, 1e-6, 1e-6, 1e-6, 1e-7]
-    assert pressure_points(moments)["n"].tolist() == [6.0, 210.0, 4.0]
+    # beside the fourth there are more than it has itself, beside the fifth fewer
+    assert pressure_points(moments, by_those_beside=True)["n"].tolist() == [6.0, 210.0, 4.0, 1.0]
+    moments.loc[5, "area"] /= 10
+    assert pressure_points(moments, by_those_beside=True)["n"].tolist() == [6.0, 210.0, 4.0]
 
 
 def test_chance_in_the_numbers_does_not_make_the_law_flatter():

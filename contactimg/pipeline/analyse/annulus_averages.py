@@ -90,7 +90,9 @@ class LoadAverage:
         for model, places in self.moments.items():
             if model == "uncoupled" or not places:
                 continue
-            found = pressure_points(sum_moments(places.values()), min_contacts=min_contacts)
+            found = pressure_points(
+                sum_moments(places.values()), min_contacts=min_contacts, by_those_beside=True
+            )
             table = {
                 "r_m": found["r"],
                 "n_contacts": found["n"],
