@@ -387,9 +387,9 @@ CASES = {
 }
 
 
-def check_names() -> None:
+def check_names(cases: Iterable[Case] = tuple(CASES.values())) -> None:
     """Raise AttributeError or ModuleNotFoundError if a name that a case replaces or counts does not exist."""
-    for case in CASES.values():
+    for case in cases:
         for name in (*case.replacements, *case.code.split()):
             resolve_name(full_name(name))
 
@@ -397,8 +397,15 @@ def check_names() -> None:
 @contextmanager
 def switched_off(key: str) -> Iterator[None]:
     """The package without a case."""
+    with without(CASES[key]):
+        yield
+
+
+@contextmanager
+def without(case: Case) -> Iterator[None]:
+    """The same of a case of other tables."""
     with ExitStack() as stack:
-        for name, new in CASES[key].replacements.items():
+        for name, new in case.replacements.items():
             stack.enter_context(patch(full_name(name), new))
         yield
 

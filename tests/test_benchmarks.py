@@ -11,3 +11,5 @@ def test_the_ablation_replaces_names_that_exist(monkeypatch):
     cases = importlib.import_module("imaging_ablation_cases")
     assert len(cases.CASES) > 40
     cases.check_names()
+    points = importlib.import_module("imaging_ablation_points")
+    cases.check_names(points.POINTS.values())

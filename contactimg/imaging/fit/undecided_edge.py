@@ -27,15 +27,15 @@ from contactimg.imaging.profile.edge_shape import FAMILIES, FIELD, RIM, SOFTNESS
 
 Values = NDArray[np.float64]
 
-USUAL_SIZE = np.array([0.3] * 5 + [0.005, 0.2, 0.5] + [0.2] * 5 + [0.15, 0.2])
+USUAL_SIZE = np.array([0.3] * 5 + [0.005, 0.2, 0.55] + [0.2] * 5 + [0.15, 0.2])
 """Usual sizes t of the parameters of an edge where a family is present. Chosen: what lenses, cameras and
 contacts do: point spread functions that a defocus or a halo changes by a third; rims as soft as 7 % of the
 radius; domes of 20 %; a gamma of 1/2; a blur that varies by 20 %; small contacts dimmer by 15 %;
 rims of 20 % of the contrast."""
-PRIOR_ODDS = dict.fromkeys(FAMILIES, 0.1) | {"rim": 0.3}
+PRIOR_ODDS = dict.fromkeys(FAMILIES, 0.1) | {"rim": 0.3, "response": 0.15}
 """Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has it;
-light outside the rims, which few contacts cannot show at all, three in ten. What is not decided goes with the
-square root of these odds."""
+light outside the rims, which few contacts cannot show at all, three in ten, and a gamma, which cameras have
+unless it is switched off, three in twenty. What is not decided goes with the square root of these odds."""
 POSITIVE = {"softness": SOFTNESS, "rim": RIM}
 """Families whose parameter cannot be negative: rims are soft, and the gap beside a contact shines."""
 LEAST_PROBABILITY = 1e-6  # of an assumption that is looked at; accuracy
