@@ -342,8 +342,10 @@ def _with_round_rims(
 
     What a rim of varying curvature adds is taken off: a plain ellipse leaves the residuals of a plain disk.
     """
-    image = image.copy()
-    add_profiles(image, disks, nodes.inner, BlurredDisks.of(nodes.disks, blur).p, nodes.step)
+    image, plain = image.copy(), BlurredDisks.of(nodes.disks, blur).p
+    bent = disks[:, ELLIPTICITY].any(axis=1)
+    disks = disks[bent]
+    add_profiles(image, disks, nodes.inner[bent], plain[bent], nodes.step)
     order = [X, Y, RADIUS, *range(ELLIPTICITY.start, ELLIPTICITY.stop), CONTRAST]
     for parameters in disks[:, order]:
         parameters[-1] *= -1.0
