@@ -22,10 +22,11 @@ from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.fit.edge_profile import WORSE_CHI_SQUARE_RATIO
 from contactimg.imaging.fit.film_choice import FilmVerdict
-from contactimg.imaging.fit.method import measure_by_fit
+from contactimg.imaging.fit.method import FirstDisks, measure_by_fit
 from contactimg.imaging.fit.quality import FittedDetections
+from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.judge.review import Review, review
-from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines
+from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines, misfit_as_ellipses
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
@@ -258,16 +259,19 @@ def _fitted(
     """What the method "disk" finds, after a second look.
 
     An edge that was learned from disks may only imitate the ellipses that the contacts are: a plain edge is
-    taken where the ellipses fit as well with it.
+    taken where the ellipses fit as well with it, unless no ellipse describes them.
     """
     foreground, difference = prepared.foreground, prepared.difference
-    disks = measure_by_fit(foreground, difference, film=film, edits=edits)
-    seen = review(foreground, difference, disks, shape=shape)
-    if not np.isfinite(seen.ellipse_misfit) or not _has_learned_edge(disks):
-        return seen
-    plain = measure_by_fit(foreground, difference, film=film, edits=edits, learns_edge=False)
-    other = review(foreground, difference, plain, shape=shape)
-    return other if other.ellipse_misfit <= WORSE_CHI_SQUARE_RATIO * seen.ellipse_misfit else seen
+    first = FirstDisks.of(foreground, difference, edits)
+    disks = measure_by_fit(foreground, difference, film=film, edits=edits, first=first)
+    misfit = misfit_as_ellipses(disks, shape=shape) if _has_learned_edge(disks) else float("nan")
+    if misfit < POOR_CHI_SQUARE:
+        plain = measure_by_fit(foreground, difference, film=film, edits=edits, learns_edge=False, first=first)
+        other = review(foreground, difference, plain, shape=shape)
+        if other.ellipse_misfit <= WORSE_CHI_SQUARE_RATIO * misfit:
+            return other
+    del first  # its images are no longer needed
+    return review(foreground, difference, disks, shape=shape)
 
 
 def _has_learned_edge(detections: Detections) -> bool:

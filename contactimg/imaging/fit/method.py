@@ -58,6 +58,37 @@ from contactimg.imaging.shapes.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.timings import stage
 
 
+@dataclass(frozen=True, eq=False)
+class FirstDisks:
+    """Disks detected and fitted at the first contrast, with a plain edge: what any attempt begins with.
+
+    Parameters
+    ----------
+    start : _Start
+    fit : FrameFit
+    """
+
+    start: "_Start"
+    fit: FrameFit
+
+    @classmethod
+    @stage("quality")
+    def of(
+        cls, foreground: Foreground, difference: DifferenceImage, edits: Sequence[HandEdit] = ()
+    ) -> "FirstDisks":
+        """Of a frame."""
+        start = _first_start(foreground, difference)
+        given = _Given.of(foreground, difference, start, edits)
+        start = start.at_level(given.level)
+        return cls(start, _settle(start, given, given.optics_prior))
+
+    def again(self) -> "FirstDisks":
+        """The same with the work done so far, on which another measurement counts for itself."""
+        work = replace(self.fit.problem.work)
+        start = replace(self.start, problem=replace(self.start.problem, work=work))
+        return FirstDisks(start, replace(self.fit, problem=replace(self.fit.problem, work=work)))
+
+
 @stage("quality")
 def measure_by_fit(
     foreground: Foreground,
@@ -66,6 +97,7 @@ def measure_by_fit(
     film: FilmSetting | None,
     edits: Sequence[HandEdit] = (),
     learns_edge: bool = True,
+    first: FirstDisks | None = None,
 ) -> FittedDetections:
     """Find the contacts of a frame and fit a blurred disk to each.
 
@@ -80,26 +112,21 @@ def measure_by_fit(
         Corrections by hand to what was found; the changed disks are fitted with the others.
     learns_edge : bool
         Whether another edge than a plain one is taken; else nor is that of other frames.
+    first : FirstDisks or None
+        Of this frame, where they are known.
 
     Returns
     -------
     FittedDetections
     """
-    start = _first_start(foreground, difference)
-    prior = foreground.prior_optics
-    given = _Given(
-        prior,
-        OpticsPrior.of(prior, start.problem, blur=start.blur),
-        max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
-        foreground.sign,
-        film,
-        edits,
-        foreground.frame_pair.cut_off(foreground.sign),
-        learns_edge,
-    )
+    first = FirstDisks.of(foreground, difference, edits) if first is None else first.again()
+    start, plain = first.start, first.fit
+    given = _Given.of(foreground, difference, start, edits, film=film, learns_edge=learns_edge)
     best: FrameFit | None = None
     for _ in range(MOST_ATTEMPTS):
-        attempt = _attempt(start, given)
+        if best is not None:
+            plain = _settle(start, given, given.optics_prior)
+        attempt = _attempt(start, given, plain)
         if best is not None:
             # a contrast at which most contacts vanish is wrong; small ones are faint at any
             ratio = 1.0 if hides_contrast(best.fit) else LOST_DISKS_RATIO
@@ -110,8 +137,8 @@ def measure_by_fit(
             break
         if abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG:
             break
-        start = _next_start(start, best, joint)
-    result = replace(best or attempt, known_edge=prior.known_edge)
+        start = _next_start(start, best, joint).at_level(given.level)
+    result = replace(best or attempt, known_edge=given.prior_optics.known_edge)
     return report_contacts(result, foreground, difference, contrast=start.contrast)
 
 
@@ -145,6 +172,23 @@ class _Given:
     cut_off: CutOff | None
     learns_edge: bool
 
+    @classmethod
+    def of(
+        cls, foreground: Foreground, difference: DifferenceImage, start: "_Start", edits: Sequence[HandEdit],
+        *, film: FilmSetting | None = None, learns_edge: bool = True,
+    ) -> "_Given":  # fmt: skip
+        """For a frame and its first start."""
+        return cls(
+            foreground.prior_optics,
+            OpticsPrior.of(foreground.prior_optics, start.problem, blur=start.blur),
+            max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
+            foreground.sign,
+            film,
+            edits,
+            foreground.frame_pair.cut_off(foreground.sign),
+            learns_edge,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class _Start:
@@ -169,6 +213,11 @@ class _Start:
     def contrast(self) -> float:
         """At which disks are detected."""
         return self.problem.contrast
+
+    def at_level(self, level: float) -> "_Start":
+        """With the noise of contacts brighter by the contrast than a background of this level."""
+        noise = Noise(self.problem.noise.variance, self.contrast / level)
+        return replace(self, problem=replace(self.problem, noise=noise))
 
 
 def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
@@ -201,12 +250,9 @@ def _next_start(start: _Start, result: FrameFit, joint: JointFit) -> _Start:
     )
 
 
-def _attempt(start: _Start, given: _Given) -> FrameFit:
-    """Detect the disks at one contrast and fit them; look for a film, else for another edge."""
-    gain = 1.0 + start.contrast / given.level
-    problem = replace(start.problem, noise=Noise(start.problem.noise.variance, gain - 1.0))
-    start = replace(start, problem=problem)
-    plain = _settle(start, given, given.optics_prior)
+def _attempt(start: _Start, given: _Given, plain: FrameFit) -> FrameFit:
+    """Look for a film about the disks detected at one contrast, else for another edge."""
+    problem = start.problem
     if plain.joint is None:
         return plain
     prior, spread = given.optics_prior, given.prior_optics.spread

@@ -46,6 +46,10 @@ class Work:
         self.done += WORK_PER_FIT + work
         self.unfinished_fits += cut_off
 
+    def give_up(self) -> None:
+        """Try nothing further: nothing that would help is left."""
+        self.done = float("inf")
+
     @property
     def ran_out(self) -> bool:
         """Whether the frame would have taken more than it may."""

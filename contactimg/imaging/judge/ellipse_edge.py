@@ -42,6 +42,9 @@ WORK_PER_PIXEL = 4.0
 """Pixels of windows that are fitted, over those of the image, at which no edge is learned. Chosen: 300
 contacts with a gamma take 2.5; 1.5 us each."""
 MOST_LEARNERS = MOST_CONTACTS
+HOPELESS_SHARE = 0.75
+"""Part of the median misfit beyond `POOR_CHI_SQUARE` that an edge may leave for more to be tried. Chosen: an
+annular aperture leaves none, coma 0.95."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +160,8 @@ class _Crowd:
         Common contrast, of late.
     climbed, alone : int
         Number of those that climbed, and of these and those that may have a window.
+    plain_misfit : float
+        Median of the mean squared residuals of those that climbed, with a plain edge.
     """
 
     def __init__(
@@ -182,6 +187,7 @@ class _Crowd:
         size = scene.disks[self.rows[: self.alone], RADIUS]
         self.learners = np.sort(evenly(np.argsort(size, kind="stable"), MOST_LEARNERS))
         self.inflation = scene.inflations(scene.disks[self.rows, RADIUS])
+        self.plain_misfit = float(np.nanmedian([part.chi_square[0] for part in self.fits.values()]))
 
     def first_disks(self, change: OpticsChange) -> Values:
         """The contacts as they are, behind the contrast and blur that ellipses say."""
@@ -212,7 +218,15 @@ class _Crowd:
         optics = optics if change is None else change.optics
         self.contrast = optics.contrast
         self.fits |= {k: self._fit(k, windows[k], fit.disks[k, AS_ELLIPSE], optics) for k in learners}
+        if self._is_hopeless(learners):
+            problem.work.give_up()
         return self.joint_fit(optics, fit.disks, learners)
+
+    def _is_hopeless(self, learners: Sequence[int]) -> bool:
+        """Whether those that climbed are poor fits, and hardly better ones than with a plain edge."""
+        misfit = np.nanmedian([self.fits[k].chi_square[0] for k in learners if k < self.climbed])
+        beyond = max(self.plain_misfit - POOR_CHI_SQUARE, 0.0)
+        return bool(misfit - POOR_CHI_SQUARE > HOPELESS_SHARE * beyond)
 
     def _learners_seen(self) -> list[int]:
         """The learners that have a window."""

@@ -10,6 +10,7 @@ calls keeps its disks, and only the calls cost time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,11 @@ from contactimg.imaging.fit.ellipse import (
     fit_ellipse,
     render_ellipse,
 )
-from contactimg.imaging.fit.quality import FittedDetections, with_edge
+from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
+from contactimg.imaging.judge.climbed_table import ClimbedTable, Outlines
 from contactimg.imaging.judge.common_distortion import (
     BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
@@ -49,9 +51,8 @@ from contactimg.imaging.judge.shape_calls import (
     find_calls,
     usual_chi_square,
 )
-from contactimg.imaging.judge.shape_rows import describe_shapes, ellipse_row, free_row
+from contactimg.imaging.judge.shape_rows import describe_shapes
 from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
-from contactimg.imaging.reject.detections import Columns, shape_columns
 from contactimg.tables import Flag
 from contactimg.timings import stage
 
@@ -62,15 +63,13 @@ DISKS_SLACK = 9.0
 """Decrease of chi-square that overlapping disks must achieve against one ellipse. Theory: 3 sigma."""
 POOR_SIGMA = 6.0
 """The same as `CALL_SIGMA` for a shape that does not describe its pixels. False-alarm rate: 1e-9."""
-Outlines = tuple[tuple[int, list[NDArray[np.float64]]], ...]
-"""Row of a contact, and its outlines (x, y)."""
+Part = TypeVar("Part")
 LEAST_DEPARTURE_BLUR_WIDTHS = 0.2
 """RMS departure of an outline from an ellipse from which on a shape is free. Chosen: JPEG makes 0.12."""
 SHARPEST_BLUR_PX = 0.65
 """Blur, pixel included, below which contacts stay disks: pixels are no Gaussians. Chosen: two pixels."""
 LIGHT_SIGMA = 4.0
 """Difference of the area by light from that of the ellipse above which a shape is free. False-alarm: 6e-5."""
-SHARED_PARTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")  # of the uncertainty of a radius
 MOST_WITNESSES = 60  # ellipses that contrast and blur are settled on; for time
 PROBED = 24
 """Contacts that are asked first where most of them call. Chosen: twice those that show a common misfit."""
@@ -118,25 +117,50 @@ def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
     -------
     Climb
     """
+    ladder = _ladder(detections, shape)
+    return Climb(detections) if ladder is None else ladder.result(ladder.climbed())
+
+
+@stage("shapes")
+def misfit_as_ellipses(detections: FittedDetections, *, shape: str = "auto") -> float:
+    """`Climb.misfit` of some of the contacts, behind an edge that was learned from disks.
+
+    Parameters
+    ----------
+    detections : FittedDetections
+    shape : {"auto", "disk", "ellipse", "free"}
+        As for `climb`.
+    """
+    ladder = _ladder(detections, shape)
+    return float("nan") if ladder is None else ladder.misfit_of_some()
+
+
+def _ladder(detections: FittedDetections, shape: str) -> "_Ladder | None":
+    """That of a frame; None where no contact calls."""
     frame_fit = detections.frame_fit
     joint = None if frame_fit is None else frame_fit.joint
     if shape == "disk" or frame_fit is None or joint is None or not len(detections.rows):
-        return Climb(detections)
+        return None
     if shape == "auto" and frame_fit.fit.blur < SHARPEST_BLUR_PX:
-        return Climb(detections)
+        return None
     called, score_scale = find_calls(detections, frame_fit)
     if shape != "auto":
         called[:] = True
     called &= ~_flagged(detections, Flag.EDGE | Flag.MANUAL)
     if not called.any():
-        return Climb(detections)
-    ladder = _Ladder(detections, ShapeScene.of(frame_fit, joint), joint, shape, score_scale)
-    return ladder.result(ladder.climbed(called))
+        return None
+    scene = ShapeScene.of(frame_fit, joint)
+    return _Ladder(detections, scene, joint, shape=shape, score_scale=score_scale, called=called)
 
 
 def _flagged(detections: FittedDetections, flags: Flag) -> NDArray[np.bool_]:
     """Contacts with any of some flags."""
     return np.asarray((detections.contacts["flags"] & int(flags)) != 0)
+
+
+def _some(parts: Sequence[Part], most: int) -> Sequence[Part]:
+    """At most so many of them, in even steps."""
+    return parts[:: -(-len(parts) // most)] if parts else parts
 
 
 class _Ladder:
@@ -150,6 +174,8 @@ class _Ladder:
     shape : str
     score_scale : float
         Usual score of an elongation over that of noise in independent pixels.
+    called : ndarray of bool
+        Contacts that call for the ladder.
     usual : float
         Mean squared residual of a contact that fits.
     row_of : ndarray of int
@@ -167,11 +193,13 @@ class _Ladder:
         detections: FittedDetections,
         scene: ShapeScene,
         joint: JointFit,
+        *,
         shape: str,
         score_scale: float,
+        called: NDArray[np.bool_],
     ):
         self.detections, self.scene, self.joint, self.shape = detections, scene, joint, shape
-        self.score_scale = score_scale
+        self.score_scale, self.called = score_scale, called
         self.usual = usual_chi_square(scene.chi_square)
         self.row_of = np.full(len(scene.disks), -1)
         self.row_of[detections.rows] = np.arange(len(detections.rows))
@@ -182,22 +210,38 @@ class _Ladder:
         self.distortion: Distortion | None = None
         self.contrast = CommonContrast.of(scene, [])
 
-    def climbed(self, called: NDArray[np.bool_]) -> list[ClimbedContact]:
+    def climbed(self) -> list[ClimbedContact]:
         """All groups with a contact that calls, with their new shapes.
 
         Where most contacts call, a few are asked first: if none of them climbs, it is the camera that calls.
         """
-        disks = np.zeros(len(self.scene.disks), np.bool_)
-        disks[self.detections.rows[called]] = True
-        groups = self.scene.groups(disks)
-        if self.shape == "auto" and np.count_nonzero(called) > max(0.5 * len(called), 2 * PROBED):
-            probe = self._climbed(groups[:: -(-len(groups) // PROBED)])
+        groups, calling = self._groups(), np.count_nonzero(self.called)
+        if self.shape == "auto" and calling > max(0.5 * len(self.called), 2 * PROBED):
+            probe = self._climbed(_some(groups, PROBED))
             if all(contact.kind == "disk" for contact in probe):
                 return probe
         return self._climbed(groups)
 
-    def _climbed(self, groups: list[NDArray[np.intp]]) -> list[ClimbedContact]:
+    def misfit_of_some(self) -> float:
+        """`Climb.misfit` from `MOST_WITNESSES` groups, where an edge was learned from disks."""
+        groups = self._groups()
+        some = _some(groups, MOST_WITNESSES)
+        found = self._asked(some)
+        self._settle_optics(found, share=len(some) / max(len(groups), 1))
+        return float("nan") if self.change is None else self.change.misfit
+
+    def _groups(self) -> list[NDArray[np.intp]]:
+        """Disks that may be one contact each and that call."""
+        disks = np.zeros(len(self.scene.disks), np.bool_)
+        disks[self.detections.rows[self.called]] = True
+        return self.scene.groups(disks)
+
+    def _climbed(self, groups: Sequence[NDArray[np.intp]]) -> list[ClimbedContact]:
         """Groups with their new shapes."""
+        return self._free(self._without_distortion(self._with_settled_optics(self._asked(groups))))
+
+    def _asked(self, groups: Sequence[NDArray[np.intp]]) -> list[ClimbedContact]:
+        """Groups as ellipses where these are better."""
         touching = _flagged(self.detections, Flag.MERGED)
         found, work = [], max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         for members in groups:
@@ -211,7 +255,7 @@ class _Ladder:
             if view is not None:
                 work -= WORK_PER_WINDOW_PX + view.window.image.size
                 found += self._ellipses(view)
-        return self._free(self._without_distortion(self._with_settled_optics(found)))
+        return found
 
     def _ellipses(self, view: GroupView) -> list[ClimbedContact]:
         """The group as one ellipse, or each of its members as one; still disks where that is no better."""
@@ -256,18 +300,17 @@ class _Ladder:
         inflation = self.scene.inflation(float(start[RADIUS]))
         return fit_ellipse(view.window, start, self.scene.optics, inflation=inflation)
 
-    def _with_settled_optics(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
-        """The contacts behind the contrast and blur of the ellipses, where many are ellipses.
+    def _settle_optics(self, found: list[ClimbedContact], *, share: float = 1.0) -> list[int]:
+        """Contrast and blur of the ellipses, where many of the contacts are; which are witnesses of them.
 
-        Not where contacts are too small to show their contrast: their ellipses show no more of it.
+        Not where contacts are too small to show their contrast: their ellipses show no more of it. ``share``:
+        of the contacts that call, those found.
         """
-        if hides_contrast(self.joint.fit):
-            return found
         at = [k for k, part in enumerate(found) if part.kind == "ellipse" or len(part.members) == 1]
         count = sum(part.kind == "ellipse" for part in found)
-        if count < LEAST_ELLIPSE_SHARE * len(self.detections.rows):
-            return found
-        witnesses = [found[k] for k in at[:: -(-len(at) // MOST_WITNESSES)]]
+        if hides_contrast(self.joint.fit) or count < LEAST_ELLIPSE_SHARE * share * len(self.detections.rows):
+            return []
+        witnesses = _some([found[k] for k in at], MOST_WITNESSES)
 
         def refit(fits: Sequence[FittedEllipse], optics: CommonOptics) -> list[FittedEllipse]:
             return [self._refit(part.view, fit, optics) for part, fit in zip(witnesses, fits, strict=True)]
@@ -276,6 +319,11 @@ class _Ladder:
         self.change = settle_on_ellipses(
             fits, refit, self.scene.optics, prior_information(self.joint, self.scene.optics)
         )
+        return at
+
+    def _with_settled_optics(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
+        """The contacts behind the contrast and blur of the ellipses, where many are ellipses."""
+        at = self._settle_optics(found)
         if self.change is None:
             return found
         self.scene = replace(self.scene, optics=self.change.optics)
@@ -403,88 +451,17 @@ class _Ladder:
 
     def result(self, climbed: list[ClimbedContact]) -> Climb:
         """The table of the contacts with what became of each group."""
-        columns = shape_columns(self._contacts())
-        dropped = np.zeros(len(self.detections.rows), np.bool_)
-        outlines = []
-        for contact in climbed:
-            rows = self.row_of[contact.members]
-            row = int(rows[np.argmax(self.scene.disks[contact.members, 2])])
-            if contact.kind == "disk" and (len(rows) > 1 or not self._is_common(contact)):
-                continue
-            dropped[rows] = True
-            dropped[row] = False
-            values = self._values(contact)
-            if contact.kind != "free" and self.edge is not None:
-                values |= {name: columns[name][row] for name in ("radius_px", "radius_std_px", *SHARED_PARTS)}
-            elif contact.kind != "free":
-                edge = columns["edge_shift_px"][row]
-                values["radius_std_px"] = float(np.hypot(float(values["radius_std_px"]), edge))
-            flags = int(np.bitwise_or.reduce(columns["flags"][rows]))
-            for name, value in values.items():
-                columns[name][row] = value
-            columns["flags"][row] = self._new_flags(contact, flags)
-            if contact.free is not None:
-                outlines.append(
-                    (row, [self._in_frame(contact.view, line) for line in contact.free.shape.outlines])
-                )
-        kept = np.flatnonzero(~dropped)
-        place = np.cumsum(~dropped) - 1
-        detections = replace(
-            self.detections,
-            contacts={name: values[kept] for name, values in columns.items()},
-            rows=self.detections.rows[kept],
-        )
-        if self.edge is not None:
-            detections = with_edge(detections, self.edge.fit.learned, self.edge.fit.joint, self.edge.added)
-        lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
-        listed = columns["shape"][kept] if self.shape == "auto" else np.zeros(0)
+        table = ClimbedTable(
+            self.detections, self.scene, self.joint, self.row_of, self.change, self.edge, self.distortion,
+            self._is_elongated,
+        )  # fmt: skip
+        detections, outlines = table.with_shapes(climbed)
+        listed = detections.contacts["shape"] if self.shape == "auto" else np.zeros(0)
         remark = describe_shapes(listed, self.distortion, unheard=self.unheard)
-        return Climb(detections, remark, lines, self._misfit())
+        return Climb(detections, remark, outlines, self._misfit())
 
     def _misfit(self) -> float:
         """See `Climb`."""
         if self.edge is not None and self.edge.ellipses:
             return float(np.nanmedian([part.chi_square[0] for part in self.edge.ellipses]))
         return float("nan") if self.change is None else self.change.misfit
-
-    def _contacts(self) -> Columns:
-        """Columns of the contacts as disks, behind the contrast and blur that ellipses say."""
-        contacts = self.detections.contacts
-        if self.change is None:
-            return contacts
-        binning = self.scene.problem.binning
-        step, shifts = (binning * part[self.detections.rows] for part in self.change.shifts(self.joint))
-        old = np.stack([contacts[name] for name in SHARED_PARTS], axis=1)
-        new = np.column_stack([shifts, contacts["edge_shift_px"]])
-        own = np.maximum(contacts["radius_std_px"] ** 2 - np.sum(old**2, axis=1), 0.0)
-        radius = np.maximum(contacts["radius_px"] + step, 0.5 * contacts["radius_px"])
-        if self.edge is not None:
-            rows, listed = self.row_of[self.edge.rows], self.row_of[self.edge.rows] >= 0
-            radius[rows[listed]] = binning * self.edge.radius_px[listed]
-            own[rows[listed]] = (binning * self.edge.own_std[listed]) ** 2
-            new[rows[listed]] = binning * self.edge.shifts[listed]
-        changed = dict(zip(SHARED_PARTS, new.T, strict=True))
-        changed["radius_px"] = radius
-        changed["radius_std_px"] = np.sqrt(own + np.sum(new**2, axis=1))
-        return {**contacts, **changed}
-
-    def _is_common(self, contact: ClimbedContact) -> bool:
-        """Whether a contact is a disk that the camera distorts: its ellipse gives the area."""
-        return self.distortion is not None and self._is_elongated(contact.ellipse)
-
-    def _values(self, contact: ClimbedContact) -> dict[str, float | str]:
-        """Columns of a contact that climbed."""
-        problem = self.scene.problem
-        if contact.free is not None:
-            return free_row(contact.free, problem, contact.view.window.corner)
-        return ellipse_row(contact.ellipse, problem, elongated=contact.kind == "ellipse")
-
-    def _new_flags(self, contact: ClimbedContact, flags: int) -> int:
-        """Flags of the new shape: what was said of the disks no longer holds."""
-        old = Flag.POOR_FIT | Flag.MERGED if len(contact.members) > 1 else Flag.POOR_FIT
-        poor = contact.kind != "free" and bool(contact.ellipse.chi_square[0] > POOR_CHI_SQUARE)
-        return (flags & ~int(old)) | (int(Flag.POOR_FIT) if poor else 0)
-
-    def _in_frame(self, view: GroupView, line: NDArray[np.float64]) -> NDArray[np.float64]:
-        """An outline in pixels of the frame."""
-        return self.scene.problem.in_frame(line + np.array(view.window.corner))

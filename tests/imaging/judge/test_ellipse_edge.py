@@ -8,7 +8,7 @@ import pytest
 from edge_frames import edge_frame, errors
 
 from contactimg.imaging.judge import ellipse_edge
-from contactimg.imaging.judge.shape_ladder import _Ladder
+from contactimg.imaging.judge.climbed_table import ClimbedTable
 from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 from contactimg.imaging.kernels.radial_sums import INNER_NODES, add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.measure import measure_image
@@ -79,7 +79,7 @@ def test_an_ellipse_that_does_not_describe_its_pixels_is_a_poor_fit():
     contact = SimpleNamespace(kind="ellipse", members=[0])
     for misfit, expected in ((1.4, 0), (1.7, int(Flag.POOR_FIT))):
         contact.ellipse = SimpleNamespace(chi_square=np.array([misfit, 1.0]), pixels=400)
-        assert _Ladder._new_flags(ladder, contact, 0) == expected
+        assert ClimbedTable._new_flags(ladder, contact, 0) == expected
 
 
 def test_ellipses_that_do_not_describe_their_pixels_teach_no_edge(monkeypatch):
