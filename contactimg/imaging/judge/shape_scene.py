@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation
+from contactimg.imaging.contrast.noise import RADII, Noise, NoiseCorrelation
 from contactimg.imaging.count.free_shape import find_component
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.ellipse import CommonOptics, Window
@@ -97,7 +97,12 @@ class ShapeScene:
 
     def inflation(self, radius: float) -> float:
         """Factor of the variance of a rim of this radius for noise that pixels share."""
-        return float(self.inflations(np.array([radius]))[0])
+        return float(np.interp(np.log(max(radius, 1e-9) / self.optics.blur), *self._inflation_of_radii))
+
+    @cached_property
+    def _inflation_of_radii(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The same at the radii between which it is interpolated: their logarithms in blur widths, and it."""
+        return np.log(RADII), self.inflations(RADII * self.optics.blur)
 
     def inflations(self, radii: NDArray[np.float64]) -> NDArray[np.float64]:
         """The same of rims of several radii."""

@@ -61,7 +61,8 @@ def test_gradient_is_the_derivative_of_the_loss():
 def test_density_and_integral_of_the_table_are_those_of_the_normal_distribution():
     # 64 steps a width, h <= 1/128: a series of three terms errs by less than h^4 phi <= 1.5e-9, of the
     # density by h^4 u^4/24 phi, less than 4e-8
-    at = np.linspace(-4.49, 4.49, 1501)
+    reach = ellipse_equations.NODE_REACH_BLUR_WIDTHS - 1e-3
+    at = np.linspace(-reach, reach, 1501)
     density, whole = np.array([_bell(each) for each in at]).T
     assert np.abs(density - norm.pdf(at)).max() < 4e-8
     assert np.abs(whole - norm.cdf(at)).max() < 2e-9
