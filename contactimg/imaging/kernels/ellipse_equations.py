@@ -51,7 +51,7 @@ _AT = np.arange(int(-TABLE_END * TABLE_STEPS), int(TABLE_END * TABLE_STEPS) + 2)
 BELL = np.stack([np.exp(-0.5 * _AT**2) / math.sqrt(2.0 * math.pi), ndtr(_AT)], axis=1)
 
 
-@njit(cache=True, error_model="numpy", fastmath=REGROUPED)
+@njit(cache=True, error_model="numpy", fastmath=REGROUPED, forceinline=True)
 def blurred_ellipse(x, y, nx, ny, a, b, s, nodes, out):
     """Profile at a point of the ellipse's own axes into ``out``, with its derivatives.
 
@@ -123,7 +123,7 @@ def place_nodes(ellipse, s):
     return np.stack((np.sin(f), np.cos(f)))
 
 
-@njit(cache=True, error_model="numpy", fastmath=REGROUPED)
+@njit(cache=True, error_model="numpy", fastmath=REGROUPED, forceinline=True)
 def profile_at(dx, dy, ellipse, s, nodes, terms, out):
     """Profile at a point relative to the centre, with its derivatives by the parameters; how far off the rim.
 
@@ -141,10 +141,8 @@ def profile_at(dx, dy, ellipse, s, nodes, terms, out):
     if abs(distance) > 1.1 * NODE_REACH_BLUR_WIDTHS:
         out[5] = 1.0 if distance < 0.0 else 0.0
         return distance
-    if slope > 0.0:
-        blurred_ellipse(x, y, along_x / slope, along_y / slope, a, b, s, nodes, terms)
-    else:
-        blurred_ellipse(x, y, 0.0, 1.0, a, b, s, nodes, terms)
+    normal_x, normal_y = (along_x / slope, along_y / slope) if slope > 0.0 else (0.0, 1.0)
+    blurred_ellipse(x, y, normal_x, normal_y, a, b, s, nodes, terms)
     by_x, by_y, by_a, by_b = terms[1], terms[2], a * terms[3], b * terms[4]
     out[0], out[1] = cosine * by_x - sine * by_y, sine * by_x + cosine * by_y
     out[2] = (by_a + by_b) / math.sqrt(a * b)
@@ -168,7 +166,7 @@ def axes_of(parameters):
     return parameters[2] * stretch, parameters[2] / stretch, math.cos(angle), math.sin(angle), eta
 
 
-@njit(cache=True, error_model="numpy", fastmath=REGROUPED)
+@njit(cache=True, error_model="numpy")
 def rim_distance(dx, dy, ellipse):
     """Distance from the centre of the circle of equal area at which a point of an ellipse has its like.
 
@@ -201,7 +199,7 @@ def draw_ellipse(image, parameters, s):
             image[j, i] += parameters[5] * out[5]
 
 
-@njit(cache=True, error_model="numpy", fastmath=REGROUPED)
+@njit(cache=True, error_model="numpy")
 def sum_ellipse(image, valid, parameters, s, noise, normal, gradient):
     """Normal matrix (with the blur as its last row), gradient and loss of one ellipse in a window.
 
@@ -262,7 +260,7 @@ def _move(before, step, s, contrast, after):
     after[5] = min(max(after[5], 0.3 * contrast), 3.0 * contrast)
 
 
-@njit(cache=True, error_model="numpy", fastmath=REGROUPED)
+@njit(cache=True, error_model="numpy")
 def fit_one_ellipse(image, valid, start, s, noise, prior, round_, iterations):
     """Damped Gauss-Newton fit of one ellipse (of a disk, if ``round_``).
 
