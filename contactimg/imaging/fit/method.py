@@ -216,7 +216,7 @@ class _Start:
 
     def at_level(self, level: float) -> "_Start":
         """With the noise of contacts brighter by the contrast than a background of this level."""
-        noise = Noise(self.problem.noise.variance, self.contrast / level)
+        noise = Noise(self.problem.noise.variance, (1.0 + self.contrast / level) - 1.0)
         return replace(self, problem=replace(self.problem, noise=noise))
 
 
@@ -259,6 +259,8 @@ def _attempt(start: _Start, given: _Given, plain: FrameFit) -> FrameFit:
     ratio = max(given.sign * plain.joint.contrast / given.level, DARKEST_RATIO)
 
     def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
+        if fit.model is plain.fit.model:  # which a fit overwrites, and another attempt may begin with
+            fit = replace(fit, model=fit.model.copy())
         return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
 
     trial, weighed = None, None

@@ -230,6 +230,10 @@ class _Ladder:
         self._settle_optics(found, share=len(some) / max(len(groups), 1))
         return float("nan") if self.change is None else self.change.misfit
 
+    def _rows(self, found: Sequence[ClimbedContact]) -> NDArray[np.intp]:
+        """Rows of the contacts that were asked."""
+        return self.row_of[np.concatenate([part.members for part in found])]
+
     def _groups(self) -> list[NDArray[np.intp]]:
         """Disks that may be one contact each and that call."""
         disks = np.zeros(len(self.scene.disks), np.bool_)
@@ -339,8 +343,10 @@ class _Ladder:
         """The contacts behind the edge that they show together, some of them as ellipses."""
         if self.change is None or self.detections.frame_fit is None:
             return found
-        apart = Flag.EDGE | Flag.MANUAL | Flag.MERGED | Flag.SATURATED
-        alone = self.detections.rows[~_flagged(self.detections, apart)]
+        apart = _flagged(self.detections, Flag.EDGE | Flag.MANUAL | Flag.MERGED | Flag.SATURATED)
+        # what called and was not heard is a disk for want of time: it would teach a wrong edge
+        apart |= self.called & ~np.isin(np.arange(len(self.called)), self._rows(found))
+        alone = self.detections.rows[~apart]
         climbed = [found[k] for k in at]
         self.edge = learn_edge_of_ellipses(self.scene, self.detections.frame_fit, self.change, climbed, alone)
         if self.edge is None or self.edge.added is None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from edge_frames import edge_frame, errors
 
-from contactimg.imaging.judge import ellipse_edge
+from contactimg.imaging import measure
+from contactimg.imaging.judge import ellipse_edge, shape_ladder
 from contactimg.imaging.judge.climbed_table import ClimbedTable
 from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 from contactimg.imaging.kernels.radial_sums import INNER_NODES, add_profiles, radial_nodes, sum_residuals
@@ -131,3 +132,37 @@ def test_an_ellipse_has_the_light_of_its_profile():
     add_profiles(image, ellipse, inner, profile, step)
     # area pi 12^2 times 10; a logistic of width 1/3 px adds pi w^2 pi^2/3 = 1.1 px^2
     assert image.sum() == pytest.approx(10.0 * (np.pi * 144 + 1.1), rel=2e-3)
+
+
+def test_an_edge_that_leaves_poor_fits_is_the_last_one_tried(monkeypatch):
+    monkeypatch.setattr(ellipse_edge, "POOR_CHI_SQUARE", 0.1)
+    tried, refine = [], ellipse_edge._Crowd.refine
+    monkeypatch.setattr(ellipse_edge._Crowd, "refine", lambda *args: tried.append(args) or refine(*args))
+    frame, reference, _ = edge_frame("gamma", seed=SEED, ratio=1.3, n=60, radii=(2.5, 9.0))
+    measure_image(frame, reference)
+    assert len(tried) == 1
+
+
+def test_what_was_not_heard_teaches_no_edge(monkeypatch):
+    """As disks they did: the gamma was taken for small contacts that are dimmer, 8 % covered."""
+    monkeypatch.setattr(shape_ladder, "WORK_PER_PIXEL", 0.0)
+    monkeypatch.setattr(shape_ladder, "LEAST_WORK_PX", 100_000)
+    measured.cache_clear()
+    result, total, pulls = measured("gamma")
+    measured.cache_clear()
+    assert "more were left as disks" in result.message
+    assert LEARNED["gamma"] in result.message
+    assert abs(total) < 3.0
+    assert np.mean(np.abs(pulls) < 1) > 0.55
+
+
+@pytest.mark.parametrize(("poor", "fits"), [(1.5, 2), (0.1, 1)])
+def test_ellipses_that_describe_nothing_call_for_no_plain_edge(monkeypatch, poor, fits):
+    frame, reference, _ = edge_frame("defocus", seed=SEED, ratio=1.3, n=120, radii=(2.5, 9.0))
+    done, fit = [], measure.measure_by_fit
+    monkeypatch.setattr(measure, "POOR_CHI_SQUARE", poor)
+    monkeypatch.setattr(
+        measure, "measure_by_fit", lambda *args, **named: done.append(named) or fit(*args, **named)
+    )
+    measure_image(frame, reference)
+    assert len(done) == fits
