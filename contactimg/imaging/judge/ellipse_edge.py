@@ -40,7 +40,7 @@ AS_DISK, AS_ELLIPSE = [0, 1, 2, 5, 3, 4], [0, 1, 2, 4, 5, 3]
 MOST_WITNESSES = 60  # ellipses that contrast and blur are settled on; for time
 WORK_PER_PIXEL = 4.0
 """Pixels of windows that are fitted, over those of the image, at which no edge is learned. Chosen: 300
-contacts with a gamma take 2.5; 1.5 us each."""
+contacts with a gamma take 2.5; 0.2 us each."""
 MOST_LEARNERS = MOST_CONTACTS
 HOPELESS_SHARE = 0.75
 """Part of the median misfit beyond `POOR_CHI_SQUARE` that an edge may leave for more to be tried. Chosen: an

@@ -75,8 +75,8 @@ PROBED = 24
 """Contacts that are asked first where most of them call. Chosen: twice those that show a common misfit."""
 WORK_PER_PIXEL, LEAST_WORK_PX, WORK_PER_WINDOW_PX = 0.6, 100_000, 1500
 """Pixels of windows, over those of the image, at which the ladder stops, and at least; what a window costs
-besides its own. Chosen: some 1.2 s per megapixel, and 0.2 s; measured on a page of text: 2 us a pixel,
-3 ms a window."""
+besides its own. Chosen: at most 1.2 s per megapixel, and 0.2 s, at 2 us a pixel and 3 ms a window, as on a
+page of text; a third of that on crowds of ellipses."""
 
 
 @dataclass(frozen=True, eq=False)
