@@ -224,6 +224,8 @@ class _Ladder:
 
     def misfit_of_some(self) -> float:
         """`Climb.misfit` from `MOST_WITNESSES` groups, where an edge was learned from disks."""
+        if np.count_nonzero(self.called) < LEAST_ELLIPSE_SHARE * len(self.called):
+            return float("nan")
         groups = self._groups()
         some = _some(groups, MOST_WITNESSES)
         found = self._asked(some)
