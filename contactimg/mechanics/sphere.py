@@ -47,11 +47,49 @@ def scaled_radius(depth: Values) -> Values:
     return np.tanh(_angle(depth))
 
 
+def scaled_curvatures(ratio: Values) -> tuple[Values, Values, Values]:
+    """Curvatures times ``R`` of paraboloids that act like the sphere at ``s = a/R``: 1 for small ``s``.
+
+    ``k = R delta'(a)/(2 a)``, which says how far the edge moves; ``(dk/ds)/s``; and ``3 R P/(4 E* a^3)``.
+    """
+    s = np.maximum(ratio, 1e-4)  # the limits there, to 1e-8
+    plain, steep = np.arctanh(s) / s, 1 / (1 - s**2)
+    growth = 0.5 * (steep - plain) / s**2 + steep**2
+    return 0.5 * (plain + steep), growth, 0.75 * scaled_load(s) / s**3
+
+
 def scaled_response(depth: Values) -> tuple[Values, Values]:
     """P/(E* R^2) and a/R at ``depth = delta/R``, also where a/R rounds to one."""
     t = _angle(depth)
     s = np.tanh(t)
     return np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s), s
+
+
+def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> tuple[Values, Values]:
+    """The same for the profile of the sphere plus ``curvature rho^2/(2 R) + quartic rho^4/R^3``.
+
+    Sneddon: ``delta/R = s atanh(s) + curvature s^2 + (8/3) quartic s^4``; the added terms bear
+    ``(4/3) curvature s^3 + (64/15) quartic s^5``. Newton's method within bounds, which follow from
+    ``s^4 <= s^2 <= s atanh(s)``; ``curvature > -1`` and ``quartic >= 0``.
+    """
+    low = _angle(depth / (1 + np.maximum(curvature, 0.0) + 8 / 3 * quartic))
+    high = _angle(depth / (1 + np.minimum(curvature, 0.0)))
+    t = _angle(depth / (1 + curvature))
+    for _ in range(100):
+        t = np.clip(t, low, high)
+        s = np.tanh(t)
+        excess = t * s + s**2 * (curvature + 8 / 3 * quartic * s**2) - depth
+        low, high = np.where(excess < 0, t, low), np.where(excess > 0, t, high)
+        widening = 1 / np.cosh(np.minimum(t, 300.0)) ** 2
+        slope = s + widening * (t + s * (2 * curvature + 32 / 3 * quartic * s**2))
+        newton = t - excess / np.where(slope > 0, slope, 1.0)
+        following = np.where((newton < low) | (newton > high), 0.5 * (low + high), newton)
+        step, t = following - t, following
+        if np.all(np.abs(step) <= 4e-16 * t):
+            break
+    s = np.tanh(t)
+    plain = np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s)
+    return plain + s**3 * (4 / 3 * curvature + 64 / 15 * quartic * s**2), s
 
 
 def _angle(depth: Values) -> Values:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.mechanics import sphere
+from contactimg.models.asperity_laws import Caps
 
 Values = NDArray[np.float64]
 
@@ -37,79 +38,96 @@ class AdhesiveLaw:
     Contacts of zero penetration have ``a^3 = 2 pi w R^2``:
 
     >>> law = AdhesiveLaw(0.5)
-    >>> a = law.touch_radius(np.ones(1))
-    >>> round(float(a[0] ** 3 / np.pi), 9), abs(float(law.penetration(a, np.ones(1))[0])) < 1e-12
+    >>> cap = Caps(np.ones(1))
+    >>> a = law.touch_radius(cap)
+    >>> round(float(a[0] ** 3 / np.pi), 9), abs(float(law.penetration(a, cap)[0])) < 1e-12
     (1.0, True)
     """
 
     adhesion: float
     aspect: float = 0.0
 
-    def force(self, contact_radius: Values, radius: Values) -> Values:
+    def force(self, contact_radius: Values, caps: Caps) -> Values:
         """Force at a contact radius."""
-        a = contact_radius
+        a, radius = contact_radius, caps.radius
         if self.aspect:
             plain = radius**2 / self.aspect**3 * sphere.scaled_load(self.aspect * a / radius)
         else:
             plain = (4 / 3) * a**3 / radius
+        if caps.bends is not None:
+            curvature, quartic = caps.bends.T
+            plain = plain + a**3 * (4 / 3 * curvature + 64 / 15 * quartic * a**2)
         return plain - np.sqrt(8 * np.pi * self.adhesion * a**3)
 
-    def penetration(self, contact_radius: Values, radius: Values) -> Values:
+    def penetration(self, contact_radius: Values, caps: Caps) -> Values:
         """Penetration at a contact radius."""
-        a = contact_radius
+        a, radius = contact_radius, caps.radius
         if self.aspect:
             plain = radius / self.aspect**2 * sphere.scaled_indentation(self.aspect * a / radius)
         else:
             plain = a**2 / radius
+        if caps.bends is not None:
+            curvature, quartic = caps.bends.T
+            plain = plain + a**2 * (curvature + 8 / 3 * quartic * a**2)
         return plain - np.sqrt(2 * np.pi * self.adhesion * a)
 
-    def slopes(self, contact_radius: Values, radius: Values) -> tuple[Values, Values]:
+    def slopes(self, contact_radius: Values, caps: Caps) -> tuple[Values, Values]:
         """Derivatives of force and penetration with the contact radius."""
         a, w = contact_radius, self.adhesion
-        steepness = self._steepness(a, radius)
+        steepness = self._steepness(a, caps)
         return 2 * a * steepness - np.sqrt(18 * np.pi * w * a), steepness - np.sqrt(np.pi * w / (2 * a))
 
-    def _steepness(self, a: Values, radius: Values) -> Values:
+    def _steepness(self, a: Values, caps: Caps) -> Values:
         """``d delta_0/d a`` without adhesion."""
-        if not self.aspect:
-            return 2 * a / radius
-        s = self.aspect * a / radius
-        return (np.arctanh(s) + s / (1 - s**2)) / self.aspect
-
-    def widest(self, radius: Values) -> Values:
-        """Upper bound on the contact radius: the equator of the sphere, infinite for a paraboloid."""
-        return radius / self.aspect * (1 - 1e-9) if self.aspect else np.full_like(radius, np.inf)
-
-    def touch_radius(self, radius: Values) -> Values:
-        """Contact radius at zero penetration, to which a contact jumps when it forms."""
-        paraboloid = np.cbrt(2 * np.pi * self.adhesion * radius**2)
-        return self.contact_radius(np.zeros_like(radius), radius) if self.aspect else paraboloid
-
-    def fold(self, radius: Values) -> Values:
-        """Contact radius at which an isolated contact breaks under an imposed displacement."""
-        a = np.minimum(np.cbrt(np.pi * self.adhesion * radius**2 / 8), 0.9 * self.widest(radius))
         if self.aspect:
+            s = self.aspect * a / caps.radius
+            steepness = (np.arctanh(s) + s / (1 - s**2)) / self.aspect
+        else:
+            steepness = 2 * a / caps.radius
+        if caps.bends is None:
+            return steepness
+        curvature, quartic = caps.bends.T
+        return steepness + a * (2 * curvature + 32 / 3 * quartic * a**2)
+
+    def widest(self, caps: Caps) -> Values:
+        """Upper bound on the contact radius: the equator of the sphere, infinite for a paraboloid."""
+        return caps.radius / self.aspect * (1 - 1e-9) if self.aspect else np.full_like(caps.radius, np.inf)
+
+    def touch_radius(self, caps: Caps) -> Values:
+        """Contact radius at zero penetration, to which a contact jumps when it forms."""
+        if self._plain(caps):
+            return np.cbrt(2 * np.pi * self.adhesion * caps.radius**2)
+        return self.contact_radius(np.zeros_like(caps.radius), caps)
+
+    def fold(self, caps: Caps) -> Values:
+        """Contact radius at which an isolated contact breaks under an imposed displacement."""
+        a = np.minimum(np.cbrt(np.pi * self.adhesion * caps.flattest**2 / 8), 0.9 * self.widest(caps))
+        if not self._plain(caps):
             # solve steepness(a) = sqrt(pi w/(2 a)) by a fixed point from above: the paraboloid is less steep
             for _ in range(_MAX_STEPS):
                 before, a = (
                     a,
-                    a * np.cbrt(np.sqrt(np.pi * self.adhesion / (2 * a)) / self._steepness(a, radius)),
+                    a * np.cbrt(np.sqrt(np.pi * self.adhesion / (2 * a)) / self._steepness(a, caps)),
                 )
                 if np.all(np.abs(a - before) <= 1e-12 * a):
                     break
         return a
 
-    def contact_radius(self, penetration: Values, radius: Values) -> Values:
+    def contact_radius(self, penetration: Values, caps: Caps) -> Values:
         """Stable contact radius at a penetration not below that of the fold.
 
         The penetration is a convex function of the contact radius: Newton's method descends to the larger
         root.
         """
-        pulled = np.cbrt(2 * np.pi * self.adhesion * radius**2)
-        a = np.minimum(np.sqrt(radius * np.maximum(penetration, 0.0)) + pulled, self.widest(radius))
+        pulled = np.cbrt(2 * np.pi * self.adhesion * caps.flattest**2)
+        a = np.minimum(np.sqrt(caps.flattest * np.maximum(penetration, 0.0)) + pulled, self.widest(caps))
         for _ in range(_MAX_STEPS):
-            step = (self.penetration(a, radius) - penetration) / self.slopes(a, radius)[1]
-            a = np.minimum(a - step, self.widest(radius))
+            step = (self.penetration(a, caps) - penetration) / self.slopes(a, caps)[1]
+            a = np.minimum(a - step, self.widest(caps))
             if np.all(np.abs(step) <= 1e-14 * a):
                 break
         return a
+
+    def _plain(self, caps: Caps) -> bool:
+        """Whether the caps are paraboloids, for which there are closed forms."""
+        return not self.aspect and caps.bends is None

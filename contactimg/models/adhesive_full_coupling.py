@@ -1,7 +1,8 @@
 """Full coupling of adhesive contacts: the terms of `contactimg.models.full_coupling` with JKR's pressure.
 
 JKR's pressure is Hertz's at the same contact radius minus that of a flat punch with the force
-``sqrt(8 pi w a^3)``. Outside the contact the punch displaces the surface by ``p asin(a/r)/(pi a)``.
+``sqrt(8 pi w a^3)``. Outside the contact the punch displaces the surface by ``p asin(a/r)/(pi a)``. What
+makes a contact elliptic is taken as without adhesion at the same contact radius.
 """
 
 from dataclasses import replace
@@ -9,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.coupling import DenseCoupling, Kernel
-from contactimg.models.full_coupling import MIN_CURVATURE_FACTOR
+from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
+from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
@@ -26,6 +27,7 @@ def correct_for_field(
     force: Values,
     pull: Values,
     contact_radius: Values,
+    aspect: float,
 ) -> ScaledProblem:
     """Correct the problem for the neighbours' displacement field over the width of each contact.
 
@@ -40,32 +42,37 @@ def correct_for_field(
         Asperities to correct: those in or near contact.
     force, pull, contact_radius : ndarray
         Net force, force of the punch and contact radius of these asperities; zero out of contact.
+    aspect : float
+        Of the law of the asperities: 0 for paraboloids.
 
     Returns
     -------
     ScaledProblem
-        Summits shifted by ``s = -R G``, gaps raised by the excess over point forces and by ``s^2/(2 R)``,
-        radii of curvature divided by ``1 + R T``.
+        With summits shifted, gaps raised and profiles bent.
     """
-    x, y, radius = at.x[near], at.y[near], problem.radius[near]
-    pairs = DenseCoupling(x, y, kernel)
-    fields = pairs.fields(force, contact_radius)
-    excess = fields.excess - _punch_over_hertz(x, y, pull, contact_radius)
-    if kernel.thinness:
-        excess += _layer_part(pairs, x, y, pull * contact_radius**2)
-    shift_x, shift_y = -radius * fields.slope_x, -radius * fields.slope_y
-    corrected = replace(
-        problem,
-        x=problem.x.copy(),
-        y=problem.y.copy(),
-        gap=problem.gap.copy(),
-        radius=problem.radius.copy(),
+    radius = problem.radius[near]
+    pairs = DenseCoupling(at.x[near], at.y[near], kernel)
+    wide = pressure_radius(contact_radius, radius, aspect)
+    fields = pairs.fields(force, wide, bounded_saddle(pairs.fields(force, wide), radius))
+    moment = pull * contact_radius**2
+    fields = replace(
+        fields,
+        excess=fields.excess - _punch_over_hertz(at.x[near], at.y[near], pull, contact_radius),
+        curvature=fields.curvature - _punch_curvature(pairs, moment),
     )
-    corrected.x[near] += shift_x
-    corrected.y[near] += shift_y
-    corrected.gap[near] += excess + (shift_x**2 + shift_y**2) / (2 * radius)
-    corrected.radius[near] /= np.maximum(1 + radius * fields.curvature, MIN_CURVATURE_FACTOR)
-    return corrected
+    if kernel.thinness:
+        fields.excess[:] += _layer_part(pairs, at.x[near], at.y[near], moment)
+    return _moved(problem, near, CapCorrection.of(fields, radius, contact_radius, aspect))
+
+
+def _moved(problem: ScaledProblem, near: Rows, terms: CapCorrection) -> ScaledProblem:
+    """The problem with some of its asperities corrected."""
+    x, y, gap, bends = problem.x.copy(), problem.y.copy(), problem.gap.copy(), np.zeros((problem.gap.size, 2))
+    x[near] += terms.shift_x
+    y[near] += terms.shift_y
+    gap[near] += terms.shifted_rise
+    bends[near] = terms.bends
+    return replace(problem, x=x, y=y, gap=gap, bends=bends)
 
 
 def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
@@ -83,6 +90,11 @@ def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
     )
     difference = np.where(ratio > 1, inside, close)
     return np.where(apart, difference / np.where(apart, r, 1.0), 0.0) @ pull[loaded] / np.pi
+
+
+def _punch_curvature(pairs: DenseCoupling, moment: Values) -> Values:
+    """Half the Laplacian of that difference, ``p a^2/(15 r^3)`` for each ``p a^2`` of ``moment``."""
+    return pairs.fields(moment, (moment > 0).astype(np.float64)).quartic * 0.3 / QUARTIC
 
 
 def _layer_part(pairs: DenseCoupling, x: Values, y: Values, moment: Values) -> Values:

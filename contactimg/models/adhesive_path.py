@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.adhesive_full_coupling import correct_for_field
+from contactimg.models.asperity_laws import Caps
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.solution import InteractingSolution
@@ -85,7 +86,7 @@ class AdhesivePath:
         radius = previous.radius[p.order] / p.length
         reached = p.indentation >= 0 if p.load is None or p.stiffness else True
         if first and not radius.any() and reached:
-            radius[0] = self.law.touch_radius(p.radius[:1])[0]
+            radius[0] = self.law.touch_radius(p.caps[:1])[0]
         return self._settle(radius, previous.indentation / p.depth, first=first)
 
     def refined(self, state: AdhesiveState, steps: int) -> tuple["AdhesivePath", AdhesiveState, int]:
@@ -116,7 +117,14 @@ class AdhesivePath:
         pull = np.sqrt(8 * np.pi * self.law.adhesion * a**3)
         kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
         return correct_for_field(
-            self.problem, at, kernel, near=near, force=force[near], pull=pull, contact_radius=a
+            self.problem,
+            at,
+            kernel,
+            near=near,
+            force=force[near],
+            pull=pull,
+            contact_radius=a,
+            aspect=self.law.aspect,
         )
 
     def _settle(
@@ -130,7 +138,7 @@ class AdhesivePath:
         broken = np.zeros(guess.size, dtype=bool)
         while rows.size:
             if first:
-                guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.radius[rows]))
+                guess[rows] = np.maximum(guess[rows], self.law.touch_radius(p.caps[rows]))
             state, taken, weakest = self._equilibrium(rows, guess[rows], depth)
             steps += taken
             if steps > MAX_TOTAL_STEPS:
@@ -148,7 +156,7 @@ class AdhesivePath:
                 return state, steps
             guess, depth, first = np.zeros(guess.size), state.indentation, False
             guess[rows] = state.contact_radius
-            guess[forming] = self.law.touch_radius(p.radius[forming])
+            guess[forming] = self.law.touch_radius(p.caps[forming])
             rows = np.flatnonzero(guess)
         return self._parted(), steps
 
@@ -207,7 +215,7 @@ class AdhesiveContacts:
 
     path: AdhesivePath
     rows: Rows
-    radius: Values
+    caps: Caps
     gap: Values
     fold: Values
     widest: Values
@@ -217,19 +225,19 @@ class AdhesiveContacts:
     def of(cls, path: AdhesivePath, rows: Rows) -> "AdhesiveContacts":
         """The equations of given rows; ``fold`` are the radii at which an isolated contact breaks."""
         p = path.problem
-        radius = p.radius[rows]
+        caps = p.caps[rows]
         matrix = np.zeros((rows.size, rows.size))
         if path.kernel is not None:
             matrix = DenseCoupling(p.x[rows], p.y[rows], path.kernel).matrix
             if not np.isfinite(matrix.max(initial=0.0)):
                 replace(p, x=p.x[rows], y=p.y[rows], order=p.order[rows]).refuse_duplicates()
-        fold, widest = path.law.fold(radius), path.law.widest(radius)
-        return cls(path, rows, radius, p.gap[rows], fold, widest, matrix)
+        fold, widest = path.law.fold(caps), path.law.widest(caps)
+        return cls(path, rows, caps, p.gap[rows], fold, widest, matrix)
 
     def errors(self, a: Values, depth: float) -> tuple[Values, float]:
         """Errors of the penetrations and of the load."""
-        penetration = self.path.law.penetration(a, self.radius)
-        force, load = self.path.law.force(a, self.radius), self.path.problem.load
+        penetration = self.path.law.penetration(a, self.caps)
+        force, load = self.path.law.force(a, self.caps), self.path.problem.load
         missing = 0.0 if load is None else load - self.path.problem.stiffness * depth - float(force.sum())
         return penetration + self.matrix @ force + self.gap - depth, missing
 
@@ -259,15 +267,15 @@ class AdhesiveContacts:
         load = self.path.problem.load
         if not load or self.path.problem.stiffness or abs(missing) <= LOAD_TOLERANCE * abs(load):
             return True
-        rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.radius))))
+        rounding = 8 * np.finfo(float).eps * float(np.sum(np.abs(self.path.law.force(a, self.caps))))
         return bool(abs(missing) <= rounding)
 
     def direction(self, a: Values, error: Values, missing: float) -> tuple[Values, float]:
         """Newton's change of radii and of the indentation."""
-        stiffness, softness = self.path.law.slopes(a, self.radius)
+        stiffness, softness = self.path.law.slopes(a, self.caps)
         jacobian = self.matrix * stiffness
         # at the fold the softness vanishes; a lower bound keeps the matrix of an uncoupled row regular
-        jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.radius)
+        jacobian[np.diag_indices_from(jacobian)] += np.maximum(softness, 1e-9 * a / self.caps.radius)
         back, sink = np.linalg.solve(jacobian, np.column_stack([error, np.ones(a.size)])).T
         if self.path.problem.load is None:
             return -back, 0.0
@@ -276,7 +284,7 @@ class AdhesiveContacts:
 
     def state(self, a: Values, depth: float, residual: float) -> AdhesiveState:
         """The state with all penetrations: JKR's in contact, the overlap of the surfaces elsewhere."""
-        p, law, force = self.path.problem, self.path.law, self.path.law.force(a, self.radius)
+        p, law, force = self.path.problem, self.path.law, self.path.law.force(a, self.caps)
         penetration = depth - p.gap
         penetration[self.rows] = 0.0
         near = np.flatnonzero(penetration > 0)
@@ -285,5 +293,5 @@ class AdhesiveContacts:
             if not r.all():
                 p.refuse_duplicates()
             penetration[near] -= (1 / r - self.path.kernel.deficit(r)) @ force / np.pi
-        penetration[self.rows] = law.penetration(a, self.radius)
+        penetration[self.rows] = law.penetration(a, self.caps)
         return AdhesiveState(self.rows, a, force, penetration, depth, residual, self)

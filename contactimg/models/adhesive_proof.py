@@ -8,6 +8,7 @@ from scipy.linalg import lapack
 
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.adhesive_path import AdhesivePath, AdhesiveState
+from contactimg.models.asperity_laws import Caps
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import MAX_RELATIVE_ERROR, check_finite, judge, relative_error
@@ -57,12 +58,12 @@ class AdhesiveProof:
         size = self._penetration_size(solution)
         errors = {"sum of the forces": self._load_error(solution)}
         if rows.size:
-            curvature = self.path.problem.radius[rows] * self.path.problem.radius_unit
-            law_force = self.law.force(radius, curvature) * self.conditions.contact_modulus
+            caps = self.path.problem.caps_in_metres(self.path.problem.caps[rows])
+            law_force = self.law.force(radius, caps) * self.conditions.contact_modulus
             errors["forces at the contact radii"] = float(
                 np.sum(np.abs(law_force - force)) / self._force_size(solution)
             )
-            penetration = self.law.penetration(radius, curvature)
+            penetration = self.law.penetration(radius, caps)
             difference = np.abs(penetration - self._penetration(solution, force))
             errors["penetrations"] = float(np.max(difference)) / size
         return replace(
@@ -173,7 +174,7 @@ class AdhesiveProof:
         return StabilityCheck(
             p.x[rows],
             p.y[rows],
-            p.radius[rows],
+            p.caps[rows],
             state.contact_radius,
             self.path.law,
             self.path.kernel,
@@ -194,7 +195,7 @@ class StabilityCheck:
 
     x: Values
     y: Values
-    radius: Values
+    caps: Caps
     contact_radius: Values
     law: AdhesiveLaw
     kernel: Kernel
@@ -203,7 +204,7 @@ class StabilityCheck:
 
     def __call__(self) -> str:
         """``"stable"``, ``"stable only at fixed indentation"`` or ``"unstable"``."""
-        force_slope, penetration_slope = self.law.slopes(self.contact_radius, self.radius)
+        force_slope, penetration_slope = self.law.slopes(self.contact_radius, self.caps)
         if np.any(penetration_slope < 0):
             return "unstable"
         compliance = penetration_slope / np.where(force_slope == 0, np.finfo(float).tiny, force_slope)

@@ -30,13 +30,30 @@ class Caps:
     bases : ndarray, shape (n, 2), or None
         Compliance of the base and contact radius that covers it (`CapShapes.bases`); None if every cap is of
         the material that it stands on.
+    bends: ndarray, shape (n, 2), or None
+        ``T`` and ``c``: the displacement by the neighbours, averaged over all directions, adds
+        ``T rho^2/2 + c rho^4`` to the profile.
     """
 
     radius: Values
     bases: Values | None = None
+    bends: Values | None = None
 
     def __getitem__(self, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> "Caps":
-        return Caps(self.radius[rows], None if self.bases is None else self.bases[rows])
+        bases, bends = (None if part is None else part[rows] for part in (self.bases, self.bends))
+        return Caps(self.radius[rows], bases, bends)
+
+    @property
+    def bending(self) -> Values:
+        """Relative change of the curvature at the summits."""
+        return np.zeros_like(self.radius) if self.bends is None else self.radius * self.bends[:, 0]
+
+    @property
+    def flattest(self) -> Values:
+        """Radius of a paraboloid that is nowhere steeper."""
+        if self.bends is None:
+            return self.radius
+        return self.radius / (1 + np.minimum(self.bending, 0.0))
 
 
 class AsperityLaw(Protocol):
@@ -52,12 +69,25 @@ class HertzLaw:
     def respond(self, penetration: Values, caps: Caps) -> tuple[Values, Values]:
         """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
         depth = np.maximum(penetration, 0.0)
+        if caps.bends is not None:
+            return _bent_paraboloid(depth, caps.radius, caps.bends)
         contact_radius = np.sqrt(caps.radius * depth)
         force = (4 / 3) * contact_radius * depth
         if caps.bases is not None:
             rows = np.flatnonzero((caps.bases[:, 0] != 0) & (depth > 0))
             force[rows], contact_radius[rows] = _on_base(depth[rows], caps.radius[rows], caps.bases[rows])
         return force, contact_radius
+
+
+def _bent_paraboloid(depth: Values, radius: Values, bends: Values) -> tuple[Values, Values]:
+    """Forces and contact radii on ``rho^2/(2 R) + T rho^2/2 + c rho^4``, by Sneddon's integrals.
+
+    ``delta = a^2 (1/R + T) + (8/3) c a^4``, solved for ``a^2``.
+    """
+    curvature, quartic = 1 / radius + bends[:, 0], bends[:, 1]
+    squared = 2 * depth / (curvature + np.sqrt(curvature**2 + 32 / 3 * quartic * depth))
+    a = np.sqrt(squared)
+    return a * squared * (4 / 3 * curvature + 64 / 15 * quartic * squared), a
 
 
 def _on_base(depth: Values, radius: Values, bases: Values) -> tuple[Values, Values]:
@@ -98,7 +128,12 @@ class SphereLaw:
         """Forces over ``E*`` and contact radii at penetrations; zero where these are negative."""
         radius = caps.radius
         depth = self.aspect**2 * np.maximum(penetration, 0.0) / radius
-        load, ratio = sphere.scaled_response(depth)
+        if caps.bends is None:
+            load, ratio = sphere.scaled_response(depth)
+        else:
+            curvature, quartic = caps.bends.T
+            quartic = quartic * radius**3 / self.aspect**2
+            load, ratio = sphere.scaled_bent_response(depth, radius * curvature, quartic)
         return radius**2 / self.aspect**3 * load, radius / self.aspect * ratio
 
 

@@ -7,7 +7,7 @@ diagonal matrix of ``s = sqrt(2 a)``. This matrix is close to the identity unles
 conjugate gradients need few steps.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -74,15 +74,32 @@ class Fields:
     excess : ndarray
         Displacement by Hertz's pressure of the neighbours less that by point forces.
     slope_x, slope_y : ndarray
-        Slope of the displacement by point forces.
+        Slope of the displacement, with the extent of the neighbours' pressure.
     curvature : ndarray
-        Half the Laplacian of that displacement: its curvature averaged over all directions.
+        Half the Laplacian of the displacement: its curvature averaged over all directions; with that extent.
+    quartic : ndarray
+        The displacement averaged over a circle of radius ``rho`` about the candidate contains ``quartic
+        rho^4``: 1/64 of the squared Laplacian.
+    saddle_x, saddle_y : ndarray
+        Half the difference of the displacement's principal curvatures, times the cosine and the sine of twice
+        the direction of the larger one.
+    cubic_x, cubic_y : ndarray
+        1/8 of the gradient of the Laplacian: about the candidate the displacement contains ``rho^2`` times
+        the scalar product with this vector.
     """
 
     excess: Values
     slope_x: Values
     slope_y: Values
     curvature: Values
+    quartic: Values
+    saddle_x: Values
+    saddle_y: Values
+    cubic_x: Values
+    cubic_y: Values
+
+
+FIELD_NAMES = tuple(part.name for part in fields(Fields))
 
 
 class Coupling(Protocol):
@@ -100,8 +117,11 @@ class Coupling(Protocol):
     def check_definite(self, active: Rows, scale: Values) -> None:
         """Raise `NotPositiveDefinite` if the matrix of that system is not positive definite."""
 
-    def fields(self, force: Values, contact_radius: Values) -> Fields:
-        """The neighbours' fields at every candidate."""
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
+        """The neighbours' fields at every candidate.
+
+        ``saddle`` (2, n) is what the contacts lie in, which makes them elliptic; None for circles.
+        """
 
     def at_positions(self, x: Values, y: Values) -> "Coupling":
         """The same coupling between candidates at other places."""
@@ -134,9 +154,9 @@ class NoCoupling:
     def check_definite(self, active: Rows, scale: Values) -> None:
         """The identity is."""
 
-    def fields(self, force: Values, contact_radius: Values) -> Fields:  # noqa: ARG002
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:  # noqa: ARG002
         """None."""
-        return Fields(*(np.zeros_like(force) for _ in range(4)))
+        return Fields(*(np.zeros_like(force) for _ in FIELD_NAMES))
 
     def at_positions(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
         """Itself."""
@@ -183,12 +203,13 @@ class DenseCoupling:
         _cholesky_factor(_newton_matrix(self.matrix, active, scale))
 
     @stage("coupling sums")
-    def fields(self, force: Values, contact_radius: Values) -> Fields:
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
         """The neighbours' fields, summed pair by pair."""
         k = self._kernel
         loaded = np.flatnonzero(force * contact_radius)
+        long = elongation(contact_radius, saddle)
         return Fields(
-            *_pair_fields(self._x, self._y, loaded, force, contact_radius, k.thinness, k.value, k.slope)
+            *_pair_fields(self._x, self._y, loaded, force, contact_radius, long, k.thinness, k.value, k.slope)
         )
 
     def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
@@ -301,50 +322,94 @@ def displacement_excess(ratio):  # type: ignore[no-untyped-def]  # pragma: no co
     return 0.75 * np.pi * (1.0 - 0.5 / q2) / ratio - 1.0
 
 
+EXTENT_SLOPE = 0.3
+"""Theory: Hertz's pressure displaces at a distance by ``1/r + a^2/(10 r^3)``: ``0.3 (a/r)^2`` more slope."""
+
+EXTENT_CURVATURE = 0.45
+"""Theory: half the Laplacian of ``a^2/(10 r^3)`` is ``0.45 a^2/r^5``."""
+
+QUARTIC = 9 / 64
+"""Theory: the squared Laplacian of ``1/r`` in the plane is ``9/r^5``."""
+
+CUBIC = 3 / 8
+"""Theory: the Laplacian of ``1/r`` in the plane is ``1/r^3``, its gradient ``-3/r^4``."""
+
+SADDLE = 1.5
+"""Theory: the principal curvatures of ``1/r`` in the plane are ``2/r^3`` and ``-1/r^3``."""
+
+ELONGATION = 8 / 15
+"""Theory: a saddle ``t cos(2 phi) rho^2/2`` over a circle of radius ``a`` changes the pressure such that, to
+first order, the displacement at a distance is ``(8/15) a^5 t cos(2 phi)/(pi r^3)`` less, whatever the
+profile."""
+
+
+def elongation(contact_radius: Values, saddle: Values | None) -> Values:
+    """Strength (2, n) of the displacement by what makes contacts elliptic."""
+    if saddle is None:
+        return np.zeros((2, contact_radius.size))
+    return ELONGATION / np.pi * contact_radius**5 * saddle
+
+
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
-def _distant_fields(dx, dy, strength, size2):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+def _distant_fields(dx, dy, strength, size2, long_x, long_y):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
     """Fields of a half-space at one candidate; the excess of close contacts as if they were at `CLOSE_RATIO`.
 
     A plain loop without calls, so that it is vectorised; a contact at distance zero is the candidate itself.
     """
-    excess, slope_x, slope_y, curvature = 0.0, 0.0, 0.0, 0.0
+    excess, slope_x, slope_y, curvature, quartic = 0.0, 0.0, 0.0, 0.0, 0.0
+    saddle_x, saddle_y, cubic_x, cubic_y = 0.0, 0.0, 0.0, 0.0
     for j in range(dx.size):
         r2 = dx[j] * dx[j] + dy[j] * dy[j]
+        apart = 1.0 if r2 > 0.0 else 0.0
         inverse = 1.0 / np.sqrt(r2 if r2 > 0.0 else 1.0)
-        weight = (strength[j] if r2 > 0.0 else 0.0) * inverse
+        weight = strength[j] * apart * inverse
         inverse2 = inverse * inverse
         q2 = size2[j] * inverse2
         distant = q2 if q2 < CLOSE_RATIO * CLOSE_RATIO else CLOSE_RATIO * CLOSE_RATIO
-        excess += weight * _distant_excess(distant)
+        along, across = (dx[j] * dx[j] - dy[j] * dy[j]) * inverse2, 2.0 * dx[j] * dy[j] * inverse2
+        flattened = (long_x[j] * along + long_y[j] * across) * apart * inverse * inverse2
+        excess += weight * _distant_excess(distant) - flattened
         weight *= inverse2
-        slope_x -= weight * dx[j]
-        slope_y -= weight * dy[j]
-        curvature += 0.5 * weight
-    return excess, slope_x, slope_y, curvature
+        slope = weight * (1.0 + EXTENT_SLOPE * q2)
+        slope_x -= slope * dx[j]
+        slope_y -= slope * dy[j]
+        curvature += weight * (0.5 + EXTENT_CURVATURE * q2)
+        quartic += QUARTIC * weight * inverse2
+        saddle_x += SADDLE * weight * along
+        saddle_y += SADDLE * weight * across
+        cubic_x -= CUBIC * weight * inverse2 * dx[j]
+        cubic_y -= CUBIC * weight * inverse2 * dy[j]
+    return excess, slope_x, slope_y, curvature, quartic, saddle_x, saddle_y, cubic_x, cubic_y
 
 
 @njit(cache=True)
-def _pair_fields(x, y, loaded, force, contact_radius, thinness, value, slope):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
-    """Excess, slopes and half the Laplacian of the displacement at every candidate by the loaded ones."""
+def _pair_fields(x, y, loaded, force, contact_radius, long, thinness, value, slope):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The fields of `Fields` at every candidate by the loaded ones."""
     n = x.size
-    excess, slope_x, slope_y, curvature = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    fields = np.zeros((9, n))
     x_loaded, y_loaded, radius = x[loaded], y[loaded], contact_radius[loaded]
     strength, size2 = force[loaded] / np.pi, radius * radius
+    long_x, long_y = long[0][loaded], long[1][loaded]
     for i in range(n):
         dx, dy = x[i] - x_loaded, y[i] - y_loaded
-        excess[i], slope_x[i], slope_y[i], curvature[i] = _distant_fields(dx, dy, strength, size2)
+        sums = _distant_fields(dx, dy, strength, size2, long_x, long_y)
+        for k in range(9):
+            fields[k, i] = sums[k]
         for j in range(loaded.size):
             r2 = dx[j] * dx[j] + dy[j] * dy[j]
             if size2[j] >= CLOSE_RATIO * CLOSE_RATIO * r2 and r2 > 0.0:
                 r = np.sqrt(r2)
                 counted = _distant_excess(CLOSE_RATIO * CLOSE_RATIO)
-                excess[i] += strength[j] * (displacement_excess(radius[j] / r) - counted) / r
+                fields[0, i] += strength[j] * (displacement_excess(radius[j] / r) - counted) / r
             if thinness > 0.0:
                 r = np.sqrt(r2)
                 _, first, laplacian = layer_deficit(r, thinness, value, slope)
-                excess[i] -= strength[j] * 0.1 * size2[j] * laplacian
-                curvature[i] -= 0.5 * strength[j] * laplacian
+                fields[0, i] -= strength[j] * 0.1 * size2[j] * laplacian
+                fields[3, i] -= 0.5 * strength[j] * laplacian
                 if r > 0.0:
-                    slope_x[i] -= strength[j] * first * dx[j] / r
-                    slope_y[i] -= strength[j] * first * dy[j] / r
-    return excess, slope_x, slope_y, curvature
+                    fields[1, i] -= strength[j] * first * dx[j] / r
+                    fields[2, i] -= strength[j] * first * dy[j] / r
+                    saddle = strength[j] * (0.5 * laplacian - first / r) / r2
+                    fields[5, i] -= saddle * (dx[j] * dx[j] - dy[j] * dy[j])
+                    fields[6, i] -= saddle * 2.0 * dx[j] * dy[j]
+    return fields

@@ -6,6 +6,7 @@ pairs within it. The second is smooth: it is a Fourier series on a padded box, s
 out beyond the largest distance to suppress periodic images.
 """
 
+from dataclasses import replace
 from functools import cached_property
 
 import finufft
@@ -177,8 +178,11 @@ class FastCoupling:
         return FastCoupling(x, y, self._kernel, self._accuracy)
 
     @stage("coupling sums")
-    def fields(self, force: Values, contact_radius: Values) -> Fields:
-        """The neighbours' fields: pairs within the cutoff plus the Fourier series."""
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
+        """The neighbours' fields: pairs within the cutoff plus the Fourier series.
+
+        Saddle, cubic and quartic terms and those of the neighbours' extent come from those pairs alone.
+        """
         count_terms(2 * force.size)
         to_modes, back = self._plans
         k = 2 * np.pi / (self._modes * self._cell) * np.arange(-self._modes // 2, self._modes // 2)
@@ -188,8 +192,9 @@ class FastCoupling:
         modes = self._multiplier * to_modes.execute(0.5 * force + 1j * widening)
         bend = back.execute(modes * -(k[:, None] ** 2 + k[None, :] ** 2))
         own = -8 / 3 * self._sharpness**3 / np.pi**1.5  # Laplacian of the smooth part at its centre
-        near = self._near.fields(force, contact_radius)
-        return Fields(
+        near = self._near.fields(force, contact_radius, saddle)
+        return replace(
+            near,
             excess=near.excess + bend.imag - own * widening,
             slope_x=near.slope_x + slope.real,
             slope_y=near.slope_y + slope.imag,

@@ -1,9 +1,14 @@
 """Full coupling: the neighbours' displacement field over the width of a contact.
 
-Coupling ``hertz`` replaces the neighbours' point forces by Hertz's pressure. Coupling ``full`` also takes the
-slope and the curvature of the displacement into account: the slope ``G`` shifts the contact sideways by ``s =
--R G``, to where the deformed surface and the cap are closest, and the curvature ``T`` (half the Laplacian)
-changes the effective radius to ``1/(1/R + T)``. Displacements are then taken between the shifted contacts.
+Coupling ``hertz`` replaces the neighbours' point forces by Hertz's pressure. Coupling ``full`` takes the
+displacement about each summit as far as the fifth power of ``a/r``:
+
+- its slope ``G`` shifts the contact sideways, by ``-R G`` for a paraboloid, to where the deformed surface and
+  the cap are closest; displacements are then taken between the shifted contacts;
+- its average over all directions, ``T rho^2/2 + c rho^4``, adds to the profile of the cap;
+- its saddle makes the contact elliptic: to second order that bears more force on a larger area, and the
+  ellipse displaces the others less along its short axis.
+
 Below ``r/a`` of about 3 ``hertz`` alone is less accurate than point forces, because it removes only one of
 several errors that partly cancel.
 """
@@ -13,7 +18,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.asperity_laws import Caps
+from contactimg.mechanics import sphere
+from contactimg.models.asperity_laws import Caps, SphereLaw
+from contactimg.models.coupling import FIELD_NAMES, Fields
 from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
 
 Values = NDArray[np.float64]
@@ -24,12 +31,124 @@ MAX_PREVIOUS_CORRECTIONS = 4
 MIN_CURVATURE_FACTOR = 0.1
 """Least ``1 + R T``. Chosen by hand, to keep the radius positive on the way to a solution."""
 
+MAX_SADDLE_RATIO = 0.5
+"""Largest ratio of saddle and mean curvature on the way to a solution. Chosen by hand: a series in it."""
+
+MAX_RATIO = 0.99
+"""Largest ``a/R`` of a sphere in these corrections, which diverge at its equator. Chosen by hand."""
+
+CUBIC_TILT = 0.8
+"""Theory: ``rho^3 cos(phi)`` over a circle of radius ``a`` shifts the force like a slope of ``0.8 a^2``."""
+
+SPHERE_WIDENING = 8 / 105
+"""Theory: the second moment of a sphere's pressure is ``(2/5) a^2 (1 + (8/105) (a/R)^2)``, to that order."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeCurvature:
+    """The curvature of caps as the edge of the contact meets it; of a paraboloid simply ``1/R``.
+
+    Parameters
+    ----------
+    value : ndarray
+        ``k = delta'(a)/(2 a)``.
+    growth : ndarray
+        ``(dk/da)/a``; zero for a paraboloid.
+    mean : ndarray
+        ``3 p/(4 E* a^3)``.
+    """
+
+    value: Values
+    growth: Values
+    mean: Values
+
+    @classmethod
+    def of(cls, radius: Values, contact_radius: Values, aspect: float) -> "EdgeCurvature":
+        """Of paraboloids (``aspect`` 0) or spheres."""
+        if not aspect:
+            return cls(1 / radius, np.zeros_like(radius), 1 / radius)
+        ratio = np.minimum(aspect * contact_radius / radius, MAX_RATIO)
+        value, growth, mean = sphere.scaled_curvatures(ratio)
+        return cls(value / radius, growth * aspect**2 / radius**3, mean / radius)
+
+    def bent(self, fields: Fields, contact_radius: Values) -> "EdgeCurvature":
+        """With the neighbours' displacement averaged over all directions."""
+        least = MIN_CURVATURE_FACTOR * self.value
+        quartic = np.maximum(fields.quartic, 0.0)
+        return EdgeCurvature(
+            np.maximum(self.value + fields.curvature, least) + 16 / 3 * quartic * contact_radius**2,
+            self.growth + 32 / 3 * quartic,
+            np.maximum(self.mean + fields.curvature, least) + 16 / 5 * quartic * contact_radius**2,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class CapCorrection:
+    """What the neighbours' fields change about the caps.
+
+    Parameters
+    ----------
+    shift_x, shift_y : ndarray, shape (n,)
+        Sideways shifts of the forces.
+    rise : ndarray, shape (n,)
+        Rise of the gaps where displacements are taken at the summits.
+    shifted_rise : ndarray, shape (n,)
+        The same where they are taken at the shifted places.
+    bends : ndarray, shape (n, 2)
+        `Caps.bends`.
+    """
+
+    shift_x: Values
+    shift_y: Values
+    rise: Values
+    shifted_rise: Values
+    bends: Values
+
+    @classmethod
+    def of(cls, fields: Fields, radius: Values, contact_radius: Values, aspect: float) -> "CapCorrection":
+        """The correction by given fields; ``aspect`` is 0 for paraboloids, `SphereLaw.aspect` for spheres.
+
+        A slope ``G`` or a saddle ``t`` moves the edge and adds to the force at a given indentation: to second
+        order ``a G^2/k`` and ``4/9 a^3 t^2/k``, by the reciprocal theorem. The area follows from the
+        stiffness, which is that of a flat punch. A circle of lower gap and smaller curvature has both.
+        """
+        round_edge, squared = EdgeCurvature.of(radius, contact_radius, aspect), contact_radius**2
+        sloping = (fields.slope_x**2 + fields.slope_y**2) / round_edge.value
+        steeper = round_edge.growth / round_edge.value
+        edge = round_edge.bent(fields, contact_radius)
+        n = edge.growth * squared / edge.value
+        saddle = (bounded_saddle(fields, radius) ** 2).sum(0) / edge.value
+        rise = fields.excess - (0.5 + 0.25 * steeper * squared) * sloping - (1 + n) / 9 * squared * saddle
+        curvature = fields.curvature + 0.75 * sloping * steeper - (1 - n) / 3 * saddle
+        curvature = np.maximum(curvature, (MIN_CURVATURE_FACTOR - 1) / radius)
+        tilt_x = fields.slope_x + CUBIC_TILT * squared * fields.cubic_x
+        tilt_y = fields.slope_y + CUBIC_TILT * squared * fields.cubic_y
+        return cls(
+            -tilt_x / round_edge.mean,
+            -tilt_y / round_edge.mean,
+            rise,
+            rise + (fields.slope_x * tilt_x + fields.slope_y * tilt_y) / round_edge.mean,
+            np.column_stack([curvature, np.maximum(fields.quartic, 0.0)]),
+        )
+
+
+def bounded_saddle(fields: Fields, radius: Values) -> Values:
+    """The saddle (2, n), at most `MAX_SADDLE_RATIO` of the mean curvature."""
+    saddle = np.stack([fields.saddle_x, fields.saddle_y])
+    largest = MAX_SADDLE_RATIO * np.maximum(1 + radius * fields.curvature, MIN_CURVATURE_FACTOR) / radius
+    return saddle / np.maximum(1.0, np.hypot(*saddle) / largest)
+
+
+def pressure_radius(contact_radius: Values, radius: Values, aspect: float) -> Values:
+    """Radius of a Hertz contact whose pressure has the same second moment over its force."""
+    return contact_radius * np.sqrt(1 + SPHERE_WIDENING * (aspect * contact_radius / radius) ** 2)
+
 
 @dataclass(frozen=True, eq=False)
 class FieldCorrection:
     """Adds the field corrections at an iterate to a system of point forces.
 
-    The corrections (excess displacement, slopes, curvature) depend on the forces and the forces on the
+    The corrections depend on the forces and the forces on the
     corrections. The fixed point is approached with one Newton step between two updates, and the updates are
     extrapolated by Anderson mixing.
 
@@ -40,7 +159,7 @@ class FieldCorrection:
     x, y : ndarray
         The summits.
     full : bool
-        Include shift and curvature, not only Hertz's pressure.
+        Include all terms, not only Hertz's pressure.
     """
 
     base: ContactSystem
@@ -50,24 +169,37 @@ class FieldCorrection:
     _history: list[tuple[Values, Values]] = field(default_factory=list)
     _tried: list[Values] = field(default_factory=list)
 
+    @property
+    def aspect(self) -> float:
+        """Of the spheres; 0 for paraboloids."""
+        return self.base.law.aspect if isinstance(self.base.law, SphereLaw) else 0.0
+
     def apply(self, system: ContactSystem, at: Iterate) -> tuple[ContactSystem, Iterate]:
         """The system corrected with the fields at an iterate, and that iterate evaluated in it."""
-        fields = system.coupling.fields(at.force, at.contact_radius)
         if not self.full:
+            fields = system.coupling.fields(at.force, at.contact_radius)
             refined = replace(self.base, gap=self.base.gap + self._extrapolated(fields.excess))
             return refined, evaluate_iterate(refined, at.force, at.indentation, at.displacement)
-        computed = np.stack([fields.excess, fields.slope_x, fields.slope_y, fields.curvature])
-        excess, slope_x, slope_y, curvature = self._extrapolated(computed.ravel()).reshape(computed.shape)
         radius = self.base.caps.radius
-        shift_x, shift_y = -radius * slope_x, -radius * slope_y
+        terms = CapCorrection.of(self._fields(system, at), radius, at.contact_radius, self.aspect)
         refined = replace(
             self.base,
-            gap=self.base.gap + excess + (shift_x**2 + shift_y**2) / (2 * radius),
-            caps=Caps(radius / np.maximum(1 + radius * curvature, MIN_CURVATURE_FACTOR)),
-            coupling=system.coupling.at_positions(self.x + shift_x, self.y + shift_y),
+            gap=self.base.gap + terms.shifted_rise,
+            caps=Caps(radius, bends=terms.bends),
+            coupling=system.coupling.at_positions(self.x + terms.shift_x, self.y + terms.shift_y),
         )
         displacement = refined.coupling.displacement(at.force)
         return refined, evaluate_iterate(refined, at.force, at.indentation, displacement)
+
+    def _fields(self, system: ContactSystem, at: Iterate) -> Fields:
+        """The fields to try next; the ellipses that act on the neighbours are those tried last."""
+        radius, saddle = self.base.caps.radius, None
+        if self._tried:
+            saddle = bounded_saddle(Fields(*self._tried[-1].reshape(len(FIELD_NAMES), -1)), radius)
+        wide = pressure_radius(at.contact_radius, radius, self.aspect)
+        fields = system.coupling.fields(at.force, wide, saddle)
+        computed = np.stack([getattr(fields, name) for name in FIELD_NAMES])
+        return Fields(*self._extrapolated(computed.ravel()).reshape(computed.shape))
 
     def _extrapolated(self, computed: Values) -> Values:
         """The next corrections to try; ``computed`` are those that follow from the last ones tried."""

@@ -11,7 +11,16 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from contactimg.models.coupling import Fields, displacement_excess
+from contactimg.models.coupling import (
+    CUBIC,
+    EXTENT_CURVATURE,
+    EXTENT_SLOPE,
+    QUARTIC,
+    SADDLE,
+    Fields,
+    displacement_excess,
+    elongation,
+)
 
 Values = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -52,13 +61,14 @@ class NearFieldSum:
         result[self._order] = near[:, 0] + 1j * near[:, 1]
         return result
 
-    def fields(self, force: Values, contact_radius: Values) -> Fields:
-        """Contribution of the near pairs to excess, slopes and curvature."""
+    def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
+        """Contribution of the near pairs to the fields."""
         sums = _near_fields(
             self._x,
             self._y,
             force[self._order],
             contact_radius[self._order],
+            elongation(contact_radius, saddle)[:, self._order],
             self._bounds,
             self._cells,
             self._cutoff**2,
@@ -120,10 +130,13 @@ def _near_sum(x, y, q, bounds, cells, cutoff2, table):  # type: ignore[no-untype
 
 
 @njit(cache=True, error_model="numpy")
-def _near_fields(x, y, force, contact_radius, bounds, cells, cutoff2, sharpness):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
-    """Excess, slopes and half the Laplacian at every candidate by the loaded ones within the cutoff."""
+def _near_fields(x, y, force, contact_radius, long, bounds, cells, cutoff2, sharpness):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The fields at every candidate by the loaded ones within the cutoff.
+
+    In full where the Fourier series has no part: the higher terms.
+    """
     n = x.size
-    result = np.zeros((4, n))
+    result = np.zeros((9, n))
     for cell in range(cells * cells):
         row, column = cell // cells, cell % cells
         for i in range(bounds[cell], bounds[cell + 1]):
@@ -144,7 +157,17 @@ def _near_fields(x, y, force, contact_radius, bounds, cells, cutoff2, sharpness)
                     smooth = 1.0 / (r2 * r) - laplacian
                     own = displacement_excess(contact_radius[j] / r) / r if contact_radius[j] > 0 else 0.0
                     result[0, i] += strength * (own - 0.1 * contact_radius[j] ** 2 * smooth)
+                    fifth = strength / (r2 * r2 * r)
+                    extent = contact_radius[j] ** 2 * fifth
+                    slope -= EXTENT_SLOPE * extent
                     result[1, i] += slope * dx
                     result[2, i] += slope * dy
-                    result[3, i] += 0.5 * strength * laplacian
+                    result[3, i] += 0.5 * strength * laplacian + EXTENT_CURVATURE * extent
+                    result[4, i] += QUARTIC * fifth
+                    along, across = dx * dx - dy * dy, 2.0 * dx * dy
+                    result[0, i] -= (long[0, j] * along + long[1, j] * across) / (r2 * r2 * r)
+                    result[5, i] += SADDLE * fifth * along
+                    result[6, i] += SADDLE * fifth * across
+                    result[7, i] -= CUBIC * fifth * dx
+                    result[8, i] -= CUBIC * fifth * dy
     return result

@@ -106,6 +106,8 @@ class ScaledProblem:
         spheres with the same force at a penetration.
     bases : ndarray, shape (n, 2), or None
         Their bases.
+    bends : ndarray, shape (n, 2), or None
+        What the neighbours add to the profiles (`Caps.bends`), where they adhere under full coupling.
     """
 
     x: Values
@@ -123,11 +125,12 @@ class ScaledProblem:
     stiffness: float = 0.0
     shapes: CapShapes | None = None
     bases: Values | None = None
+    bends: Values | None = None
 
     @property
     def caps(self) -> Caps:
         """What the law of an asperity needs to know of each."""
-        return Caps(self.radius, self.bases)
+        return Caps(self.radius, self.bases, self.bends)
 
     @property
     def base_gap(self) -> Values:
@@ -143,7 +146,9 @@ class ScaledProblem:
     def caps_in_metres(self, caps: Caps) -> Caps:
         """The caps of a law in SI units."""
         bases = None if caps.bases is None else caps.bases * [1 / self.length, self.length]
-        return Caps(caps.radius * self.radius_unit, bases)
+        length, depth = self.length, self.depth
+        bends = None if caps.bends is None else caps.bends * [depth / length**2, depth / length**4]
+        return Caps(caps.radius * self.radius_unit, bases, bends)
 
     @property
     def touches(self) -> bool:
@@ -174,6 +179,7 @@ class ScaledProblem:
             radius=self.radius[rows],
             order=self.order[rows],
             bases=None if self.bases is None else self.bases[rows],
+            bends=None if self.bends is None else self.bends[rows],
         )
 
     def duplicates(self) -> tuple[int, int] | None:

@@ -15,6 +15,7 @@ from contactimg import (
     sphere,
 )
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
+from contactimg.models.asperity_laws import Caps
 
 ONE = pd.DataFrame({"x_m": [0.0], "y_m": [0.0], "height_m": [4e-5], "radius_m": [1e-4]})
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}
@@ -140,18 +141,19 @@ def test_adhesive_sphere():
 
 @pytest.mark.parametrize("aspect", [0.0, 0.01, 0.5])
 @pytest.mark.parametrize("w", [1e-4, 1.0])
-def test_adhesive_law_is_consistent(w, aspect):
-    law, radius = AdhesiveLaw(w, aspect), np.array([0.5, 1.0, 2.0])
-    touch, fold = law.touch_radius(radius), law.fold(radius)
-    np.testing.assert_allclose(law.penetration(touch, radius), 0, atol=1e-13)
-    np.testing.assert_allclose(law.slopes(fold, radius)[1], 0, atol=1e-10)
+@pytest.mark.parametrize("bends", [None, np.array([[0.1, 0.05], [-0.2, 0.0], [0.3, 0.2]])])
+def test_adhesive_law_is_consistent(bends, w, aspect):
+    law, caps = AdhesiveLaw(w, aspect), Caps(np.array([0.5, 1.0, 2.0]), bends=bends)
+    touch, fold = law.touch_radius(caps), law.fold(caps)
+    np.testing.assert_allclose(law.penetration(touch, caps), 0, atol=1e-13)
+    np.testing.assert_allclose(law.slopes(fold, caps)[1], 0, atol=1e-10)
     np.testing.assert_array_less(fold, touch)
     depth = np.array([0.1, 0.4, 0.2])
-    a = law.contact_radius(depth, radius)
-    np.testing.assert_allclose(law.penetration(a, radius), depth, rtol=1e-12)
+    a = law.contact_radius(depth, caps)
+    np.testing.assert_allclose(law.penetration(a, caps), depth, rtol=1e-12)
     step = 1e-5 * a
-    for function, slope in zip((law.force, law.penetration), law.slopes(a, radius), strict=True):
-        rise = (function(a + step, radius) - function(a - step, radius)) / (2 * step)
+    for function, slope in zip((law.force, law.penetration), law.slopes(a, caps), strict=True):
+        rise = (function(a + step, caps) - function(a - step, caps)) / (2 * step)
         # central differences: third derivatives times step^2/6, and rounding over the step
         np.testing.assert_allclose(rise, slope, rtol=1e-6)
 
