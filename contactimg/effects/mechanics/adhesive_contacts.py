@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from contactimg.effects.mechanics.approximate_state import Response
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
+from contactimg.models.asperity_laws import Caps
 
 Values = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ INDENTATION_ACCURACY = 1e-6
 
 
 def adhesive_response(
-    gap: Values, radius: Values, *, law: AdhesiveLaw, load: float, indentation: float
+    gap: Values, caps: Caps, *, law: AdhesiveLaw, load: float, indentation: float
 ) -> Response:
     """Forces, radii and penetrations of independent adhesive contacts at a load.
 
@@ -32,7 +33,7 @@ def adhesive_response(
     ----------
     gap : ndarray, shape (n,)
         Gaps of the asperities with the fixed displacement, dimensionless.
-    radius : ndarray, shape (n,)
+    caps : Caps
     law : AdhesiveLaw
     load : float
         Not negative.
@@ -42,25 +43,25 @@ def adhesive_response(
     depth = max(indentation, float(gap.min()))
     touching = np.flatnonzero(gap <= depth)
     for _ in range(MAX_ROUNDS):
-        depth, a = _balance_load(gap[touching], radius[touching], law, load, depth)
+        depth, a = _balance_load(gap[touching], caps[touching], law, load, depth)
         reached = np.flatnonzero(gap < depth)
         if reached.size <= touching.size:
             break
         touching = reached
     contact_radius, force = np.zeros_like(gap), np.zeros_like(gap)
-    contact_radius[touching], force[touching] = a, law.force(a, radius[touching])
+    contact_radius[touching], force[touching] = a, law.force(a, caps[touching])
     return Response(force, contact_radius, depth - gap, depth)
 
 
 def _balance_load(
-    gap: Values, radius: Values, law: AdhesiveLaw, load: float, lowest: float
+    gap: Values, caps: Caps, law: AdhesiveLaw, load: float, lowest: float
 ) -> tuple[float, Values]:
     """Indentation, at least ``lowest``, at which contacts carry the load, and the contact radii."""
-    depth, size = lowest, float(np.cbrt(law.adhesion**2 * radius.max()))
+    depth, size = lowest, float(np.cbrt(law.adhesion**2 * caps.radius.max()))
     for _ in range(MAX_NEWTON_STEPS):
-        a = law.contact_radius(depth - gap, radius)
-        stiffness, softness = law.slopes(a, radius)
-        rise = (load - float(law.force(a, radius).sum())) / float(np.sum(stiffness / softness))
+        a = law.contact_radius(depth - gap, caps)
+        stiffness, softness = law.slopes(a, caps)
+        rise = (load - float(law.force(a, caps).sum())) / float(np.sum(stiffness / softness))
         if abs(rise) <= INDENTATION_ACCURACY * size or (rise < 0 and depth == lowest):
             break
         depth = max(depth + rise, lowest)

@@ -145,11 +145,12 @@ class CandidateSample:
         return 1 - np.divide(squares, self.stride * total**2, out=np.ones_like(total), where=total > 0)
 
     def system(
-        self, law: AsperityLaw, coupling: Coupling, *, gap: Values | None = None, radius: Values | None = None
+        self, law: AsperityLaw, coupling: Coupling, *, gap: Values | None = None, caps: Caps | None = None
     ) -> ContactSystem:
-        """The equations of the sample; ``gap`` and ``radius`` replace its own."""
+        """The equations of the sample; ``gap`` and ``caps`` replace its own."""
         p = self.problem
-        p = replace(p, gap=p.gap if gap is None else gap, radius=p.radius if radius is None else radius)
+        caps = p.caps if caps is None else caps
+        p = replace(p, gap=p.gap if gap is None else gap, radius=caps.radius, bends=caps.bends)
         cells = self._sampled_cells
         if cells is None:
             return ContactSystem(p.gap, p.caps, law, coupling, p.load)
@@ -216,12 +217,12 @@ class CoupledState:
         law: AsperityLaw | None = None,
         coupling: Coupling | None = None,
         gap: Values | None = None,
-        radius: Values | None = None,
+        caps: Caps | None = None,
     ) -> Response:
-        """Response to another law, coupling, gaps or radii of curvature, to first order."""
+        """Response to another law, coupling, gaps or caps, to first order."""
         law = self.law if law is None else law
         operator = self.system.coupling if coupling is None else coupling
-        system = self.sample.system(law, operator, gap=gap, radius=radius)
+        system = self.sample.system(law, operator, gap=gap, caps=caps)
         # the indentation absorbs a displacement that is the same for all contacts
         force, displacement = self.iterate.force, operator.displacement(self.iterate.force)
         depth = solve_uncoupled(
@@ -234,7 +235,7 @@ class CoupledState:
             start if following is None else following,
             law,
             p.gap if gap is None else gap,
-            p.caps if radius is None else Caps(radius),
+            p.caps if caps is None else caps,
         )
 
     def _response(self, iterate: Iterate, law: AsperityLaw, gap: Values, caps: Caps) -> Response:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from contactimg.effects.mechanics.adhesive_contacts import adhesive_response
 from contactimg.effects.mechanics.approximate_state import CandidateSample, CoupledState, Response
-from contactimg.effects.mechanics.neighbour_field import field_terms
+from contactimg.effects.mechanics.neighbour_field import FieldTerms, field_terms
 from contactimg.effects.output_change import Answer, Asperities, output_changes
 from contactimg.errors import ModelRangeError
 from contactimg.mechanics.profiles import ProfileUnderLens
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.asperity_laws import AsperityLaw, HertzLaw, left_out_for
+from contactimg.models.asperity_laws import AsperityLaw, Caps, HertzLaw, left_out_for
 from contactimg.models.coupling import Kernel
 from contactimg.models.profile_law import PROFILED, ProfileLaw, pressed_profile
 from contactimg.models.scaled_problem import ScaledProblem
@@ -121,23 +121,21 @@ class LoadedScene:
         """Whether the contacts adhere and this is not switched off."""
         return not self.own_law and self.adhesion > 0 and self.scene.effects.adhesion != "off"
 
-    def adhered(
-        self, response: Response, radius: Values, *, stride: int = 1, aspect: float = 0.0
-    ) -> Response:
+    def adhered(self, response: Response, caps: Caps, *, stride: int = 1, aspect: float = 0.0) -> Response:
         """The contacts of a response with the JKR law; it holds one in ``stride`` of all asperities."""
         adhered = adhesive_response(
             -response.penetration,
-            radius,
+            caps,
             law=AdhesiveLaw(self.adhesion, aspect),
             load=float(self.problem.load or 0.0) / stride,
             indentation=0.0,
         )
         return replace(adhered, indentation=response.indentation + adhered.indentation)
 
-    def answer(self, response: Response, *, radius: Values | None = None) -> Response:
+    def answer(self, response: Response, *, caps: Caps | None = None) -> Response:
         """A response of the sample, with adhesion if the contacts adhere."""
-        radius = self.sample.problem.radius if radius is None else radius
-        return self.adhered(response, radius, stride=self.sample.stride) if self.adheres else response
+        caps = self.sample.problem.caps if caps is None else caps
+        return self.adhered(response, caps, stride=self.sample.stride) if self.adheres else response
 
     @cached_property
     def with_adhesion(self) -> Response:
@@ -174,7 +172,7 @@ class LoadedScene:
         """Response of all candidates."""
         p = self.sample.candidates
         response = self.state.all_candidates() if self.coupled else self.sample.uncoupled_candidates(self.law)
-        return self.adhered(response, p.radius) if self.adheres else response
+        return self.adhered(response, p.caps) if self.adheres else response
 
     @cached_property
     def touching(self) -> Rows:
@@ -270,14 +268,15 @@ class LoadedScene:
             )
 
     @cached_property
-    def fully_coupled(self) -> tuple[Response, Values, float]:
-        """Response with full coupling, its radii of curvature and their largest relative change."""
-        if self.own_law:  # not defined: point forces
-            return self.state.response, self.sample.problem.radius, 0.0
-        p, response, stride = self.sample.candidates, self.state.all_candidates(), self.sample.stride
+    def field_terms(self) -> FieldTerms:
+        """What full coupling adds to the candidates; nothing where it is not defined."""
+        p, response = self.sample.candidates, self.state.all_candidates()
+        zero = np.zeros_like(p.gap)
+        terms = FieldTerms(zero, np.zeros((p.gap.size, 2)), zero.copy())
+        if self.own_law:
+            return terms
         rows = np.flatnonzero(response.force)
-        lowering, bending = np.zeros_like(p.gap), np.ones_like(p.gap)
-        lowering[rows], bending[rows] = field_terms(
+        found = field_terms(
             p.x[rows],
             p.y[rows],
             p.radius[rows],
@@ -285,8 +284,14 @@ class LoadedScene:
             contact_radius=response.contact_radius[rows],
             kernel=self.kernel(layer=self.scene.effects.layer != "off"),
         )
-        gap, radius = (
-            self.sample.problem.gap + lowering[::stride],
-            self.sample.problem.radius / bending[::stride],
-        )
-        return self.state.changed(gap=gap, radius=radius), radius, float(np.abs(bending - 1).max())
+        terms.rise[rows], terms.bends[rows], terms.squared[rows] = found.rise, found.bends, found.squared
+        return terms
+
+    @cached_property
+    def fully_coupled(self) -> tuple[Response, Caps]:
+        """Response with full coupling, and the caps with what it adds to their profiles."""
+        p, stride = self.sample.problem, self.sample.stride
+        if self.own_law:
+            return self.state.response, p.caps
+        caps = replace(p.caps, bends=self.field_terms.bends[::stride])
+        return self.state.changed(gap=p.gap + self.field_terms.rise[::stride], caps=caps), caps

@@ -193,8 +193,8 @@ def _coupling(loaded: LoadedScene) -> Answered:
         nothing = np.zeros_like(loaded.sample.problem.gap)
         pair = (loaded.answer(loaded.uncoupled), Response(nothing, nothing, nothing, 0.0))
         return pair, "contacts lie inside each other: with coupling there is no single solution"
-    response, radius, _ = loaded.fully_coupled
-    pair = (loaded.answer(loaded.uncoupled), loaded.answer(response, radius=radius))
+    response, caps = loaded.fully_coupled
+    pair = (loaded.answer(loaded.uncoupled), loaded.answer(response, caps=caps))
     lowered, state = loaded.sample.at_sample(loaded.state.iterate.displacement), loaded.state.response
     total = float(state.force.sum())
     mean = float(state.force @ lowered) / total
@@ -207,10 +207,10 @@ def _full_coupling(loaded: LoadedScene) -> Answered:
     """Coupling by point forces and full coupling."""
     if not loaded.coupled:
         return None, "coupling is switched off"
-    response, radius, bent = loaded.fully_coupled
+    response, caps = loaded.fully_coupled
     return (
-        (loaded.with_adhesion, loaded.answer(response, radius=radius)),
-        f"the neighbours change the radii of curvature by up to {bent:.2g}",
+        (loaded.with_adhesion, loaded.answer(response, caps=caps)),
+        f"the neighbours change the radii of curvature by up to {np.abs(caps.bending).max():.2g}",
     )
 
 
@@ -218,13 +218,13 @@ def _adhesion(loaded: LoadedScene) -> Answered:
     """Hertz and JKR contacts."""
     if not loaded.adhesion > 0:
         return None, "no work of adhesion is stated"
-    base, radius = loaded.base, loaded.sample.problem.radius
+    base, caps = loaded.base, loaded.sample.problem.caps
     touching = base.force > 0
     p = float(base.force[touching].mean())
-    pull = 3 * np.pi * loaded.adhesion * float(radius[touching].mean())
+    pull = 3 * np.pi * loaded.adhesion * float(caps.radius[touching].mean())
     gain = (pull + np.sqrt(2 * pull * p + pull**2)) / p
     adhered = (
-        loaded.with_adhesion if loaded.adheres else loaded.adhered(base, radius, stride=loaded.sample.stride)
+        loaded.with_adhesion if loaded.adheres else loaded.adhered(base, caps, stride=loaded.sample.stride)
     )
     return (base, adhered), f"it adds {gain:.0%} to a^3 of a contact of {p * loaded.problem.force_unit:.2g} N"
 
@@ -248,11 +248,11 @@ def _layer(loaded: LoadedScene) -> Answered:
 
 def _sphere_profile(loaded: LoadedScene) -> Answered:
     """Parabolic and spherical caps."""
-    base, radius = loaded.with_adhesion, loaded.sample.problem.radius
-    strain = loaded.aspect * float((base.contact_radius / radius).max())
+    base, caps = loaded.with_adhesion, loaded.sample.problem.caps
+    strain = loaded.aspect * float((base.contact_radius / caps.radius).max())
     law = SphereLaw(loaded.aspect)
     if loaded.adheres:
-        exact = loaded.adhered(loaded.base, radius, stride=loaded.sample.stride, aspect=loaded.aspect)
+        exact = loaded.adhered(loaded.base, caps, stride=loaded.sample.stride, aspect=loaded.aspect)
     else:
         exact = loaded.state.changed(law=law) if loaded.coupled else loaded.sample.uncoupled(law)
     return (base, exact), f"a/R up to {strain:.2f}"
