@@ -76,9 +76,8 @@ def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
 
 
 def _described(row: pd.Series) -> str:
-    """A setting with its error and time, and a note if the error is that of the stored pattern."""
-    where = " on the stored pattern" if "stored" in str(row.get("reference", "")) else ""
-    return f"{row['setting']} ({error_text(row['error'])}{where}, {time_text(row['time_s'])})"
+    """A setting with its error and time."""
+    return f"{row['setting']} ({error_text(row['error'])}, {time_text(row['time_s'])})"
 
 
 def error_text(error: float) -> str:
