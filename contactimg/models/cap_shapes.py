@@ -9,6 +9,7 @@ A cap of unequal modulus stands on a body that is not of its own material. Hertz
 indentation changes by ``p (1 - 1/m)/(2 b E*)``: rigid punches of radius b on either of the two.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -48,7 +49,7 @@ class CapShapes:
     base_radius: Values
 
     @classmethod
-    def of(cls, apexes: pd.DataFrame) -> "CapShapes | None":
+    def of(cls, apexes: pd.DataFrame | Mapping[str, Values]) -> "CapShapes | None":
         """The shapes of composite summits (`contactimg.surfaces.composite_apexes`).
 
         None for spheres of one modulus.
@@ -56,11 +57,12 @@ class CapShapes:
         if RATIO_COLUMN not in apexes and MODULUS_COLUMN not in apexes:
             return None
         usual = {RATIO_COLUMN: 1.0, "azimuth_rad": 0.0, MODULUS_COLUMN: 1.0, CAP_BASE_COLUMN: np.inf}
+        radius = np.asarray(apexes["radius_m"], dtype=np.float64)
         found = (
-            apexes[name].to_numpy(float) if name in apexes else np.full(len(apexes), value)
+            np.asarray(apexes[name], dtype=np.float64) if name in apexes else np.full(radius.size, value)
             for name, value in usual.items()
         )
-        shapes = cls(apexes["radius_m"].to_numpy(float), *found)
+        shapes = cls(radius, *found)
         return shapes if shapes.elliptic or shapes.unequal else None
 
     @property

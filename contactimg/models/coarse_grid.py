@@ -92,12 +92,9 @@ class CoarseGrid:
         row, column = (
             self.size * k.astype(np.float64) for k in np.unravel_index(np.arange(self.count), self.shape)
         )
-        coupling = DenseCoupling(column, row, kernel)
         # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
         uniform = 4 * np.arcsinh(1.0) / self.size
-        deficit = float(kernel.deficit(np.zeros(1))[0])
-        np.fill_diagonal(coupling.matrix, (own * uniform - deficit) / np.pi)
-        return coupling
+        return DenseCoupling(column, row, kernel, own=own * uniform / np.pi)
 
     def system(
         self, problem: ScaledProblem, law: AsperityLaw, coupling: Coupling, *, weight: float = 1.0

@@ -20,6 +20,8 @@ from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupli
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.models.newton_iteration import (
+    EXACT,
+    START_ACCURACY,
     ContactSystem,
     Iterate,
     evaluate_iterate,
@@ -47,20 +49,37 @@ number of steps, not the converged solution; sensitivity not measured."""
 MAX_SELECTIONS = 100
 """Most selections of candidates for one problem. Chosen by hand: each enlarges the previous one."""
 
-SCREENING_RESIDUAL = 0.1
-"""Residual of the rough solution that screens the candidates. Chosen by hand; sensitivity not measured."""
 
-SCREENING_SUM_ACCURACY = 1e-4
-"""Relative accuracy of the sums in the rough solution. Chosen by hand; sensitivity not measured."""
+@dataclass(frozen=True)
+class Screening:
+    """A rough solution with point forces and the asperities that it leaves to the accurate one.
 
-SCREENING_GAP_FRACTION = 0.2
-"""Asperities with a gap below this fraction of the deepest penetration are kept after the screening.
+    Parameters
+    ----------
+    residual : float
+        Of the rough solution.
+    gap_fraction : float
+        Asperities with a gap below this fraction of the deepest penetration are kept. The accurate solution
+        counts an asperity as missed at half of this gap, so that the field corrections, 1e-2 of a penetration
+        or less, do not matter.
+    sum_accuracy : float
+        Relative accuracy of the sums, for which a term is added to that gap; 0 for a stored matrix.
+    """
 
-Chosen by hand: the accurate solution counts an asperity as missed at half of this gap, so that neither the
-field corrections, 1e-2 of a penetration or less, nor the errors of the sums, for which a term is added,
-matter.
-"""
+    residual: float
+    gap_fraction: float
+    sum_accuracy: float = 0.0
 
+
+STORED_SCREENING = Screening(residual=1e-2, gap_fraction=0.1)
+"""With a stored matrix. Chosen by time."""
+
+FAST_SCREENING = Screening(residual=0.1, gap_fraction=0.2, sum_accuracy=1e-4)
+"""With fast sums, which take most of the time. Chosen by hand; sensitivity not measured."""
+
+LEAST_GAIN = 1e-2
+"""Factor by which a Newton step between two updates of the field corrections lowers the residual at least.
+Chosen by time: the updates leave about as much."""
 
 MAX_OVERLAPPING = 0.5
 """Share of the contacts that may overlap a neighbour in the start of a screened solution. Chosen by time:
@@ -173,15 +192,14 @@ class ContactSolver:
         iterate = initial_iterate(system, force, indentation)
         if self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
             return candidates, *self._converge(candidates, system, iterate)
-        rough, iterate, steps = self._converge(candidates, system, iterate, rough=True)
-        return self._solve_near(candidates, rough, iterate, steps)
+        return self._solve_near(candidates, system, iterate, STORED_SCREENING)
 
     def _solve_screened(
         self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """Solve for the candidates near contact in a rough solution, then add those it missed."""
         _refuse_excessive_load(candidates)
-        sums = FastCoupling(candidates.x, candidates.y, self.kernel, SCREENING_SUM_ACCURACY)
+        sums = FastCoupling(candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy)
         rough = self._system(candidates, sums)
         if seeded:
             iterate = initial_iterate(rough, force, indentation)
@@ -189,24 +207,15 @@ class ContactSolver:
             force, indentation = coarse_grid_start(candidates, self.law, self.kernel, force, indentation)
             iterate = evaluate_iterate(rough, force, indentation, sums.displacement(force))
         _refuse_crowd(candidates, iterate)
-        rough, iterate, steps = self._converge(candidates, rough, iterate, rough=True)
-        return self._solve_near(candidates, rough, iterate, steps, sum_accuracy=SCREENING_SUM_ACCURACY)
+        return self._solve_near(candidates, rough, iterate, FAST_SCREENING)
 
     def _solve_near(
-        self,
-        candidates: ScaledProblem,
-        rough: ContactSystem,
-        iterate: Iterate,
-        steps: int,
-        *,
-        sum_accuracy: float = 0.0,
+        self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate, screening: Screening
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for the candidates near contact in a rough solution, then add those it missed.
-
-        ``sum_accuracy`` is that of the sums of the rough system.
-        """
+        """Solve roughly, solve for the candidates near contact in that solution, add those it missed."""
+        rough, iterate, steps = self._converge(candidates, rough, iterate, rough_to=screening.residual)
         force, penetration = iterate.force, iterate.penetration(rough)
-        margin = SCREENING_GAP_FRACTION * float(penetration.max()) + 4 * sum_accuracy * float(
+        margin = screening.gap_fraction * float(penetration.max()) + 4 * screening.sum_accuracy * float(
             iterate.displacement.max()
         )
         near = penetration > -margin
@@ -235,7 +244,8 @@ class ContactSolver:
         system = self._system(self.problem, NoCoupling())
         indentation = self.problem.indentation
         if system.load is not None:
-            indentation = solve_uncoupled(system, still, system.load)
+            accuracy = EXACT if self.coupling == "none" else START_ACCURACY
+            indentation = solve_uncoupled(system, still, system.load, accuracy=accuracy)
         return evaluate_iterate(system, system.response(indentation - system.gap)[0], indentation, still)
 
     def _system(self, candidates: ScaledProblem, operator: Coupling) -> ContactSystem:
@@ -269,14 +279,14 @@ class ContactSolver:
         iterate: Iterate,
         taken: int = 0,
         *,
-        rough: bool = False,
+        rough_to: float | None = None,
     ) -> tuple[ContactSystem, Iterate, int]:
         """Iterate to the tolerance, updating the field corrections between Newton steps where they apply.
 
-        A rough solution has point forces only and a residual of `SCREENING_RESIDUAL`.
+        A rough solution has point forces only and the residual ``rough_to``.
         """
-        refinement, tolerance = None, max(self.tolerance, SCREENING_RESIDUAL) if rough else self.tolerance
-        if self.coupling in FIELD_COUPLINGS and not rough:
+        refinement, tolerance = None, max(self.tolerance, rough_to or 0.0)
+        if self.coupling in FIELD_COUPLINGS and rough_to is None:
             refinement = FieldCorrection(system, problem.x, problem.y, full=self.coupling == "full")
         refined = False
         for steps in range(taken, self.max_iterations + 1):
@@ -287,7 +297,8 @@ class ContactSolver:
                 refined = True
             if iterate.residual <= tolerance and refined == (refinement is not None):
                 return system, iterate, steps
-            following = take_step(system, iterate, tolerance) if steps < self.max_iterations else None
+            wanted = max(tolerance, LEAST_GAIN * iterate.residual) if refined else tolerance
+            following = take_step(system, iterate, wanted) if steps < self.max_iterations else None
             if following is None:
                 break
             iterate = following

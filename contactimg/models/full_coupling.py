@@ -213,9 +213,10 @@ class FieldCorrection:
 
 def _anderson_mixing(history: list[tuple[Values, Values]]) -> Values:
     """The combination of the computed corrections whose error, computed minus tried, is least."""
+    computed = np.stack([after for _, after in history])
     if len(history) < 2:
-        return history[-1][1]
-    computed = np.column_stack([after for _, after in history])
-    errors = computed - np.column_stack([before for before, _ in history])
-    weights = np.linalg.lstsq(np.diff(errors), errors[:, -1], rcond=1e-8)[0]
-    return computed[:, -1] - np.diff(computed) @ weights
+        return computed[-1]
+    errors = computed - np.stack([before for before, _ in history])
+    changes = errors[1:] - errors[:-1]
+    weights = np.linalg.lstsq(changes @ changes.T, changes @ errors[-1], rcond=1e-16)[0]
+    return computed[-1] - weights @ (computed[1:] - computed[:-1])

@@ -80,8 +80,9 @@ def solve_interacting(
     coupling : {"none", "asymptotic", "hertz", "full"}
         Displacement of a contact by its neighbours. ``"none"``: zero, independent contacts.
         ``"asymptotic"``: that of a point force, ``p/(pi E* r)``. ``"full"``, the accurate level: that of
-        Hertz's pressure, with the shift of the contact by its slope and the change of the effective radius by
-        its curvature. ``"hertz"``: that of Hertz's pressure alone, the original form of the model.
+        Hertz's pressure over the width of a contact, to the sixth power of ``a/r``
+        (`contactimg.models.full_coupling`). ``"hertz"``: that of Hertz's pressure at the summit alone, the
+        original form of the model.
     law : {"hertz", "sphere"} or AxisymmetricProfile
         Profile of one asperity: a paraboloid, the exact sphere (Sneddon), or any other: a `PowerLawProfile`,
         a `TabulatedProfile`, or an object with their methods, with coupling ``"none"`` or ``"asymptotic"``.

@@ -13,7 +13,7 @@ from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.models.solution import InteractingSolution, Outcome
-from contactimg.surfaces import LENGTH_RANGE_M, MODULUS_COLUMN, composite_apexes
+from contactimg.surfaces import LENGTH_RANGE_M, MODULUS_COLUMN, composite_columns
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -95,8 +95,8 @@ class ScaledProblem:
     order : ndarray
         Rows of the asperities in the table.
     length, depth, force_unit : float
-    apexes : DataFrame
-        The composite apexes in the order of the table, m.
+    apexes : dict
+        Columns of the composite apexes in the order of the table, m.
     height : ndarray, m
         Heights above the plane they stand on, in the order of the table.
     stiffness : float
@@ -120,7 +120,7 @@ class ScaledProblem:
     length: float
     depth: float
     force_unit: float
-    apexes: pd.DataFrame
+    apexes: dict[str, Values]
     height: Values
     stiffness: float = 0.0
     shapes: CapShapes | None = None
@@ -135,7 +135,7 @@ class ScaledProblem:
     @property
     def base_gap(self) -> Values:
         """Depth of each apex below the highest of the table, m."""
-        height = self.apexes["height_m"].to_numpy()
+        height = self.apexes["height_m"]
         return height.max() - height[self.order]
 
     @property
@@ -220,9 +220,9 @@ class ScaledProblem:
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
             radius=radius,
-            x=self.apexes["x_m"].to_numpy(),
-            y=self.apexes["y_m"].to_numpy(),
-            composite_radius=self.apexes["radius_m"].to_numpy(),
+            x=self.apexes["x_m"],
+            y=self.apexes["y_m"],
+            composite_radius=self.apexes["radius_m"],
             height=self.height,
             penetration=self.scattered(penetration * self.depth, fill=-np.inf),
             load=float(np.sum(force)) * self.force_unit,
@@ -254,10 +254,10 @@ def scale_problem(
     """
     setting.check()
     _refuse_moduli(asperities)
-    apexes = composite_apexes(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
+    apexes = composite_columns(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
     shapes = CapShapes.of(apexes)
-    height = apexes["height_m"].to_numpy()
-    radius = apexes["radius_m"].to_numpy() if shapes is None else shapes.depth_radius
+    height = apexes["height_m"]
+    radius = apexes["radius_m"] if shapes is None else shapes.depth_radius
     bases = None if shapes is None else shapes.bases
     order = np.argsort(-height, kind="stable")
     highest = float(radius[order[0]]) if order.size else 1.0
@@ -266,8 +266,8 @@ def scale_problem(
     length = float(np.sqrt(highest * depth))
     unit = setting.contact_modulus * length * depth
     return ScaledProblem(
-        x=apexes["x_m"].to_numpy()[order] / length,
-        y=apexes["y_m"].to_numpy()[order] / length,
+        x=apexes["x_m"][order] / length,
+        y=apexes["y_m"][order] / length,
         gap=(height[order[:1]] - height[order]) / depth,
         radius=radius[order] / highest,
         load=None if setting.force is None else setting.force / unit,

@@ -88,7 +88,7 @@ def close_pairs(x: Values, y: Values, reach: Values) -> Pairs:
     if x.size < 2 or not reach.any():
         return empty, empty, np.zeros(0)
     points = np.column_stack([x, y])
-    tree = cKDTree(points)
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # faster to build, used once
     largest = float(reach.max())
     if largest <= 10 * float(np.median(reach[reach > 0])):
         pairs = tree.query_pairs(largest, output_type="ndarray")

@@ -14,6 +14,7 @@ from contactimg.surfaces.asperity_table import (
     base_radius,
     check_asperities,
     composite_apexes,
+    composite_columns,
     equivalent_radii,
     refuse_own_caps,
 )
@@ -32,6 +33,7 @@ __all__ = [
     "base_radius",
     "check_asperities",
     "composite_apexes",
+    "composite_columns",
     "equivalent_radii",
     "generate_asperities",
     "refuse_own_caps",

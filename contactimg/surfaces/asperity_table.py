@@ -238,6 +238,13 @@ def composite_apexes(
            x_m  y_m   height_m  radius_m
     0  0.00099  0.0  -0.00001  0.000099
     """
+    return pd.DataFrame(composite_columns(asperities, indenter_radius=indenter_radius, apex=apex))
+
+
+def composite_columns(
+    asperities: pd.DataFrame, *, indenter_radius: float, apex: tuple[float, float]
+) -> dict[str, Values]:
+    """The columns of `composite_apexes`."""
     table = _checked_columns(asperities)
     if not float(indenter_radius) > 0:
         raise InputError(f"indenter_radius must be positive (inf for a flat), got {indenter_radius!r} m")
@@ -258,18 +265,15 @@ def composite_apexes(
         summits = _ellipsoid_apexes(table, (dx, dy), indenter_radius)
         x, y, drop = x0 + summits.pop("x_m"), y0 + summits.pop("y_m"), summits.pop("drop")
         flat = {"x_m": x, "y_m": y, "height_m": table["height_m"] + base - drop}
-        return pd.DataFrame(flat | summits | _cap_bases(table))
+        return flat | summits | _cap_bases(table)
     nearness = R / indenter_radius  # R/Rl: zero under a flat
     drop = squared / (2 * R) * (nearness / (1 + nearness))
-    return pd.DataFrame(
-        {
-            "x_m": x0 + dx / (1 + nearness),
-            "y_m": y0 + dy / (1 + nearness),
-            "height_m": table["height_m"] + base - drop,
-            "radius_m": R / (1 + nearness),
-        }
-        | _cap_bases(table)
-    )
+    return {
+        "x_m": x0 + dx / (1 + nearness),
+        "y_m": y0 + dy / (1 + nearness),
+        "height_m": table["height_m"] + base - drop,
+        "radius_m": R / (1 + nearness),
+    } | _cap_bases(table)
 
 
 def _ellipsoid_apexes(

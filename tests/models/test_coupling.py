@@ -1,12 +1,14 @@
 """Dense and fast sums agree, for every kernel and field; so do the solutions on both sides of the switch."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from contactimg import generate_asperities, solve_interacting
 from contactimg.models import contact_solver
 from contactimg.models.conjugate_gradients import NotPositiveDefinite
-from contactimg.models.coupling import DenseCoupling, Kernel, _coupling_matrix
+from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.fast_coupling import FastCoupling
 
 ACCURACY = 1e-8  # sums are asked for to 1e-9 of the largest term
@@ -118,7 +120,8 @@ def test_contacts_that_the_screening_missed_come_back(monkeypatch):
     dense = solve_interacting(table, method="dense", **where)
     # the uncoupled forces, which lower the surface too much, are taken for the rough solution
     monkeypatch.setattr(contact_solver, "coarse_grid_start", lambda *posed: posed[3:])
-    monkeypatch.setattr(contact_solver, "SCREENING_RESIDUAL", np.inf)
+    screening = replace(contact_solver.FAST_SCREENING, residual=np.inf)
+    monkeypatch.setattr(contact_solver, "FAST_SCREENING", screening)
     sizes = []
     converge = contact_solver.ContactSolver._converge
 
@@ -145,9 +148,24 @@ def test_switch_is_automatic_and_large_sets_converge():
     np.testing.assert_allclose(fast.force, dense.force, atol=ACCURACY * 0.3)
 
 
-def test_the_matrix_divides_by_no_distance_of_a_point_from_itself(points):
-    """Uncompiled, a division by zero is an exception inside a solver."""
-    x, y, _ = (values[:40] for values in points)
-    with np.errstate(all="raise"):
-        matrix = _coupling_matrix.py_func(x, y, 0.0, np.zeros(1), np.zeros(1))
-    np.testing.assert_array_equal(matrix, DenseCoupling(x, y, Kernel.of_thickness(np.inf)).matrix)
+def test_rows_are_computed_when_they_are_needed_and_are_those_of_the_matrix(points):
+    x, y, force = points
+    force = np.where(np.arange(x.size) % 3 == 0, force, 0.0)
+    r = np.hypot(x[:, None] - x, y[:, None] - y)
+    np.fill_diagonal(r, np.inf)
+    coupling = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
+    np.testing.assert_allclose(coupling.displacement(force), force @ (1 / (np.pi * r)), rtol=1e-13)
+    assert coupling._known.sum() == np.count_nonzero(force)
+    np.testing.assert_allclose(coupling.matrix, 1 / (np.pi * r), rtol=1e-15)
+    assert coupling._known.all()
+    own = np.linspace(1.0, 2.0, x.size)
+    np.testing.assert_array_equal(
+        DenseCoupling(x, y, Kernel.of_thickness(np.inf), own=own).matrix, coupling.matrix + np.diag(own)
+    )
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_the_inverse_root_is_that_of_double_precision(unit):
+    x = np.r_[0.0, unit * np.geomspace(1e-4, 1e6, 100)]
+    matrix = DenseCoupling(x, np.zeros_like(x), Kernel.of_thickness(np.inf)).matrix
+    np.testing.assert_allclose(matrix[0, 1:], 1 / (np.pi * x[1:]), rtol=4e-16)
