@@ -106,6 +106,35 @@ def test_norms_on_two_contacts_by_hand():
     assert lost["profile"] == pytest.approx(1.0)  # of the pressure; of the counts 0.5
 
 
+@pytest.mark.parametrize("output", ["all", "area", "force", "radius"])
+def test_a_contact_that_jumps_in_at_just_this_load_is_not_overlooked(output):
+    """Uncoupled, the second summit touches the flat; coupled, the first one lowers it too far."""
+    table = pd.DataFrame({"x_m": [0.0, 3e-4], "y_m": 0.0, "height_m": [4e-5, 3.39e-5], "radius_m": 1e-4})
+    scene = scene_from_dict(
+        {
+            "indenter": {"radius_m": 1e6},
+            "elastic": {"young_modulus_Pa": 2.909e6, "work_of_adhesion_J_m2": 0.0662},
+            "tolerance": {"output": output},
+        }
+    )
+    switches = dict.fromkeys(MECHANICAL_EFFECTS, "on") | {"layer": "off"}
+    everything = scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+    alone = everything.model_copy(
+        update={"effects": everything.effects.model_copy(update={"coupling": "off"})}
+    )
+    load = 7.67e-4
+    assert np.count_nonzero(answer(alone, table, load).radius) == 2
+    full = answer(everything, table, load)
+    assert np.count_nonzero(full.radius) == 1
+    plan = make_plan(scene, table, load=load)
+    planned = answer(plan.apply(scene), table, load)
+    asperities = Asperities.about(np.array([0.0, 3e-4]), np.full(2, 1e-4))
+    assert (
+        output_changes(asperities, without=planned, complete=full)[output if output != "all" else "area"]
+        < 0.01
+    )
+
+
 # the model itself
 
 

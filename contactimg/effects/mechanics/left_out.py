@@ -9,10 +9,13 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.effects.mechanics.approximate_state import Response
 from contactimg.effects.mechanics.loaded_scene import LoadedScene
 from contactimg.effects.output_change import WRITTEN
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw
+from contactimg.models.asperity_laws import Caps
 
 Pair = tuple[Response, Response]
 """Responses without an effect and with it."""
@@ -100,13 +103,31 @@ class EffectChanges:
             return {}
         without, complete = self.pairs[effect]
         step = np.abs(complete.penetration - without.penetration)
-        near = np.abs(self.complete.penetration) < DOUBTFUL_STEPS * step
-        a = self.complete.contact_radius[self.complete.penetration > 0]
-        share = float(np.count_nonzero(near)) / max(a.size, 1)
+        near = np.flatnonzero(np.abs(self.complete.penetration) < DOUBTFUL_STEPS * step)
+        contacts = int(np.count_nonzero(self.complete.penetration > 0))
+        share = near.size / max(contacts, 1)
         found = {"contacts": share, "profile": share}
-        if self.loaded.adheres and a.size:  # with adhesion a contact forms with a finite radius
-            found["radius"] = float(np.sqrt(share) * a.min() / np.sqrt(np.mean(a**2)))
-        return found
+        return found | (self._jumps(near) if self.loaded.adheres and contacts else {})
+
+    def _jumps(self, rows: NDArray[np.intp]) -> dict[str, float]:
+        """What the outputs change by if adhesive contacts form or vanish, with a finite radius (JKR).
+
+        At zero penetration a contact pulls by ``(4/3) pi w R``, which the others bear.
+        """
+        loaded, there = self.loaded, self.complete.penetration > 0
+        caps = loaded.sample.problem.caps
+        a, R = self.complete.contact_radius[there], caps.radius[there]
+        jump = AdhesiveLaw(loaded.adhesion, 0.0).touch_radius(Caps(caps.radius[rows]))
+        pull = float(4 / 3 * np.pi * loaded.adhesion * caps.radius[rows].sum())
+        deepest = max(abs(self.complete.indentation), float(np.max(a**2 / R)))
+        area = float(np.sum(jump**2) / np.sum(a**2))
+        return {
+            "area": area,
+            "radius": float(np.sqrt(area)),
+            "force": 2 * pull / float(np.abs(self.complete.force).sum()),
+            "hertz": float(np.sum(jump**3 / caps.radius[rows]) / np.sum(a**3 / R)),
+            "indentation": pull / float(2 * a.sum()) / deepest,
+        }
 
 
 def _changes(loaded: LoadedScene, pair: Pair | None) -> dict[str, float]:

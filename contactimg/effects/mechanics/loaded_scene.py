@@ -34,6 +34,12 @@ PENETRATION_ERROR_FRACTION = 0.1
 Measured: below 6 % where cells replace neighbours.
 """
 
+PULLED_DEPTH = 2.0
+"""Indentation of an adhesive contact without load over ``(w^2 R/E*^2)^(1/3)``.
+
+Theory: JKR, ``(9 pi/2)^(2/3)/3`` = 1.95.
+"""
+
 ENGULFED_DISTANCE = 0.2
 """Distance over contact radius below which two contacts are refused.
 
@@ -76,7 +82,10 @@ class LoadedScene:
     @cached_property
     def sample(self) -> CandidateSample:
         """The candidates for contact and the sample of them that is solved."""
-        return CandidateSample.of(self.problem, self.law)
+        pulled = 0.0
+        if self.adheres:
+            pulled = PULLED_DEPTH * float(np.cbrt(self.adhesion**2 * self.problem.radius.max()))
+        return CandidateSample.of(self.problem, self.law, pulled=pulled)
 
     @cached_property
     def uncoupled(self) -> Response:
