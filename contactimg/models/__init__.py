@@ -7,12 +7,13 @@ asperity, or a `RingSolution` with averages over rings around the axis.
 Read in this order:
 
 - ``solution`` and ``validity``: what a solved problem is, and how far it is from the limits of the models;
-- ``interacting``: every contact of a pattern, elastically coupled. Below it ``scaled_problem`` (removes the
-  dimensions), ``asperity_laws`` (one contact), ``cap_shapes`` (ellipsoids, unequal moduli), ``profile_law``
-  (any axisymmetric profile), ``coupling`` and ``fast_coupling`` with ``near_field_sum``
-  (displacement by the neighbours), ``full_coupling`` (their field over the width of a contact),
-  ``newton_iteration``, ``coarse_grid`` (the start for many contacts), ``contact_solver`` (puts these
-  together), ``work_limit`` (what one solution may cost);
+- ``interacting``: every contact of a pattern, elastically coupled. Below it ``composite_summits``
+  (asperities and lens combined, for all loads), ``scaled_problem`` (removes the dimensions),
+  ``asperity_laws`` (one contact), ``cap_shapes`` (ellipsoids, unequal moduli), ``profile_law`` (any
+  axisymmetric profile), ``coupling`` and ``fast_coupling`` with ``near_field_sum`` (displacement by the
+  neighbours), ``full_coupling`` (their field over the width of a contact), ``newton_iteration``,
+  ``coarse_grid`` (the start for many contacts), ``contact_solver`` (puts these together), ``work_limit``
+  (what one solution may cost);
 - ``adhesive``: the same with JKR adhesion, on ``adhesive_asperity_law`` and ``adhesive_full_coupling``;
 - ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
 - ``ensemble``: many random patterns, one after the other.

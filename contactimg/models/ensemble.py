@@ -7,6 +7,7 @@ import numpy as np
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import InputError
+from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.interacting import COUPLINGS, solve_loads
 from contactimg.models.solution import InteractingSolution
 from contactimg.surfaces import CapLaw, generate_asperities
@@ -121,14 +122,16 @@ class _Ensemble:
         """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
         rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
         pattern = generate_asperities(self.kind, side=self.side, coverage=self.coverage, rng=rng)
+        apex = (self.side / 2, self.side / 2)
+        summits = CompositeSummits.of(pattern, indenter_radius=self.indenter_radius, apex=apex)
         solutions = {}
         for coupling in self.couplings:
             sweep = solve_loads(
-                pattern,
+                summits,
                 loads=self.loads,
                 indenter_radius=self.indenter_radius,
                 contact_modulus=self.contact_modulus,
-                apex=(self.side / 2, self.side / 2),
+                apex=apex,
                 coupling=coupling,
             )
             solutions.update({(coupling, load): one for load, one in zip(self.loads, sweep, strict=True)})

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
 from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
+from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
 from contactimg.models.load_spring import LoadSpring, prescribed
@@ -45,7 +46,7 @@ class InteractingOptions(TypedDict, total=False):
 
 @refuse_beyond_floats
 def solve_interacting(
-    asperities: pd.DataFrame,
+    asperities: pd.DataFrame | CompositeSummits,
     *,
     indenter_radius: float,
     contact_modulus: float,
@@ -64,7 +65,7 @@ def solve_interacting(
 
     Parameters
     ----------
-    asperities : DataFrame
+    asperities : DataFrame or CompositeSummits
         Columns ``x_m, y_m, height_m, radius_m``; for ellipsoidal caps ``radius_2_m, azimuth_rad``, for caps
         of unequal modulus ``modulus_ratio``: the contact modulus of each contact over ``contact_modulus``.
         Both with law ``"hertz"`` and coupling ``"none"`` or ``"asymptotic"``.
@@ -258,19 +259,35 @@ def prove_forces(
     return judge(errors, tolerance)
 
 
+SIMILAR_LOADS = 1.3
+"""Ratio of two loads up to which a solution at one is a start for the other.
+
+Measured: on SA+ and RA+ it saves a Newton step up to there; from a ratio of 1.6 on it costs one.
+"""
+
+
+def _is_similar(load: float | LoadSpring, previous: InteractingSolution | None) -> bool:
+    """Whether a solution is a good start at a load."""
+    if previous is None or not previous.load > 0:
+        return False
+    if isinstance(load, LoadSpring):
+        return True
+    return previous.load / SIMILAR_LOADS <= load <= previous.load * SIMILAR_LOADS
+
+
 def solve_loads(
-    asperities: pd.DataFrame,
+    asperities: pd.DataFrame | CompositeSummits,
     *,
     loads: Iterable[float | LoadSpring],
     indenter_radius: float,
     contact_modulus: float,
     **options: Unpack[InteractingOptions],
 ) -> Iterator[InteractingSolution]:
-    """Solve at several loads, each solution started from the previous one.
+    """Solve at several loads, each solution started from the previous one where that is close.
 
     Parameters
     ----------
-    asperities : DataFrame
+    asperities : DataFrame or CompositeSummits
     loads : iterable of float, N, or of LoadSpring
     indenter_radius : float, m
     contact_modulus : float, Pa
@@ -290,15 +307,16 @@ def solve_loads(
     >>> [round(float(s.radius[0]) * 1e6, 6) for s in solve_loads(cap, loads=[0.18e-3, 1.44e-3], **where)]
     [15.0, 30.0]
     """
-    previous = None
+    previous, apex = None, options.get("apex", (0.0, 0.0))
+    summits = CompositeSummits.of(asperities, indenter_radius=indenter_radius, apex=apex)
     for load in loads:
         solution = solve_interacting(
-            asperities,
+            summits,
             indenter_radius=indenter_radius,
             contact_modulus=contact_modulus,
             load=load,
-            start=previous,
+            start=previous if _is_similar(load, previous) else None,
             **options,
         )
-        previous = solution if solution.load > 0 else None
+        previous = solution
         yield solution

@@ -128,17 +128,22 @@ def solve_uncoupled(
     depth = (0.75 * load / np.sqrt(system.caps.radius[int(np.argmin(gap))])) ** (
         2 / 3
     )  # of that asperity alone
-    for _ in range(MAX_DOUBLINGS):
-        if not _bearing(system, lowest + depth - gap)[0] < load - system.stiffness * (lowest + depth):
-            break
-        depth *= 2
     if 0.01 * depth < guess - lowest < depth:
         depth = guess - lowest
+    else:
+        for _ in range(MAX_DOUBLINGS):
+            if not _bearing(system, lowest + depth - gap)[0] < load - system.stiffness * (lowest + depth):
+                break
+            depth *= 2
     for _ in range(100):
         total, stiffness = _bearing(system, lowest + depth - gap)
         if not stiffness > 0:
             break
-        step = (total - load + system.stiffness * (lowest + depth)) / (stiffness + system.stiffness)
+        wanted = load - system.stiffness * (lowest + depth)
+        step = (total - wanted) / (stiffness + system.stiffness)
+        if not system.stiffness and wanted > 0:
+            # Newton's method for the power 2/3 of the load, which is convex as well and nearly straight
+            step = 1.5 * total * (1 - np.cbrt(wanted / total) ** 2) / stiffness
         depth = max(depth - step, 0.5 * depth)
         if abs(step) <= accuracy * depth:
             break

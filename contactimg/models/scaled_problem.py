@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.asperity_laws import Caps
 from contactimg.models.cap_shapes import CapShapes
+from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
 from contactimg.models.solution import InteractingSolution, Outcome
-from contactimg.surfaces import LENGTH_RANGE_M, MODULUS_COLUMN, composite_columns
+from contactimg.surfaces import LENGTH_RANGE_M
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -245,53 +246,39 @@ def check_choice(name: str, value: str, allowed: Collection[str]) -> None:
 
 @stage("candidates")
 def scale_problem(
-    asperities: pd.DataFrame, setting: ContactConditions, *, depth: float | None = None
+    asperities: pd.DataFrame | CompositeSummits, setting: ContactConditions, *, depth: float | None = None
 ) -> ScaledProblem:
-    """Make a table of asperities dimensionless; ``depth`` is the unit of height (m).
+    """Make asperities, or their composite summits, dimensionless; ``depth`` is the unit of height (m).
 
     The default unit is the prescribed indentation, or the indentation at which the highest asperity alone
     would bear the prescribed load.
     """
     setting.check()
-    _refuse_moduli(asperities)
-    apexes = composite_columns(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
-    shapes = CapShapes.of(apexes)
-    height = apexes["height_m"]
-    radius = apexes["radius_m"] if shapes is None else shapes.depth_radius
+    summits = CompositeSummits.of(asperities, indenter_radius=setting.indenter_radius, apex=setting.apex)
+    shapes, radius, order = summits.shapes, summits.radius, summits.order
     bases = None if shapes is None else shapes.bases
-    order = np.argsort(-height, kind="stable")
-    highest = float(radius[order[0]]) if order.size else 1.0
+    highest = float(radius[0]) if order.size else 1.0
     if depth is None:
         depth = _natural_depth(setting, highest) or highest
     length = float(np.sqrt(highest * depth))
     unit = setting.contact_modulus * length * depth
     return ScaledProblem(
-        x=apexes["x_m"][order] / length,
-        y=apexes["y_m"][order] / length,
-        gap=(height[order[:1]] - height[order]) / depth,
-        radius=radius[order] / highest,
+        x=summits.x / length,
+        y=summits.y / length,
+        gap=summits.gap / depth,
+        radius=radius / highest,
         load=None if setting.force is None else setting.force / unit,
         indentation=(setting.depth or 0.0) / depth,
         order=order,
         length=length,
         depth=depth,
         force_unit=unit,
-        apexes=apexes,
-        height=asperities["height_m"].to_numpy(dtype=np.float64),
+        apexes=summits.apexes,
+        height=summits.height,
         stiffness=0.0 if setting.spring is None else setting.spring.stiffness * depth / unit,
         shapes=shapes,
         bases=None if bases is None else bases[order] * [length, 1 / length],
     )
-
-
-def _refuse_moduli(asperities: pd.DataFrame) -> None:
-    """Refuse moduli that have not been compared with that of a scene."""
-    if "young_modulus_Pa" in asperities and asperities["young_modulus_Pa"].notna().any():
-        raise InputError(
-            "asperities: young_modulus_Pa has no meaning here without the modulus of the other material; "
-            f"hand over the column {MODULUS_COLUMN}, the contact modulus of each asperity over "
-            "contact_modulus, or take predict_contacts with a scene"
-        )
 
 
 def _natural_depth(setting: ContactConditions, highest: float) -> float:

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq, minimize
 
 from contactimg import Flag, InputError, generate_asperities, hertz, solve_interacting, solve_loads, sphere
+from contactimg.models.composite_summits import CompositeSummits
 
 LENS = {"indenter_radius": 0.1288, "contact_modulus": 4e6}
 FLAT = {"indenter_radius": np.inf, "contact_modulus": 4e6}
@@ -199,6 +200,19 @@ def test_load_sweep_equals_cold_starts(patch):
     for load, warm in zip(loads, solve_loads(patch, loads=loads, apex=MIDDLE, **LENS), strict=True):
         cold = forces(patch, load=load)
         np.testing.assert_allclose(warm.force, cold.force, atol=TIGHT * 0.3)
+
+
+@pytest.mark.parametrize("coupling", ["none", "full"])
+def test_composite_summits_stand_for_the_table_under_their_lens(patch, coupling):
+    summits = CompositeSummits.of(patch, indenter_radius=LENS["indenter_radius"], apex=MIDDLE)
+    for load in (0.0, 1e-3, 0.2):
+        prepared, plain = (forces(table, coupling, load=load) for table in (summits, patch))
+        np.testing.assert_array_equal(prepared.force, plain.force)
+        assert prepared.indentation == plain.indentation
+    with pytest.raises(InputError, match="hand over the table"):
+        solve_interacting(summits, load=0.2, apex=(0.0, 0.0), **LENS)
+    with pytest.raises(InputError, match="same table of"):
+        forces(patch, load=0.1, start=forces(patch.iloc[:-1], load=0.1))
 
 
 def test_composite_apex_matters(patch):

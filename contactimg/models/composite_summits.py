@@ -1,0 +1,102 @@
+"""The composite summits of asperities under a lens: what all loads have in common."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.errors import InputError
+from contactimg.models.cap_shapes import CapShapes
+from contactimg.surfaces import MODULUS_COLUMN, composite_columns
+from contactimg.timings import stage
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class CompositeSummits:
+    """A checked table of asperities combined with a lens; the solvers take it in place of the table.
+
+    It spares the checks at every load but the first.
+
+    Parameters
+    ----------
+    apexes : dict
+        Columns of `contactimg.surfaces.composite_apexes`, in the order of the table.
+    height : ndarray, m
+        Heights above the plane they stand on, in the order of the table.
+    shapes : CapShapes or None
+        Of caps that are not spheres of one modulus, in the order of the table.
+    place : tuple
+        Radius of the lens and position of its apex, m.
+    """
+
+    apexes: dict[str, Values]
+    height: Values
+    shapes: CapShapes | None
+    place: tuple[float, tuple[float, float]]
+
+    @classmethod
+    @stage("candidates")
+    def of(
+        cls,
+        asperities: "pd.DataFrame | CompositeSummits",
+        *,
+        indenter_radius: float,
+        apex: tuple[float, float],
+    ) -> "CompositeSummits":
+        """The summits of a table under a lens; those of the same lens are returned as they are."""
+        place = (indenter_radius, apex)
+        if isinstance(asperities, CompositeSummits):
+            if asperities.place != place:
+                raise InputError(
+                    f"the composite summits are those under a lens of {asperities.place[0]!r} m with its "
+                    f"apex at {asperities.place[1]!r} m, not of {indenter_radius!r} m at {apex!r} m; hand "
+                    "over the table"
+                )
+            return asperities
+        _refuse_moduli(asperities)
+        apexes = composite_columns(asperities, indenter_radius=indenter_radius, apex=apex)
+        return cls(apexes, asperities["height_m"].to_numpy(dtype=np.float64), CapShapes.of(apexes), place)
+
+    def __len__(self) -> int:
+        return self.height.size
+
+    @cached_property
+    def order(self) -> NDArray[np.intp]:
+        """Rows of the table, the highest composite summit first."""
+        return np.argsort(-self.apexes["height_m"], kind="stable")
+
+    @cached_property
+    def gap(self) -> Values:
+        """Depth below the highest, m, in that order."""
+        height = self.apexes["height_m"][self.order]
+        return height[:1] - height
+
+    @cached_property
+    def x(self) -> Values:
+        """Position, m, in that order."""
+        return self.apexes["x_m"][self.order]
+
+    @cached_property
+    def y(self) -> Values:
+        """Position, m, in that order."""
+        return self.apexes["y_m"][self.order]
+
+    @cached_property
+    def radius(self) -> Values:
+        """Composite radius, m, in that order; of shapes that of spheres with the same force at a depth."""
+        radius = self.apexes["radius_m"] if self.shapes is None else self.shapes.depth_radius
+        return radius[self.order]
+
+
+def _refuse_moduli(asperities: pd.DataFrame) -> None:
+    """Refuse moduli that have not been compared with that of a scene."""
+    if "young_modulus_Pa" in asperities and asperities["young_modulus_Pa"].notna().any():
+        raise InputError(
+            "asperities: young_modulus_Pa has no meaning here without the modulus of the other material; "
+            f"hand over the column {MODULUS_COLUMN}, the contact modulus of each asperity over "
+            "contact_modulus, or take predict_contacts with a scene"
+        )
