@@ -33,7 +33,7 @@ def coarse_grid_start(
     problem: ScaledProblem, law: AsperityLaw, kernel: Kernel, force: Values, indentation: float
 ) -> tuple[Values, float]:
     """Forces and indentation for the displacement of the grid's cells, from those without coupling."""
-    cells = CoarseGrid.over(problem, GRID_CELLS)
+    cells = CoarseGrid.over(problem.x, problem.y, GRID_CELLS)
     system = cells.system(problem, law, cells.coupling(kernel))
     state = initial_iterate(system, cells.sums(force), indentation)
     for _ in range(MAX_GRID_STEPS):
@@ -67,10 +67,10 @@ class CoarseGrid:
     size: float
 
     @classmethod
-    def over(cls, problem: ScaledProblem, number: int) -> "CoarseGrid":
+    def over(cls, x: Values, y: Values, number: int) -> "CoarseGrid":
         """``number`` cells along the longer side of the asperities' bounding box."""
-        size = max(float(np.ptp(problem.x)), float(np.ptp(problem.y))) / number
-        places = np.stack([(v - v.min()) / size for v in (problem.y, problem.x)])
+        size = max(float(np.ptp(x)), float(np.ptp(y))) / number
+        places = np.stack([(v - v.min()) / size for v in (y, x)])
         return cls(places, tuple(int(p.max()) + 1 for p in places), size)
 
     @cached_property

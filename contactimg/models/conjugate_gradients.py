@@ -16,15 +16,20 @@ class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the itera
     """The Newton matrix is indefinite because contacts overlap too far."""
 
 
-def conjugate_gradients(apply: Callable[[Values], Values], sides: Values, tolerance: float) -> Values:
+def conjugate_gradients(
+    apply: Callable[[Values], Values],
+    sides: Values,
+    tolerance: float,
+    precondition: Callable[[Values], Values],
+) -> Values:
     """Solve a symmetric positive definite system for several columns at once to a relative residual."""
     solution = np.zeros_like(sides)
     residual = sides.copy()
-    direction = residual.copy()
-    square = np.sum(residual**2, axis=0)
-    goal = tolerance**2 * square
+    goal = tolerance**2 * np.sum(residual**2, axis=0)
+    going = goal > 0
+    conditioned = precondition(residual)
+    direction, square = conditioned.copy(), np.sum(residual * conditioned, axis=0)
     for _ in range(MAX_CONJUGATE_GRADIENT_STEPS):
-        going = square > goal
         if not going.any():
             break
         image = apply(direction)
@@ -34,8 +39,10 @@ def conjugate_gradients(apply: Callable[[Values], Values], sides: Values, tolera
         step = np.where(going, square / np.where(going, curvature, 1.0), 0.0)
         solution += step * direction
         residual -= step * image
-        before, square = square, np.sum(residual**2, axis=0)
-        direction = np.where(going, residual + square / np.where(going, before, 1.0) * direction, 0.0)
+        going = going & (np.sum(residual**2, axis=0) > goal)
+        conditioned = precondition(residual)
+        before, square = square, np.sum(residual * conditioned, axis=0)
+        direction = np.where(going, conditioned + square / np.where(going, before, 1.0) * direction, 0.0)
     return solution
 
 

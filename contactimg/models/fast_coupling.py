@@ -16,6 +16,7 @@ from scipy.fft import fft2, next_fast_len
 from scipy.special import erf, erfc, erfcinv
 
 from contactimg.errors import InputError
+from contactimg.models.cell_preconditioner import CellPreconditioner
 from contactimg.models.conjugate_gradients import conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel
 from contactimg.models.near_field_sum import NearFieldSum
@@ -163,7 +164,9 @@ class FastCoupling:
             image = contacts.paired_displacement(scale * (z[:, 0] / size[0] + 1j * (z[:, 1] / size[1])))
             return z + scale[:, None] * np.column_stack([image.real, image.imag]) * size
 
-        return conjugate_gradients(apply, sides, tolerance)
+        return conjugate_gradients(
+            apply, sides, tolerance, CellPreconditioner.of(x, y, self._kernel, scale)
+        )
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""

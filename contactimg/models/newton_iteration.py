@@ -225,7 +225,7 @@ def _direction(
     if leaving.any():
         right -= scale * system.coupling.displacement_at(active, leaving)
     # the error of the linear solution may be as large as that of the linearisation, or as the residual wanted
-    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.1 * tolerance / at.residual))
+    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.03 * tolerance / at.residual))
     solution = system.coupling.solve_newton_system(active, scale, np.column_stack([right, scale]), accuracy)
     rise = 0.0
     if system.load is not None:

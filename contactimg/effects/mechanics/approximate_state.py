@@ -107,7 +107,7 @@ class CandidateSample:
         reach = (1 + REACH_MARGIN) * (depth + lowered) + pulled
         candidates = problem.part(slice(int(np.searchsorted(problem.gap, reach, side="right"))))
         single = candidates.gap.size <= MAX_SINGLE_CANDIDATES and candidates.duplicates() is None
-        cells = None if single else CoarseGrid.over(candidates, CELLS_PER_SIDE)
+        cells = None if single else CoarseGrid.over(candidates.x, candidates.y, CELLS_PER_SIDE)
         return cls(candidates, -(-candidates.gap.size // MAX_SAMPLED_CANDIDATES), depth, cells, law)
 
     @cached_property
