@@ -12,6 +12,9 @@ from contactimg.mechanics.checks import non_negative, positive
 
 Values = NDArray[np.float64]
 
+_NEWTON_STEP = 1e-9
+"""Relative step of Newton's method that leaves rounding errors. Theory: the error left is its square."""
+
 _SERIES_BELOW = 0.1
 _SERIES_TERMS = np.arange(1, 9)  # the ninth term is below 0.1^18/17 of the first
 
@@ -72,20 +75,24 @@ def scaled_bent_response(depth: Values, curvature: Values, quartic: Values) -> t
     ``(4/3) curvature s^3 + (64/15) quartic s^5``. Newton's method within bounds, which follow from
     ``s^4 <= s^2 <= s atanh(s)``; ``curvature > -1`` and ``quartic >= 0``.
     """
-    low = _angle(depth / (1 + np.maximum(curvature, 0.0) + 8 / 3 * quartic))
-    high = _angle(depth / (1 + np.minimum(curvature, 0.0)))
+    least, most = (
+        depth / (1 + np.maximum(curvature, 0.0) + 8 / 3 * quartic),
+        depth / (1 + np.minimum(curvature, 0.0)),
+    )
+    # tanh(t) lies between t/(1 + t) and both t and 1
+    low, high = np.maximum(np.sqrt(least), least), 0.5 * (most + np.sqrt(most) * np.sqrt(most + 4))
     t = _angle(depth / (1 + curvature))
     for _ in range(100):
         t = np.clip(t, low, high)
         s = np.tanh(t)
         excess = t * s + s**2 * (curvature + 8 / 3 * quartic * s**2) - depth
         low, high = np.where(excess < 0, t, low), np.where(excess > 0, t, high)
-        widening = 1 / np.cosh(np.minimum(t, 300.0)) ** 2
-        slope = s + widening * (t + s * (2 * curvature + 32 / 3 * quartic * s**2))
+        slope = s + (1 - s**2) * (t + s * (2 * curvature + 32 / 3 * quartic * s**2))
         newton = t - excess / np.where(slope > 0, slope, 1.0)
-        following = np.where((newton < low) | (newton > high), 0.5 * (low + high), newton)
-        step, t = following - t, following
-        if np.all(np.abs(step) <= 4e-16 * t):
+        inside = (newton >= low) & (newton <= high)
+        step = np.where(inside, newton, 0.5 * (low + high)) - t
+        t = t + step
+        if np.all(np.abs(step) <= np.where(inside, _NEWTON_STEP, 4e-16) * t):
             break
     s = np.tanh(t)
     plain = np.where(s < _SERIES_BELOW, scaled_load(np.minimum(s, _SERIES_BELOW)), (1 + s**2) * t - s)
@@ -97,12 +104,14 @@ def _angle(depth: Values) -> Values:
 
     The left side is close to ``t^2`` below one and to ``t`` above, so a handful of steps suffice.
     """
-    t = np.where(depth < 1, np.sqrt(depth * (1 + np.minimum(depth, 1.0) / 3)), depth)
+    d = np.minimum(depth, 1.0)
+    t = np.where(depth < 1, np.sqrt(depth * (1 + d / 3 + 4 / 45 * d**2)), depth)
     for _ in range(30):
-        slope = np.tanh(t) + t / np.cosh(np.minimum(t, 300.0)) ** 2
-        step = (t * np.tanh(t) - depth) / np.where(slope > 0, slope, 1.0)
+        s = np.tanh(t)
+        slope = s + t * (1 - s**2)
+        step = (t * s - depth) / np.where(slope > 0, slope, 1.0)
         t = np.maximum(t - step, 0.0)
-        if np.all(np.abs(step) <= 2e-16 * t):
+        if np.all(np.abs(step) <= _NEWTON_STEP * t):
             break
     return t
 

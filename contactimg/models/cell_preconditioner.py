@@ -20,7 +20,7 @@ CONTACTS_PER_CELL = 16.0
 """Mean number of contacts of a cell. Chosen by time."""
 
 MOST_CELLS_PER_SIDE = 32
-"""Most cells along a side: 1024 in all. Chosen by time: what finer cells hold is not far from the identity."""
+"""Most cells along a side: 1024 in all. Chosen by time: what finer cells hold is close to the identity."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,11 @@ MAX_GRID_STEPS = 10
 
 def coarse_grid_start(
     problem: ScaledProblem, law: AsperityLaw, kernel: Kernel, force: Values, indentation: float
-) -> tuple[Values, float]:
-    """Forces and indentation for the displacement of the grid's cells, from those without coupling."""
+) -> tuple[Values, float, Values]:
+    """Forces, indentation and penetrations for the displacement of the grid's cells.
+
+    ``force`` and ``indentation`` are those without coupling.
+    """
     cells = CoarseGrid.over(problem.x, problem.y, GRID_CELLS)
     system = cells.system(problem, law, cells.coupling(kernel))
     state = initial_iterate(system, cells.sums(force), indentation)
@@ -46,7 +49,8 @@ def coarse_grid_start(
     alone = ContactSystem(problem.gap, problem.caps, law, NoCoupling(), problem.load, problem.stiffness)
     if problem.load is not None:
         indentation = solve_uncoupled(alone, displacement, problem.load, guess=state.indentation)
-    return alone.response(indentation - problem.gap - displacement)[0], indentation
+    penetration = indentation - problem.gap - displacement
+    return alone.response(penetration)[0], indentation, penetration
 
 
 @dataclass(frozen=True, eq=False)

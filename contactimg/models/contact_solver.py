@@ -2,9 +2,9 @@
 
 Candidates are the asperities with ``g < D``, which the indenter would reach if the others did not lower the
 surface. At prescribed load ``D`` is unknown: an upper estimate selects the candidates, and if the solution
-exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A rough
-solution, with sums of low accuracy, therefore selects those near contact; the accurate solution is found for
-them and then checked on the others.
+exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A coarse grid
+and then a rough solution, with sums of low accuracy, therefore select those near contact; the accurate
+solution is found for them and then checked on the others.
 """
 
 from dataclasses import dataclass
@@ -42,12 +42,22 @@ MAX_DENSE_CANDIDATES = 4000
 """Most candidates for a stored matrix (128 MB). Measured: up to about here Cholesky is faster than fast
 sums."""
 
+FEWEST_SUMMED = 3
+"""Fewest candidates that fast sums take."""
+
 FIELD_CORRECTION_RESIDUAL = 1e-2
 """Residual with point forces below which the field corrections are computed. Chosen by hand: it affects the
 number of steps, not the converged solution; sensitivity not measured."""
 
 MAX_SELECTIONS = 100
 """Most selections of candidates for one problem. Chosen by hand: each enlarges the previous one."""
+
+
+GRID_GAP_FRACTION = 0.5
+"""Asperities with a gap below this fraction of the deepest penetration on the coarse grid are kept.
+
+Measured: of 35 000 contacts 600 are out of contact on the grid. Those missed are added in the end.
+"""
 
 
 @dataclass(frozen=True)
@@ -197,14 +207,43 @@ class ContactSolver:
     def _solve_screened(
         self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for the candidates near contact in a rough solution, then add those it missed."""
+        """Solve for those near contact on a coarse grid, then add those missed."""
         _refuse_excessive_load(candidates)
+        if seeded:
+            return self._solve_part(candidates, force, indentation, seeded=True)
+        force, indentation, penetration = coarse_grid_start(
+            candidates, self.law, self.kernel, force, indentation
+        )
+        kept, taken = penetration > -GRID_GAP_FRACTION * float(penetration.max()), 0
+        kept[:FEWEST_SUMMED] = True
+        for _ in range(MAX_SELECTIONS):
+            part = candidates.part(kept)
+            found, system, iterate, steps = self._solve_part(part, force[kept], indentation, seeded=taken > 0)
+            taken += steps
+            force = found.scattered(iterate.force)[candidates.order]
+            indentation, deepest = iterate.indentation, float(iterate.penetration(system).max())
+            if kept.all():
+                return found, system, iterate, taken
+            sums = FastCoupling(candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy)
+            penetration = indentation - candidates.gap - sums.displacement(force)
+            margin = FAST_SCREENING.gap_fraction * deepest
+            if not np.any(penetration[~kept] > -0.5 * margin):
+                return found, system, iterate, taken
+            kept |= penetration > -margin
+        raise ConvergenceError(
+            f"the contacts were not selected in {MAX_SELECTIONS} rounds: the coarse grid misses contacts "
+            'every time; lower the load, or use method "dense"'
+        )
+
+    def _solve_part(
+        self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
+    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
+        """Solve with fast sums: roughly, then for the candidates near contact in that solution."""
         sums = FastCoupling(candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy)
         rough = self._system(candidates, sums)
         if seeded:
             iterate = initial_iterate(rough, force, indentation)
         else:
-            force, indentation = coarse_grid_start(candidates, self.law, self.kernel, force, indentation)
             iterate = evaluate_iterate(rough, force, indentation, sums.displacement(force))
         _refuse_crowd(candidates, iterate)
         return self._solve_near(candidates, rough, iterate, FAST_SCREENING)
@@ -263,7 +302,9 @@ class ContactSolver:
         """Whether to store the coupling matrix of these candidates."""
         count = candidates.gap.size
         return (
-            count < 3 or self.method == "dense" or (self.method == "auto" and count <= MAX_DENSE_CANDIDATES)
+            count < FEWEST_SUMMED
+            or self.method == "dense"
+            or (self.method == "auto" and count <= MAX_DENSE_CANDIDATES)
         )
 
     def _operator(self, candidates: ScaledProblem) -> Coupling:

@@ -164,9 +164,7 @@ class FastCoupling:
             image = contacts.paired_displacement(scale * (z[:, 0] / size[0] + 1j * (z[:, 1] / size[1])))
             return z + scale[:, None] * np.column_stack([image.real, image.imag]) * size
 
-        return conjugate_gradients(
-            apply, sides, tolerance, CellPreconditioner.of(x, y, self._kernel, scale)
-        )
+        return conjugate_gradients(apply, sides, tolerance, CellPreconditioner.of(x, y, self._kernel, scale))
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""
