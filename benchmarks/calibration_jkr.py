@@ -3,6 +3,7 @@
 python benchmarks/calibration_jkr.py intervals [--seeds 100]   # loads and radii with noise, no images
 python benchmarks/calibration_jkr.py errors [--seeds 50]       # zero, gain, lens or layer that are off
 python benchmarks/calibration_jkr.py frames [--seed 1]         # rendered frames, modulus and adhesion hidden
+python benchmarks/calibration_jkr.py renderings [--seeds 50] [--seed 1]   # the same, five loads, many seeds
 """
 
 import argparse
@@ -121,6 +122,9 @@ def judge_intervals(seeds: int) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+RENDERED = ("film of JKR", "zero off by 2 mN", "gain 1 % high", "lens astigmatic by 2 %")
+
+
 def read_series(loads: np.ndarray, error: dict, rng: np.random.Generator) -> dict:
     """Loads and radii with noise and a common error, as `calibrate_jkr` takes them."""
     radius = jkr.radius(loads, **LAW)
@@ -229,15 +233,20 @@ def render(folder: Path, changes: dict, seed: int) -> tuple[float, float]:
     return modulus, w
 
 
-def measure(folder: Path, seed: int, *, zero: float = 0.0, gain: float = 0.0) -> dict:
-    """Calibrate from the frames with 0.2 % of load noise; the scene knows lens and pixel size only."""
+def measure(
+    folder: Path, seed: int, *, zero: float = 0.0, gain: float = 0.0, gain_stated: bool = False
+) -> dict:
+    """Calibrate from the frames with 0.2 % of load noise; the scene knows lens and pixel size only.
+
+    ``gain_stated`` says that the gain of the load cell is exact, where it is.
+    """
     loads = pd.read_csv(folder / "loads.csv")
     read = draw((1 + gain) * loads["load_N"].to_numpy(), 0.002, "each", np.random.default_rng(seed + 1))
     loads["load_N"] = read + zero
     write_table(loads, LOADS, folder / "loads.csv")
     source = read_scene(folder).source
     data = {name: source[name] for name in ("indenter", "camera", "images")}
-    if not gain:  # 1 % would hide the rest
+    if gain_stated:  # 1 % would hide the rest
         data["load"] = {"gain_std": 0.0}
     result = run_jkr(open_experiment(scene_from_dict(data, folder=str(folder)), pulled=True))
     return result.record | {"circles": result.tables["circles.csv"][1]}
@@ -252,7 +261,8 @@ def judge_frames(seed: int) -> pd.DataFrame:
         with tempfile.TemporaryDirectory() as top:
             folder = Path(top)
             modulus, w = render(folder, drawn, seed)
-            truth, found = pd.read_csv(folder / "truth.csv"), measure(folder, seed, **off)
+            truth = pd.read_csv(folder / "truth.csv")
+            found = measure(folder, seed, gain_stated="gain" not in off, **off)
             pose = read_scene(folder).pose((560, 640))
         circles = found["circles"].set_index("frame").loc[truth["frame"]].reset_index(drop=True)
         x, y = pose.to_pixels(3e-5, -4.1e-5)
@@ -272,14 +282,44 @@ def judge_frames(seed: int) -> pd.DataFrame:
     return pd.DataFrame(rows).T
 
 
+def judge_renderings(seeds: int, first: int) -> pd.DataFrame:
+    """Share of rendered series of five loads within two stated standard uncertainties, defaults assumed."""
+    rows = []
+    for name in RENDERED:
+        drawn = {key: value for key, value in FRAMES[name].items() if key not in ("zero", "gain")}
+        off = {key: value for key, value in FRAMES[name].items() if key in ("zero", "gain")}
+        errors, stds = [], []
+        for seed in range(first, first + seeds):
+            with tempfile.TemporaryDirectory() as top:
+                truth = render(Path(top), {**drawn, "loads_N": LOADS_N["5 loads"]}, seed)
+                found = measure(Path(top), seed, **off)
+            pair = found["young_modulus"], found["work_of_adhesion"]
+            errors.append([one["value"] / true - 1 for one, true in zip(pair, truth, strict=True)])
+            stds.append([one["std"] / true for one, true in zip(pair, truth, strict=True)])
+        error, std = np.array(errors), np.array(stds)
+        row: dict = {"error": name, "series": seeds}
+        for k, symbol in enumerate("Ew"):
+            row |= {
+                f"{symbol} in 2 std": np.mean(np.abs(error[:, k]) <= 2 * std[:, k]),
+                f"{symbol} off %": 100 * error[:, k].mean(),
+                f"{symbol} worst %": 100 * np.abs(error[:, k]).max(),
+                f"{symbol} std %": 100 * np.median(std[:, k]),
+            }
+        rows.append(row)
+        print(rows[-1], flush=True)
+    return pd.DataFrame(rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=["intervals", "errors", "frames"])
+    parser.add_argument("what", choices=["intervals", "errors", "frames", "renderings"])
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     if options.what == "frames":
         table = judge_frames(options.seed)
+    elif options.what == "renderings":
+        table = judge_renderings(options.seeds, options.seed)
     else:
         table = {"intervals": judge_intervals, "errors": judge_errors}[options.what](options.seeds)
     print(table.to_string(float_format="{:.3f}".format))
