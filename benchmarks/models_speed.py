@@ -124,18 +124,14 @@ def plain_solve(load, gap, x, y, *, coupled):
 
 
 def scaling():
+    timed_solution(0.3)  # compiles
     previous = None
     for factor in (0.1, 1.0, 3.0, 10.0):  # the same pressure and the same rise of the lens over the pattern
-        side, load, radius = 0.0736 * np.sqrt(factor), 4.5 * factor, 6.0 * factor
-        table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
-        start = time.thread_time()
-        solution = solve_interacting(
-            table, indenter_radius=radius, contact_modulus=MODULUS, load=load, apex=(side / 2, side / 2)
-        )
-        now = np.array([time.thread_time() - start, len(table), solution.touching.size])
+        asperities, solution, seconds = timed_solution(factor)
+        now = np.array([seconds, asperities, solution.touching.size])
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         line = (
-            f"scaling: {len(table)} asperities, {solution.touching.size} contacts, "
+            f"scaling: {asperities} asperities, {solution.touching.size} contacts, "
             f"{solution.iterations} steps, residual {solution.residual:.1e}: {now[0]:.2f} s, "
             f"peak {memory:.2f} GiB"
         )
@@ -145,6 +141,17 @@ def scaling():
             line += f", {growth[0] / growth[2]:.2f} in contacts"
         print(line)
         previous = now
+
+
+def timed_solution(factor):
+    """Number of asperities, solution and processor time of a pattern whose area grows with ``factor``."""
+    side, load, radius = 0.0736 * np.sqrt(factor), 4.5 * factor, 6.0 * factor
+    table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
+    start = time.thread_time()
+    solution = solve_interacting(
+        table, indenter_radius=radius, contact_modulus=MODULUS, load=load, apex=(side / 2, side / 2)
+    )
+    return len(table), solution, time.thread_time() - start
 
 
 def boundary():
