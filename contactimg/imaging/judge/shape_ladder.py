@@ -180,8 +180,8 @@ class _Ladder:
         Mean squared residual of a contact that fits.
     row_of : ndarray of int
         Row of each disk among the contacts; -1 for a disk that is none, or that was set by hand.
-    unheard : int
-        Groups that were left as they are because the work was too much.
+    unheard : list of ndarray of int
+        Rows of the groups last asked that were left as they are because the work was too much.
     change : OpticsChange or None
         What ellipses say of contrast and blur, where many contacts are ellipses.
     edge : EllipseEdge or None
@@ -204,7 +204,7 @@ class _Ladder:
         self.row_of = np.full(len(scene.disks), -1)
         self.row_of[detections.rows] = np.arange(len(detections.rows))
         self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
-        self.unheard = 0
+        self.unheard: list[NDArray[np.intp]] = []
         self.change: OpticsChange | None = None
         self.edge: EllipseEdge | None = None
         self.distortion: Distortion | None = None
@@ -250,12 +250,15 @@ class _Ladder:
         """Groups as ellipses where these are better."""
         touching = _flagged(self.detections, Flag.MERGED)
         found, work = [], max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
+        self.unheard = []
         for members in groups:
             # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
             if len(members) == 1 and touching[self.row_of[members]].any():
                 continue
-            if (self.row_of[members] < 0).any() or work < 0:
-                self.unheard += work < 0
+            if (self.row_of[members] < 0).any():
+                continue
+            if work < 0:
+                self.unheard.append(self.row_of[members])
                 continue
             view = self.scene.view(members)
             if view is not None:
@@ -460,13 +463,22 @@ class _Ladder:
     def result(self, climbed: list[ClimbedContact]) -> Climb:
         """The table of the contacts with what became of each group."""
         table = ClimbedTable(
-            self.detections, self.scene, self.joint, self.row_of, self.change, self.edge, self.distortion,
-            self._is_elongated,
+            self._with_unheard(), self.scene, self.joint, self.row_of, self.change, self.edge,
+            self.distortion, self._is_elongated,
         )  # fmt: skip
         detections, outlines = table.with_shapes(climbed)
         listed = detections.contacts["shape"] if self.shape == "auto" else np.zeros(0)
-        remark = describe_shapes(listed, self.distortion, unheard=self.unheard)
+        remark = describe_shapes(listed, self.distortion, unheard=len(self.unheard))
         return Climb(detections, remark, outlines, self._misfit())
+
+    def _with_unheard(self) -> FittedDetections:
+        """The detections; what calls for another shape and was not asked is no disk that fits."""
+        contacts = dict(self.detections.contacts)
+        if self.unheard:
+            flags = contacts["flags"].copy()
+            flags[np.concatenate(self.unheard)] |= int(Flag.POOR_FIT)
+            contacts["flags"] = flags
+        return replace(self.detections, contacts=contacts)
 
     def _misfit(self) -> float:
         """See `Climb`."""

@@ -156,6 +156,18 @@ def test_what_was_not_heard_teaches_no_edge(monkeypatch):
     assert np.mean(np.abs(pulls) < 1) > 0.55
 
 
+def test_a_frame_of_ellipses_of_which_most_were_not_asked_is_not_ok(monkeypatch):
+    """Work for some ellipses only: the others are disks that do not describe what is there."""
+    monkeypatch.setattr(shape_ladder, "WORK_PER_PIXEL", 0.0)
+    monkeypatch.setattr(shape_ladder, "LEAST_WORK_PX", 20_000)
+    frame, reference, _ = edge_frame("plain", seed=SEED, ratio=1.3, n=60, radii=(2.5, 9.0))
+    result = measure_image(frame, reference)
+    poor = (result.disks["flags"] & int(Flag.POOR_FIT)) != 0
+    unheard = int(result.message.split(" more were left as disks")[0].split()[-1])
+    assert 0.2 * len(poor) < unheard <= poor.sum()
+    assert result.status == "poor fit"
+
+
 @pytest.mark.parametrize(("poor", "fits"), [(1.5, 2), (0.1, 1)])
 def test_ellipses_that_describe_nothing_call_for_no_plain_edge(monkeypatch, poor, fits):
     frame, reference, _ = edge_frame("defocus", seed=SEED, ratio=1.3, n=120, radii=(2.5, 9.0))
