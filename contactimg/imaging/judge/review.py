@@ -77,6 +77,8 @@ class Review:
         See `contactimg.imaging.judge.shape_ladder.Climb`.
     of_reference : float
         Share of the contacts that the reference makes: the frame itself does not show them.
+    unsurrounded : float
+        Share of the contacts around which no background is seen.
     """
 
     detections: Detections
@@ -89,6 +91,7 @@ class Review:
     outlines: Outlines = ()
     ellipse_misfit: float = float("nan")
     of_reference: float = 0.0
+    unsurrounded: float = 0.0
 
 
 @stage("second look")
@@ -134,7 +137,7 @@ def review(
         remark,
         outlines,
         misfit,
-        _share_of_reference(foreground, _places(detections), blur),
+        *_look_at_some(foreground, _places(detections), blur),
     )
 
 
@@ -170,22 +173,23 @@ def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np
     return np.asarray((rise <= 0.0) | (rise < least * scatter))
 
 
-def _share_of_reference(foreground: Foreground, places: NDArray, blur: float) -> float:
-    """Share of the contacts that rise in the difference from the reference but not in the frame."""
-    pair = foreground.frame_pair
-    if pair.reference is None or not len(places):
-        return 0.0
-    some = places[:: -(-len(places) // MOST_LOOKED_AT)]
+def _look_at_some(foreground: Foreground, places: NDArray, blur: float) -> tuple[float, float]:
+    """Shares of the contacts that only the reference makes, and of those without background around them."""
+    if not len(places):
+        return 0.0, 0.0
+    pair, some = foreground.frame_pair, places[:: -(-len(places) // MOST_LOOKED_AT)]
+    rise = measure_rise(foreground.image, pair.valid, some, blur_px=blur)[0]
+    unsurrounded = float(np.mean(np.isnan(rise)))
+    if pair.reference is None:
+        return 0.0, unsurrounded
     frame = np.zeros(pair.frame.shape, np.float32)  # filled where it is looked at, for time
     reach = some[:, 2] + REGION_BLUR_WIDTHS * max(blur, LEAST_BLUR_PX) + RING_PX + 2.0
     low = np.maximum(some[:, :2] - reach[:, None], 0.0).astype(int)
     high = np.maximum(some[:, :2] + reach[:, None] + 1.0, 0.0).astype(int)
     for (left, top), (right, bottom) in zip(low.tolist(), high.tolist(), strict=True):
         frame[top:bottom, left:right] = pair.frame[top:bottom, left:right]
-    own, rise = (
-        measure_rise(image, pair.valid, some, blur_px=blur)[0] for image in (frame, foreground.image)
-    )
-    return float(np.mean(foreground.sign * own < OWN_RISE_FRACTION * rise))
+    own = measure_rise(frame, pair.valid, some, blur_px=blur)[0]
+    return float(np.mean(foreground.sign * own < OWN_RISE_FRACTION * rise)), unsurrounded
 
 
 def _is_outshone(

@@ -39,6 +39,12 @@ LARGEST_DARK_SHARE = 0.004
 LARGEST_REFERENCE_SHARE = 0.5
 """Share of the contacts that the frame itself does not show above which the reference is that of another
 place. Chosen: most of them; the frames of the sample data stay below it."""
+LARGEST_UNSURROUNDED_SHARE = 0.5
+"""Share of the contacts without a pixel of background around them above which the frame shows too little.
+Chosen: most of them; 0 on frames as assumed."""
+LEAST_SIDE_PX = 8
+"""Rows and columns that a frame needs. Theory: a contact of one pixel behind a blur of one, and two blur
+widths of background on either side."""
 LARGEST_UNEVENNESS = 0.02
 """Unevenness of the background over the contrast above which the light was not followed. Chosen: it moves the
 radius of a contact of two blur widths by 1 %; 0.007 at most on frames as assumed."""
@@ -96,6 +102,7 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
     defects += _background_defects(difference, seen)
     defects += _camera_defects(foreground) if count else []
     defects += [(detections.status, detections.remark), *_contact_defects(seen)]
+    defects += _too_little_seen(foreground, seen)
     remarks = [difference.remark, foreground.remark, _remark_contrast(foreground, detections)]
     remarks += [_remark_unresolved(detections), seen.shapes]
     if frame_pair.reference is None and not frame_pair.defect:
@@ -112,6 +119,24 @@ def _remark_unresolved(detections: Detections) -> str:
         return ""
     groups = "groups of contacts are" if count > 1 else "group of contacts is"
     return f"{count} {groups} not explained by any disks and left as fitted first"
+
+
+def _too_little_seen(foreground: Foreground, seen: Review) -> list[tuple[str, str]]:
+    """A frame that does not show the background of its contacts, with its sentence."""
+    count, (rows, columns) = len(seen.detections.contacts["x_px"]), foreground.image.shape
+    if count and min(rows, columns) < LEAST_SIDE_PX:
+        text = (
+            f"the frame has {rows} x {columns} pixels: contacts and the background around them need "
+            f"{LEAST_SIDE_PX} each way"
+        )
+        return [(Status.LITTLE_BACKGROUND, text)]
+    if count >= FLAGGED_LEAST_CONTACTS and seen.unsurrounded > LARGEST_UNSURROUNDED_SHARE:
+        text = (
+            f"no background is seen around {100 * seen.unsurrounded:.0f} % of the contacts: most of the "
+            "frame is masked or saturated, or contacts fill it"
+        )
+        return [(Status.LITTLE_BACKGROUND, text)]
+    return []
 
 
 def _background_defects(difference: DifferenceImage, seen: Review) -> list[tuple[str, str]]:

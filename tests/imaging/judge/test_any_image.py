@@ -79,3 +79,24 @@ def test_contacts_that_only_the_reference_shows_are_not_ok(crowd, method):
     assert len(result.disks) >= 3
     assert result.status == Status.WRONG_REFERENCE
     assert "are in the reference, not in the frame" in result.message
+
+
+def test_contacts_without_background_around_them_are_not_ok():
+    """The cube of a photograph of a cell as the reference of noise: 3 % of the pixels are left, the cell."""
+    noise = made_images(200)["noise"]
+    cell = reference_of("wrong", noise, photographs()["cell"])
+    frame, reference = ((image / 255.0) ** 3 for image in (noise, cell))
+    result = measure_image(frame, reference, method="threshold", polarity="dark")
+    assert len(result.disks) > 10
+    assert result.status == Status.LITTLE_BACKGROUND
+
+
+@pytest.mark.parametrize("rows", [1, 4])
+def test_a_frame_of_a_few_rows_is_not_ok(crowd, rows):
+    frame, reference, truth = crowd
+    row = int(truth["y_px"].iloc[0])
+    strip = slice(row, row + rows)
+    result = measure_image(frame[strip], reference[strip], method="threshold", polarity="bright")
+    assert len(result.disks)
+    assert result.status == Status.LITTLE_BACKGROUND
+    assert f"the frame has {rows} x 320 pixels" in result.message
