@@ -59,7 +59,8 @@ class Status(enum.StrEnum):
     LIGHT_NOT_FOLLOWED = "light not followed"
     """The background is uneven by more than noise after all corrections: changes of the light are left."""
     LITTLE_BACKGROUND = "little background"
-    """Next to no background was found that the light could be followed on, although contacts leave room."""
+    """The light could be followed on next to no background although contacts leave room, no background is
+    seen around most contacts, or the frame has fewer than eight rows or columns."""
     INTERLACED = "interlaced"
     """Odd rows are displaced against even ones by half a pixel or more: the camera reads them one after the
     other, and the image moved. Rims are jagged, and areas biased."""
