@@ -151,12 +151,28 @@ def test_a_tolerance_below_what_is_known_is_not_reached():
     assert "not reached" in make_plan(unequal, caps, load=pressed).sentence()
 
 
-@pytest.mark.parametrize("case", STORED, ids=[f"{c.pattern}, {c.load:g} N" for c in STORED])
+def stored_scene(case):
+    """The scene of a stored solution, all else as by default."""
+    indenter = {"radius_m": case.lens if np.isfinite(case.lens) else 1e6, "apex_m": list(case.apex)}
+    return scene_from_dict({"indenter": indenter, "elastic": {"young_modulus_Pa": 0.75 * MODULUS}})
+
+
+whole_problems = pytest.mark.parametrize("case", STORED, ids=[f"{c.pattern}, {c.load:g} N" for c in STORED])
+
+
+@whole_problems
+def test_under_the_defaults_forces_and_area_agree_with_the_whole_contact_problem(case):
+    found = answer(stored_scene(case), case.table, case.load)
+    both = (found.force > 0) & (case.force > 0)
+    assert np.median(np.abs(found.force[both] / case.force[both] - 1)) < 2e-3
+    assert np.abs(found.force - case.force).sum() / case.load < 1e-2
+    assert np.sum(found.radius**2) == pytest.approx(np.sum(case.radius**2), rel=1e-2)
+
+
+@whole_problems
 def test_the_stated_error_of_the_model_covers_its_error(case):
     """Against solutions of the whole contact problem, of exact spheres."""
-    indenter = {"radius_m": case.lens if np.isfinite(case.lens) else 1e6, "apex_m": list(case.apex)}
-    scene = scene_from_dict({"indenter": indenter, "elastic": {"young_modulus_Pa": 0.75 * MODULUS}})
-    stated = estimate_mechanics(scene, case.table, load=case.load).model_error.errors
+    stated = estimate_mechanics(stored_scene(case), case.table, load=case.load).model_error.errors
     found, area = case.predict("full"), float(np.sum(np.pi * case.radius**2))
     total = abs(found.area / area - 1)
     error = np.sqrt(np.sum((found.radius - case.radius) ** 2) / np.sum(case.radius**2))
