@@ -30,6 +30,7 @@ from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines, misfit_as_el
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
+from contactimg.imaging.pixels.freed_memory import keep_freed_memory
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.film_rim import FilmSetting, Rim
 from contactimg.imaging.profile.optics import SharedOptics
@@ -220,6 +221,7 @@ def measure_image(
     _check(image, reference, method, polarity, absent)
     if shape not in SHAPES:
         raise InputError(f'shape must be "auto", "disk", "ellipse" or "free", got {shape!r}')
+    keep_freed_memory()
     prior = _prior_optics(optics, blur_px)
     frame_pair = FramePair.of(image, _match_levels(image, reference), full_scale)
     difference, sign = _subtract_background(frame_pair, polarity, registered="position_drift" in absent)

@@ -41,7 +41,7 @@ from contactimg.imaging.profile.edge_shape import (
     LARGEST,
     RIM,
     SOFTNESS,
-    BlurredDisks,
+    blurred_profile,
     edge_profile,
 )
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
@@ -295,11 +295,9 @@ class _Search:
     def _fit_with(self, joint: JointFit, learned: LearnedEdge, step: SharedStep, refine: Refine) -> EdgeFit:
         """Fit the disks with another edge, to which a step has led."""
         disks, edge = joint.fit.disks.copy(), learned.edge
-        expected = EdgeScores.expected(self._with_prior(joint), disks, edge, self.placement)
-        radius = disks[:, RADIUS]
-        disks[:, RADIUS] = np.clip(
-            radius + expected.response[:, step.chosen] @ step.delta, 0.5 * radius, 2.0 * radius
-        )
+        problem, chosen, radius = self._with_prior(joint), step.chosen, disks[:, RADIUS]
+        response, _ = EdgeScores.response_to(chosen, problem, disks, edge, self.placement)
+        disks[:, RADIUS] = np.clip(radius + response[:, chosen] @ step.delta, 0.5 * radius, 2.0 * radius)
         problem = self._corrected(disks, edge)
         fit = replace(joint.fit, disks=disks, blur=edge.blur)
         prior = self.optics_prior.with_exact_blur(edge.blur)
@@ -308,7 +306,7 @@ class _Search:
     def _corrected(self, disks: Values, edge: Edge) -> FitProblem:
         """The image of the same disks with a plain edge."""
         nodes = self.placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
-        plain = BlurredDisks.of(nodes.disks, edge.blur).p
+        plain = blurred_profile(nodes.disks, edge.blur)
         difference = plain - edge_profile(nodes.disks, edge.blur, edge.shape)
         image = self.problem.image.copy()
         add_profiles(image, disks, nodes.inner, difference, nodes.step)
@@ -361,18 +359,18 @@ class _Search:
         joint, edge, families = current.joint, current.learned.edge, current.learned.families
         step, problem = scores.step(parameters_of(families), self.prior(current)), self._with_prior(joint)
         disks, chosen = joint.fit.disks, step.chosen
-        learned = EdgeScores.expected(problem, disks, edge, self.placement)
-        plain = EdgeScores.expected(problem, disks, Edge.plain(edge.blur), self.placement)
-        own = joint.fit.std * np.maximum(learned.radius_std / plain.radius_std, 1.0)[:, None]
-        modes = learned.response[:, chosen] @ np.linalg.cholesky(step.covariance)
+        response, learned = EdgeScores.response_to(chosen, problem, disks, edge, self.placement)
+        _, plain = EdgeScores.response_to(chosen[:1], problem, disks, Edge.plain(edge.blur), self.placement)
+        own = joint.fit.std * np.maximum(learned / plain, 1.0)[:, None]
+        modes = response[:, chosen] @ np.linalg.cholesky(step.covariance)
         # a family describes an edge only so far
-        modes = np.column_stack([modes, FAMILY_RELATIVE_STD * learned.response[:, SHARED:] @ edge.shape])
+        modes = np.column_stack([modes, FAMILY_RELATIVE_STD * response[:, SHARED:] @ edge.shape])
         if edge.shape[SOFTNESS] > 0 and not self.known:
             # where in its soft zone the rim of a contact lies cannot be seen
             modes = np.column_stack([modes, np.sqrt(edge.shape[SOFTNESS]) * disks[:, RADIUS]])
         if edge.shape[RIM] and not self.known:
             # whether the light outside belongs to the contact cannot be seen
-            modes = np.column_stack([modes, edge.shape[RIM] * learned.response[:, SHARED + RIM]])
+            modes = np.column_stack([modes, edge.shape[RIM] * response[:, SHARED + RIM]])
         common, rest = _common_mode(modes[:, 1:], disks[:, RADIUS])
         own[:, RADIUS] = np.hypot(own[:, RADIUS], rest)
         own_step = scores.step(chosen, self.prior(current, own=True))

@@ -11,6 +11,7 @@ holds whatever the noise, drawn to H^-1 where contacts are few). A group of para
 Wald's test of this step.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -29,6 +30,7 @@ from contactimg.imaging.profile.edge_shape import (
     PRIOR_STD,
     BlurredDisks,
     PlacedDisks,
+    blurred_profile,
     edge_profile,
     edge_templates,
 )
@@ -63,6 +65,7 @@ known better; no edge is to be learned from it."""
 ELLIPTICITY = slice(4, 6)
 """Columns of the two components of the ellipticity, where disks are ellipses."""
 OWN = 3  # contrast and radius of a contact, and the background about it
+EVERY_TEMPLATE = range(1 + len(PARAMETERS))
 SHARED = 2  # ln C and the blur come before the parameters of the edge
 
 
@@ -98,9 +101,9 @@ class Edge:
         above, below = (self.profile(disks.widened(x)) for x in (step, -step))
         return (above - below) / (2 * step)
 
-    def templates(self, disks: PlacedDisks) -> Values:
-        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, 1 + m, k)."""
-        return edge_templates(disks, self.blur, self.shape)
+    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
+        """Derivatives of the profile by the blur and the parameters of the edge, shape (n, m, k)."""
+        return edge_templates(disks, self.blur, self.shape, chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,12 +264,24 @@ class EdgeScores:
         return cls._solve(problem, disks, edge, placement, None)
 
     @classmethod
+    def response_to(
+        cls, chosen: NDArray[np.int64], problem: FitProblem, disks: Values, edge: Edge, placement: Placement
+    ) -> tuple[Values, Values]:
+        """`response` to some shared quantities, ln C the first, with 0 for the others; and `radius_std`."""
+        templates = (chosen[chosen > 0] - 1).tolist()
+        scores = cls._solve(problem, disks, edge, placement, None, templates)
+        response = np.zeros((len(disks), SHARED + len(edge.shape)))
+        response[:, chosen] = scores.response
+        return response, scores.radius_std
+
+    @classmethod
     def _solve(
-        cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement, rest: Values | None
-    ) -> "EdgeScores":
-        """Eliminate radius and contrast of each disk."""
+        cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement, rest: Values | None,
+        chosen: Sequence[int] = EVERY_TEMPLATE,
+    ) -> "EdgeScores":  # fmt: skip
+        """Eliminate radius and contrast of each disk; ``chosen`` are the templates that take part."""
         nodes = placement.place(disks, blur=edge.blur)
-        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks)
+        profile, templates = edge.profile(nodes.disks), edge.templates(nodes.disks, chosen)
         contrast, tight = problem.prior.mean, 1.0 / problem.prior.std**2
         c = disks[:, CONTRAST, None]
         variance = problem.noise.variance / problem.brightness_at(disks)[:, None]
@@ -342,7 +357,7 @@ def _with_round_rims(
 
     What a rim of varying curvature adds is taken off: a plain ellipse leaves the residuals of a plain disk.
     """
-    image, plain = image.copy(), BlurredDisks.of(nodes.disks, blur).p
+    image, plain = image.copy(), blurred_profile(nodes.disks, blur)
     bent = disks[:, ELLIPTICITY].any(axis=1)
     disks = disks[bent]
     add_profiles(image, disks, nodes.inner[bent], plain[bent], nodes.step)

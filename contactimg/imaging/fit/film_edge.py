@@ -1,14 +1,21 @@
 """The edge of contacts with an air film, in place of the plain one, for scores and likelihoods."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.edge_scores import FINE_STEPS_PER_BLUR, INNER_BLUR_WIDTHS, Edge
+from contactimg.imaging.fit.edge_scores import EVERY_TEMPLATE, FINE_STEPS_PER_BLUR, INNER_BLUR_WIDTHS, Edge
 from contactimg.imaging.fit.problem import RADIUS
 from contactimg.imaging.kernels.radial_sums import add_profiles, radial_nodes
-from contactimg.imaging.profile.edge_shape import BlurredDisks, PlacedDisks, edge_templates, look_up
+from contactimg.imaging.profile.edge_shape import (
+    BlurredDisks,
+    PlacedDisks,
+    blurred_profile,
+    edge_templates,
+    look_up,
+)
 from contactimg.imaging.profile.film_rim import Rim
 from contactimg.imaging.profile.film_tables import film_table
 
@@ -41,11 +48,11 @@ class FilmEdge(Edge):
         """Derivative of the profile by the radius, 1/px."""
         return self._look_up(disks, self.blur)[1] / self.blur
 
-    def templates(self, disks: PlacedDisks) -> Values:
+    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
         """Derivatives by the blur, and by the parameters of the edge as at the plain one."""
         up, down = (self._look_up(disks, self.blur * np.exp(x))[0] for x in (BLUR_STEP, -BLUR_STEP))
-        templates = edge_templates(disks, self.blur, self.shape)
-        templates[:, 0] = (up - down) / (2.0 * BLUR_STEP * self.blur)
+        templates = edge_templates(disks, self.blur, self.shape, chosen)
+        templates[:, np.asarray(chosen) == 0] = ((up - down) / (2.0 * BLUR_STEP * self.blur))[:, None]
         return templates
 
     def without_film(self, image: NDArray[np.float32], disks: Values) -> NDArray[np.float32]:
@@ -57,7 +64,7 @@ class FilmEdge(Edge):
         field = np.zeros((len(disks), 5))
         placed = PlacedDisks(disks[:, [RADIUS]], field, radial_nodes(inner, step, count), 0.0)
         corrected = image.copy()
-        plain = BlurredDisks.of(placed, self.blur).p
+        plain = blurred_profile(placed, self.blur)
         add_profiles(corrected, disks, inner, plain - self.profile(placed), step)
         return corrected
 
@@ -72,14 +79,14 @@ class FilmDirection(FilmEdge):
 
     def profile(self, disks: PlacedDisks) -> Values:
         """That of the plain edge."""
-        return BlurredDisks.of(disks, self.blur).p
+        return blurred_profile(disks, self.blur)
 
     def by_radius(self, disks: PlacedDisks) -> Values:
         """That of the plain edge."""
         return BlurredDisks.of(disks, self.blur).by_a / self.blur
 
-    def templates(self, disks: PlacedDisks) -> Values:
-        """Derivatives by the blur and by the share of the film, shape (n, 2, k)."""
+    def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
+        """Derivatives by the blur and by the share of the film, shape (n, 2, k), whichever are chosen."""
         plain = BlurredDisks.of(disks, self.blur)
         film = self._look_up(disks, self.blur)[0] - plain.p
         return np.stack([plain.by_s(disks) / self.blur**2, film], axis=1)

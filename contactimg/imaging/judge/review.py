@@ -107,6 +107,7 @@ def review(
     by_hand = _has_flag(detections, Flag.MANUAL)
     unseen = _is_unseen(foreground, places, blur) & ~by_hand
     unseen |= _is_outshone(foreground, difference, detections)
+    looked_at = detections
     superfluous = _rejected_places(detections)[detections.rejected["reason"] == Reason.UNNECESSARY, :2]
     scratch = find_scratches(foreground.image, places, blur_px=blur, candidates=superfluous)
     scratch &= ~unseen & ~by_hand
@@ -117,7 +118,7 @@ def review(
     if isinstance(detections, FittedDetections) and len(_places(detections)):
         climbed = climb(detections, shape=shape)
         remark, misfit = climbed.remark, climbed.misfit
-        lost = _is_outshone(foreground, difference, climbed.detections)
+        lost = _newly_outshone(foreground, difference, climbed.detections, looked_at)
         lost[[row for row, lines in climbed.outlines if len(lines) > 1]] = False  # dark in a hole
         detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
         unseen = np.append(unseen, lost[lost])
@@ -206,6 +207,15 @@ def _is_outshone(
         alone = is_outshone(image, places, contrast=contrast, spare_crowds=True)
         outshone &= _has_flag(detections, Flag.POOR_FIT) | unfinished(detections) | alone
     return outshone & ~_has_flag(detections, Flag.MANUAL)
+
+
+def _newly_outshone(
+    foreground: Foreground, difference: DifferenceImage, detections: Detections, looked_at: Detections
+) -> NDArray[np.bool_]:
+    """`_is_outshone` of what a look has left; where it has left all as it was, none is."""
+    if detections is looked_at:
+        return np.zeros(len(_places(detections)), np.bool_)
+    return _is_outshone(foreground, difference, detections)
 
 
 def _has_flag(detections: Detections, flag: Flag) -> NDArray[np.bool_]:

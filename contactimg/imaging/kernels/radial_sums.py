@@ -99,22 +99,21 @@ def add_profiles(image, disks, inner, profiles, step):
     rows, columns = image.shape
     elongated = disks.shape[1] > 4
     for i in range(len(disks)):
-        x, y, c = disks[i, 0], disks[i, 1], disks[i, 3]
+        x, y = disks[i, 0], disks[i, 1]
         reach = inner[i] + step * (profiles.shape[1] - INNER_NODES - 1) - 1e-9
         ellipse, longer = _axes(disks[i])
         top, bottom = _window(y, reach + longer, rows)
-        first, last = _window(x, reach + longer, columns)
+        levels = disks[i, 3] * profiles[i]
         for row in range(top, bottom):
-            dy2 = (row - y) ** 2
+            square = (reach + longer) ** 2 - (row - y) ** 2
+            first, last = _window(x, np.sqrt(max(square, 0.0)), columns)
             for column in range(first, last):
-                r2 = (column - x) ** 2 + dy2
-                if r2 >= (reach + longer) ** 2:
-                    continue
-                r = rim_distance(column - x, row - y, ellipse) if elongated else np.sqrt(r2)
+                if elongated:
+                    r = rim_distance(column - x, row - y, ellipse)
+                else:
+                    r = np.sqrt((column - x) ** 2 + (row - y) ** 2)
                 if r >= reach:
                     continue
                 place = _place(r, inner[i], step)
                 k = int(place)
-                image[row, column] += c * (
-                    profiles[i, k] + (place - k) * (profiles[i, k + 1] - profiles[i, k])
-                )
+                image[row, column] += levels[k] + (place - k) * (levels[k + 1] - levels[k])

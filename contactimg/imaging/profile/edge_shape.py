@@ -13,6 +13,7 @@ With P(r; a, s) the blurred uniform disk, the brightness of a contact is ``R(M(r
   the g-th power of the light, and contacts of contrast c relative to the background.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,15 +118,21 @@ class BlurredDisks:
         return 0.5 * self.p - squares / a**2
 
 
-def look_up(table: NDArray[np.float32], disks: PlacedDisks, blur: Values) -> Values:
-    """``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (3, n, k)."""
-    return np.asarray(_interpolate(table, disks.radius[:, 0], blur[:, 0], disks.distance))
+def blurred_profile(disks: PlacedDisks, blur: Values | float) -> Values:
+    """``P`` of `BlurredDisks` alone, in a third of the time."""
+    s = np.broadcast_to(np.asarray(blur, float), disks.radius.shape)
+    return look_up(disk_table().values, disks, s, 1)[0]
+
+
+def look_up(table: NDArray[np.float32], disks: PlacedDisks, blur: Values, count: int = 3) -> Values:
+    """The first of ``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (count, n, k)."""
+    return np.asarray(_interpolate(table, disks.radius[:, 0], blur[:, 0], disks.distance, count))
 
 
 @njit(cache=True, error_model="numpy")
-def _interpolate(table, radius, blur, distance):
-    """Profile and derivatives from the table of the plain disk, shape (3, n, k)."""
-    out = np.zeros((3, *distance.shape))
+def _interpolate(table, radius, blur, distance, count):
+    """Profile and derivatives from the table of the plain disk, shape (count, n, k)."""
+    out = np.zeros((count, *distance.shape))
     rows, columns = table.shape[:2]
     for i in range(len(radius)):
         a, s = radius[i], blur[i]
@@ -139,7 +146,7 @@ def _interpolate(table, radius, blur, distance):
             elif column < columns - 1:
                 j = int(column)
                 g = column - j
-                for m in range(3):
+                for m in range(count):
                     low = table[k, j, m] + g * (table[k, j + 1, m] - table[k, j, m])
                     high = table[k + 1, j, m] + g * (table[k + 1, j + 1, m] - table[k + 1, j, m])
                     out[m, i, n] = low + f * (high - low)
@@ -169,16 +176,16 @@ def edge_profile(disks: PlacedDisks, blur: float, shape: Values) -> Values:
     relative = np.maximum(1.0 + disks.field @ shape[FIELD], NARROWEST_BLUR_RATIO)[:, None]
     variance = (blur * relative) ** 2 + shape[SOFTNESS] * disks.radius**2
     s = np.sqrt(np.maximum(variance, (NARROWEST_BLUR_RATIO * blur) ** 2))
-    plain = BlurredDisks.of(disks, s)
-    profile = plain.p
+    profile = plain = blurred_profile(disks, s)
     if shape[WEIGHTS].any():
         profile = profile * (1.0 - shape[WEIGHTS].sum())
         for weight, ratio in zip(shape[WEIGHTS], WIDTH_RATIOS, strict=True):
-            profile = profile + weight * BlurredDisks.of(disks, ratio * s).p
+            if weight:
+                profile += weight * blurred_profile(disks, ratio * s)
     if shape[DOME]:
-        profile = profile + shape[DOME] * plain.dome(disks, s)
+        profile = profile + shape[DOME] * BlurredDisks.of(disks, s).dome(disks, s)
     if shape[RIM]:
-        profile = profile + shape[RIM] * (BlurredDisks.of(_with_rims(disks), s).p - plain.p)
+        profile = profile + shape[RIM] * (blurred_profile(_with_rims(disks), s) - plain)
     if shape[TREND]:
         profile = profile * (1.0 + shape[TREND] * _smallness(disks, blur))
     return respond(profile, float(shape[RESPONSE]), disks.ratio)
@@ -194,25 +201,34 @@ def _smallness(disks: PlacedDisks, blur: float) -> Values:
     return 1.0 / (1.0 + (disks.radius / (SMALL_BLUR_WIDTHS * blur)) ** 2)
 
 
-def edge_templates(disks: PlacedDisks, blur: float, shape: Values) -> Values:
-    """Derivatives of the profile by blur (px) and `PARAMETERS`, shape (n, 16, k).
+def edge_templates(disks: PlacedDisks, blur: float, shape: Values, chosen: Sequence[int]) -> Values:
+    """Derivatives of the profile by some of the blur (0, px) and `PARAMETERS` (from 1), shape (n, m, k).
 
     At the plain edge, except that by the response, which is far from linear.
     """
-    defect = float(shape[RESPONSE])
     plain = BlurredDisks.of(disks, blur)
     by_s = plain.by_s(disks) / blur**2
-    above, below = (respond(plain.p, defect + x, disks.ratio) for x in (DEFECT_STEP, -DEFECT_STEP))
-    return np.stack(
-        [
-            by_s,
-            *(BlurredDisks.of(disks, ratio * blur).p - plain.p for ratio in WIDTH_RATIOS),
-            by_s * disks.radius**2 / (2 * blur),
-            plain.dome(disks, blur),
-            (above - below) / (2 * DEFECT_STEP),
-            *(by_s * blur * disks.field[:, [k]] for k in range(disks.field.shape[1])),
-            plain.p * _smallness(disks, blur),
-            BlurredDisks.of(_with_rims(disks), blur).p - plain.p,
-        ],
-        axis=1,
-    )
+    out = np.empty((len(disks.radius), len(chosen), disks.distance.shape[1]))
+    for column, k in enumerate(chosen):
+        out[:, column] = by_s if k == 0 else _by_parameter(disks, blur, k - 1, plain, by_s, shape[RESPONSE])
+    return out
+
+
+def _by_parameter(
+    disks: PlacedDisks, blur: float, k: int, plain: BlurredDisks, by_s: Values, defect: float
+) -> Values:
+    """Derivative of the profile by one of `PARAMETERS`; ``by_s`` is that by the blur."""
+    if k < WEIGHTS.stop:
+        return blurred_profile(disks, WIDTH_RATIOS[k] * blur) - plain.p
+    if FIELD.start <= k < FIELD.stop:
+        return by_s * blur * disks.field[:, [k - FIELD.start]]
+    if k == SOFTNESS:
+        return by_s * disks.radius**2 / (2 * blur)
+    if k == DOME:
+        return plain.dome(disks, blur)
+    if k == RESPONSE:
+        above, below = (respond(plain.p, defect + x, disks.ratio) for x in (DEFECT_STEP, -DEFECT_STEP))
+        return (above - below) / (2 * DEFECT_STEP)
+    if k == TREND:
+        return plain.p * _smallness(disks, blur)
+    return blurred_profile(_with_rims(disks), blur) - plain.p

@@ -84,9 +84,12 @@ def find_chains(image: NDArray[np.float32], disks: NDArray, *, blur_px: float) -
     places = np.ascontiguousarray(disks[small, :3], float)
     pairs = find_pairs(places, 0.5 * LARGEST_GAP_BLUR_WIDTHS * blur_px)
     one, two = places[pairs[:, 0], :2], places[pairs[:, 1], :2]
-    height = np.minimum(_brightness(image, one), _brightness(image, two))
-    between = np.min([_brightness(image, one + share * (two - one)) for share in (0.4, 0.5, 0.6)], axis=0)
+    along = [one, two, *(one + share * (two - one) for share in (0.4, 0.5, 0.6))]
+    levels = _brightness(image, np.vstack(along)).reshape(len(along), -1)
+    height, between = levels[:2].min(axis=0), levels[2:].min(axis=0)
     pairs = pairs[(between > BRIDGE_FRACTION * height) & (height > 0)]
+    if len(pairs) < FEWEST_PIECES - 1:  # fewer bonds hold no such chain together
+        return []
     n = len(small)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
     count, labels = connected_components(graph, directed=False)

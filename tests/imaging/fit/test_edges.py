@@ -147,7 +147,7 @@ def test_templates_are_the_derivatives_of_the_profile(parameter):
     shape = np.zeros((2, len(PARAMETERS)))
     shape[:, parameter] = step, -step
     above, below = (edge_profile(nodes.disks, 1.4, row) for row in shape)
-    template = edge_templates(nodes.disks, 1.4, np.zeros(len(PARAMETERS)))[:, 1 + parameter]
+    template = edge_templates(nodes.disks, 1.4, np.zeros(len(PARAMETERS)), [1 + parameter])[:, 0]
     np.testing.assert_allclose((above - below) / (2 * step), template, atol=0.02 * np.abs(template).max())
 
 
