@@ -86,7 +86,8 @@ class FilmDirection(FilmEdge):
         return BlurredDisks.of(disks, self.blur).by_a / self.blur
 
     def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:
-        """Derivatives by the blur and by the share of the film, shape (n, 2, k), whichever are chosen."""
+        """Derivatives by the blur and by the share of the film, as far as chosen."""
         plain = BlurredDisks.of(disks, self.blur)
         film = self._look_up(disks, self.blur)[0] - plain.p
-        return np.stack([plain.by_s(disks) / self.blur**2, film], axis=1)
+        both = (plain.by_s(disks) / self.blur**2, film)
+        return np.stack([both[k] for k in chosen if k < len(both)], axis=1)

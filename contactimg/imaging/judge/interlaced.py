@@ -70,8 +70,7 @@ def _step(image: NDArray[np.float32], rows: NDArray[np.float32]) -> tuple[float,
 
 @njit(cache=True)
 def _sum_rows(image, rows):
-    """Of each row looked at: minus its deviation from the mean of its neighbours times the slope of this mean,
-    and the square of the slope, summed."""
+    """For each row and the mean of its neighbours: slope of the mean times its excess, and slope squared."""
     along, weight = np.empty(len(rows)), np.empty(len(rows))
     for k in range(len(rows)):
         j = 1 + k * ROW_STEP

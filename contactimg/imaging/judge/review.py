@@ -168,7 +168,9 @@ def _is_unseen(foreground: Foreground, places: NDArray, blur: float) -> NDArray[
 
 def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np.bool_]:
     """Which contacts do not stand out of their surroundings, the other contacts left out."""
-    rise, scatter = measure_rise(foreground.image, foreground.frame_pair.valid, places, blur_px=blur)
+    rise, scatter = measure_rise(
+        foreground.image, foreground.frame_pair.valid, places, blur_px=blur, prominence=LEAST_PROMINENCE
+    )
     high = rise > CLEAR_RISE_FRACTION * foreground.contrast.plateau
     least = np.where(high, CLEAR_RISE_PROMINENCE, LEAST_PROMINENCE)
     return np.asarray((rise <= 0.0) | (rise < least * scatter))

@@ -241,7 +241,7 @@ def measure_again(scenery: Scenery, disks: Values, *, blur_px: float) -> SecondO
 
 
 def measure_rise(
-    image: NDArray[np.float32], valid: Mask, disks: Values, *, blur_px: float
+    image: NDArray[np.float32], valid: Mask, disks: Values, *, blur_px: float, prominence: float = np.inf
 ) -> tuple[Values, Values]:
     """How far each contact stands out of its surroundings, and what these scatter.
 
@@ -255,17 +255,20 @@ def measure_rise(
         x, y, radius (px).
     blur_px : float
         Standard deviation of the blurred edge.
+    prominence : float
+        Rise over scatter beyond which neither matters.
 
     Returns
     -------
     rise, scatter : ndarray, shape (n,), grey levels
         Mean inside the contact minus the median of its surroundings, and their robust standard deviation; NaN
-        where no surroundings are seen.
+        where no surroundings are seen. Beyond ``prominence`` bounds of both may be given: at least the rise,
+        at most the scatter.
     """
     blur = max(blur_px, LEAST_BLUR_PX)
     near, far = SURROUNDINGS_BLUR_WIDTHS * blur, REGION_BLUR_WIDTHS * blur + RING_PX
     places = np.ascontiguousarray(disks[:, :3], float)
-    rise, scatter = stand_out(image, for_kernel(valid), places, near, far).T
+    rise, scatter = stand_out(image, for_kernel(valid), places, near, far, prominence).T
     return rise, scatter
 
 

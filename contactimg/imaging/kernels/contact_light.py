@@ -128,6 +128,15 @@ def _add_run(image, valid, run, out):
         out[0] += right - left if valid.shape != image.shape else _row_sum(valid[row, left:right])
 
 
+@njit(cache=True)
+def _mean_inside(image, valid, disk):
+    """Mean of the pixels inside a contact that are seen; NaN without one."""
+    x, y, a, sums = disk[0], disk[1], max(disk[2], LEAST_INSIDE_PX), np.zeros(2)
+    for row in range(int(np.ceil(y - a)), int(np.floor(y + a)) + 1):
+        _add_run(image, valid, (row, *_chord(x, a * a - (row - y) ** 2)), sums)
+    return sums[1] / sums[0] if sums[0] > 0 else np.nan
+
+
 @njit(cache=True, fastmath=True, forceinline=True)
 def _row_sum(values):
     """Sum of contiguous values; apart, so that it compiles to vector instructions."""
@@ -172,26 +181,26 @@ def _free_distance(disk, neighbours):
 
 
 @njit(cache=True)
-def stand_out(image, valid, disks, near_px, far_px):
+def stand_out(image, valid, disks, near_px, far_px, prominence):
     """Mean inside each contact minus the median of its surroundings, and their robust scatter: shape (n, 2).
 
     The surroundings lie between two distances from the rim, in those of no other contact. NaN where either is
-    not seen. Parameters as for `sum_light`.
+    not seen. Where the inside exceeds the brightest pixel around by ``prominence`` times the largest possible
+    scatter, these two are given instead, a lower and an upper bound, for time. Parameters as for `sum_light`.
     """
     out = np.full((len(disks), 2), np.nan)
-    start, link = list_neighbours(len(disks), find_pairs(disks, far_px))
-    sums = np.zeros(2)
+    start, link = list_neighbours(len(disks), find_pairs(disks, 0.5 * (near_px + far_px + 1.0)))
     for i in range(len(disks)):
-        x, y, a = disks[i]
-        sums[:] = 0.0
-        a = max(a, LEAST_INSIDE_PX)
-        for row in range(int(np.ceil(y - a)), int(np.floor(y + a)) + 1):
-            _add_run(image, valid, (row, *_chord(x, a * a - (row - y) ** 2)), sums)
         neighbours = disks[link[start[i] : start[i + 1], 2]]
         around = _sample_surroundings(image, valid, disks[i], neighbours, (near_px, far_px))
-        count = len(around)
-        if count >= FEWEST_AROUND and sums[0] > 0:
-            out[i, 0] = sums[1] / sums[0] - around[count // 2]
+        count, level = len(around), _mean_inside(image, valid, disks[i])
+        if count < FEWEST_AROUND or np.isnan(level):
+            continue
+        highest = around.max()
+        out[i] = level - highest, QUARTILES_TO_STD * (highest - around.min())
+        if not (out[i, 0] > 0.0 and out[i, 0] >= prominence * out[i, 1]):
+            around = np.sort(around)
+            out[i, 0] = level - around[count // 2]
             out[i, 1] = QUARTILES_TO_STD * (around[(3 * count) // 4] - around[count // 4])
     return out
 
@@ -216,19 +225,15 @@ def find_outshone(image, disks, limits_px, margin, look_for_crowd):
     look_for_crowd : bool
         Tell 2 from 1.
     """
-    out, sums, everything = np.zeros(len(disks), np.int64), np.zeros(2), np.ones((1, 1), np.uint8)
-    start, link = list_neighbours(len(disks), find_pairs(disks, limits_px[1]))
+    out, everything = np.zeros(len(disks), np.int64), np.ones((1, 1), np.uint8)
+    pairs = find_pairs(disks, limits_px[1]) if look_for_crowd else np.empty((0, 2), np.int64)
+    start, link = list_neighbours(len(disks), pairs)
     for i in range(len(disks)):
-        x, y, a = disks[i]
-        sums[:] = 0.0
-        inside = max(a, LEAST_INSIDE_PX)
-        for row in range(int(np.ceil(y - inside)), int(np.floor(y + inside)) + 1):
-            _add_run(image, everything, (row, *_chord(x, inside * inside - (row - y) ** 2)), sums)
-        if not sums[0] > 0:
+        level = _mean_inside(image, everything, disks[i]) - margin
+        if np.isnan(level):
             continue
-        level = sums[1] / sums[0] - margin
         around = _sample_surroundings(image, everything, disks[i], disks[:0], limits_px)
-        if not np.mean(around >= level) > CLEAR_SHARE:
+        if not len(around) or not np.sum(around >= level) / len(around) > CLEAR_SHARE:
             continue
         ring = _ring_pixels(image, disks[i], disks[:0], limits_px)
         if len(ring) > FEWEST_AROUND and level <= np.median(ring):
@@ -258,7 +263,7 @@ def _ring_pixels(image, disk, neighbours, limits):
 
 @njit(cache=True)
 def _sample_surroundings(image, valid, disk, neighbours, limits):
-    """Pixels around one contact that lie in the surroundings of no other, sorted."""
+    """Pixels around one contact that lie in the surroundings of no other."""
     sample = np.empty(DIRECTIONS * DISTANCES, np.float32)
     count = 0
     for k in range(DIRECTIONS):
@@ -271,7 +276,7 @@ def _sample_surroundings(image, valid, disk, neighbours, limits):
             if _is_free(neighbours, column, row, limits[0]):
                 sample[count] = image[row, column]
                 count += 1
-    return np.sort(sample[:count])
+    return sample[:count]
 
 
 @njit(cache=True)

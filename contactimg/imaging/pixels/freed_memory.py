@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 LARGEST_KEPT_BYTES = 31 * 2**20
-"""Largest array that is kept. Theory: glibc keeps none beyond 32 MB; a frame of 8 megapixels in single precision."""
+"""Largest array that is kept. Theory: glibc keeps none beyond 32 MB, 8 megapixels in single precision."""
 
 
 @lru_cache(maxsize=1)

@@ -210,12 +210,16 @@ def edge_templates(disks: PlacedDisks, blur: float, shape: Values, chosen: Seque
     by_s = plain.by_s(disks) / blur**2
     out = np.empty((len(disks.radius), len(chosen), disks.distance.shape[1]))
     for column, k in enumerate(chosen):
-        out[:, column] = by_s if k == 0 else _by_parameter(disks, blur, k - 1, plain, by_s, shape[RESPONSE])
+        out[:, column] = (
+            by_s
+            if k == 0
+            else _by_parameter(disks, blur, k - 1, plain, by_s=by_s, defect=float(shape[RESPONSE]))
+        )
     return out
 
 
 def _by_parameter(
-    disks: PlacedDisks, blur: float, k: int, plain: BlurredDisks, by_s: Values, defect: float
+    disks: PlacedDisks, blur: float, k: int, plain: BlurredDisks, *, by_s: Values, defect: float
 ) -> Values:
     """Derivative of the profile by one of `PARAMETERS`; ``by_s`` is that by the blur."""
     if k < WEIGHTS.stop:
