@@ -39,6 +39,7 @@ from contactimg.imaging.fit.settings import (
     SMALLEST_ARC_BLUR_WIDTHS,
     UNSETTLED_CHI_SQUARE_RATIO,
 )
+from contactimg.imaging.fit.work import TooMuchWork
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.shapes.arcs import cover_outline
 from contactimg.imaging.shapes.overlap import hidden
@@ -84,6 +85,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse = _no_finer_than_shapes(problem)
     groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
+    deep = problem.work.deep
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
         usual_single = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
@@ -96,10 +98,15 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
         if window is None:
             continue
         disks = fit.disks[members] - window.offset
-        better = _find_cover(window, disks, usual)
+        try:
+            better = _find_cover(window, disks, usual)
+        except TooMuchWork:
+            problem.work.unresolved_groups += 1
+            continue
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
+    problem.work.deep = deep  # covers overlap on trial, and their share was chosen with that
     return Replacement(replaced, np.vstack(new))
 
 

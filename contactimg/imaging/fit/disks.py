@@ -22,6 +22,7 @@ from contactimg.imaging.fit.settings import (
     RADIUS_TOLERANCE_SIGMA,
     WIDE_RADIUS_BLUR_WIDTHS,
 )
+from contactimg.imaging.fit.work import TooMuchWork
 from contactimg.imaging.kernels.gauss_newton import (
     WELL_FITTED_CHI_SQUARE,
     draw_disks,
@@ -161,6 +162,9 @@ def render_disks(
 def erase_disks(problem: FitProblem, fit: FittedDisks, erased: NDArray[np.bool_]) -> None:
     """Take some disks out of the model image of a fit, in place."""
     drawn = np.ones(len(fit.disks), np.bool_)
+    if 2 * np.count_nonzero(erased) > len(drawn):  # those that stay are sooner drawn anew
+        fit.model.fill(0.0)
+        drawn[:] = False
     pairs = find_pairs(fit.disks, 0.0)
     draw_disks(fit.model, fit.disks, fit.blur, drawn, ~erased, pairs, problem.profile)
 
@@ -199,11 +203,16 @@ def fit_disks(
     Returns
     -------
     FittedDisks
+
+    Raises
+    ------
+    TooMuchWork
+        If a single step would take more work than is left.
     """
     n = len(disks)
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     start = start or ModelImage.blank(problem.image.shape, n)
-    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, work = iterate(
+    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, *work = iterate(
         problem.image,
         for_kernel(problem.valid, problem.saturated),
         np.array(disks, float),
@@ -222,8 +231,11 @@ def fit_disks(
         start.complete,
         np.full(n, np.inf) if largest is None else largest,
         problem.work.left,
+        problem.work.left_for_first_step,
     )
-    problem.work.count_fit(float(work), cut_off=bool(steps < control.iterations and not settled.all()))
+    if n and not steps:
+        raise TooMuchWork(f"one step of a fit of {n} disks")
+    problem.work.count_fit(*work, cut_off=bool(steps < control.iterations and not settled.all()))
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(fitted)[:, None]
     return FittedDisks(

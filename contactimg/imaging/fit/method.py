@@ -46,6 +46,7 @@ from contactimg.imaging.fit.settings import (
     WIDEST_UNBINNED_BLUR_PX,
 )
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, hides_contrast, settle_optics
+from contactimg.imaging.fit.work import TooMuchWork
 from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.pixels.frame_pair import CutOff
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
@@ -251,6 +252,15 @@ def _next_start(start: _Start, result: FrameFit, joint: JointFit) -> _Start:
 
 
 def _attempt(start: _Start, given: _Given, plain: FrameFit) -> FrameFit:
+    """The disks detected at one contrast with the edge that they show, or as they are for want of work."""
+    try:
+        return _with_edge(start, given, plain)
+    except TooMuchWork:
+        plain.problem.work.unfinished_fits += 1
+        return plain
+
+
+def _with_edge(start: _Start, given: _Given, plain: FrameFit) -> FrameFit:
     """Look for a film about the disks detected at one contrast, else for another edge."""
     problem = start.problem
     if plain.joint is None:
@@ -320,6 +330,18 @@ def _with_film(start: _Start, given: _Given, weighed: WeighedFilm) -> FrameFit:
 
 
 def _settle(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool = False) -> FrameFit:
+    """Detect the disks at one contrast and fit them; none where that would take too much work."""
+    try:
+        return _settled(start, given, prior, has_film=has_film)
+    except TooMuchWork:
+        work = start.problem.work
+        work.refused = True
+        nothing = np.empty((0, 4))
+        fit = fit_disks(start.problem, nothing, blur=start.blur, control=FitControl(False, iterations=1))
+        return FrameFit(start.problem, fit, nothing[:, :3], float("nan"), None, None)
+
+
+def _settled(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool) -> FrameFit:
     """Detect the disks at one contrast and fit them, with noise, halo, illumination, contrast and blur.
 
     With a film, whose fringes look like one, no halo is looked for.

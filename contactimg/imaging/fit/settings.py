@@ -86,6 +86,9 @@ WORK_PER_SMALL_FRAME = 1e6
 """Work that any frame may cost. Chosen: 0.04 s."""
 COVER_SHARE = 0.6
 """Share of it after which no more covers are tried. By hand."""
+FIRST_STEP_RATIO = 1.5
+"""Work over that limit beyond which not even one step of a fit is begun. Chosen: a crowd of which each step
+takes a quarter of the limit ends at 1.35 times the limit, images without disks at many times."""
 WORK_PER_FIT = 2e4
 """What a fit costs besides its pixels and disks. By hand; not measured."""
 

@@ -25,7 +25,7 @@ from contactimg.imaging.fit.ellipse import (
     render_ellipse,
 )
 from contactimg.imaging.fit.quality import FittedDetections
-from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
+from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.climbed_table import ClimbedTable, Outlines
@@ -77,6 +77,7 @@ WORK_PER_PIXEL, LEAST_WORK_PX, WORK_PER_WINDOW_PX = 0.6, 100_000, 1500
 """Pixels of windows, over those of the image, at which the ladder stops, and at least; what a window costs
 besides its own. Chosen: at most 1.2 s per megapixel, and 0.2 s, at 2 us a pixel and 3 ms a window, as on a
 page of text; a third of that on crowds of ellipses."""
+LEAST_WORK_SHARE = 0.25  # of it that a fit which took more than its own work leaves; chosen, for time
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +250,9 @@ class _Ladder:
     def _asked(self, groups: Sequence[NDArray[np.intp]]) -> list[ClimbedContact]:
         """Groups as ellipses where these are better."""
         touching = _flagged(self.detections, Flag.MERGED)
-        found, work = [], max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
+        done = self.scene.problem.work.done / self.scene.problem.work.limit
+        share = min(max(FIRST_STEP_RATIO - done, LEAST_WORK_SHARE), 1.0)
+        found, work = [], share * max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         self.unheard = []
         for members in groups:
             # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
@@ -261,8 +264,8 @@ class _Ladder:
                 self.unheard.append(self.row_of[members])
                 continue
             view = self.scene.view(members)
+            work -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
             if view is not None:
-                work -= WORK_PER_WINDOW_PX + view.window.image.size
                 found += self._ellipses(view)
         return found
 

@@ -90,11 +90,15 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
     count = len(detections.contacts["x_px"])
     ratio = float(difference.illumination.coefficients[0, 0])
     light_changed = bool(difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE)
+    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
+    refused = bool(not count and fit is not None and fit.problem.work.refused)
     defects: list[tuple[str, str]] = [(frame_pair.defect, frame_pair.message)]
     if light_changed:
         contacts = "contacts fill" if count else "one contact fills"
         text = f"the background is {ratio:.2g} times the reference: the light changed or {contacts} the frame"
         defects.append((Status.LIGHT_CHANGED, text))
+    elif refused:
+        defects.append((Status.UNRESOLVED, ""))
     elif not count:
         defects.append((Status.NO_CONTACT, _explain_no_contact(foreground)))
     elif difference.registration_failed:
@@ -109,7 +113,7 @@ def judge(foreground: Foreground, difference: DifferenceImage, seen: Review) -> 
         remarks.insert(0, "no reference: the background was estimated from the frame")
     message = "; ".join(text for text in [*(text for _, text in defects), *remarks] if text)
     status = next((status for status, _ in defects if status), Status.OK)
-    return Verdict(status, message, measurable=bool(count or not light_changed))
+    return Verdict(status, message, measurable=bool(count or not (light_changed or refused)))
 
 
 def _remark_unresolved(detections: Detections) -> str:
@@ -236,6 +240,11 @@ def _ran_out_of_work(detections: Detections) -> str:
     if fit is None or not fit.problem.work.ran_out:
         return ""
     work, unsettled = fit.problem.work, int(np.count_nonzero(unfinished(detections)))
+    if work.refused and not len(detections.contacts["x_px"]):
+        return (
+            "nothing was fitted: the disks that would explain what stands out overlap so much that one step "
+            "of their fit would take longer than a frame of this size may"
+        )
     return (
         "the fit was cut off, for it would have taken longer than a frame of this size may: "
         f"{unsettled} of {len(detections.contacts['x_px'])} contacts had not settled (their "

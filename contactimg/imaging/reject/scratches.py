@@ -110,7 +110,8 @@ def _is_line(image: NDArray[np.float32], pieces: NDArray, wide: NDArray, blur_px
     high = np.ceil(pieces[:, :2].max(axis=0) + reach).astype(int) + 1
     part = image[low[1] : high[1], low[0] : high[0]]
     above = np.pad(part > 0.5 * np.median(_brightness(image, pieces[:, :2])), 1).astype(np.uint8)
-    for x, y, radius in wide:
+    outside = np.maximum(low - 1 - wide[:, :2], wide[:, :2] - high - 1).max(axis=1)
+    for x, y, radius in wide[outside < wide[:, 2] + blur_px + 1]:
         place = (round(x - low[0]) + 1, round(y - low[1]) + 1)
         cv2.circle(above, place, math.ceil(radius + blur_px), 0, thickness=-1)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
