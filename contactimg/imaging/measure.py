@@ -301,6 +301,8 @@ def _tabulate(
 ) -> ImageMeasurement:
     """The result, in the grey levels of the frame."""
     unit, optics = foreground.frame_pair.unit, detections.optics
+    # without a contact, the contrast is that of what stands out
+    contrast = optics.contrast if len(detections.contacts["x_px"]) else foreground.seen(optics.contrast)
     edge = foreground.prior_optics.known_edge
     if edge is not None and isinstance(detections, FittedDetections):
         contacts = without_edge_shift(detections.contacts, edge.shift_px)
@@ -308,7 +310,7 @@ def _tabulate(
     return ImageMeasurement(
         disks=_contacts_table(detections),
         rejected=_rejected_table(foreground.foreign.rejected, detections.rejected),
-        contrast=foreground.sign * optics.contrast * unit if foreground.contrast.plateau > 0 else 0.0,
+        contrast=foreground.sign * contrast * unit if foreground.contrast.plateau > 0 else 0.0,
         noise=foreground.noise * unit,
         threshold=fraction,
         blur_px=optics.blur_px,

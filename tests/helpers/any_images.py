@@ -15,6 +15,8 @@ from contactimg.tables import Flag
 METHODS, POLARITIES = ("disk", "threshold"), ("bright", "dark", "auto")
 REFERENCES = ("none", "right", "wrong")
 DEPTHS = ("uint8", "uint16", "float32", "binary")
+SINGLE = 2.0**-22
+"""Relative error of a difference of two single-precision numbers, two roundings."""
 MOST_POOR = 0.2
 """Share of poor fits above which a frame must not be ok."""
 
@@ -145,7 +147,10 @@ def stand_out(difference, disks, sign):
 
 @dataclass
 class Looked:
-    """A measurement of any image, what is wrong with it, and the processor time that it took, s."""
+    """A measurement of any image, what is wrong with it, and the processor time that it took, s.
+
+    ``not_shown``: the contrast is beyond the pixels, and the frame says that no contact shows it.
+    """
 
     result: ImageMeasurement
     invisible: int = 0
@@ -153,22 +158,27 @@ class Looked:
     faults: list[str] = field(default_factory=list)
     rises: np.ndarray = field(default_factory=lambda: np.zeros(0))
     seconds: float = 0.0
+    not_shown: bool = False
 
 
 def look_at(image, reference, *, method, polarity, least_rise=0.0, known_scale=True) -> Looked:
     """Measure an image and look for what must not be.
 
     The values of a float image lie between 0 and 1, unless the scale is not known: then no contrast may
-    exceed what lies between the lowest and the highest pixel of both images.
+    exceed what lies between the lowest and the highest pixel of both images, to single precision, unless the
+    frame says of all contacts that they are too small to show it (`NO_PLATEAU`).
     """
     levels = 1.0 if image.dtype.kind == "f" else float(np.iinfo(image.dtype).max)
     if not known_scale:
         both = [image] if reference is None else [image, reference]
-        levels = float(max(part.max() for part in both)) - float(min(part.min() for part in both))
+        high, low = float(max(part.max() for part in both)), float(min(part.min() for part in both))
+        levels = high - low + SINGLE * max(abs(high), abs(low))
     full_scale, start = levels if known_scale else None, time.process_time()
     result = measure_image(image, reference, method=method, polarity=polarity, full_scale=full_scale)
     seconds, disks, found = time.process_time() - start, result.disks, []
-    if abs(result.contrast) > levels * (1 + 1e-9):
+    hidden = bool(len(disks)) and bool((disks["flags"].to_numpy() & int(Flag.NO_PLATEAU) > 0).all())
+    beyond = abs(result.contrast) > levels * (1 + 1e-9)
+    if beyond and (known_scale or not hidden):
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
     if not np.isfinite(disks[list(CONTACT_COLUMNS)].to_numpy(float)).all():
@@ -183,7 +193,7 @@ def look_at(image, reference, *, method, polarity, least_rise=0.0, known_scale=T
         found.append(f"ok although {poor:.0%} are poor fits")
     if result.status != "ok" and not result.message:
         found.append(f"status {result.status} without a sentence")
-    return Looked(result, invisible, float(poor), found, rise, seconds)
+    return Looked(result, invisible, float(poor), found, rise, seconds, beyond and hidden)
 
 
 def faults(image, reference, *, method, polarity, least_rise=0.0):

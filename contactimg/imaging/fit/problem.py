@@ -69,6 +69,8 @@ class FitProblem:
         Column and row of the image's first pixel, where it is a window of a larger one.
     largest_contrast : float
         That the grey levels can show.
+    shown_contrast : float
+        Largest contrast of contacts that show theirs.
     work : Work
         Done for the frame; shared by all problems of it.
     removed_background : ndarray, shape (4, 4)
@@ -87,6 +89,7 @@ class FitProblem:
     binning: int = 1
     corner: tuple[int, int] = (0, 0)
     largest_contrast: float = float("inf")
+    shown_contrast: float = float("inf")
     work: Work = field(default_factory=Work)
     removed_background: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
 
@@ -113,6 +116,7 @@ class FitProblem:
             image, Noise(foreground.noise**2), ContrastPrior.loose(foreground.contrast.plateau), valid=valid,
             saturated=saturated, background=background, brightness=difference.brightness, binning=binning,
             largest_contrast=max(foreground.largest_contrast, foreground.contrast.plateau),
+            shown_contrast=max(foreground.shown_contrast, foreground.contrast.plateau),
             work=Work.of_frame(foreground.image.size),
         )  # fmt: skip
 
@@ -128,6 +132,7 @@ class FitProblem:
             binning=self.binning,
             corner=(box[1].start, box[0].start),
             largest_contrast=self.largest_contrast,
+            shown_contrast=self.shown_contrast,
             work=self.work,
         )
 

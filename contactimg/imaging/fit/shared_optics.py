@@ -181,6 +181,9 @@ def settle_optics(
     if joint is None or _is_unseen(problem, joint.fit, optics_prior):
         start = fit if joint is None else joint.fit
         return _profiled(problem, start, float(np.median(inflation)), wide_contrast)
+    if joint.contrast > problem.shown_contrast:
+        problem = replace(problem, largest_contrast=problem.shown_contrast)
+        return _newton(problem, joint.fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
     return joint
 
 
@@ -193,7 +196,8 @@ def _newton(
     wide_contrast: float,
 ) -> JointFit:
     """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
-    contrast, spread = problem.prior.mean, problem.prior.std / problem.prior.mean
+    most = problem.largest_contrast
+    contrast, spread = min(problem.prior.mean, most), problem.prior.std / problem.prior.mean
     noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
     last_step = np.zeros(2)
     for remaining in reversed(range(OPTICS_STEPS)):
@@ -202,7 +206,7 @@ def _newton(
         gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
-        bounds = np.array([np.log(problem.largest_contrast / contrast), NARROWEST - fit.blur])
+        bounds = np.array([np.log(most / contrast), NARROWEST - fit.blur])
         step = _within_bounds(step, gradient, own + optics_prior.information, bounds)
         if not remaining or problem.work.is_done or not _is_worth_a_fit(step, fit, scores, covariance):
             break
@@ -253,8 +257,13 @@ def _widest(fit: FittedDisks) -> float:
 
 
 def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
-    """The fit at the most probable contrast of small contacts."""
+    """The fit at the most probable contrast of small contacts.
+
+    One beyond what the frame shows is uncertain at least by how far it lies beyond.
+    """
     profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
+    beyond = float(np.log(profile.contrast / problem.shown_contrast))
+    profile = replace(profile, log_std=max(profile.log_std, beyond))
     covariance, prior = profile.covariance, profile.problem.prior
     shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
     return JointFit(

@@ -42,7 +42,9 @@ class Foreground:
         Prior contrast that the frame contradicts; NaN if there is none.
     foreign : ForeignObjects
     largest_contrast : float
-        That the grey levels can show.
+        That the grey levels can show; infinite where no full scale is known.
+    shown_contrast : float
+        Largest contrast of contacts that show theirs.
     """
 
     image: NDArray[np.float32]
@@ -55,6 +57,11 @@ class Foreground:
     refused_contrast: float
     foreign: ForeignObjects
     largest_contrast: float = float("inf")
+    shown_contrast: float = float("inf")
+
+    def seen(self, contrast: float) -> float:
+        """A contrast, no larger than the frame shows."""
+        return min(contrast, self.shown_contrast)
 
     @property
     def remark(self) -> str:
@@ -110,7 +117,9 @@ def find_foreground(
             refused = prior.contrast
             prior = replace(prior, contrast=np.nan, contrast_std=0.0, correlation=0.0)
         contrast = _select_contrast(measured, prior)
-    return Foreground(image, sign, frame_pair, noise, measured, contrast, prior, refused, foreign, largest)
+    return Foreground(
+        image, sign, frame_pair, noise, measured, contrast, prior, refused, foreign, largest, shown
+    )
 
 
 def _select_contrast(measured: Contrast, prior: SharedOptics) -> Contrast:
