@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.mechanics import sphere
@@ -77,6 +78,28 @@ class HertzLaw:
             rows = np.flatnonzero((caps.bases[:, 0] != 0) & (depth > 0))
             force[rows], contact_radius[rows] = _on_base(depth[rows], caps.radius[rows], caps.bases[rows])
         return force, contact_radius
+
+
+def total_response(law: AsperityLaw, penetration: Values, caps: Caps) -> tuple[float, float]:
+    """Sums of the forces and of the contact radii at penetrations."""
+    if isinstance(law, HertzLaw) and caps.bases is None and caps.bends is None:
+        force, contact_radius = _paraboloid_totals(penetration, caps.radius)
+    else:
+        touching = np.flatnonzero(penetration > 0)
+        force, contact_radius = (v.sum() for v in law.respond(penetration[touching], caps[touching]))
+    return float(force), float(contact_radius)
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _paraboloid_totals(penetration, radius):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """`total_response` of paraboloids."""
+    force, contact_radius = 0.0, 0.0
+    for i in range(penetration.size):
+        depth = max(penetration[i], 0.0)
+        a = np.sqrt(radius[i] * depth)
+        contact_radius += a
+        force += a * depth
+    return 4 / 3 * force, contact_radius
 
 
 def _bent_paraboloid(depth: Values, radius: Values, bends: Values) -> tuple[Values, Values]:

@@ -50,8 +50,8 @@ class CellPreconditioner:
         matrix[np.diag_indices_from(matrix)] += 1.0
         return cls(grid, scale / size[grid.cell], cho_factor(matrix, lower=True, overwrite_a=True))
 
-    def __call__(self, sides: Values) -> Values:
-        """The columns of ``sides``, shape (n, 2), multiplied by the preconditioner."""
-        averaged = np.stack([self.grid.sums(self.share * side) for side in sides.T])
-        change = cho_solve(self.factor, averaged.T) - averaged.T
-        return sides + self.share[:, None] * change[self.grid.cell]
+    def __call__(self, side: Values) -> Values:
+        """A vector multiplied by the preconditioner."""
+        averaged = self.grid.sums(self.share * side)
+        change = cho_solve(self.factor, averaged, check_finite=False) - averaged
+        return side + self.share * change[self.grid.cell]

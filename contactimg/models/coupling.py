@@ -17,7 +17,11 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import lapack
 
 from contactimg.mechanics import layer
-from contactimg.models.conjugate_gradients import NotPositiveDefinite, dense_conjugate_gradients
+from contactimg.models.conjugate_gradients import (
+    NewtonSystem,
+    NotPositiveDefinite,
+    dense_conjugate_gradients,
+)
 from contactimg.models.work_limit import count_matrix
 from contactimg.timings import stage
 
@@ -111,8 +115,10 @@ class Coupling(Protocol):
     def displacement_at(self, rows: Rows, force: Values) -> Values:
         """``C q`` at the candidates ``rows``."""
 
-    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
-        """Solve ``(I + S C S) z = b`` on the active rows for the columns of ``sides``."""
+    def solve_newton_system(
+        self, active: Rows, system: NewtonSystem, tolerance: float
+    ) -> tuple[Values, float]:
+        """Solve ``(I + S C S) z = b + s rho`` on the active rows: ``z`` and the rise ``rho``."""
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """Raise `NotPositiveDefinite` if the matrix of that system is not positive definite."""
@@ -149,9 +155,14 @@ class NoCoupling:
         """Nothing moves."""
         return np.zeros(rows.size)
 
-    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:  # noqa: ARG002
-        """The identity."""
-        return sides
+    def solve_newton_system(
+        self,
+        active: Rows,
+        system: NewtonSystem,
+        tolerance: float,  # noqa: ARG002
+    ) -> tuple[Values, float]:
+        """With the identity."""
+        return system.eliminate(system.side, system.scale)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """The identity is."""
@@ -210,16 +221,22 @@ class DenseCoupling:
         """``C q`` at some candidates."""
         return self.displacement(force)[rows]
 
-    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
+    def solve_newton_system(
+        self, active: Rows, system: NewtonSystem, tolerance: float
+    ) -> tuple[Values, float]:
         """By conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
-        system = _newton_matrix(self._with_rows(active), active, scale)
+        matrix = _newton_matrix(self._with_rows(active), active, system.scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:
             count_matrix(active.size, products=MAX_DENSE_STEPS)
-            solution, solved = dense_conjugate_gradients(system, sides, tolerance, MAX_DENSE_STEPS)
+            border = system.missing, system.stiffness
+            solution, rise, solved = dense_conjugate_gradients(
+                matrix, system.scale, system.side, *border, tolerance, MAX_DENSE_STEPS
+            )
             if solved:
-                return solution
-        solution, _ = lapack.dpotrs(_cholesky_factor(system), sides, lower=1)
-        return solution
+                return solution, rise
+        sides = np.column_stack([system.side, system.scale])
+        solutions, _ = lapack.dpotrs(_cholesky_factor(matrix), sides, lower=1)
+        return system.eliminate(*solutions.T)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """By Cholesky."""

@@ -17,7 +17,7 @@ from scipy.special import erf, erfc, erfcinv
 
 from contactimg.errors import InputError
 from contactimg.models.cell_preconditioner import CellPreconditioner
-from contactimg.models.conjugate_gradients import conjugate_gradients
+from contactimg.models.conjugate_gradients import NewtonSystem, conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel
 from contactimg.models.near_field_sum import NearFieldSum
 from contactimg.models.work_limit import count_terms
@@ -45,6 +45,10 @@ evenly spread candidates take 5."""
 
 MAX_CHOLESKY_CONTACTS = 2500
 """Most contacts for which a Newton system is solved by Cholesky. Chosen by hand; sensitivity not measured."""
+
+
+SUM_ACCURACY = 1e-2
+"""Accuracy of the sums over that of the Newton system that is solved with them."""
 
 
 class FastCoupling:
@@ -149,22 +153,21 @@ class FastCoupling:
         part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy)
         return part.displacement(force[involved])[np.searchsorted(involved, rows)]
 
-    def solve_newton_system(self, active: Rows, scale: Values, sides: Values, tolerance: float) -> Values:
+    def solve_newton_system(
+        self, active: Rows, system: NewtonSystem, tolerance: float
+    ) -> tuple[Values, float]:
         """On the contacts alone: by Cholesky if they are few, else by conjugate gradients."""
-        x, y = self._x[active], self._y[active]
+        x, y, scale = self._x[active], self._y[active], system.scale
         if active.size <= MAX_CHOLESKY_CONTACTS:
             direct = DenseCoupling(x, y, self._kernel)
-            return direct.solve_newton_system(np.arange(active.size), scale, sides, tolerance)
+            return direct.solve_newton_system(np.arange(active.size), system, tolerance)
         # the sums need little more accuracy than the solution
-        contacts = FastCoupling(x, y, self._kernel, max(self._accuracy, 1e-3 * tolerance))
+        contacts = FastCoupling(x, y, self._kernel, max(self._accuracy, SUM_ACCURACY * tolerance))
 
         def apply(z: Values) -> Values:
-            # scale both columns to the same size: one complex sum has one absolute accuracy
-            size = np.maximum(np.linalg.norm(z, axis=0), np.finfo(float).tiny)
-            image = contacts.paired_displacement(scale * (z[:, 0] / size[0] + 1j * (z[:, 1] / size[1])))
-            return z + scale[:, None] * np.column_stack([image.real, image.imag]) * size
+            return z + scale * contacts.displacement(scale * z)
 
-        return conjugate_gradients(apply, sides, tolerance, CellPreconditioner.of(x, y, self._kernel, scale))
+        return conjugate_gradients(apply, system, tolerance, CellPreconditioner.of(x, y, self._kernel, scale))
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""
@@ -172,7 +175,7 @@ class FastCoupling:
             direct = DenseCoupling(self._x[active], self._y[active], self._kernel)
             direct.check_definite(np.arange(active.size), scale)
         else:
-            self.solve_newton_system(active, scale, np.column_stack([scale, scale]), 1e-3)
+            self.solve_newton_system(active, NewtonSystem(scale, scale), 1e-3)
 
     def at_positions(self, x: Values, y: Values) -> "FastCoupling":
         """The same coupling between candidates at other places."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.models.asperity_laws import AsperityLaw, Caps
-from contactimg.models.conjugate_gradients import NotPositiveDefinite
+from contactimg.models.asperity_laws import AsperityLaw, Caps, total_response
+from contactimg.models.conjugate_gradients import NewtonSystem, NotPositiveDefinite
 from contactimg.models.coupling import Coupling
 
 Values = NDArray[np.float64]
@@ -152,9 +152,8 @@ def solve_uncoupled(
 
 def _bearing(system: ContactSystem, penetration: Values) -> tuple[float, float]:
     """Sum of forces and of stiffnesses of independent contacts."""
-    touching = np.flatnonzero(penetration > 0)
-    force, contact_radius = system.law.respond(penetration[touching], system.caps[touching])
-    return float(force.sum()), float(2 * contact_radius.sum())
+    force, contact_radius = total_response(system.law, penetration, system.caps)
+    return force, 2 * contact_radius
 
 
 def initial_iterate(system: ContactSystem, force: Values, indentation: float) -> Iterate:
@@ -226,13 +225,13 @@ def _direction(
         right -= scale * system.coupling.displacement_at(active, leaving)
     # the error of the linear solution may be as large as that of the linearisation, or as the residual wanted
     accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.03 * tolerance / at.residual))
-    solution = system.coupling.solve_newton_system(active, scale, np.column_stack([right, scale]), accuracy)
-    rise = 0.0
+    linear = NewtonSystem(scale, right)
     if system.load is not None:
         available = system.load - system.stiffness * at.indentation
         missing = available - float(at.force.sum()) - float(leaving.sum())
-        rise = (missing - float(scale @ solution[:, 0])) / (float(scale @ solution[:, 1]) + system.stiffness)
-    change[active] = scale * (solution[:, 0] + rise * solution[:, 1])
+        linear = NewtonSystem(scale, right, missing, system.stiffness)
+    solution, rise = system.coupling.solve_newton_system(active, linear, accuracy)
+    change[active] = scale * solution
     return change, rise
 
 

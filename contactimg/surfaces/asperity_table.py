@@ -107,23 +107,28 @@ def _checked_columns(asperities: pd.DataFrame) -> dict[str, Values]:
     added = (BASE_COLUMN, MODULUS_COLUMN)
     columns |= {name: _finite_column(asperities, name) for name in added if name in asperities}
     for name in (*_RADII, "young_modulus_Pa", MODULUS_COLUMN):
-        bad = np.flatnonzero(columns.get(name, np.ones(1)) <= 0)
-        if bad.size:
+        if name in columns and (row := _first(columns[name] <= 0)) is not None:
             raise InputError(
-                f"asperities: row {bad[0]}, column {name!r} must be positive, "
-                f"got {float(columns[name][bad[0]])!r}"
+                f"asperities: row {row}, column {name!r} must be positive, got {float(columns[name][row])!r}"
             )
     low, high = LENGTH_RANGE_M
     for name, values in columns.items():
         if not name.endswith("_m"):
             continue
-        beyond = np.flatnonzero((np.abs(values) > high) | (values < low if name in _RADII else False))
-        if beyond.size:
+        row = _first(np.abs(values) > high)
+        if row is None and name in _RADII:
+            row = _first(values < low)
+        if row is not None:
             raise InputError(
-                f"asperities: row {beyond[0]}, column {name!r} must be a length up to {high:g} m (radii from "
-                f"{low:g} m), got {float(values[beyond[0]])!r}; check its unit"
+                f"asperities: row {row}, column {name!r} must be a length up to {high:g} m (radii from "
+                f"{low:g} m), got {float(values[row])!r}; check its unit"
             )
     return columns
+
+
+def _first(wrong: NDArray[np.bool_]) -> int | None:
+    """The first row that is wrong; None if none is."""
+    return int(np.argmax(wrong)) if wrong.any() else None
 
 
 _RADII = ("radius_m", "radius_2_m")
@@ -186,11 +191,9 @@ def _finite_column(table: pd.DataFrame, name: str) -> Values:
         raise InputError(
             f"asperities: row {row}, column {name!r} must be a number, got {table[name].iloc[row]!r}"
         ) from None
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
-        raise InputError(
-            f"asperities: row {bad[0]}, column {name!r} must be finite, got {float(values[bad[0]])!r}"
-        )
+    row = _first(~np.isfinite(values))
+    if row is not None:
+        raise InputError(f"asperities: row {row}, column {name!r} must be finite, got {float(values[row])!r}")
     return values
 
 

@@ -8,7 +8,7 @@ import pytest
 from contactimg import generate_asperities, solve_interacting
 from contactimg.models import contact_solver
 from contactimg.models.cell_preconditioner import CellPreconditioner
-from contactimg.models.conjugate_gradients import NotPositiveDefinite
+from contactimg.models.conjugate_gradients import NewtonSystem, NotPositiveDefinite, conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.fast_coupling import FastCoupling
 
@@ -44,21 +44,28 @@ def test_fields_agree(points, thickness):
     np.testing.assert_allclose(fast.excess, dense.excess, atol=1e-4 * np.abs(dense.excess).max())
 
 
-def test_newton_systems_agree(points):
+BORDERS = [(0.0, np.inf), (0.3, 0.0), (0.3, 1e-6), (0.3, 10.0)]
+"""Prescribed indentation, prescribed load, a soft and a stiff load cell."""
+
+
+@pytest.mark.parametrize("border", BORDERS)
+def test_newton_systems_agree(points, border):
     x, y, force = points
     active = np.flatnonzero(force)
     scale = np.full(active.size, 0.002)  # definite down to a distance of 0.002^2/pi
-    sides = np.column_stack([np.sin(7 * x[active]), scale])
     kernel = Kernel.of_thickness(np.inf)
     fast = FastCoupling(x, y, kernel)
-    dense = DenseCoupling(x, y, kernel).solve_newton_system(active, scale, sides, 1e-10)
-    few = fast.solve_newton_system(active, scale, sides, 1e-10)
-    np.testing.assert_allclose(few, dense, atol=1e-9)
+    system = NewtonSystem(scale, np.sin(7 * x[active]), *border)
+    dense = DenseCoupling(x, y, kernel).solve_newton_system(active, system, 1e-10)
+    few = fast.solve_newton_system(active, system, 1e-10)
+    np.testing.assert_allclose(few[0], dense[0], atol=1e-9)
+    np.testing.assert_allclose(few[1], dense[1], rtol=1e-9)
     everything = np.arange(x.size)
-    sides = np.column_stack([np.sin(7 * x), np.full(x.size, 0.002)])
-    dense = DenseCoupling(x, y, kernel).solve_newton_system(everything, sides[:, 1], sides, 1e-10)
-    krylov = fast.solve_newton_system(everything, sides[:, 1], sides, 1e-10)
-    np.testing.assert_allclose(krylov, dense, atol=ACCURACY)
+    system = NewtonSystem(np.full(x.size, 0.002), np.sin(7 * x), *border)
+    dense = DenseCoupling(x, y, kernel).solve_newton_system(everything, system, 1e-10)
+    krylov = fast.solve_newton_system(everything, system, 1e-10)
+    np.testing.assert_allclose(krylov[0], dense[0], atol=ACCURACY)
+    np.testing.assert_allclose(krylov[1], dense[1], rtol=1e-7)
 
 
 def test_indefinite_systems_are_noticed():
@@ -66,24 +73,36 @@ def test_indefinite_systems_are_noticed():
     close = DenseCoupling(np.array([0.0, 0.5]), np.zeros(2), kernel)
     # 2 a/(pi r) = 1 is the limit for two contacts: a = 0.785 at r = 0.5
     below, above = (np.sqrt(np.full(2, 2 * a)) for a in (0.78, 0.79))
-    close.solve_newton_system(np.arange(2), below, np.column_stack([below, below]), 1e-10)
+    close.solve_newton_system(np.arange(2), NewtonSystem(below, below), 1e-10)
     with pytest.raises(NotPositiveDefinite):
-        close.solve_newton_system(np.arange(2), above, np.column_stack([above, above]), 1e-10)
+        close.solve_newton_system(np.arange(2), NewtonSystem(above, above), 1e-10)
 
 
-def test_many_contacts_by_conjugate_gradients_as_by_elimination(points):
+@pytest.mark.parametrize("border", BORDERS)
+def test_many_contacts_by_conjugate_gradients_as_by_elimination(points, border):
     x, y, _ = (values[:200] for values in points)
     coupling = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
     scale = 0.1 * np.sqrt(np.min(np.hypot(x[:, None] - x, y[:, None] - y) + np.eye(200), axis=1))
-    sides = np.column_stack([np.sin(7 * x), scale])
-    system = np.eye(200) + scale[:, None] * coupling.matrix * scale
-    expected = np.linalg.solve(system, sides)
-    found = coupling.solve_newton_system(np.arange(200), scale, sides, 1e-10)
-    assert np.linalg.cond(system) < 100
-    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
-    assert not np.array_equal(
-        found, coupling.solve_newton_system(np.arange(200), scale, sides, 1e-3)
-    )  # only as accurate as asked for
+    matrix = np.eye(200) + scale[:, None] * coupling.matrix * scale
+    system = NewtonSystem(scale, np.sin(7 * x), *border)
+    assert np.linalg.cond(matrix) < 100
+    expected = bordered_solution(matrix, system)
+    found = coupling.solve_newton_system(np.arange(200), system, 1e-10)
+    rough = coupling.solve_newton_system(np.arange(200), system, 1e-3)
+    function = conjugate_gradients(matrix.__matmul__, system, 1e-10, lambda side: side / np.diag(matrix))
+    for solution, rise in (found, function):
+        np.testing.assert_allclose(solution, expected[:-1], atol=1e-8 * np.abs(expected).max())
+        np.testing.assert_allclose(rise, expected[-1], rtol=1e-8)
+    assert not np.array_equal(found[0], rough[0])  # only as accurate as asked for
+
+
+def bordered_solution(matrix, system):
+    """``z`` and the rise, by elimination of the whole system."""
+    if np.isinf(system.stiffness):
+        return np.append(np.linalg.solve(matrix, system.side), 0.0)
+    scale = system.scale
+    whole = np.block([[matrix, -scale[:, None]], [scale[None, :], np.array([[system.stiffness]])]])
+    return np.linalg.solve(whole, np.append(system.side, system.missing))
 
 
 @pytest.mark.parametrize("radius", [0.78, 0.79])
@@ -91,15 +110,15 @@ def test_one_unstable_pair_among_many_contacts(radius):
     x = np.r_[0.0, 0.5, 100.0 * np.arange(1, 120)]
     everything, scale = np.arange(x.size), np.sqrt(np.r_[2 * radius, 2 * radius, np.full(119, 1e-3)])
     coupling = DenseCoupling(x, np.zeros_like(x), Kernel.of_thickness(np.inf))
-    sides = np.column_stack([np.r_[1.0, -1.0, np.ones(119)], scale])
+    system = NewtonSystem(scale, np.r_[1.0, -1.0, np.ones(119)])
     if radius < np.pi / 4:  # 2 a/(pi r) = 1 is the limit for two contacts
         coupling.check_definite(everything, scale)
-        coupling.solve_newton_system(everything, scale, sides, 1e-10)
+        coupling.solve_newton_system(everything, system, 1e-10)
         return
     with pytest.raises(NotPositiveDefinite):
         coupling.check_definite(everything, scale)
     with pytest.raises(NotPositiveDefinite):
-        coupling.solve_newton_system(everything, scale, sides, 1e-10)
+        coupling.solve_newton_system(everything, system, 1e-10)
 
 
 @pytest.mark.parametrize("coupling", ["asymptotic", "full"])
@@ -193,8 +212,7 @@ def test_cells_take_the_large_eigenvalues_out_of_a_newton_system():
         scale = np.sqrt(2 * rng.uniform(0.8, 1.0, x.size))
         system = np.eye(x.size) + scale[:, None] * DenseCoupling(x, y, kernel).matrix * scale
         cells = CellPreconditioner.of(x, y, kernel, scale)
-        both = np.column_stack([system[:, ::2], system[:, 1::2]])
-        columns = [cells(both[:, [k, k + 1]]) for k in range(0, x.size - 1, 2)]
+        columns = [cells(column) for column in system.T]
         conditioned = np.abs(np.linalg.eigvals(np.column_stack(columns)))
         largest[side] = np.linalg.eigvalsh(system)[-1], conditioned.max() / conditioned.min()
     assert largest[80][0] > 1.8 * largest[40][0] > 15
