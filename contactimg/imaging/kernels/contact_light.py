@@ -60,10 +60,15 @@ def _sum_contact(image, valid, disk, neighbours, core, limits, out):
     x, y, a = disk
     region, far = a + limits[0], a + limits[1]
     free, near = a + _free_distance(disk, neighbours), np.empty_like(neighbours)
+    whole = valid.shape != image.shape
     for row in range(int(np.ceil(y - far)), int(np.floor(y + far)) + 1):
         square = (row - y) ** 2
         left, end = _chord(x, far * far - square)
         count = _select_near(neighbours, (row, left, end), limits[1], near)
+        if not count and whole and 0 <= row < len(image) and left >= 0 and end <= image.shape[1]:
+            region_chord, core_chord = _chord(x, region * region - square), _chord(x, core * core - square)
+            _add_whole_row(image[row, left:end], left, region_chord, core_chord, out)
+            continue
         inner = min(region, free) if count else region
         start, stop = _chord(x, inner * inner - square)
         if start == stop:
@@ -79,6 +84,34 @@ def _sum_contact(image, valid, disk, neighbours, core, limits, out):
                 _add_run(image, valid, run, out[RING_SEEN : RING_LIGHT + 1])
 
 
+@njit(cache=True, forceinline=True)
+def _add_whole_row(levels, left, region, core, out):
+    """Add a row of pixels that are all seen and all the contact's own, from the ring's first on."""
+    all_light, light, core_light = _sum_nested(
+        levels,
+        (np.int32(region[0] - left), np.int32(region[1] - left)),
+        (np.int32(core[0] - left), np.int32(core[1] - left)),
+    )
+    out[SEEN] += region[1] - region[0]
+    out[LIGHT] += light
+    out[CORE_SEEN] += core[1] - core[0]
+    out[CORE_LIGHT] += core_light
+    out[RING_SEEN] += len(levels) - (region[1] - region[0])
+    out[RING_LIGHT] += all_light - light
+
+
+@njit(cache=True, fastmath=True)
+def _sum_nested(values, outer, inner):
+    """Sums of contiguous values: all, those between two places, and those between two others."""
+    total = middle = core = zero = np.float32(0.0)
+    for k in range(len(values)):
+        place, value = np.int32(k), values[k]
+        total += value
+        middle += value if (place >= outer[0]) & (place < outer[1]) else zero
+        core += value if (place >= inner[0]) & (place < inner[1]) else zero
+    return np.float64(total), np.float64(middle), np.float64(core)
+
+
 @njit(cache=True)
 def _select_near(neighbours, run, reach, near):
     """Copy the neighbours whose rims come closer than ``reach`` to a run of pixels; their number."""
@@ -86,7 +119,7 @@ def _select_near(neighbours, run, reach, near):
     for k in range(len(neighbours)):
         x, y, far = neighbours[k, 0], neighbours[k, 1], neighbours[k, 2] + reach
         if abs(run[0] - y) < far and run[1] < x + far and run[2] > x - far:
-            near[count] = neighbours[k]
+            near[count, 0], near[count, 1], near[count, 2] = x, y, neighbours[k, 2]
             count += 1
     return count
 
@@ -104,19 +137,30 @@ def _chord(x, square):
 @njit(cache=True, forceinline=True)
 def _add_pixels(image, valid, run, disk, neighbours, reach, out):
     """Add the pixels of a run (row, first column, end) one by one, where no neighbour is nearer."""
-    row = run[0]
+    row, x, square, a = run[0], disk[0], (run[0] - disk[1]) ** 2, disk[2]
+    seen = light = ring_seen = ring_light = missing = 0.0
+    last_x, last_y, last_a = neighbours[0]
     for column in range(run[1], run[2]):
-        outside = np.sqrt((column - disk[0]) ** 2 + (row - disk[1]) ** 2) - disk[2]
-        if not _is_free(neighbours, column, row, outside):
+        outside = np.sqrt((column - x) ** 2 + square) - a
+        least = last_a + outside  # mostly the neighbour that had the pixel before
+        if least > 0.0 and (column - last_x) ** 2 + (row - last_y) ** 2 < least * least:
             continue
-        if not _is_seen(valid, row, column, image.shape):
-            out[MISSING] += outside < reach
+        nearer = _find_nearer(neighbours, column, row, outside)
+        if nearer >= 0:
+            last_x, last_y, last_a = neighbours[nearer]
+        elif not _is_seen(valid, row, column, image.shape):
+            missing += outside < reach
         elif outside < reach:
-            out[SEEN] += 1.0
-            out[LIGHT] += image[row, column]
+            seen += 1.0
+            light += image[row, column]
         else:
-            out[RING_SEEN] += 1.0
-            out[RING_LIGHT] += image[row, column]
+            ring_seen += 1.0
+            ring_light += image[row, column]
+    out[SEEN] += seen
+    out[MISSING] += missing
+    out[LIGHT] += light
+    out[RING_SEEN] += ring_seen
+    out[RING_LIGHT] += ring_light
 
 
 @njit(cache=True, forceinline=True)
@@ -167,11 +211,17 @@ def _nearest_rim(neighbours, x, y):
 @njit(cache=True, forceinline=True)
 def _is_free(neighbours, x, y, reach):
     """Whether a pixel is at least so far from the rims of all neighbours, a negative distance inside."""
+    return _find_nearer(neighbours, x, y, reach) < 0
+
+
+@njit(cache=True, forceinline=True)
+def _find_nearer(neighbours, x, y, reach):
+    """The first neighbour from whose rim a pixel is not so far; -1 for none."""
     for k in range(len(neighbours)):
         dx, dy, least = x - neighbours[k, 0], y - neighbours[k, 1], neighbours[k, 2] + reach
         if least > 0.0 and dx * dx + dy * dy < least * least:
-            return False
-    return True
+            return k
+    return -1
 
 
 @njit(cache=True)
