@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.problem import FitProblem
 from contactimg.imaging.fit.shared_optics import DiskScores
-from contactimg.imaging.kernels.ellipse_equations import BLUR, PARAMETERS, draw_ellipse, fit_one_ellipse
+from contactimg.imaging.kernels.ellipse_equations import (
+    PARAMETERS,
+    draw_ellipse,
+    eliminate_parameters,
+    fit_one_ellipse,
+)
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
 X, Y, RADIUS, E1, E2, CONTRAST = range(PARAMETERS)
@@ -127,8 +132,9 @@ class FittedEllipse:
     @property
     def significance(self) -> float:
         """``e' V^-1 e``: distributed for a disk as chi-square of two degrees of freedom."""
-        e = self.parameters[[E1, E2]]
-        return float(e @ np.linalg.solve(self.total_covariance[np.ix_([E1, E2], [E1, E2])], e))
+        e1, e2 = self.parameters[E1 : E2 + 1]
+        (v11, v12), (_, v22) = self.total_covariance[E1 : E2 + 1, E1 : E2 + 1]
+        return float((v22 * e1 * e1 - 2.0 * v12 * e1 * e2 + v11 * e2 * e2) / (v11 * v22 - v12 * v12))
 
     @property
     def shape_std(self) -> NDArray[np.float64]:
@@ -187,31 +193,15 @@ def fit_ellipse(
         circular,
         ITERATIONS,
     )
-    matrix = normal[:PARAMETERS, :PARAMETERS]
-    matrix = matrix + 1e-9 * np.trace(matrix) * np.diag(1.0 / _scales(parameters) ** 2)
-    inverse = np.linalg.inv(matrix)
-    cross = np.zeros((PARAMETERS, 2))
-    cross[CONTRAST, 0] = -optics.contrast / spread**2
-    cross[:, 1] = normal[:PARAMETERS, BLUR]
-    response = -inverse @ cross
+    inverse, response, own_score, information = eliminate_parameters(
+        parameters, normal, score, optics.contrast, spread
+    )
     shifts = response @ np.linalg.cholesky(optics.covariance)
     scale = inflation * max(float(chi_square[0]) if pixels else 1.0, misfit)
-    tight = 1.0 / spread**2
-    own = np.array([tight * optics.contrast * (parameters[CONTRAST] - optics.contrast), score[BLUR]])
-    scores = DiskScores(
-        (own + response.T @ score[:PARAMETERS])[None],
-        (np.diag([tight * optics.contrast**2, normal[BLUR, BLUR]]) + cross.T @ response)[None],
-        response[None],
-    )
+    scores = DiskScores(own_score[None], information[None], response[None])
     return FittedEllipse(
         parameters + offset, scale * inverse, shifts, chi_square, int(pixels), scores, float(loss)
     )
-
-
-def _scales(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sizes of the parameters, so that a regularisation treats them alike."""
-    radius, contrast = parameters[RADIUS], parameters[CONTRAST]
-    return np.array([radius, radius, radius, 1.0, 1.0, contrast])
 
 
 def render_ellipse(

@@ -308,3 +308,31 @@ def fit_one_ellipse(image, valid, start, s, noise, prior, round_, iterations):
             break
     means = np.array([sums[1] / sums[2] if sums[2] else np.nan, sums[3] / sums[4] if sums[4] else np.nan])
     return best, kept, right, means, sums[2], least
+
+
+@njit(cache=True)
+def eliminate_parameters(p, normal, score, contrast, spread):
+    """What a fitted ellipse says of ln contrast and blur.
+
+    Returns the inverse of the normal matrix of its parameters, their response to ln contrast and blur, and
+    score and information of these two with the parameters eliminated. ``normal`` and ``score`` are those of
+    `fit_one_ellipse`; ``contrast`` and ``spread`` are its prior.
+    """
+    matrix = normal[:PARAMETERS, :PARAMETERS].copy()
+    sizes = np.array([p[2], p[2], p[2], 1.0, 1.0, p[5]])  # a regularisation treats all parameters alike
+    slight = 1e-9 * np.trace(matrix)
+    for u in range(PARAMETERS):
+        matrix[u, u] += slight / sizes[u] ** 2
+    inverse, tight = np.linalg.inv(matrix), 1.0 / spread**2
+    cross = np.zeros((PARAMETERS, 2))
+    cross[5, 0] = -contrast * tight
+    cross[:, 1] = normal[:PARAMETERS, BLUR]
+    response = -inverse @ cross
+    own = np.array([tight * contrast * (p[5] - contrast), score[BLUR]])
+    information = np.array([[tight * contrast**2, 0.0], [0.0, normal[BLUR, BLUR]]])
+    for u in range(PARAMETERS):
+        for i in range(2):
+            own[i] += response[u, i] * score[u]
+            for j in range(2):
+                information[i, j] += cross[u, i] * response[u, j]
+    return inverse, response, own, information

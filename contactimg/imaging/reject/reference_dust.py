@@ -1,6 +1,5 @@
 """Dust in the reference: it darkens the reference alone and so makes a bright disk in the difference."""
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,8 +43,7 @@ def find_reference_dust(
         np.clip(np.rint(disks[:, k : k + 1] + disks[:, 2:3] * GRID[:, k]), 0, size - 1).astype(int)
         for k, size in enumerate(frame.shape[::-1])
     )
-    # a median over 5 x 5 blocks is not affected by a speck of dust
-    smooth = cv2.medianBlur(difference.brightness, 5)[rows // BLOCK, columns // BLOCK] * difference.level
+    smooth = difference.smooth_brightness[rows // BLOCK, columns // BLOCK] * difference.level
     background = smooth * difference.illumination.at(columns, rows, frame.shape)
     height = image[rows, columns].astype(float)
     sign = np.where(height * difference.image[rows, columns] < 0, -1.0, 1.0)
