@@ -25,8 +25,10 @@ from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import FirstDisks, measure_by_fit
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
+from contactimg.imaging.judge.climbed_table import Outlines
+from contactimg.imaging.judge.pierced import contrast_beside_holes, may_have_holes
 from contactimg.imaging.judge.review import Review, review
-from contactimg.imaging.judge.shape_ladder import SHAPES, Outlines, misfit_as_ellipses
+from contactimg.imaging.judge.shape_ladder import SHAPES, misfit_as_ellipses
 from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair
@@ -261,10 +263,18 @@ def _fitted(
     """What the method "disk" finds, after a second look.
 
     An edge that was learned from disks may only imitate the ellipses that the contacts are: a plain edge is
-    taken where the ellipses fit as well with it, unless no ellipse describes them.
+    taken where the ellipses fit as well with it, unless no ellipse describes them. Or it imitates holes: then
+    all contacts are measured by their light.
     """
     foreground, difference = prepared.foreground, prepared.difference
     first = FirstDisks.of(foreground, difference, edits)
+    if shape == "auto" and may_have_holes(first.fit):
+        beside = contrast_beside_holes(first.detections(foreground, difference))
+        if beside is not None:
+            plain = measure_by_fit(
+                foreground, difference, film=film, edits=edits, learns_edge=False, first=first
+            )
+            return review(foreground, difference, plain, shape=shape, beside_holes=beside)
     disks = measure_by_fit(foreground, difference, film=film, edits=edits, first=first)
     misfit = misfit_as_ellipses(disks, shape=shape) if _has_learned_edge(disks) else float("nan")
     if misfit < POOR_CHI_SQUARE:

@@ -109,6 +109,13 @@ class FittedEllipse:
     scores: DiskScores
     loss: float
 
+    @classmethod
+    def unknown(cls) -> "FittedEllipse":
+        """Where none was fitted."""
+        square, nothing = np.full((PARAMETERS, PARAMETERS), np.nan), np.full((1, PARAMETERS, 2), np.nan)
+        scores = DiskScores(nothing[:, 0], nothing[:, :2], nothing)
+        return cls(square[0], square, nothing[0], square[0, :2], 0, scores, float("nan"))
+
     @property
     def ellipticity(self) -> float:
         """``ln(a/b)/2``."""

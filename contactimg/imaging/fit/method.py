@@ -83,6 +83,10 @@ class FirstDisks:
         start = start.at_level(given.level)
         return cls(start, _settle(start, given, given.optics_prior))
 
+    def detections(self, foreground: Foreground, difference: DifferenceImage) -> FittedDetections:
+        """Contacts as these disks."""
+        return report_contacts(self.fit, foreground, difference, contrast=self.start.contrast)
+
     def again(self) -> "FirstDisks":
         """The same with the work done so far, on which another measurement counts for itself."""
         work = replace(self.fit.problem.work)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.count.free_shape import LEAST_HOLE_BLUR_WIDTHS
 from contactimg.imaging.fit.ellipse import FittedEllipse
 from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
 from contactimg.imaging.judge.shape_rows import FreeContact
@@ -24,8 +25,8 @@ class ClimbedContact:
     members : ndarray of int
         The disks.
     view : GroupView
-    ellipse : FittedEllipse or None
-        Fitted to the group.
+    ellipse : FittedEllipse
+        Fitted to the group; `FittedEllipse.unknown` where none was.
     free : FreeContact or None
         Measured where an ellipse does not describe it.
     kind : str
@@ -45,5 +46,9 @@ class ClimbedContact:
     @property
     def has_hole(self) -> bool:
         """Whether it has a hole that reaches half height and is larger than dirt."""
-        pixels = self.view.component
-        return bool(sum(hole_areas(pixels)) > LARGEST_HOLE_SHARE * np.count_nonzero(pixels))
+        pixels, least = (
+            self.view.component,
+            np.pi * (LEAST_HOLE_BLUR_WIDTHS * self.view.scene.optics.blur) ** 2,
+        )
+        area = sum(hole for hole in hole_areas(pixels) if hole > least)
+        return bool(area > LARGEST_HOLE_SHARE * np.count_nonzero(pixels))

@@ -14,6 +14,7 @@ from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.common_distortion import Distortion
 from contactimg.imaging.judge.ellipse_edge import EllipseEdge
 from contactimg.imaging.judge.ellipse_optics import OpticsChange
+from contactimg.imaging.judge.free_contacts import CommonContrast
 from contactimg.imaging.judge.shape_rows import ellipse_row, free_row
 from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
 from contactimg.imaging.reject.detections import Columns, shape_columns
@@ -22,6 +23,29 @@ from contactimg.tables import Flag
 Outlines = tuple[tuple[int, list[NDArray[np.float64]]], ...]
 """Row of a contact, and its outlines (x, y)."""
 SHARED_PARTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")  # of the uncertainty of a radius
+
+
+@dataclass(frozen=True, eq=False)
+class Climb:
+    """Contacts with their shapes.
+
+    Parameters
+    ----------
+    detections : FittedDetections
+        Their contacts have the columns of `contactimg.imaging.reject.shape_columns` as well.
+    remark : str
+        How many contacts are no disks, and a distortion that all share; empty if there is nothing to say.
+    outlines : list of (int, list of ndarray)
+        Row of a contact of free shape, and its outlines (x, y), px of the frame.
+    misfit : float
+        Median of the mean squared residuals of the contacts as ellipses, over their variance, where contrast
+        and blur were settled on them; NaN where most are disks.
+    """
+
+    detections: FittedDetections
+    remark: str = ""
+    outlines: Outlines = ()
+    misfit: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +68,8 @@ class ClimbedTable:
         That all contacts share.
     elongated : callable
         Whether the ellipticity of a `FittedEllipse` is significant.
+    beside_holes : CommonContrast or None
+        Contrast of the contacts, where most have holes.
     """
 
     detections: FittedDetections
@@ -54,6 +80,7 @@ class ClimbedTable:
     edge: EllipseEdge | None
     distortion: Distortion | None
     elongated: Callable[[FittedEllipse], bool]
+    beside_holes: CommonContrast | None = None
 
     def with_shapes(self, climbed: Sequence[ClimbedContact]) -> tuple[FittedDetections, Outlines]:
         """The contacts with what became of each group, and the outlines of those of free shape."""
@@ -61,8 +88,9 @@ class ClimbedTable:
         dropped = np.zeros(len(self.detections.rows), np.bool_)
         outlines = []
         for contact in climbed:
-            rows = self.row_of[contact.members]
-            row = int(rows[np.argmax(self.scene.disks[contact.members, 2])])
+            members = contact.members[self.row_of[contact.members] >= 0]
+            rows = self.row_of[members]
+            row = int(rows[np.argmax(self.scene.disks[members, 2])])
             if contact.kind == "disk" and (len(rows) > 1 or not self._is_common(contact)):
                 continue
             dropped[rows] = True
@@ -90,12 +118,16 @@ class ClimbedTable:
         )
         if self.edge is not None:
             detections = with_edge(detections, self.edge.fit.learned, self.edge.fit.joint, self.edge.added)
+        if self.beside_holes is not None:
+            detections = _with_optics(detections, self.beside_holes)
         lines = tuple((int(place[row]), polygons) for row, polygons in outlines)
         return detections, lines
 
     def _contacts(self) -> Columns:
         """Columns of the contacts as disks, behind the contrast and blur that ellipses say."""
         contacts = self.detections.contacts
+        if self.beside_holes is not None:
+            return _with_contrast(contacts, self.detections.optics.contrast, self.beside_holes)
         if self.change is None:
             return contacts
         binning = self.scene.problem.binning
@@ -134,3 +166,22 @@ class ClimbedTable:
     def _in_frame(self, view: GroupView, line: NDArray[np.float64]) -> NDArray[np.float64]:
         """An outline in pixels of the frame."""
         return self.scene.problem.in_frame(line + np.array(view.window.corner))
+
+
+def _with_contrast(contacts: Columns, before: float, common: CommonContrast) -> Columns:
+    """Columns of disks with the same light and another contrast."""
+    radius = contacts["radius_px"] * np.sqrt(before / common.mean)
+    shift = -0.5 * radius * common.std / common.mean
+    old = np.stack([contacts[name] for name in SHARED_PARTS], axis=1)
+    own = np.maximum(contacts["radius_std_px"] ** 2 - np.sum(old**2, axis=1), 0.0)
+    std = np.sqrt(own + shift**2 + np.sum(old[:, 1:] ** 2, axis=1))
+    return {**contacts, "radius_px": radius, "radius_std_px": std, "contrast_shift_px": shift}
+
+
+def _with_optics(detections: FittedDetections, common: CommonContrast) -> FittedDetections:
+    """Detections whose contrast is that beside the holes."""
+    optics, own = (
+        replace(each, contrast=common.mean, contrast_std=common.std)
+        for each in (detections.optics, detections.own_optics)
+    )
+    return replace(detections, optics=optics, own_optics=own)

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.edge_profile import EdgeFit, learn_edge
-from contactimg.imaging.fit.edge_scores import MOST_CONTACTS, evenly
+from contactimg.imaging.fit.edge_scores import MOST_CONTACTS, Edge, EdgeScores, Placement, evenly
 from contactimg.imaging.fit.ellipse import CommonOptics, FittedEllipse, Window, fit_ellipse
-from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.quality import FrameFit
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
@@ -115,6 +115,7 @@ def learn_edge_of_ellipses(
     edge, joint = frame_fit.edge, frame_fit.joint
     if joint is None or edge is None or edge.families:
         return None
+    joint = _without_rim_noise(joint, frame_fit, scene)
     crowd = _Crowd(scene, joint, change, contacts, others)
     prior = OpticsPrior(np.array([np.log(joint.contrast), joint.fit.blur]), crowd.known)
     first = crowd.joint_fit(scene.optics, crowd.first_disks(change), range(crowd.climbed))
@@ -132,6 +133,23 @@ def learn_edge_of_ellipses(
     if found.learned.families:  # an edge that leaves such misfits, or that does not settle, is not theirs
         found = search(new_families=False)
     return EllipseEdge(found, crowd.rows, [part.ellipse for part in contacts], None)
+
+
+def _without_rim_noise(joint: JointFit, frame_fit: FrameFit, scene: ShapeScene) -> JointFit:
+    """The fit with the uncertainties of disks whose rims are as noisy as those of ellipses.
+
+    What disks leave at the rims of ellipses was taken for noise of all rims.
+    """
+    if not frame_fit.problem.noise.rim > 0:
+        return joint
+    placement = Placement(scene.image.shape, frame_fit.ratio)
+    edge, prior = Edge.plain(joint.fit.blur), ContrastPrior(joint.contrast, joint.spread)
+    noisy, clean = (
+        EdgeScores.expected(replace(problem, prior=prior), joint.fit.disks, edge, placement).radius_std
+        for problem in (frame_fit.problem, scene.problem)
+    )
+    std = joint.fit.std * np.minimum(clean / noisy, 1.0)[:, None]
+    return replace(joint, fit=replace(joint.fit, std=std))
 
 
 class _Crowd:

@@ -9,7 +9,9 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.agreement import Agreement, compare
 from contactimg.imaging.judge.background_left import BackgroundLeft, inspect_background
+from contactimg.imaging.judge.climbed_table import Outlines
 from contactimg.imaging.judge.counted_light import compare_some
+from contactimg.imaging.judge.free_contacts import CommonContrast
 from contactimg.imaging.judge.second_opinion import (
     LEAST_BLUR_PX,
     REGION_BLUR_WIDTHS,
@@ -19,7 +21,7 @@ from contactimg.imaging.judge.second_opinion import (
     measure_again,
     measure_rise,
 )
-from contactimg.imaging.judge.shape_ladder import Outlines, climb
+from contactimg.imaging.judge.shape_ladder import climb
 from contactimg.imaging.pixels.masks import Mask, clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import combine_errors
@@ -74,7 +76,7 @@ class Review:
     outlines : tuple of (int, list of ndarray)
         Row of each contact of free shape, and its outlines (x, y), px.
     ellipse_misfit : float
-        See `contactimg.imaging.judge.shape_ladder.Climb`.
+        See `contactimg.imaging.judge.climbed_table.Climb`.
     of_reference : float
         Share of the contacts that the reference makes: the frame itself does not show them.
     unsurrounded : float
@@ -96,15 +98,23 @@ class Review:
 
 @stage("second look")
 def review(
-    foreground: Foreground, difference: DifferenceImage, detections: Detections, *, shape: str = "auto"
+    foreground: Foreground,
+    difference: DifferenceImage,
+    detections: Detections,
+    *,
+    shape: str = "auto",
+    beside_holes: CommonContrast | None = None,
 ) -> Review:
-    """Look at the pixels of the detections once more; ``shape`` as for `contactimg.imaging.measure`."""
+    """Look at the pixels of the detections once more.
+
+    ``shape`` as for `contactimg.imaging.measure`, ``beside_holes`` as for
+    `contactimg.imaging.judge.shape_ladder.climb`.
+    """
     places = _places(detections)
     if not len(places):
         left = _inspect(foreground, difference, detections)
         return Review(detections, unexplained=_unexplained(foreground, detections), background=left)
-    blur = _edge_blur(detections)
-    by_hand = _has_flag(detections, Flag.MANUAL)
+    blur, by_hand = _edge_blur(detections), _has_flag(detections, Flag.MANUAL)
     unseen = _is_unseen(foreground, places, blur) & ~by_hand
     unseen |= _is_outshone(foreground, difference, detections)
     looked_at = detections
@@ -113,16 +123,17 @@ def review(
     scratch &= ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
+    outlines: Outlines = ()
     agreement, remark, misfit = None, "", float("nan")
-    outlines: tuple[tuple[int, list[NDArray[np.float64]]], ...] = ()
     if isinstance(detections, FittedDetections) and len(_places(detections)):
-        climbed = climb(detections, shape=shape)
+        climbed = climb(detections, shape=shape, beside_holes=beside_holes)
         remark, misfit = climbed.remark, climbed.misfit
         lost = _newly_outshone(foreground, difference, climbed.detections, looked_at)
         lost[[row for row, lines in climbed.outlines if len(lines) > 1]] = False  # dark in a hole
         detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
         unseen = np.append(unseen, lost[lost])
-    if isinstance(detections, FittedDetections) and len(_places(detections)):
+    # where holes make the insides dimmer, these do not show the contrast
+    if isinstance(detections, FittedDetections) and beside_holes is None and len(_places(detections)):
         agreement = _compare(foreground, difference, detections, _edge_blur(detections))
         detections = _with_disagreement(detections, agreement)
     if isinstance(detections, CountedDetections) and len(_places(detections)):

@@ -8,8 +8,8 @@ their pixels as well. Where an ellipse does not describe them either, area and m
 calls keeps its disks, and only the calls cost time.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
@@ -28,7 +28,7 @@ from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
-from contactimg.imaging.judge.climbed_table import ClimbedTable, Outlines
+from contactimg.imaging.judge.climbed_table import Climb, ClimbedTable
 from contactimg.imaging.judge.common_distortion import (
     BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
@@ -80,31 +80,10 @@ page of text; a third of that on crowds of ellipses."""
 LEAST_WORK_SHARE = 0.25  # of it that a fit which took more than its own work leaves; chosen, for time
 
 
-@dataclass(frozen=True, eq=False)
-class Climb:
-    """Contacts with their shapes.
-
-    Parameters
-    ----------
-    detections : FittedDetections
-        Their contacts have the columns of `contactimg.imaging.reject.shape_columns` as well.
-    remark : str
-        How many contacts are no disks, and a distortion that all share; empty if there is nothing to say.
-    outlines : list of (int, list of ndarray)
-        Row of a contact of free shape, and its outlines (x, y), px of the frame.
-    misfit : float
-        Median of the mean squared residuals of the contacts as ellipses, over their variance, where contrast
-        and blur were settled on them; NaN where most are disks.
-    """
-
-    detections: FittedDetections
-    remark: str = ""
-    outlines: Outlines = ()
-    misfit: float = float("nan")
-
-
 @stage("shapes")
-def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
+def climb(
+    detections: FittedDetections, *, shape: str = "auto", beside_holes: CommonContrast | None = None
+) -> Climb:
     """Let the contacts that call for it climb from disks to ellipses to free shapes.
 
     Parameters
@@ -113,18 +92,22 @@ def climb(detections: FittedDetections, *, shape: str = "auto") -> Climb:
     shape : {"auto", "disk", "ellipse", "free"}
         "auto": as far as each contact calls for it; "disk": no further; "ellipse", "free": all contacts that
         far.
+    beside_holes : CommonContrast or None
+        Contrast of the contacts beside holes that most of them have: all are measured by their light.
 
     Returns
     -------
     Climb
     """
-    ladder = _ladder(detections, shape)
-    return Climb(detections) if ladder is None else ladder.result(ladder.climbed())
+    ladder = _ladder(detections, shape if beside_holes is None else "free")
+    if ladder is None:
+        return Climb(detections)
+    return ladder.result(ladder.climbed() if beside_holes is None else ladder.all_by_light(beside_holes))
 
 
 @stage("shapes")
 def misfit_as_ellipses(detections: FittedDetections, *, shape: str = "auto") -> float:
-    """`Climb.misfit` of some of the contacts, behind an edge that was learned from disks.
+    """`contactimg.imaging.judge.climbed_table.Climb.misfit` of some of the contacts, behind an edge that was learned from disks.
 
     Parameters
     ----------
@@ -187,6 +170,8 @@ class _Ladder:
         What ellipses say of contrast and blur, where many contacts are ellipses.
     edge : EllipseEdge or None
         That disks and ellipses show together, where many contacts are ellipses.
+    beside_holes : CommonContrast or None
+        Contrast of the contacts, where most have holes.
     """
 
     def __init__(
@@ -210,6 +195,7 @@ class _Ladder:
         self.edge: EllipseEdge | None = None
         self.distortion: Distortion | None = None
         self.contrast = CommonContrast.of(scene, [])
+        self.beside_holes: CommonContrast | None = None
 
     def climbed(self) -> list[ClimbedContact]:
         """All groups with a contact that calls, with their new shapes.
@@ -223,8 +209,17 @@ class _Ladder:
                 return probe
         return self._climbed(groups)
 
+    def all_by_light(self, contrast: CommonContrast) -> list[ClimbedContact]:
+        """All groups by their light over a contrast, without a look for ellipses."""
+        self.contrast = self.beside_holes = contrast
+        flat = FittedEllipse.unknown()
+        return [
+            ClimbedContact(view.members, view, flat, "disk").measured_by_light(contrast)
+            for view in self._views(self._groups())
+        ]
+
     def misfit_of_some(self) -> float:
-        """`Climb.misfit` from `MOST_WITNESSES` groups, where an edge was learned from disks."""
+        """`contactimg.imaging.judge.climbed_table.Climb.misfit` from `MOST_WITNESSES` groups, where an edge was learned from disks."""
         if np.count_nonzero(self.called) < LEAST_ELLIPSE_SHARE * len(self.called):
             return float("nan")
         groups = self._groups()
@@ -233,9 +228,14 @@ class _Ladder:
         self._settle_optics(found, share=len(some) / max(len(groups), 1))
         return float("nan") if self.change is None else self.change.misfit
 
+    def _listed(self, members: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Rows of those of some disks that are contacts."""
+        rows = self.row_of[members]
+        return rows[rows >= 0]
+
     def _rows(self, found: Sequence[ClimbedContact]) -> NDArray[np.intp]:
         """Rows of the contacts that were asked."""
-        return self.row_of[np.concatenate([part.members for part in found])]
+        return self._listed(np.concatenate([part.members for part in found]))
 
     def _groups(self) -> list[NDArray[np.intp]]:
         """Disks that may be one contact each and that call."""
@@ -249,25 +249,29 @@ class _Ladder:
 
     def _asked(self, groups: Sequence[NDArray[np.intp]]) -> list[ClimbedContact]:
         """Groups as ellipses where these are better."""
-        touching = _flagged(self.detections, Flag.MERGED)
+        return [part for view in self._views(groups) for part in self._ellipses(view)]
+
+    def _views(self, groups: Sequence[NDArray[np.intp]]) -> Iterator[GroupView]:
+        """The windows about groups, as long as their work is not too much."""
+        touching, frame_fit = _flagged(self.detections, Flag.MERGED), self.detections.frame_fit
+        by_hand = frame_fit is not None and frame_fit.edited is not None
         done = self.scene.problem.work.done / self.scene.problem.work.limit
         share = min(max(FIRST_STEP_RATIO - done, LEAST_WORK_SHARE), 1.0)
-        found, work = [], share * max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
+        work = share * max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         self.unheard = []
         for members in groups:
             # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
             if len(members) == 1 and touching[self.row_of[members]].any():
                 continue
-            if (self.row_of[members] < 0).any():
+            if by_hand and (self.row_of[members] < 0).any():
                 continue
             if work < 0:
-                self.unheard.append(self.row_of[members])
+                self.unheard.append(self._listed(members))
                 continue
             view = self.scene.view(members)
             work -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
             if view is not None:
-                found += self._ellipses(view)
-        return found
+                yield view
 
     def _ellipses(self, view: GroupView) -> list[ClimbedContact]:
         """The group as one ellipse, or each of its members as one; still disks where that is no better."""
@@ -416,7 +420,7 @@ class _Ladder:
         if self.shape == "ellipse":
             return found
         saturated = _flagged(self.detections, Flag.SATURATED)
-        known = [k for k, part in enumerate(found) if not saturated[self.row_of[part.members]].any()]
+        known = [k for k, part in enumerate(found) if not saturated[self._listed(part.members)].any()]
         if self.shape == "free":
             freed = known
         else:
@@ -467,11 +471,13 @@ class _Ladder:
         """The table of the contacts with what became of each group."""
         table = ClimbedTable(
             self._with_unheard(), self.scene, self.joint, self.row_of, self.change, self.edge,
-            self.distortion, self._is_elongated,
+            self.distortion, self._is_elongated, self.beside_holes,
         )  # fmt: skip
         detections, outlines = table.with_shapes(climbed)
         listed = detections.contacts["shape"] if self.shape == "auto" else np.zeros(0)
-        remark = describe_shapes(listed, self.distortion, unheard=len(self.unheard))
+        remark = describe_shapes(
+            listed, self.distortion, unheard=len(self.unheard), holes=self.beside_holes is not None
+        )
         return Climb(detections, remark, outlines, self._misfit())
 
     def _with_unheard(self) -> FittedDetections:

@@ -85,9 +85,19 @@ def free_row(free: FreeContact, problem: FitProblem, corner: tuple[int, int]) ->
     }
 
 
-def describe_shapes(shapes: NDArray, distortion: Distortion | None, *, unheard: int) -> str:
-    """How many contacts are no disks, and what they share; ``unheard`` groups were not asked."""
+def describe_shapes(
+    shapes: NDArray, distortion: Distortion | None, *, unheard: int, holes: bool = False
+) -> str:
+    """How many contacts are no disks, and what they share.
+
+    ``unheard`` groups were not asked; ``holes``: most contacts have some.
+    """
     parts = []
+    if holes:
+        parts.append(
+            "most contacts have holes that the blur fills: their areas are those of their light over the "
+            "contrast beside the holes"
+        )
     if distortion is not None:
         degrees = np.degrees(distortion.angle)
         parts.append(

@@ -16,8 +16,10 @@ from contactimg.imaging.fit.ellipse import CommonOptics, Window
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
 from contactimg.imaging.fit.quality import FrameFit
 from contactimg.imaging.fit.shared_optics import JointFit
+from contactimg.imaging.judge.noise_inside import gain_of_texture, noise_of_insides
 from contactimg.imaging.judge.second_opinion import AreaNoise
 from contactimg.imaging.judge.shape_calls import OVERLAP_BLUR_WIDTHS, OVERLAP_SHARE, usual_chi_square
+from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS
 from contactimg.imaging.reject.scratches import find_chains
@@ -41,6 +43,9 @@ LARGEST_GROUP = 60
 FEWEST_OF_REGION, CALLED_SHARE = 3, 0.5
 """Disks of a region, and the share of them that must call, for it to be asked as one contact. Chosen: of
 disks that touch few call."""
+CHAIN_GAP_BLUR_WIDTHS, CHAIN_CALLED_SHARE = 1.0, 0.8
+"""Gap between disks along a ring, and the share of them that must call. Chosen: contacts that touch each
+other about a gap fit as disks."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
 """Below, the image is smoothed before its pixels are connected. Chosen: twice six standard deviations."""
 
@@ -58,6 +63,8 @@ class ShapeScene:
     chi_square : ndarray, shape (n,)
     optics : CommonOptics
     correlation : NoiseCorrelation
+    gain : float
+        By which a contact makes what neighbouring pixels share, the texture, brighter.
     """
 
     problem: FitProblem
@@ -66,6 +73,7 @@ class ShapeScene:
     chi_square: NDArray[np.float64]
     optics: CommonOptics
     correlation: NoiseCorrelation
+    gain: float
 
     @classmethod
     def of(cls, frame_fit: FrameFit, joint: JointFit) -> "ShapeScene":
@@ -78,7 +86,10 @@ class ShapeScene:
             )
             image = image - (full - plain)
         optics = CommonOptics(joint.contrast, joint.spread, fit.blur, joint.covariance)
-        return cls(problem, image, fit.disks, fit.chi_square, optics, joint.correlation)
+        noise = noise_of_insides(problem, fit)
+        gain = gain_of_texture(problem.noise, noise, joint.correlation)
+        problem = replace(problem, noise=noise)
+        return cls(problem, image, fit.disks, fit.chi_square, optics, joint.correlation, gain)
 
     @cached_property
     def area_noise(self) -> AreaNoise:
@@ -106,8 +117,9 @@ class ShapeScene:
 
     def inflations(self, radii: NDArray[np.float64]) -> NDArray[np.float64]:
         """The same of rims of several radii."""
-        noise = self.problem.noise
-        return self.correlation.rim_inflation(radii, self.optics.blur, noise=noise, gain=1.0 + noise.slope)
+        return self.correlation.rim_inflation(
+            radii, self.optics.blur, noise=self.problem.noise, gain=self.gain
+        )
 
     def groups(self, called: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
         """Groups of disks that may be one contact each, those with a called member."""
@@ -118,7 +130,7 @@ class ShapeScene:
         bad = self.chi_square > BAD_CHI_SQUARE * usual_chi_square(self.chi_square)
         pairs = np.vstack([
             deep, near[called[near].all(axis=1)], any_overlap[bad[any_overlap].all(axis=1)],
-            self._regions(any_overlap, called),
+            self._regions(any_overlap, called), self._closed_chains(called),
             *(np.column_stack([chain[:-1], chain[1:]])
               for chain in find_chains(self.image, self.disks, blur_px=blur)),
         ])  # fmt: skip
@@ -132,6 +144,23 @@ class ShapeScene:
         size, calling = np.bincount(labels), np.bincount(labels, weights=called)
         asked = (size >= FEWEST_OF_REGION) & (calling >= CALLED_SHARE * size)
         return touching[asked[labels[touching[:, 0]]]] if len(touching) else touching
+
+    def _closed_chains(self, called: NDArray[np.bool_]) -> NDArray[np.intp]:
+        """Pairs that link the disks of each chain that closes about a hole, if most of them call.
+
+        Disks along a narrow ring touch, but need not overlap.
+        """
+        blur, kept = self.optics.blur, [np.zeros((0, 2), np.intp)]
+        touching = find_pairs(self.disks, 0.5 * CHAIN_GAP_BLUR_WIDTHS * blur)
+        touching = touching[called[touching].any(axis=1)]
+        labels = _components(touching, len(self.disks))
+        for label in np.unique(labels[touching[:, 0]]) if len(touching) else ():
+            chain, pairs = self.disks[labels == label], touching[labels[touching[:, 0]] == label]
+            away = np.hypot(*(chain[:, :2] - chain[:, :2].mean(axis=0)).T) - chain[:, RADIUS]
+            closes = len(pairs) >= len(chain) >= FEWEST_OF_REGION and away.min() > blur
+            if closes and np.mean(called[labels == label]) >= CHAIN_CALLED_SHARE:
+                kept.append(pairs)
+        return np.vstack(kept)
 
     def view(self, members: NDArray[np.intp]) -> "GroupView | None":
         """The window about a group of disks; None where its pixels cannot be told from the rest."""
