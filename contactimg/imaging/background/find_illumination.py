@@ -88,7 +88,7 @@ def find_illumination(
     if not np.isfinite(squares).any():
         return coarse
     expected = max(expected, _scatter_of_darkest(squares, background_is))
-    if not np.mean(_scatter_inside(squares) > RIM_SCATTER * expected) > RIM_FRACTION:
+    if not np.mean(scatter_inside(squares) > RIM_SCATTER * expected) > RIM_FRACTION:
         return coarse  # the illumination is less even than a cubic
     expected = min(expected, neighbour_scatter(squares))
     level, scatter = find_background_level(squares, background_is=background_is, scatter=expected)
@@ -150,7 +150,7 @@ def _scatter_of_darkest(squares: NDArray, background_is: BackgroundLevel) -> flo
     return robust_std(differences, centre=0.0) / np.sqrt(2) if len(differences) else 0.0
 
 
-def _scatter_inside(squares: NDArray) -> NDArray[np.float64]:
+def scatter_inside(squares: NDArray) -> NDArray[np.float64]:
     """Standard deviation of the squares of each block."""
     mean, square = (block_means(part, side=BLOCK // SQUARE_PX) for part in (squares, squares**2))
     return np.sqrt(np.maximum(square - mean**2, 0.0))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.binned_image import BinnedImage
-from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.imaging.pixels.robust import median, quantile, robust_std
 from contactimg.imaging.shapes.labelled_regions import label_regions
 from contactimg.timings import stage
 
@@ -20,6 +20,7 @@ frames; sensitivity not measured."""
 CORE_PX = 6
 """Width of a window that must lie inside a contact for its middle to show the plateau: the middle is then two
 blur widths from the rim for a blur of 1.4 px."""
+LEAST_WINDOW = 2  # binned pixels; fewer bound nothing
 LEAST_PLATEAU_PIXELS = 10
 """Pixels that give a plateau. Chosen by hand."""
 SAMPLE_PIXELS = 20_000
@@ -43,6 +44,13 @@ the plateau may be anything up to ten times as bright."""
 SETTLED_CHANGE = 0.03
 """Relative change of the plateau below which the iteration ends."""
 
+COARSEST_STEP = 8
+"""Binning at which contacts are looked for whose contrast the noise of a pixel hides. Chosen: they are then
+wider than 16 px."""
+HIDDEN_RATIO = 1.5
+"""What stands out, over the level from which it does, below which it may be peaks of noise on contacts.
+Theory: noise adds three standard deviations to the brightest of a thousand pixels, half of the level."""
+
 VALUE, AROUND, WIDER = 0, 1, 2
 """Rows of the array of pixels that stand out: value, and lowest value in two windows around."""
 
@@ -59,11 +67,14 @@ class Contrast:
         True if measured inside contacts wide enough to show it, False if guessed from the brightest spots.
     std : float
         Standard uncertainty of the plateau, grey levels.
+    hidden : bool
+        Whether noise hides it in the pixels: it was measured in means over blocks of them.
     """
 
     plateau: float
     resolved: bool
     std: float = float("nan")
+    hidden: bool = False
 
     def within(self, largest: float) -> "Contrast":
         """With a plateau that does not exceed the largest possible one."""
@@ -83,9 +94,26 @@ def measure_contrast(binned: BinnedImage, noise: float) -> Contrast:
     Returns
     -------
     Contrast
+        Of the image binned more coarsely where the noise of its pixels hides contacts that are wide.
     """
-    image, window = binned.image, CORE_PX // binned.step
     floor = max(DETECTION_SIGMA * noise / binned.step, 1e-6)
+    found, coarse = _measure(binned, floor), binned.coarser()
+    if found.resolved or found.plateau > HIDDEN_RATIO * floor or not noise > 0.0:
+        return found
+    while coarse is not None and coarse.step <= COARSEST_STEP:
+        # pixels share what is left of texture and light, which binning does not reduce; contacts are positive
+        below = coarse.image[coarse.image < 0.0]
+        scatter = max(noise / coarse.step, robust_std(below, centre=0.0) if below.size else 0.0)
+        wide = _measure(coarse, DETECTION_SIGMA * scatter)
+        if wide.resolved:
+            return replace(wide, hidden=True)
+        coarse = coarse.coarser()
+    return found
+
+
+def _measure(binned: BinnedImage, floor: float) -> Contrast:
+    """Contrast of what exceeds a floor."""
+    image, window = binned.image, max(CORE_PX // binned.step, LEAST_WINDOW)
     high = _stand_out(image, window, floor)
     if high.shape[1] < 4:
         return Contrast(0.0, resolved=False)

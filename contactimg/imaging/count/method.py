@@ -28,6 +28,7 @@ the others stands beside them.
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
@@ -44,7 +45,7 @@ from contactimg.imaging.reject.detections import PLACE, Columns, CountedDetectio
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.reference_dust import find_reference_dust
 from contactimg.imaging.shapes.hand_edits import HandEdit
-from contactimg.imaging.shapes.rim_blur import estimate_blur
+from contactimg.imaging.shapes.rim_blur import LEAST_VARIANCE_PX2, estimate_blur
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
 
@@ -207,12 +208,17 @@ def _uncertainties(contacts: Columns, crossing: Crossing) -> Columns:
 def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> float:
     """Standard deviation of the blur, pixel included, px: the prior one, else from the slope of the rims.
 
-    Rims sharper than the pixels have no slope; the light of their contacts shows it.
+    Rims sharper than the pixels have no slope; the light of their contacts shows it. Where noise hides the
+    contrast, the pixels counted are those that it makes brighter: slopes are read from the smoothed image.
     """
     plateau = foreground.contrast.plateau
     prior = foreground.prior_optics.blur_px
     if np.isfinite(prior):
         return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
+    if foreground.contrast.hidden:
+        smooth = cv2.GaussianBlur(foreground.image, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+        blur = estimate_blur(np.asarray(smooth, np.float32), plateau)
+        return float(np.sqrt(max(blur**2 - SMOOTHING_PX**2, LEAST_VARIANCE_PX2)))
     by_light = blur_of_heights(contacts["radius_px"], contacts["height"] / plateau, fraction)
     return by_light if by_light < SHARPEST_SLOPE_PX else estimate_blur(foreground.image, plateau)
 

@@ -13,8 +13,12 @@ DARK_FRACTION = 0.2
 """Depth of a dark patch, of the contrast, at least. Chosen: dust of 3 px leaves less in a block of 8 px."""
 BLOCK_SIGMA = 6.0
 """Depth of a dark patch, in standard deviations of block means. False-alarm rate 1e-9 a block."""
-COARSE = 4
-"""Blocks of 8 px in one side of the patches over which unevenness is measured."""
+PATCH_PX = 32
+"""Side of the patches over which unevenness is measured; blocks of 8 px give it where there are enough."""
+SQUARE_PX = 2
+"""Side of the blocks where small contacts leave hardly one of 8 px free; a power of 2."""
+LEAST_FREE_BLOCKS = 0.1
+"""Share of the blocks that must be free of contacts all over. Chosen: dots of 4 px every 18 px leave 0.03."""
 FEWEST_PATCHES = 6
 """Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
 
@@ -66,13 +70,12 @@ def inspect_background(
     contrast : float
         Grey levels.
     """
-    means = block_means(image, valid)
-    free = np.isfinite(means).astype(np.uint8)
-    if valid is not None:
-        free &= (block_means(valid.astype(np.float32)) == 1.0).astype(np.uint8)
-    seen = max(int(np.count_nonzero(free)), 1)
-    # the centre of a block is half a block from its first pixel
-    clear_disks(free, (disks + np.array([0.5, 0.5, reach_px])) / BLOCK - np.array([0.5, 0.5, 0.0]))
+    places = disks + np.array([0.0, 0.0, reach_px])
+    side = BLOCK
+    means, free, seen = _free_blocks(image, valid, places, side)
+    if np.count_nonzero(free) < LEAST_FREE_BLOCKS * seen:
+        side = SQUARE_PX
+        means, free, seen = _free_blocks(image, valid, places, side)
     left = means[free > 0]
     if not left.size or not contrast > 0:
         return BackgroundLeft(free_share=left.size / seen)
@@ -80,21 +83,36 @@ def inspect_background(
     dark = left < -max(DARK_FRACTION * contrast, BLOCK_SIGMA * noise)
     found = np.count_nonzero(background & (free > 0)) / left.size if background.shape == free.shape else 1.0
     return BackgroundLeft(
-        uneven=_unevenness(means, free, noise) / contrast,
+        uneven=_unevenness(means, free, noise, PATCH_PX // side) / contrast,
         dark_share=float(np.mean(dark)),
         free_share=left.size / seen,
         found_share=found,
     )
 
 
-def _unevenness(means: NDArray[np.float32], free: NDArray[np.uint8], noise: float) -> float:
-    """Scatter of the means over patches in excess of what blocks of this scatter explain, grey levels."""
-    rows, columns = (size // COARSE * COARSE for size in means.shape)
-    shape = (rows // COARSE, COARSE, columns // COARSE, COARSE)
+def _free_blocks(
+    image: NDArray[np.float32], valid: Mask, disks: NDArray[np.float64], side: int
+) -> tuple[NDArray[np.float32], NDArray[np.uint8], int]:
+    """Means over blocks, which of them lie outside all disks, and the number that is seen."""
+    means = block_means(image, valid, side=side)
+    free = np.isfinite(means).astype(np.uint8)
+    if valid is not None:
+        free &= (block_means(valid.astype(np.float32), side=side) == 1.0).astype(np.uint8)
+    seen = max(int(np.count_nonzero(free)), 1)
+    # the centre of a block is half a block from its first pixel, half a diagonal from its corners
+    reach = disks + np.array([0.5, 0.5, side / np.sqrt(2.0)])
+    clear_disks(free, reach / side - np.array([0.5, 0.5, 0.0]))
+    return means, free, seen
+
+
+def _unevenness(means: NDArray[np.float32], free: NDArray[np.uint8], noise: float, coarse: int) -> float:
+    """Scatter of the means over patches of so many blocks in excess of what their scatter explains."""
+    rows, columns = (size // coarse * coarse for size in means.shape)
+    shape = (rows // coarse, coarse, columns // coarse, coarse)
     weight = free[:rows, :columns].reshape(shape).sum(axis=(1, 3), dtype=float)
     filled = np.where(free > 0, means, np.float32(0.0))[:rows, :columns]
     total = filled.reshape(shape).sum(axis=(1, 3), dtype=float)
-    used = weight >= COARSE
+    used = weight >= coarse
     if np.count_nonzero(used) < FEWEST_PATCHES:
         return 0.0
     patches = total[used] / weight[used]

@@ -38,6 +38,8 @@ detected."""
 CLEAR_RISE_FRACTION, CLEAR_RISE_PROMINENCE = 0.5, 0.5
 """A contact that rises by this fraction of the contrast need exceed the scatter of its surroundings less:
 neighbours, cut contacts and rests of uneven light scatter more than noise. Chosen on touching beads."""
+LARGEST_CONTRAST_STD = 0.05
+"""Relative uncertainty of a contrast that a frame shows. Chosen, as for the status."""
 OWN_RISE_FRACTION, MOST_LOOKED_AT = 0.5, 60
 """Part of its rise over the background that a contact must show in the frame without the reference; contacts
 that are looked at. Chosen: half-way between the frame alone and the reference alone, not measured; for
@@ -115,7 +117,7 @@ def review(
         left = _inspect(foreground, difference, detections)
         return Review(detections, unexplained=_unexplained(foreground, detections), background=left)
     blur, by_hand = _edge_blur(detections), _has_flag(detections, Flag.MANUAL)
-    unseen = _is_unseen(foreground, places, blur) & ~by_hand
+    unseen = _is_unseen(foreground, places, blur, _clear_rise(foreground, detections)) & ~by_hand
     unseen |= _is_outshone(foreground, difference, detections)
     looked_at = detections
     superfluous = _rejected_places(detections)[detections.rejected["reason"] == Reason.UNNECESSARY, :2]
@@ -165,25 +167,32 @@ def _inspect(foreground: Foreground, difference: DifferenceImage, detections: De
     )
 
 
-def _is_unseen(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np.bool_]:
+def _clear_rise(foreground: Foreground, detections: Detections) -> float:
+    """Rise of a contact that is clearly seen, grey levels; peaks of noise may pass for a higher plateau."""
+    contrast = foreground.contrast.plateau
+    if detections.own_optics.contrast_relative_std < LARGEST_CONTRAST_STD:
+        contrast = min(contrast, detections.optics.contrast)
+    return CLEAR_RISE_FRACTION * contrast
+
+
+def _is_unseen(foreground: Foreground, places: NDArray, blur: float, clear: float) -> NDArray[np.bool_]:
     """Which contacts do not stand out of their surroundings, those without what was rejected included."""
     unseen = np.zeros(len(places), np.bool_)
     for _ in range(VISIBILITY_ROUNDS):
         kept = np.flatnonzero(~unseen)
-        more = _is_flat(foreground, places[kept], blur)
+        more = _is_flat(foreground, places[kept], blur, clear)
         if not more.any():
             break
         unseen[kept[more]] = True
     return unseen
 
 
-def _is_flat(foreground: Foreground, places: NDArray, blur: float) -> NDArray[np.bool_]:
+def _is_flat(foreground: Foreground, places: NDArray, blur: float, clear: float) -> NDArray[np.bool_]:
     """Which contacts do not stand out of their surroundings, the other contacts left out."""
     rise, scatter = measure_rise(
         foreground.image, foreground.frame_pair.valid, places, blur_px=blur, prominence=LEAST_PROMINENCE
     )
-    high = rise > CLEAR_RISE_FRACTION * foreground.contrast.plateau
-    least = np.where(high, CLEAR_RISE_PROMINENCE, LEAST_PROMINENCE)
+    least = np.where(rise > clear, CLEAR_RISE_PROMINENCE, LEAST_PROMINENCE)
     return np.asarray((rise <= 0.0) | (rise < least * scatter))
 
 

@@ -102,7 +102,7 @@ def find_foreground(
     contradicted = _contradicts(measured, prior)
     contrast = _select_contrast(measured, SharedOptics() if contradicted or frame_pair.trivial else prior)
     foreign = NO_FOREIGN_OBJECTS
-    if measured.resolved and not difference.dust_free:
+    if measured.resolved and not measured.hidden and not difference.dust_free:
         foreign = find_foreign_objects(
             image, coarse, contrast.plateau, frame=frame_pair.frame, difference=difference
         )
