@@ -31,6 +31,7 @@ from contactimg.imaging.fit.settings import (
     GROUP_GAP_BLUR_WIDTHS,
     LARGEST_GROUP,
     LARGEST_USUAL_CHI_SQUARE,
+    LEAST_GAIN,
     LEAST_NOISE_FRACTION,
     MISSING_DISK_PEAK_FRACTION,
     MOST_ARCS,
@@ -144,9 +145,11 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
             break
         covers = list(_other_covers(window, best, number, expected + slack))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
-        if costs and min(costs) < chi_square:
-            best, chi_square = covers[int(np.argmin(costs))]
-        elif number > 0:
+        gain, same = chi_square - min(costs, default=np.inf), True
+        if gain > 0.0:
+            before, (best, chi_square) = best, covers[int(np.argmin(costs))]
+            same = len(best) == len(before) and gain < LEAST_GAIN
+        if number > 0 and same:
             break
     return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
 

@@ -235,7 +235,8 @@ def fit_disks(
     )
     if n and not steps:
         raise TooMuchWork(f"one step of a fit of {n} disks")
-    problem.work.count_fit(*work, cut_off=bool(steps < control.iterations and not settled.all()))
+    cut_off = bool(steps < control.iterations and not settled.all())
+    problem.work.count_fit(*work, cut_off=cut_off, iterations=steps)
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(fitted)[:, None]
     return FittedDisks(

@@ -26,6 +26,7 @@ from contactimg.imaging.fit.settings import (
     LEAST_SCATTER_FRACTION,
     LEAST_UNTOUCHED_SHARE,
     LONGEST_SECANT_RATIO,
+    PASSES_AFTER_HALO,
     UNTOUCHED_FRACTION,
 )
 from contactimg.imaging.fit.significance import find_insignificant
@@ -66,7 +67,7 @@ def remove_halo(
     dropped = [np.empty((0, 3))]
     given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
     for turn in range(HALO_ROUNDS):
-        if problem.work.is_done:
+        if problem.work.is_done or (turn and not problem.work.suffices_for(PASSES_AFTER_HALO)):
             break
         halo = prior_optics.halo
         if not given:

@@ -89,6 +89,9 @@ COVER_SHARE = 0.6
 FIRST_STEP_RATIO = 1.5
 """Work over that limit beyond which not even one step of a fit is begun. Chosen: a crowd of which each step
 takes a quarter of the limit ends at 1.35 times the limit, images without disks at many times."""
+PASSES_AFTER_COVERS, PASSES_AFTER_HALO = 18, 10
+"""Iterations over all disks that are kept for what follows. Accuracy: a halo takes two times four, contrast
+and blur ten in a frame of disks."""
 WORK_PER_FIT = 2e4
 """What a fit costs besides its pixels and disks. By hand; not measured."""
 
@@ -113,6 +116,9 @@ EXCESS_LEFT_FRACTION = 0.35
 """Fraction of the excess chi-square that a new cover may leave. By hand."""
 UNSETTLED_CHI_SQUARE_RATIO = 1.5
 """Chi-square over its expectation below which the same disks are refitted first. By hand."""
+LEAST_GAIN = 1.0
+"""Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
+uncertainty of one parameter."""
 COVER_ROUNDS = 5
 """Rounds of trying covers at most. By hand."""
 MISSING_DISK_PEAK_FRACTION = 0.3

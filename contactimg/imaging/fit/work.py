@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from contactimg.imaging.fit.settings import (
     COVER_SHARE,
     FIRST_STEP_RATIO,
+    PASSES_AFTER_COVERS,
     WORK_PER_FIT,
     WORK_PER_PIXEL,
     WORK_PER_SMALL_FRAME,
@@ -40,6 +41,8 @@ class Work:
         Whether the disks that were detected were not fitted, because one step would have taken too much.
     given_up : bool
         Whether nothing further shall be tried, whatever is left.
+    longest_pass : float
+        Work of one iteration over all disks of the frame.
     """
 
     limit: float = float("inf")
@@ -49,14 +52,16 @@ class Work:
     unfinished_fits: int = 0
     refused: bool = False
     given_up: bool = False
+    longest_pass: float = 0.0
 
     @classmethod
     def of_frame(cls, pixels: int) -> "Work":
         """What a frame of so many pixels may cost."""
         return cls(WORK_PER_SMALL_FRAME + WORK_PER_PIXEL * pixels)
 
-    def count_fit(self, work: float, deep: float = 0.0, *, cut_off: bool) -> None:
+    def count_fit(self, work: float, deep: float = 0.0, *, cut_off: bool, iterations: int = 1) -> None:
         """Add a fit that took so much besides its overhead, and may have been cut off."""
+        self.longest_pass = max(self.longest_pass, work / max(iterations, 1))
         self.done += WORK_PER_FIT + work
         self.deep += deep
         self.unfinished_fits += cut_off
@@ -93,4 +98,8 @@ class Work:
     @property
     def no_more_covers(self) -> bool:
         """Whether no further covers of groups shall be tried."""
-        return self.is_done or self.done > COVER_SHARE * self.limit
+        return self.done > COVER_SHARE * self.limit or not self.suffices_for(PASSES_AFTER_COVERS)
+
+    def suffices_for(self, passes: int) -> bool:
+        """Whether so many iterations over all disks are left."""
+        return not self.given_up and self.done + passes * self.longest_pass <= self.limit
