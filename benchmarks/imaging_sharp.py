@@ -47,7 +47,8 @@ def degrade(image, blur, noise, sharpening, rng):
     """The image blurred, sharpened by an unsharp mask, and with noise; 8 bits."""
     light = image.astype(np.float32)
     if blur:
-        light = cv2.GaussianBlur(light, (0, 0), blur)
+        # to seven standard deviations: the usual four change the kurtosis by 0.014, as a disk of 0.7 widths
+        light = cv2.GaussianBlur(light, (2 * int(np.ceil(7 * blur)) + 1,) * 2, blur)
     if sharpening:
         light += sharpening * (light - cv2.GaussianBlur(light, (0, 0), 1.5))
     return np.clip(np.rint(light + noise * rng.standard_normal(light.shape)), 0, 255).astype(np.uint8)

@@ -112,3 +112,13 @@ def test_blurred_rims_of_dots_are_not_uneven_background():
     )  # fmt: skip
     assert left.uneven < 0.002
     assert left.free_share > 0.02
+
+
+@pytest.mark.parametrize(("level", "followed"), [(1.0, 1.0), (5.0, 0.7)])
+def test_blocks_a_hundredth_of_the_contrast_off_were_followed(level, followed):
+    """Compression makes most blocks equal: the others are no background to the fit, and half a level off."""
+    image, equal = np.zeros((320, 320), np.float32), np.ones((40, 40), bool)
+    image[: 8 * 12] = level
+    equal[:12] = False
+    left = inspect_background(image, None, equal, np.empty((0, 3)), reach_px=4.0, contrast=100.0)
+    assert left.found_share == pytest.approx(followed)

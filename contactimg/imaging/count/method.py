@@ -39,6 +39,7 @@ from contactimg.imaging.count.free_shape import ellipse_of_moments
 from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors, shown_contrast
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import median
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.imaging.reject.detections import PLACE, Columns, CountedDetections, Detections
@@ -71,6 +72,10 @@ LEAST_PLATEAU_STD = 0.02
 """Relative uncertainty of a plateau that is read from few pixels. Chosen, as for the fit."""
 FULL_SCALE_MARGIN = 0.1
 """Of the largest contrast, within which the brightest light leaves no room for more. Chosen."""
+FLAT_TOP_FRACTION, FLAT_TOP_SIGMA, FLAT_TOP_SHARE = 0.05, 2.0, 0.6
+"""Share of the pixels above a threshold that lie so close to their median in contacts that show their
+contrast. Theory: of a Gaussian spot, whose levels are uniform in the logarithm, a tenth over the logarithm of
+the threshold, 0.14 at half height."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. Chosen by hand."""
 SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
@@ -165,7 +170,9 @@ def _with_unseen_contrast(
     deficit, shown = shown_contrast(radius_px, crossing)
     room = foreground.largest_contrast / max(measured.plateau, 1e-9)
     # rims narrower than the pixels have no slope to tell the blur from
-    shown = shown and (measured.resolved or room < 1.0 + FULL_SCALE_MARGIN)
+    shown = shown and (
+        measured.resolved or room < 1.0 + FULL_SCALE_MARGIN or _has_flat_tops(foreground, crossing.fraction)
+    )
     if shown:
         std = measured.std if measured.resolved else LEAST_PLATEAU_STD * measured.plateau
         own, ratio = float(np.hypot(std, deficit * measured.plateau)), 1.0
@@ -177,6 +184,16 @@ def _with_unseen_contrast(
     # the ratio says what is not seen; the plateau itself is as good as its pixels
     std = own if shown else LEAST_PLATEAU_STD * measured.plateau
     return replace(crossing, contrast_std=std, largest_ratio=ratio), own
+
+
+def _has_flat_tops(foreground: Foreground, fraction: float) -> bool:
+    """Whether most of the bright pixels have the same level, which blurred spots do not show."""
+    bright = foreground.image[foreground.image > np.float32(fraction * foreground.measured_contrast.plateau)]
+    if not bright.size:
+        return False
+    top = median(bright)
+    flat = np.abs(bright - top) < max(FLAT_TOP_FRACTION * top, FLAT_TOP_SIGMA * foreground.noise)
+    return bool(np.mean(flat) > FLAT_TOP_SHARE)
 
 
 def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:

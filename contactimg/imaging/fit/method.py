@@ -392,8 +392,9 @@ def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: 
     )  # fmt: skip
     inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
     joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
-    # a misfit common to all disks is due to the noise model; that of a single disk is its own
-    chi_square, many = joint.fit.chi_square, len(radius) >= FEWEST_COMMON_CHI_SQUARE
+    # a misfit common to all disks is due to the noise model; that of a single disk is its own. Pixels coarser
+    # than the edge hide a part of what they add or take away: that a circle fits them well says little
+    chi_square, many = joint.fit.chi_square, len(radius) >= FEWEST_COMMON_CHI_SQUARE and not noise.rim
     common = min(float(np.median(chi_square)), 1.0) if many else 1.0
     std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
     return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)

@@ -19,6 +19,9 @@ SQUARE_PX = 2
 """Side of the blocks where small contacts leave hardly one of 8 px free; a power of 2."""
 LEAST_FREE_BLOCKS = 0.1
 """Share of the blocks that must be free of contacts all over. Chosen: dots of 4 px every 18 px leave 0.03."""
+FOLLOWED_FRACTION = 0.02
+"""Distance of a block from the background, of the contrast, up to which its light was followed. Chosen, as
+for the unevenness: compression makes most blocks equal, and the others stand out by a grey level."""
 FEWEST_PATCHES = 6
 """Patches that give the unevenness: to 30 % (theory: 1/sqrt(2 n))."""
 
@@ -81,12 +84,14 @@ def inspect_background(
         return BackgroundLeft(free_share=left.size / seen)
     noise = robust_std(left)
     dark = left < -max(DARK_FRACTION * contrast, BLOCK_SIGMA * noise)
-    found = np.count_nonzero(background & (free > 0)) / left.size if background.shape == free.shape else 1.0
+    followed = np.abs(left) < FOLLOWED_FRACTION * contrast
+    if background.shape == free.shape:
+        followed |= background[free > 0]
     return BackgroundLeft(
         uneven=_unevenness(means, free, noise, PATCH_PX // side) / contrast,
         dark_share=float(np.mean(dark)),
         free_share=left.size / seen,
-        found_share=found,
+        found_share=float(np.mean(followed)) if background.shape == free.shape else 1.0,
     )
 
 

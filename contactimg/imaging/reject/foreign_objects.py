@@ -39,6 +39,8 @@ STREAK_HALF_WIDTH_PX = 1.0
 HOT_NEIGHBOUR_FRACTION = 0.25
 """Brightness of the pixels on both sides relative to the highest pixel below which it is sharper than the
 optics. Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.53 px, ``s^2 = 0.53^2 + 1/12``."""
+FLAT_TOP_RATIO = 0.9
+"""Of the highest pixel, above which one is as high. Chosen: noise of a tenth of the contrast."""
 FEW_PIXELS = 4
 """Binned pixels: a region of more is not a hot pixel, and so many bright ones make an object too bright."""
 BRIGHT_AREA_FRACTION = 0.1
@@ -149,22 +151,37 @@ def _are_too_sharp(
 
 @njit(cache=True)
 def _stand_alone(image, x, y, level):
-    """Whether the highest pixel near each place is above a level and far above the pixels on two sides."""
+    """Whether the highest pixels near each place are above a level and far above the pixels on two sides.
+
+    All that are about as high: one at the tip of a flat top stands alone, those inside do not.
+    """
     rows, columns = image.shape
     out = np.zeros(len(x), np.bool_)
     for n in range(len(x)):
-        value, row, column = np.float32(-np.inf), 0, 0
-        for j in range(max(y[n] - 1, 0), min(y[n] + BIN_PX + 1, rows)):
-            for i in range(max(x[n] - 1, 0), min(x[n] + BIN_PX + 1, columns)):
-                if image[j, i] > value:
-                    value, row, column = image[j, i], j, i
-        if not value > level:
-            continue
-        for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-            before = image[max(row - dy, 0), min(max(column - dx, 0), columns - 1)]
-            after = image[min(row + dy, rows - 1), min(max(column + dx, 0), columns - 1)]
-            out[n] |= max(before, after) < HOT_NEIGHBOUR_FRACTION * value
+        top, bottom = max(y[n] - 1, 0), min(y[n] + BIN_PX + 1, rows)
+        left, right = max(x[n] - 1, 0), min(x[n] + BIN_PX + 1, columns)
+        highest = np.float32(-np.inf)
+        for j in range(top, bottom):
+            for i in range(left, right):
+                highest = max(highest, image[j, i])
+        out[n] = highest > level
+        for j in range(top, bottom):
+            for i in range(left, right):
+                if image[j, i] >= FLAT_TOP_RATIO * highest:
+                    out[n] &= _is_alone(image, j, i)
     return out
+
+
+@njit(cache=True)
+def _is_alone(image, row, column):
+    """Whether a pixel is far above those on two opposite sides."""
+    rows, columns = image.shape
+    alone = False
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        before = image[max(row - dy, 0), min(max(column - dx, 0), columns - 1)]
+        after = image[min(row + dy, rows - 1), min(max(column + dx, 0), columns - 1)]
+        alone |= max(before, after) < HOT_NEIGHBOUR_FRACTION * image[row, column]
+    return alone
 
 
 def _any_suspicious(components: NDArray[np.void], plateau: float) -> bool:
