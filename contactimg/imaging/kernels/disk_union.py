@@ -73,21 +73,26 @@ def _draw_lens(model, frame, circles, low, high, tall, s, level):
     cx, cy = x + 0.5 * (p0 + p1) * ex, y + 0.5 * (p0 + p1) * ey
     step = 2.0 * tall / len(low)
     height = level * step / (s * math.sqrt(2.0 * math.pi))
+    spacing = step / s
+    narrower = math.exp(-spacing * spacing)
     for j in range(max(math.ceil(cy - half_y), 0), min(math.floor(cy + half_y), model.shape[0] - 1) + 1):
         for i in range(max(math.ceil(cx - half_x), 0), min(math.floor(cx + half_x), model.shape[1] - 1) + 1):
             p, q = (i - x) * ex + (j - y) * ey, (j - y) * ex - (i - x) * ey
             if p < p0 or p > p1 or abs(q) > q1:
                 continue
-            depth = min(a - math.hypot(p, q), b - math.hypot(p - d, q))
+            depth = min(a - math.sqrt(p * p + q * q), b - math.sqrt((p - d) ** 2 + q * q))
             if abs(depth) > reach:
                 model[j, i] += level if depth > 0.0 else 0.0
                 continue
             first = max(int((q - reach + tall) / step), 0)
             last = min(int((q + reach + tall) / step) + 1, len(low))
-            total = 0.0
+            # Gaussians at equal steps: the ratio of two of them changes by a constant factor
+            z, total = (q + tall - (first + 0.5) * step) / s, 0.0
+            gaussian, ratio = math.exp(-0.5 * z * z), math.exp((z - 0.5 * spacing) * spacing)
             for k in range(first, last):
-                z = (q + tall - (k + 0.5) * step) / s
-                total += math.exp(-0.5 * z * z) * (_edge((high[k] - p) / s) - _edge((low[k] - p) / s))
+                total += gaussian * (_edge((high[k] - p) / s) - _edge((low[k] - p) / s))
+                gaussian *= ratio
+                ratio *= narrower
             model[j, i] += height * total
 
 
