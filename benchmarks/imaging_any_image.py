@@ -6,12 +6,17 @@
 
 Each image is measured without a reference, with itself denoised and with another image as the reference, as
 bright, dark and either contacts, by both methods. Nothing is random: the same images each time.
+
+A case beyond its time is measured again, in turns with a fixed measurement (the floor): what the floor takes
+over its least time of the whole run is what other programs make of the processor time.
 """
 
 import argparse
+import functools
 import itertools
 import signal
 import sys
+import time
 import traceback
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +29,7 @@ from imaging_figures import FOLDER, save
 from imaging_scores import ROOT, markdown, put_table
 from PIL import Image
 
+from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.frame import outlines_table
 from contactimg.plots.overlay import Layer, View, draw_overlay
 from contactimg.tables.outlines import contact_outlines
@@ -37,6 +43,7 @@ from any_images import (
     look_at,
     made_images,
     more_images,
+    odd_images,
     photographs,
     reference_of,
     sized,
@@ -47,6 +54,8 @@ PAGE = ROOT / "docs" / "imaging_any_image.md"
 LIMIT_S, FLOOR_S = 1.5, 0.2
 """Processor time of a megapixel, and the time that any image may take, s."""
 PATIENCE_S = 60.0
+TRIES, FLOOR_TIMES = 4, 12
+"""Measurements of a case beyond its time, of which the fastest against its floor counts; and of the floor."""
 SIDE, PART_PX = 200, 60_000
 FAINT = 1.0
 """Height over the scatter of the ring around it below which a contact is doubtful. Chosen."""
@@ -61,6 +70,11 @@ KINDS = {
     "text": ("text",),
     "shapes": ("rings", "squares", "mesh of rings", "plain dots"),
     "constant, two levels": ("two halves", "black"),
+    "what a laboratory may save": (
+        "annulus", "bayer", "cones", "disks", "dithered", "domes", "equalised", "label mask", "log floats",
+        "median filtered", "newton rings", "plot", "posterised", "qr", "ruler", "scale bar", "star field",
+        "stars and crosses", "triangles", "upside down",
+    ),
 }  # fmt: skip
 ODD = {
     "negative": lambda v: -3.0 + 2.0 * v,
@@ -68,6 +82,7 @@ ODD = {
     "huge": lambda v: 1e9 * v,
     "offset": lambda v: 1e4 + v,
     "double": lambda v: v.astype(np.float64) ** 3,
+    "smallest": lambda v: 1e-40 * v,
 }
 """Floats that no camera gives, of grey levels between 0 and 1."""
 SMALL = ((8, 8), (16, 16), (9, 31), (4, 2000), (2000, 4), (1, 300))
@@ -87,12 +102,12 @@ class Item:
         if image is None or self.store in DEPTHS:
             return stored_as(self.store, image)
         odd = ODD[self.store](image.astype(np.float64) / 255)
-        return odd if self.store == "double" else odd.astype(np.float32)
+        return odd if self.store in ("double", "smallest") else odd.astype(np.float32)
 
 
 def battery(folder):
     """All images."""
-    photos, made = photographs(), made_images(SIDE) | more_images(SIDE)
+    photos, made = photographs(), made_images(SIDE) | more_images(SIDE) | odd_images(SIDE)
     items = [Item("photographs", name, image) for name, image in photos.items()]
     for name, store in itertools.product(photos, DEPTHS[1:]):
         part = sized(photos[name], PART_PX, np.random.default_rng(len(name)))
@@ -150,13 +165,16 @@ def case(item, other, reference, method, polarity):
     """One row: what was measured and what is wrong with it."""
     row = {"kind": item.kind, "image": item.name, "store": item.store, "pixels": item.image.size}
     row |= {"reference": reference, "method": method, "polarity": polarity, "other": other.name}
-    limit = max(LIMIT_S * item.image.size / 1e6, FLOOR_S)
+    limit, beat = max(LIMIT_S * item.image.size / 1e6, FLOOR_S), np.nan
     signal.setitimer(signal.ITIMER_PROF, PATIENCE_S)
     try:
         seen = looked(item, other, reference, method, polarity)[1]
         seconds = seen.seconds
-        if seconds > limit:  # what was compiled or loaded for the first time does not count
-            seconds = min(seconds, looked(item, other, reference, method, polarity)[1].seconds)
+        if seconds > limit:
+            again = [
+                (looked(item, other, reference, method, polarity)[1].seconds, floor()) for _ in range(TRIES)
+            ]
+            seconds, beat = min(again, key=lambda pair: pair[0] / pair[1])
     except Exception:
         return row | {"fault": traceback.format_exc(limit=-3), "exception": True}
     finally:
@@ -164,8 +182,7 @@ def case(item, other, reference, method, polarity):
     result = seen.result
     return row | {
         "s": seconds,
-        "s per MP": seconds / item.image.size * 1e6,
-        "slow": seconds > limit,
+        "floor": beat,
         "exception": False,
         "contacts": len(result.disks),
         "invisible": seen.invisible,
@@ -175,6 +192,7 @@ def case(item, other, reference, method, polarity):
         "status": result.status,
         "contrast": result.contrast,
         "beyond": any("beyond" in fault for fault in seen.faults),
+        "not shown": seen.not_shown,
         "ok but poor": any(fault.startswith("ok although") for fault in seen.faults),
         "fault": "; ".join(seen.faults),
         "message": result.message,
@@ -183,7 +201,7 @@ def case(item, other, reference, method, polarity):
 
 def run(items, others):
     """All cases of all images; ``others`` are wrong references."""
-    names, rows = sorted(others), []
+    names, rows, floors = sorted(others), [], []
     for number, item in enumerate(items):
         other = others[names[(number * 7 + 3) % len(names)]]
         if other.name == item.name:
@@ -191,13 +209,39 @@ def run(items, others):
         rows += [
             case(item, other, *setting) for setting in itertools.product(REFERENCES, METHODS, POLARITIES)
         ]
+        floors.append(floor())
         print(f"{number + 1} of {len(items)}: {item.kind}, {item.name}, {item.store}", end="\r", flush=True)
-    return pd.DataFrame(rows)
+    return timed(pd.DataFrame(rows), min(floors))
+
+
+def floor():
+    """Processor time of a fixed measurement, s, from several: the clock has steps of some milliseconds."""
+    image, start = _floor_image(), time.process_time()
+    for _ in range(FLOOR_TIMES):
+        measure_image(image, polarity="bright", method="threshold")
+    return (time.process_time() - start) / FLOOR_TIMES
+
+
+@functools.cache
+def _floor_image():
+    """What the fixed measurement is made of."""
+    return more_images(SIDE)["plain dots"]
+
+
+def timed(rows, least_floor):
+    """The rows with times as on a machine that does nothing else, and whether they are within the limit."""
+    limit = np.maximum(LIMIT_S * rows["pixels"] / 1e6, FLOOR_S)
+    idle = rows["s"] * least_floor / rows["floor"].fillna(least_floor)
+    return rows.assign(
+        **{"clocked slow": rows["s"] > limit, "s": idle, "s per MP": idle / rows["pixels"] * 1e6},
+        slow=idle > limit,
+    )
 
 
 HEADER = [
     "images", "number", "measurements", "s per megapixel, worst", "smaller than 0.13 megapixels: s, worst",
-    "too slow", "exceptions", "contrast beyond the range", "invisible contacts", "ok with poor fits",
+    "too slow", "exceptions", "contrast beyond the range", "of contacts too small to show theirs",
+    "invisible contacts", "ok with poor fits",
     "ok, of them with contacts", "faint contacts under ok",
 ]  # fmt: skip
 
@@ -220,6 +264,7 @@ def table(rows):
                 int(part["slow"].sum()),
                 int(part["exception"].sum()),
                 int(part["beyond"].sum()),
+                int(part["not shown"].sum()),
                 int(part["invisible"].sum()),
                 int(part["ok but poor"].sum()),
                 f"{np.count_nonzero(ok)}, {with_contacts}",
@@ -328,6 +373,7 @@ def main():
     rows = run(chosen, {item.name: item for item in items if item.kind == "photographs"})
     if options.output:
         rows.to_csv(options.output, index=False)
+    print("beyond the limit as clocked:", int(rows["clocked slow"].sum()))
     write(rows, worst_ten(rows), items, publish=not (options.words or options.folder))
     for row in rows[rows["fault"] != ""].to_dict("records"):
         print({key: row[key] for key in row if key != "message"})

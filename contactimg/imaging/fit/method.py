@@ -342,7 +342,9 @@ def _settle(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool 
         work = start.problem.work
         work.refused = True
         nothing = np.empty((0, 4))
-        fit = fit_disks(start.problem, nothing, blur=start.blur, control=FitControl(False, iterations=1))
+        fit = fit_disks(
+            start.problem, nothing, blur=start.blur, control=FitControl(free_blur=False, iterations=1)
+        )
         return FrameFit(start.problem, fit, nothing[:, :3], float("nan"), None, None)
 
 

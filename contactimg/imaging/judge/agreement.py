@@ -69,6 +69,11 @@ class Agreement:
         """Whether all contacts share a difference."""
         return bool(self.shared_px.any())
 
+    def of(self, rows: NDArray[np.bool_]) -> "Agreement":
+        """Of some of the contacts."""
+        parts = (self.difference_px[rows], self.disagrees[rows], self.shared_px[rows])
+        return Agreement(*parts, first=self.first)
+
     def remark(self, radius_px: Values) -> str:
         """One sentence on what disagrees, with numbers; empty if nothing does."""
         if not (self.many or self.is_shared):

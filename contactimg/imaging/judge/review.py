@@ -130,14 +130,18 @@ def review(
     if isinstance(detections, FittedDetections) and len(_places(detections)):
         climbed = climb(detections, shape=shape, beside_holes=beside_holes)
         remark, misfit = climbed.remark, climbed.misfit
-        lost = _newly_outshone(foreground, difference, climbed.detections, looked_at)
-        lost[[row for row, lines in climbed.outlines if len(lines) > 1]] = False  # dark in a hole
+        lost = _newly_lost(foreground, difference, climbed.detections, climbed.outlines, looked_at)
         detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
         unseen = np.append(unseen, lost[lost])
     # where holes make the insides dimmer, these do not show the contrast
     if isinstance(detections, FittedDetections) and beside_holes is None and len(_places(detections)):
         agreement = _compare(foreground, difference, detections, _edge_blur(detections))
         detections = _with_disagreement(detections, agreement)
+        doubted = _has_flag(detections, Flag.DISAGREES)
+        if doubted.any():
+            lost = _is_lost(foreground, difference, detections, outlines) & doubted
+            detections, outlines = _without_climbed(detections, outlines, lost)
+            agreement, unseen = agreement.of(~lost), np.append(unseen, lost[lost])
     if isinstance(detections, CountedDetections) and len(_places(detections)):
         agreement = compare_some(_scenery(foreground, difference, detections), detections)
         detections = _with_shared_shift(detections, agreement)
@@ -220,24 +224,39 @@ def _is_outshone(
 ) -> NDArray[np.bool_]:
     """Which contacts are no brighter than what lies around them, other contacts included.
 
-    In a crowd that can be so of a contact as well: one whose fit has settled, and fits, stays.
+    In a crowd that can be so of a contact as well: one whose fit has settled, and fits, stays if its light is
+    clear and the second opinion, where there is one already, agrees.
     """
     image = difference.image if foreground.sign > 0 else -difference.image
     contrast, places = foreground.contrast.plateau, _places(detections)
     outshone = is_outshone(image, places, contrast=contrast, spare_crowds=False)
     if isinstance(detections, FittedDetections) and outshone.any():
         alone = is_outshone(image, places, contrast=contrast, spare_crowds=True)
-        outshone &= _has_flag(detections, Flag.POOR_FIT) | unfinished(detections) | alone
+        doubtful = _has_flag(detections, Flag.POOR_FIT | Flag.LOW_SIGNAL | Flag.DISAGREES)
+        outshone &= doubtful | unfinished(detections) | alone
     return outshone & ~_has_flag(detections, Flag.MANUAL)
 
 
-def _newly_outshone(
-    foreground: Foreground, difference: DifferenceImage, detections: Detections, looked_at: Detections
+def _newly_lost(
+    foreground: Foreground,
+    difference: DifferenceImage,
+    detections: Detections,
+    outlines: Outlines,
+    looked_at: Detections,
 ) -> NDArray[np.bool_]:
-    """`_is_outshone` of what a look has left; where it has left all as it was, none is."""
+    """`_is_lost` of what a look has left; where it has left all as it was, none is."""
     if detections is looked_at:
         return np.zeros(len(_places(detections)), np.bool_)
-    return _is_outshone(foreground, difference, detections)
+    return _is_lost(foreground, difference, detections, outlines)
+
+
+def _is_lost(
+    foreground: Foreground, difference: DifferenceImage, detections: Detections, outlines: Outlines
+) -> NDArray[np.bool_]:
+    """`_is_outshone`, but for contacts with a hole, which are dark in it."""
+    lost = _is_outshone(foreground, difference, detections)
+    lost[[row for row, lines in outlines if len(lines) > 1]] = False
+    return lost
 
 
 def _has_flag(detections: Detections, flag: Flag) -> NDArray[np.bool_]:

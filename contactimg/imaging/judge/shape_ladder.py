@@ -191,6 +191,9 @@ class _Ladder:
         self.row_of[detections.rows] = np.arange(len(detections.rows))
         self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
         self.unheard: list[NDArray[np.intp]] = []
+        done = scene.problem.work.done / scene.problem.work.limit
+        share = min(max(FIRST_STEP_RATIO - done, LEAST_WORK_SHARE), 1.0)
+        self.work_left = share * max(WORK_PER_PIXEL * scene.image.size, LEAST_WORK_PX)
         self.change: OpticsChange | None = None
         self.edge: EllipseEdge | None = None
         self.distortion: Distortion | None = None
@@ -255,9 +258,6 @@ class _Ladder:
         """The windows about groups, as long as their work is not too much."""
         touching, frame_fit = _flagged(self.detections, Flag.MERGED), self.detections.frame_fit
         by_hand = frame_fit is not None and frame_fit.edited is not None
-        done = self.scene.problem.work.done / self.scene.problem.work.limit
-        share = min(max(FIRST_STEP_RATIO - done, LEAST_WORK_SHARE), 1.0)
-        work = share * max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         self.unheard = []
         for members in groups:
             # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
@@ -265,11 +265,11 @@ class _Ladder:
                 continue
             if by_hand and (self.row_of[members] < 0).any():
                 continue
-            if work < 0:
+            if self.work_left < 0:
                 self.unheard.append(self._listed(members))
                 continue
             view = self.scene.view(members)
-            work -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
+            self.work_left -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
             if view is not None:
                 yield view
 

@@ -11,6 +11,7 @@ from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.judge.interlaced import displacement_of_rows
 from contactimg.imaging.judge.review import Review, unfinished
 from contactimg.imaging.pixels.binned_image import BinnedImage
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.reject.detections import CountedDetections, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.tables import Flag, Status
@@ -26,7 +27,8 @@ hand; sensitivity not measured."""
 FLAGGED_FRACTION = 0.2
 """Fraction of poor fits, or of saturated contacts, that spoils a frame. Chosen."""
 FLAGGED_LEAST_CONTACTS = 3
-"""Least number of contacts for that. Chosen: one odd contact of two says nothing about a frame."""
+"""Least number of contacts for that. Chosen: one odd contact of two says nothing about a frame; but where no
+contact fits, however few, none is measured."""
 FALSE_FRACTION, FALSE_LEAST = 0.05, 3
 """Fraction of what was measured and number of candidates that prove to be no contact, above which others may
 be among the contacts. Chosen: frames as assumed have none."""
@@ -55,6 +57,10 @@ LARGEST_EDGE_SHARE = 0.5
 """Distance between threshold and rim over the radius, in the median, above which counted pixels are no
 contacts to measure. Chosen: the area is uncertain by a factor of two; 0.15 at most on six frames of the
 sample data, 0.7 to 18 on the photographs and clouds it was chosen on."""
+LARGEST_LACK, FEWEST_SHAPES = 0.03, 2
+"""Share of the area that a counted region lacks against the ellipse of its second moments, in the median, and
+regions that show it. Theory: 0.045 for a square, 0.17 for a triangle, 0.054 for half a disk. Chosen: 0.01 at
+most on frames as assumed, those of touching contacts included."""
 LEAST_FREE_SHARE = 0.02
 """Share of the frame that contacts must leave free for a statement on the background. Chosen: 600 blocks of
 1600 x 1200 pixels."""
@@ -208,9 +214,12 @@ def _contact_defects(seen: Review) -> list[tuple[str, str]]:
             "the radii depend on a brightness that is not seen"
         )
         defects.append((Status.SATURATED, text))
-    if poor := _many(flags, Flag.POOR_FIT):
+    all_poor = flags.size * bool(np.all(flags & int(Flag.POOR_FIT)))
+    if poor := _many(flags, Flag.POOR_FIT) or all_poor:
         blur = seen.detections.optics.blur_px
         text = f"{poor} of {flags.size} contacts do not look like disks behind a blur of {blur:.2g} px"
+        defects.append((Status.POOR_FIT, text))
+    if text := _unlike_ellipses(seen.detections):
         defects.append((Status.POOR_FIT, text))
     if text := _blurred_away(seen.detections):
         defects.append((Status.SOFT, text))
@@ -231,6 +240,32 @@ def _blurred_away(detections: Detections) -> str:
         f"the radius is {np.median(radius):.2g} px in the median behind a blur of "
         f"{detections.rim_blur_px:.2g} px: either these are no contacts, or pixels above a "
         "threshold do not tell their areas"
+    )
+
+
+def _unlike_ellipses(detections: Detections) -> str:
+    """What to say of counted regions of which most are no ellipses; empty if most are.
+
+    An outline ``a (1 + e(angle))`` encloses less than the ellipse of its second moments, by the share
+    ``4 <e^2>``; pixels and noise at the rim, of which the uncertainty of the radius tells, make part of it.
+    """
+    if not isinstance(detections, CountedDetections):
+        return ""
+    contacts = {name: np.asarray(values) for name, values in detections.contacts.items()}
+    square = contacts["radius_px"] ** 2
+    own = contacts["radius_std_px"] ** 2 - contacts["edge_shift_px"] ** 2 - contacts["contrast_shift_px"] ** 2
+    rim = np.maximum(2.0 * np.pi * contacts["radius_px"] * own, PIXEL_VARIANCE)
+    expected = 4.0 * rim / np.maximum(square, 1e-9)
+    ellipse = contacts["semi_major_px"].astype(float) * contacts["semi_minor_px"].astype(float)
+    lacking = 1.0 - square / np.maximum(ellipse, 1e-9) - expected
+    shown = (expected < LARGEST_LACK) & np.isfinite(lacking)
+    shown &= (contacts["flags"] & int(Flag.EDGE | Flag.SATURATED | Flag.MANUAL)) == 0
+    if np.count_nonzero(shown) < FEWEST_SHAPES or np.median(lacking[shown]) <= LARGEST_LACK:
+        return ""
+    count, departure = np.count_nonzero(lacking[shown] > LARGEST_LACK), 0.5 * LARGEST_LACK**0.5
+    return (
+        f"{count} of {np.count_nonzero(shown)} counted regions depart from ellipses by more than "
+        f"{100 * departure:.0f} % of their radius: they are no contacts, or were cut into parts that are none"
     )
 
 

@@ -261,8 +261,8 @@ def find_outshone(image, disks, limits_px, margin, look_for_crowd):
 
     0: brighter; 1: no brighter; 2: no brighter because other contacts fill half the ring or more, but
     brighter than the rest of it. The ring lies between two distances from the rim. It is looked at pixel by
-    pixel where a sample of it does not decide; contacts with fewer than `FEWEST_AROUND` pixels around them
-    pass.
+    pixel where a sample of it does not decide, or half of it is not in the image; contacts with fewer than
+    `FEWEST_AROUND` pixels around them pass.
 
     Parameters
     ----------
@@ -283,7 +283,8 @@ def find_outshone(image, disks, limits_px, margin, look_for_crowd):
         if np.isnan(level):
             continue
         around = _sample_surroundings(image, everything, disks[i], disks[:0], limits_px)
-        if not len(around) or not np.sum(around >= level) / len(around) > CLEAR_SHARE:
+        many = 2 * len(around) >= DIRECTIONS * DISTANCES
+        if many and not np.sum(around >= level) / len(around) > CLEAR_SHARE:
             continue
         ring = _ring_pixels(image, disks[i], disks[:0], limits_px)
         if len(ring) > FEWEST_AROUND and level <= np.median(ring):

@@ -160,8 +160,9 @@ class FramePair:
         defect = _defect(frame, other, valid, scale) or (Status.BAD_REFERENCE if unlit else "")
         unit = _unit(image, frame, other)
         if unit != 1.0:
-            frame = np.divide(frame, np.float32(unit), out=frame)
-            other = None if other is None else (other / np.float32(unit)).astype(np.float32, copy=False)
+            exact = np.float64 if unit < np.finfo(np.float32).tiny else np.float32
+            frame = np.divide(frame, exact(unit), out=frame)
+            other = None if other is None else (other / exact(unit)).astype(np.float32, copy=False)
         whole = image.dtype.kind == "u"
         black = 0.0 if whole or float(frame.min()) >= 0 else -np.inf
         return cls(frame, other, valid, saturated, unit, defect, scale / unit, black, whole)
