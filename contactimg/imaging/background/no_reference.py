@@ -25,6 +25,7 @@ from contactimg.imaging.background.find_illumination import (
     neighbour_scatter,
     scatter_inside,
 )
+from contactimg.imaging.background.height_with_light import stands_out_by_itself
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     SMALLEST_SCATTER_FRACTION,
@@ -91,7 +92,7 @@ def estimate_background(
         polynomial, uneven = between
         illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
         middle = abs(float(np.median(polynomial.at_blocks(blocks.shape, frame.shape))))
-        return _divide_by_illumination(frame - sign * uneven, illumination, middle, blocks.shape)
+        return _divide_by_illumination(frame - sign * uneven, illumination, middle, blocks.shape, sign)
     lower = fit_envelope(blocks, frame.shape)
     flat = blocks - lower.at_blocks(blocks.shape, frame.shape)
     least = _least_scatter(flat, blocks[finite])
@@ -103,7 +104,7 @@ def estimate_background(
     illumination = Illumination(total, rest.background, rest.scatter)
     level = float(np.median(np.abs(blocks[rest.background]))) if rest.background.any() else abs(start)
     if np.mean(rest.background) > CROWDED_FRACTION or not finite.all():
-        return _divide_by_illumination(frame, illumination, level, blocks.shape)
+        return _divide_by_illumination(frame, illumination, level, blocks.shape, sign)
     image = sign * _flatten_crowd(sign * frame, blocks)
     gaps = np.abs(block_means(image)) < GAP_FRACTION * np.percentile(np.abs(image[::8, ::8]), 90)
     illumination = Illumination(total, gaps, rest.scatter)
@@ -181,14 +182,21 @@ def estimate_either_background(
 
 
 def _divide_by_illumination(
-    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int]
+    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], sign: np.float32
 ) -> DifferenceImage:
-    """Frame minus background, relative to it: contacts transmit a fraction of the light."""
+    """Frame minus background, relative to it: contacts transmit a fraction of the light.
+
+    Not relative to it where the contacts say otherwise.
+    """
     at_blocks = illumination.at_blocks(blocks, frame.shape)
     background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
     image = frame - background
+    subtracted = DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None)
     if not at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # subtracted before, or hardly any light
-        return DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None)
+        return subtracted
+    noise = estimate_noise(image, illumination.background)
+    if stands_out_by_itself(sign * image, at_blocks / level, noise=noise):
+        return subtracted
     image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
     return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), illumination, None)
 

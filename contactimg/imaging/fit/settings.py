@@ -48,6 +48,9 @@ SIGNIFICANT_LIGHT_SIGMA = 5.0
 """Light below which a disk is dropped. False-alarm rate: 3e-7 for a normal deviate."""
 FAINTEST_CONTRAST_FRACTION = 0.4
 """Contrast below which a disk is dropped. By hand."""
+FAINTEST_SPREAD_SIGMA = 4.0
+"""The same in standard deviations of the logarithm of the contrasts, where these scatter by more than a
+fifth. False-alarm rate: 3e-5 for a normal deviate."""
 SUSPICIOUS_CHI_SQUARE = 1.3
 """Mean chi-square of a disk above which another is searched beside it. By hand."""
 SPECK_RADIUS_PX = 0.5

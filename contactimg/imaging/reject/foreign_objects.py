@@ -17,6 +17,7 @@ from contactimg.imaging.contrast.plateau import BRIGHTER_RATIO
 from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.frame_pair import Levels
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.reject.detections import Columns
 from contactimg.imaging.reject.reference_dust import find_reference_dust
 from contactimg.imaging.shapes.components import label_components
@@ -45,6 +46,9 @@ FEW_PIXELS = 4
 """Binned pixels: a region of more is not a hot pixel, and so many bright ones make an object too bright."""
 BRIGHT_AREA_FRACTION = 0.1
 """Fraction of its area that must be too bright, at least, for an object to be rejected. Chosen by hand."""
+SPREAD_SIGMA, FEWEST_PEAKS = 3.0, 50
+"""Standard deviations of the logarithm of the brightness beyond which an object is too bright, and objects
+that give it. False-alarm rate 1e-3 (theory: normal deviates); theory: fifty give it to a tenth."""
 MASK_MARGIN = 3
 """Binned pixels around an object that are masked with it: its blurred rim."""
 BIN_PX = 2
@@ -98,11 +102,12 @@ def find_foreign_objects(
     disks = _equal_disks(scale, components["x"], components["y"], components["area"])
     dust = find_reference_dust(frame, image, difference, disks)
     sharp = _are_too_sharp(image, components, scale, plateau)
-    if not (dust.any() or sharp.any() or _any_suspicious(components, plateau)):
+    too_bright = _too_bright_ratio(components) * plateau
+    if not (dust.any() or sharp.any() or _any_suspicious(components, too_bright)):
         return NO_FOREIGN_OBJECTS
     regions = label_regions(small, LEVEL_FRACTION * plateau)
     number = regions.labels[components["peak_y"], components["peak_x"]]
-    bright_pixels = regions.labels[small > BRIGHTER_RATIO * plateau]
+    bright_pixels = regions.labels[small > too_bright]
     bright = np.bincount(bright_pixels, minlength=len(regions.area)) > np.maximum(
         FEW_PIXELS, BRIGHT_AREA_FRACTION * regions.area
     )
@@ -184,11 +189,19 @@ def _is_alone(image, row, column):
     return alone
 
 
-def _any_suspicious(components: NDArray[np.void], plateau: float) -> bool:
+def _too_bright_ratio(components: NDArray[np.void]) -> float:
+    """Brightness over the plateau beyond which an object is none of many that differ in brightness anyway."""
+    peaks = components["peak"][components["area"] > FEW_PIXELS]
+    if len(peaks) < FEWEST_PEAKS:
+        return BRIGHTER_RATIO
+    return max(BRIGHTER_RATIO, float(np.exp(SPREAD_SIGMA * robust_std(np.log(peaks)))))
+
+
+def _any_suspicious(components: NDArray[np.void], too_bright: float) -> bool:
     """Whether a component may be long or is too bright: a quick check that clears most frames."""
     shortest = LENGTH_HALF_WIDTHS * (0.5 + LENGTH_MARGIN_PX)
     extended = components[_squared_diagonal(components) > shortest**2]
-    return bool(_sprawl(extended).any()) or bool((components["peak"] > BRIGHTER_RATIO * plateau).any())
+    return bool(_sprawl(extended).any()) or bool((components["peak"] > too_bright).any())
 
 
 def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
