@@ -40,8 +40,11 @@ STREAK_HALF_WIDTH_PX = 1.0
 HOT_NEIGHBOUR_FRACTION = 0.25
 """Brightness of the pixels on both sides relative to the highest pixel below which it is sharper than the
 optics. Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.53 px, ``s^2 = 0.53^2 + 1/12``."""
-FLAT_TOP_RATIO = 0.9
+FLAT_TOP_RATIO = np.float32(0.9)
 """Of the highest pixel, above which one is as high. Chosen: noise of a tenth of the contrast."""
+FLAT_TOP_LEVELS = np.float32(2.0)
+"""Height over the level at which objects are looked for, from which a contact may have a flat top: 0.6 of the
+contrast. Chosen."""
 FEW_PIXELS = 4
 """Binned pixels: a region of more is not a hot pixel, and so many bright ones make an object too bright."""
 BRIGHT_AREA_FRACTION = 0.1
@@ -170,9 +173,10 @@ def _stand_alone(image, x, y, level):
             for i in range(left, right):
                 highest = max(highest, image[j, i])
         out[n] = highest > level
+        equal = FLAT_TOP_RATIO * highest if highest > FLAT_TOP_LEVELS * level else highest
         for j in range(top, bottom):
             for i in range(left, right):
-                if image[j, i] >= FLAT_TOP_RATIO * highest:
+                if image[j, i] >= equal:
                     out[n] &= _is_alone(image, j, i)
     return out
 
