@@ -39,9 +39,19 @@ class ClimbedContact:
     kind: str
     free: FreeContact | None = None
 
+    @classmethod
+    def of(cls, view: GroupView) -> "ClimbedContact":
+        """Disks to which no ellipse was fitted."""
+        return cls(view.members, view, FittedEllipse.unknown(), "disk")
+
     def measured_by_light(self, contrast: CommonContrast) -> "ClimbedContact":
         """The same as a contact of free shape."""
         return replace(self, kind="free", free=measure_by_light(self.view, contrast))
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it has a hole, or is a region of three disks or more that is no ellipse."""
+        return self.has_hole or (len(self.members) > 2 and self.kind != "ellipse")
 
     @property
     def has_hole(self) -> bool:

@@ -61,6 +61,9 @@ SHAPES = ("auto", "disk", "ellipse", "free")
 
 DISKS_SLACK = 9.0
 """Decrease of chi-square that overlapping disks must achieve against one ellipse. Theory: 3 sigma."""
+CLOSE_SIGMA = 3.0
+"""Excess of the mean squared residual, in its standard deviations, up to which one ellipse is preferred to
+three disks or more, however well these fit. False-alarm rate: 1e-3."""
 POOR_SIGMA = 6.0
 """The same as `CALL_SIGMA` for a shape that does not describe its pixels. False-alarm rate: 1e-9."""
 Part = TypeVar("Part")
@@ -107,7 +110,9 @@ def climb(
 
 @stage("shapes")
 def misfit_as_ellipses(detections: FittedDetections, *, shape: str = "auto") -> float:
-    """`contactimg.imaging.judge.climbed_table.Climb.misfit` of some of the contacts, behind an edge that was learned from disks.
+    """Misfit of some of the contacts as ellipses, behind an edge that was learned from disks.
+
+    See `contactimg.imaging.judge.climbed_table.Climb`.
 
     Parameters
     ----------
@@ -215,14 +220,11 @@ class _Ladder:
     def all_by_light(self, contrast: CommonContrast) -> list[ClimbedContact]:
         """All groups by their light over a contrast, without a look for ellipses."""
         self.contrast = self.beside_holes = contrast
-        flat = FittedEllipse.unknown()
-        return [
-            ClimbedContact(view.members, view, flat, "disk").measured_by_light(contrast)
-            for view in self._views(self._groups())
-        ]
+        parts = (ClimbedContact.of(view) for view in self._views(self._groups()))
+        return [part.measured_by_light(contrast) for part in parts]
 
     def misfit_of_some(self) -> float:
-        """`contactimg.imaging.judge.climbed_table.Climb.misfit` from `MOST_WITNESSES` groups, where an edge was learned from disks."""
+        """Misfit as ellipses of `MOST_WITNESSES` groups, where an edge was learned from disks."""
         if np.count_nonzero(self.called) < LEAST_ELLIPSE_SHARE * len(self.called):
             return float("nan")
         groups = self._groups()
@@ -286,7 +288,12 @@ class _Ladder:
             for part in (model, view.disk_model())
         )
         scale = self.usual * scene.inflation(float(ellipse.parameters[RADIUS]))
-        if one - many < DISKS_SLACK * scale and not self._is_poor(ellipse):
+        # each disk has four quantities that follow the noise, an ellipse six
+        slack = DISKS_SLACK + 4.0 * len(members) - 6.0
+        if one - many < slack * scale and not self._is_poor(ellipse):
+            return [ClimbedContact(members, view, ellipse, "ellipse")]
+        close = ellipse.chi_square[0] < 1.0 + CLOSE_SIGMA * np.sqrt(2.0 / max(ellipse.pixels, 1))
+        if len(members) > 2 and close:
             return [ClimbedContact(members, view, ellipse, "ellipse")]
         poor = self.scene.chi_square[members] > POOR_CHI_SQUARE * self.usual
         if len(members) > 2 or poor.all():
@@ -331,10 +338,8 @@ class _Ladder:
         def refit(fits: Sequence[FittedEllipse], optics: CommonOptics) -> list[FittedEllipse]:
             return [self._refit(part.view, fit, optics) for part, fit in zip(witnesses, fits, strict=True)]
 
-        fits = [part.ellipse for part in witnesses]
-        self.change = settle_on_ellipses(
-            fits, refit, self.scene.optics, prior_information(self.joint, self.scene.optics)
-        )
+        fits, known = [part.ellipse for part in witnesses], prior_information(self.joint, self.scene.optics)
+        self.change = settle_on_ellipses(fits, refit, self.scene.optics, known)
         return at
 
     def _with_settled_optics(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
@@ -424,7 +429,7 @@ class _Ladder:
         if self.shape == "free":
             freed = known
         else:
-            pierced = [k for k in known if len(found[k].members) > 2 or found[k].has_hole]
+            pierced = [k for k in known if found[k].is_free]
             poor = [k for k in known if k not in pierced and self._is_misshapen(found[k].ellipse)]
             places = np.array([found[k].ellipse.parameters[[X, Y]] for k in poor]).reshape(-1, 2)
             own = has_own_misfit([self._cells(found[k]) for k in poor], places)
