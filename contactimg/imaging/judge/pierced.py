@@ -17,7 +17,6 @@ from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.judge.common_distortion import (
     ANGULAR_BINS,
     BAND_BLUR_WIDTHS,
-    FEWEST_CONTACTS,
     RADIAL_BINS,
     has_own_misfit,
 )
@@ -33,6 +32,8 @@ LEAST_RADIUS_BLUR_WIDTHS = 2.5
 """Radius of a contact that tells of its holes. Chosen: a narrower one is a spot, whatever is in it."""
 LEAST_POOR_SHARE = 0.3
 """Share of these that must fit badly as disks. Chosen: 0 on frames as assumed, 0.7 with holes in a tenth."""
+FEWEST_WITNESSES = 5
+"""Contacts with holes that show what they share. Chosen: with fewer, one odd contact decides."""
 MOST_WITNESSES = 24  # contacts to which holes are fitted, the widest; for time
 PROBE_STEP = 4  # of the witnesses, one in so many is asked first; for time
 MOST_HOLES = 3  # in one of them; for time
@@ -69,7 +70,7 @@ def contrast_beside_holes(detections: FittedDetections) -> CommonContrast | None
         return None
     scene = ShapeScene.of(frame_fit, frame_fit.joint)
     views = [view for view in (scene.view(rows[k : k + 1]) for k in range(len(rows))) if view is not None]
-    if len(views) < FEWEST_CONTACTS:
+    if len(views) < FEWEST_WITNESSES:
         return None
     if np.median([_misfit_as_ellipse(view) for view in views]) < POOR_CHI_SQUARE:
         return None
@@ -81,7 +82,7 @@ def may_have_holes(frame_fit: FrameFit) -> bool:
     fit = frame_fit.fit
     wide = fit.disks[:, RADIUS] > LEAST_RADIUS_BLUR_WIDTHS * fit.blur
     poor = int(np.count_nonzero(fit.chi_square[wide] > POOR_CHI_SQUARE))
-    return poor >= max(FEWEST_CONTACTS, LEAST_POOR_SHARE * np.count_nonzero(wide))
+    return poor >= max(FEWEST_WITNESSES, LEAST_POOR_SHARE * np.count_nonzero(wide))
 
 
 def _misfit_as_ellipse(view: GroupView) -> float:
@@ -100,7 +101,7 @@ def _poor_wide(detections: FittedDetections) -> NDArray[np.intp]:
     apart = detections.contacts["flags"] & int(Flag.EDGE | Flag.MERGED | Flag.SATURATED | Flag.MANUAL) == 0
     wide = rows[apart & (fit.disks[rows, RADIUS] > LEAST_RADIUS_BLUR_WIDTHS * fit.blur)]
     poor = wide[fit.chi_square[wide] > POOR_CHI_SQUARE]
-    if len(poor) < max(FEWEST_CONTACTS, LEAST_POOR_SHARE * len(wide)):
+    if len(poor) < max(FEWEST_WITNESSES, LEAST_POOR_SHARE * len(wide)):
         return np.zeros(0, np.intp)
     return poor[np.argsort(-fit.disks[poor, RADIUS], kind="stable")][:MOST_WITNESSES]
 

@@ -43,9 +43,10 @@ LARGEST_GROUP = 60
 FEWEST_OF_REGION, CALLED_SHARE = 3, 0.5
 """Disks of a region, and the share of them that must call, for it to be asked as one contact. Chosen: of
 disks that touch few call."""
-CHAIN_GAP_BLUR_WIDTHS, CHAIN_CALLED_SHARE = 1.0, 0.8
-"""Gap between disks along a ring, and the share of them that must call. Chosen: contacts that touch each
-other about a gap fit as disks."""
+TOUCHING_BLUR_WIDTHS = 1.0
+"""Gap between disks that may be pieces of one contact. Chosen: no level line at half height parts them."""
+CHAIN_CALLED_SHARE = 0.8
+"""Share of the disks along a ring that must call. Chosen: contacts that touch about a gap fit as disks."""
 SMOOTHED_CONTRAST_TO_NOISE = 12.0
 """Below, the image is smoothed before its pixels are connected. Chosen: twice six standard deviations."""
 
@@ -134,7 +135,7 @@ class ShapeScene:
             *(np.column_stack([chain[:-1], chain[1:]])
               for chain in find_chains(self.image, self.disks, blur_px=blur)),
         ])  # fmt: skip
-        labels = _components(pairs, len(self.disks))
+        labels = self._completed(_components(pairs, len(self.disks)), called)
         groups = [np.flatnonzero(labels == label) for label in np.unique(labels[called])]
         return [members for members in groups if len(members) <= LARGEST_GROUP]
 
@@ -145,13 +146,27 @@ class ShapeScene:
         asked = (size >= FEWEST_OF_REGION) & (calling >= CALLED_SHARE * size)
         return touching[asked[labels[touching[:, 0]]]] if len(touching) else touching
 
+    def _completed(self, labels: NDArray[np.int32], called: NDArray[np.bool_]) -> NDArray[np.int32]:
+        """Groups with the disks that touch two of their members, which would take light from them."""
+        touching = find_pairs(self.disks, 0.5 * TOUCHING_BLUR_WIDTHS * self.optics.blur)
+        both = np.vstack([touching, touching[:, ::-1]])
+        calling = np.bincount(labels, weights=called) > 0
+        alone = np.bincount(labels)[labels] == 1
+        disk, group = both[:, 0], labels[both[:, 1]]
+        wanted = alone[disk] & ~alone[both[:, 1]] & calling[group]
+        joined, count = np.unique(np.column_stack([disk, group])[wanted], axis=0, return_counts=True)
+        labels = labels.copy()
+        for number, label in joined[count > 1]:
+            labels[number] = label
+        return labels
+
     def _closed_chains(self, called: NDArray[np.bool_]) -> NDArray[np.intp]:
         """Pairs that link the disks of each chain that closes about a hole, if most of them call.
 
         Disks along a narrow ring touch, but need not overlap.
         """
         blur, kept = self.optics.blur, [np.zeros((0, 2), np.intp)]
-        touching = find_pairs(self.disks, 0.5 * CHAIN_GAP_BLUR_WIDTHS * blur)
+        touching = find_pairs(self.disks, 0.5 * TOUCHING_BLUR_WIDTHS * blur)
         touching = touching[called[touching].any(axis=1)]
         labels = _components(touching, len(self.disks))
         for label in np.unique(labels[touching[:, 0]]) if len(touching) else ():

@@ -1,11 +1,14 @@
 """The ladder of shapes on supersampled contacts."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from shape_frames import bone, ellipse, frame, ring, triangle
 
 from contactimg.imaging.judge import shape_ladder
 from contactimg.imaging.judge.common_distortion import ANGULAR_BINS, RADIAL_BINS, has_own_misfit
+from contactimg.imaging.judge.shape_scene import ShapeScene
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.frame import outlines_table
 
@@ -216,3 +219,29 @@ def test_a_ring_covered_by_disks_that_hardly_touch_is_one_contact(inner):
     table = in_order(found, places)
     assert table["shape"].tolist() == ["free"] * 4 + ["disk"]
     assert np.abs(table["area_px2"].to_numpy() / areas - 1.0).max() < 0.02
+
+
+def test_disks_that_touch_two_pieces_of_a_contact_are_pieces_of_it():
+    """Left out, one took a fifth of the light of a contact that was stated to half a per cent."""
+    disks = np.array([
+        [0.0, 0.0, 5.0, 1.0], [8.0, 0.0, 5.0, 1.0],  # a group that calls
+        [4.0, 8.0, 4.0, 1.0],  # touches both
+        [16.5, 0.0, 3.0, 1.0],  # touches one of them
+        [40.0, 0.0, 5.0, 1.0], [48.0, 0.0, 5.0, 1.0], [44.0, 8.0, 4.0, 1.0],  # the same where none calls
+    ])  # fmt: skip
+    scene = SimpleNamespace(disks=disks, optics=SimpleNamespace(blur=1.4))
+    called = np.array([True, False, False, False, False, False, False])
+    labels = ShapeScene._completed(scene, np.array([0, 0, 1, 2, 3, 3, 4]), called)
+    assert labels.tolist() == [0, 0, 0, 2, 3, 3, 4]
+
+
+def test_a_chain_that_closes_about_a_hole_is_one_group_if_its_disks_call():
+    turn = 2 * np.pi * np.arange(8) / 8
+    chain = np.column_stack([10 * np.cos(turn), 10 * np.sin(turn), np.full(8, 3.5), np.ones(8)])
+    scene = SimpleNamespace(disks=chain, optics=SimpleNamespace(blur=1.4))  # gaps of 0.65 px
+    assert len(ShapeScene._closed_chains(scene, np.ones(8, bool))) == 8
+    assert not len(ShapeScene._closed_chains(scene, np.arange(8) < 4))
+    scene.disks = chain[:7]  # open
+    assert not len(ShapeScene._closed_chains(scene, np.ones(7, bool)))
+    scene.disks = np.vstack([chain, [[0.0, 0.0, 6.0, 1.0]]])  # filled
+    assert not len(ShapeScene._closed_chains(scene, np.ones(9, bool)))
