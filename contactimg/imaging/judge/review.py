@@ -125,37 +125,64 @@ def review(
     scratch &= ~unseen & ~by_hand
     reasons = np.where(unseen, Reason.INVISIBLE, Reason.SCRATCH)
     detections = _without(detections, unseen | scratch, reasons)
-    outlines: Outlines = ()
-    agreement, remark, misfit = None, "", float("nan")
-    if isinstance(detections, FittedDetections) and len(_places(detections)):
-        climbed = climb(detections, shape=shape, beside_holes=beside_holes)
-        remark, misfit = climbed.remark, climbed.misfit
-        lost = _newly_lost(foreground, difference, climbed.detections, climbed.outlines, looked_at)
-        detections, outlines = _without_climbed(climbed.detections, climbed.outlines, lost)
-        unseen = np.append(unseen, lost[lost])
-    # where holes make the insides dimmer, these do not show the contrast
-    if isinstance(detections, FittedDetections) and beside_holes is None and len(_places(detections)):
-        agreement = _compare(foreground, difference, detections, _edge_blur(detections))
-        detections = _with_disagreement(detections, agreement)
-        doubted = _has_flag(detections, Flag.DISAGREES)
-        if doubted.any():
-            lost = _is_lost(foreground, difference, detections, outlines) & doubted
-            detections, outlines = _without_climbed(detections, outlines, lost)
-            agreement, unseen = agreement.of(~lost), np.append(unseen, lost[lost])
+    looked = _look_at_fit(
+        foreground, difference, detections, looked_at=looked_at, shape=shape, beside_holes=beside_holes
+    )
+    detections, agreement = looked.detections, looked.agreement
     if isinstance(detections, CountedDetections) and len(_places(detections)):
         agreement = compare_some(_scenery(foreground, difference, detections), detections)
         detections = _with_shared_shift(detections, agreement)
+    of_reference, unsurrounded = _look_at_some(foreground, _places(detections), blur)
+    return replace(
+        looked,
+        detections=detections,
+        agreement=agreement,
+        invisible=looked.invisible + int(np.count_nonzero(unseen)),
+        scratched=int(np.count_nonzero(scratch)),
+        unexplained=_unexplained(foreground, detections),
+        background=_inspect(foreground, difference, detections),
+        of_reference=of_reference,
+        unsurrounded=unsurrounded,
+    )
+
+
+def _look_at_fit(
+    foreground: Foreground,
+    difference: DifferenceImage,
+    detections: Detections,
+    *,
+    looked_at: Detections,
+    shape: str,
+    beside_holes: CommonContrast | None,
+) -> Review:
+    """The shapes of fitted contacts and a second opinion on each, without what is then seen to be none.
+
+    What is still as it was when it was ``looked_at`` is not looked at again.
+    """
+    if not isinstance(detections, FittedDetections) or not len(_places(detections)):
+        return Review(detections)
+    climbed = climb(detections, shape=shape, beside_holes=beside_holes)
+    found, outlines, agreement, invisible = climbed.detections, climbed.outlines, None, 0
+    if found is not looked_at:
+        lost = _is_lost(foreground, difference, found, outlines)
+        found, outlines = _without_climbed(found, outlines, lost)
+        invisible += int(np.count_nonzero(lost))
+    # where holes make the insides dimmer, these do not show the contrast
+    if isinstance(found, FittedDetections) and beside_holes is None and len(_places(found)):
+        agreement = _compare(foreground, difference, found, _edge_blur(found))
+        found = _with_disagreement(found, agreement)
+        doubted = _has_flag(found, Flag.DISAGREES)
+        if doubted.any():
+            lost = _is_lost(foreground, difference, found, outlines) & doubted
+            found, outlines = _without_climbed(found, outlines, lost)
+            agreement, invisible = agreement.of(~lost), invisible + int(np.count_nonzero(lost))
     return Review(
-        detections,
+        found,
         agreement,
-        int(np.count_nonzero(unseen)),
-        int(np.count_nonzero(scratch)),
-        _unexplained(foreground, detections),
-        _inspect(foreground, difference, detections),
-        remark,
-        outlines,
-        misfit,
-        *_look_at_some(foreground, _places(detections), blur),
+        invisible=invisible,
+        shapes=climbed.remark,
+        outlines=outlines,
+        ellipse_misfit=climbed.misfit,
     )
 
 
@@ -235,19 +262,6 @@ def _is_outshone(
         doubtful = _has_flag(detections, Flag.POOR_FIT | Flag.LOW_SIGNAL | Flag.DISAGREES)
         outshone &= doubtful | unfinished(detections) | alone
     return outshone & ~_has_flag(detections, Flag.MANUAL)
-
-
-def _newly_lost(
-    foreground: Foreground,
-    difference: DifferenceImage,
-    detections: Detections,
-    outlines: Outlines,
-    looked_at: Detections,
-) -> NDArray[np.bool_]:
-    """`_is_lost` of what a look has left; where it has left all as it was, none is."""
-    if detections is looked_at:
-        return np.zeros(len(_places(detections)), np.bool_)
-    return _is_lost(foreground, difference, detections, outlines)
 
 
 def _is_lost(

@@ -25,7 +25,7 @@ from contactimg.imaging.fit.ellipse import (
     render_ellipse,
 )
 from contactimg.imaging.fit.quality import FittedDetections
-from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, POOR_CHI_SQUARE
+from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.climbed_table import Climb, ClimbedTable
@@ -80,7 +80,7 @@ WORK_PER_PIXEL, LEAST_WORK_PX, WORK_PER_WINDOW_PX = 0.6, 100_000, 1500
 """Pixels of windows, over those of the image, at which the ladder stops, and at least; what a window costs
 besides its own. Chosen: at most 1.2 s per megapixel, and 0.2 s, at 2 us a pixel and 3 ms a window, as on a
 page of text; a third of that on crowds of ellipses."""
-LEAST_WORK_SHARE = 0.25  # of it that a fit which took more than its own work leaves; chosen, for time
+LEAST_WORK_SHARE = 0.25  # of it that is left by a fit that was cut off; chosen, for time
 
 
 @stage("shapes")
@@ -196,9 +196,6 @@ class _Ladder:
         self.row_of[detections.rows] = np.arange(len(detections.rows))
         self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
         self.unheard: list[NDArray[np.intp]] = []
-        done = scene.problem.work.done / scene.problem.work.limit
-        share = min(max(FIRST_STEP_RATIO - done, LEAST_WORK_SHARE), 1.0)
-        self.work_left = share * max(WORK_PER_PIXEL * scene.image.size, LEAST_WORK_PX)
         self.change: OpticsChange | None = None
         self.edge: EllipseEdge | None = None
         self.distortion: Distortion | None = None
@@ -260,6 +257,7 @@ class _Ladder:
         """The windows about groups, as long as their work is not too much."""
         touching, frame_fit = _flagged(self.detections, Flag.MERGED), self.detections.frame_fit
         by_hand = frame_fit is not None and frame_fit.edited is not None
+        work = self._share() * max(WORK_PER_PIXEL * self.scene.image.size, LEAST_WORK_PX)
         self.unheard = []
         for members in groups:
             # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
@@ -267,13 +265,18 @@ class _Ladder:
                 continue
             if by_hand and (self.row_of[members] < 0).any():
                 continue
-            if self.work_left < 0:
+            if work < 0:
                 self.unheard.append(self._listed(members))
                 continue
             view = self.scene.view(members)
-            self.work_left -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
+            work -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
             if view is not None:
                 yield view
+
+    def _share(self) -> float:
+        """Share of the work that the fit leaves: all, unless it was cut off."""
+        work = self.scene.problem.work
+        return LEAST_WORK_SHARE if work.ran_out else 1.0
 
     def _ellipses(self, view: GroupView) -> list[ClimbedContact]:
         """The group as one ellipse, or each of its members as one; still disks where that is no better."""
