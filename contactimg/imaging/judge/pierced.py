@@ -28,8 +28,9 @@ from contactimg.tables import Flag
 
 Values = NDArray[np.float64]
 
-LEAST_RADIUS_BLUR_WIDTHS = 2.5
-"""Radius of a contact that tells of its holes. Chosen: a narrower one is a spot, whatever is in it."""
+RADIUS_BLUR_WIDTHS = (2.5, 8.0)
+"""Radii of contacts that tell of their holes. Chosen: a narrower one is a spot, whatever is in it, and a
+wider one shows its contrast beside them."""
 LEAST_POOR_SHARE = 0.3
 """Share of these that must fit badly as disks. Chosen: 0 on frames as assumed, 0.7 with holes in a tenth."""
 FEWEST_WITNESSES = 5
@@ -80,9 +81,15 @@ def contrast_beside_holes(detections: FittedDetections) -> CommonContrast | None
 def may_have_holes(frame_fit: FrameFit) -> bool:
     """Whether so many of the wide disks of a frame fit badly that their holes are worth a look."""
     fit = frame_fit.fit
-    wide = fit.disks[:, RADIUS] > LEAST_RADIUS_BLUR_WIDTHS * fit.blur
+    wide = _is_wide(fit.disks, fit.blur)
     poor = int(np.count_nonzero(fit.chi_square[wide] > POOR_CHI_SQUARE))
     return poor >= max(FEWEST_WITNESSES, LEAST_POOR_SHARE * np.count_nonzero(wide))
+
+
+def _is_wide(disks: Values, blur: float) -> NDArray[np.bool_]:
+    """Which disks may tell of holes."""
+    least, most = (bound * blur for bound in RADIUS_BLUR_WIDTHS)
+    return np.asarray((disks[:, RADIUS] > least) & (disks[:, RADIUS] < most))
 
 
 def _misfit_as_ellipse(view: GroupView) -> float:
@@ -99,7 +106,7 @@ def _poor_wide(detections: FittedDetections) -> NDArray[np.intp]:
         return np.zeros(0, np.intp)
     fit, rows = frame_fit.fit, detections.rows
     apart = detections.contacts["flags"] & int(Flag.EDGE | Flag.MERGED | Flag.SATURATED | Flag.MANUAL) == 0
-    wide = rows[apart & (fit.disks[rows, RADIUS] > LEAST_RADIUS_BLUR_WIDTHS * fit.blur)]
+    wide = rows[apart & _is_wide(fit.disks[rows], fit.blur)]
     poor = wide[fit.chi_square[wide] > POOR_CHI_SQUARE]
     if len(poor) < max(FEWEST_WITNESSES, LEAST_POOR_SHARE * len(wide)):
         return np.zeros(0, np.intp)
