@@ -157,7 +157,7 @@ class NoCoupling:
 
     def solve_newton_system(
         self,
-        active: Rows,
+        active: Rows,  # noqa: ARG002
         system: NewtonSystem,
         tolerance: float,  # noqa: ARG002
     ) -> tuple[Values, float]:

@@ -185,3 +185,13 @@ def _with_optics(detections: FittedDetections, common: CommonContrast) -> Fitted
         for each in (detections.optics, detections.own_optics)
     )
     return replace(detections, optics=optics, own_optics=own)
+
+
+def flag_unheard(detections: FittedDetections, unheard: Sequence[NDArray[np.intp]]) -> FittedDetections:
+    """The detections; what calls for another shape and was not asked is no disk that fits."""
+    contacts = dict(detections.contacts)
+    if unheard:
+        flags = contacts["flags"].copy()
+        flags[np.concatenate(unheard)] |= int(Flag.POOR_FIT)
+        contacts["flags"] = flags
+    return replace(detections, contacts=contacts)

@@ -28,7 +28,7 @@ from contactimg.imaging.fit.quality import FittedDetections
 from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
 from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
-from contactimg.imaging.judge.climbed_table import Climb, ClimbedTable
+from contactimg.imaging.judge.climbed_table import Climb, ClimbedTable, flag_unheard
 from contactimg.imaging.judge.common_distortion import (
     BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
@@ -477,8 +477,9 @@ class _Ladder:
 
     def result(self, climbed: list[ClimbedContact]) -> Climb:
         """The table of the contacts with what became of each group."""
+        detections = flag_unheard(self.detections, self.unheard)
         table = ClimbedTable(
-            self._with_unheard(), self.scene, self.joint, self.row_of, self.change, self.edge,
+            detections, self.scene, self.joint, self.row_of, self.change, self.edge,
             self.distortion, self._is_elongated, self.beside_holes,
         )  # fmt: skip
         detections, outlines = table.with_shapes(climbed)
@@ -487,15 +488,6 @@ class _Ladder:
             listed, self.distortion, unheard=len(self.unheard), holes=self.beside_holes is not None
         )
         return Climb(detections, remark, outlines, self._misfit())
-
-    def _with_unheard(self) -> FittedDetections:
-        """The detections; what calls for another shape and was not asked is no disk that fits."""
-        contacts = dict(self.detections.contacts)
-        if self.unheard:
-            flags = contacts["flags"].copy()
-            flags[np.concatenate(self.unheard)] |= int(Flag.POOR_FIT)
-            contacts["flags"] = flags
-        return replace(self.detections, contacts=contacts)
 
     def _misfit(self) -> float:
         """See `Climb`."""
