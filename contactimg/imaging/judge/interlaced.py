@@ -78,7 +78,7 @@ def _sum_rows(image, rows):
     return along, weight
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _sum_row(above, row, below):
     """The two sums of one row between two others."""
     along, weight, half = np.float32(0.0), np.float32(0.0), np.float32(0.5)

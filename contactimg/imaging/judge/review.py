@@ -116,10 +116,9 @@ def review(
     if not len(places):
         left = _inspect(foreground, difference, detections)
         return Review(detections, unexplained=_unexplained(foreground, detections), background=left)
-    blur, by_hand = _edge_blur(detections), _has_flag(detections, Flag.MANUAL)
+    blur, by_hand, looked_at = _edge_blur(detections), _has_flag(detections, Flag.MANUAL), detections
     unseen = _is_unseen(foreground, places, blur, _clear_rise(foreground, detections)) & ~by_hand
     unseen |= _is_outshone(foreground, difference, detections)
-    looked_at = detections
     superfluous = _rejected_places(detections)[detections.rejected["reason"] == Reason.UNNECESSARY, :2]
     scratch = find_scratches(foreground.image, places, blur_px=blur, candidates=superfluous)
     scratch &= ~unseen & ~by_hand

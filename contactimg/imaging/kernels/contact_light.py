@@ -100,7 +100,7 @@ def _add_whole_row(levels, left, region, core, out):
     out[RING_LIGHT] += all_light - light
 
 
-@njit(cache=True, fastmath=True)
+@njit(cache=True, fastmath=True, forceinline=True)
 def _sum_nested(values, outer, inner):
     """Sums of contiguous values: all, those between two places, and those between two others."""
     total = middle = core = zero = np.float32(0.0)

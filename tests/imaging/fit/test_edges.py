@@ -17,6 +17,7 @@ from contactimg.imaging.profile.edge_shape import (
     RESPONSE,
     SOFTNESS,
     BlurredDisks,
+    blurred_profile,
     edge_profile,
     edge_templates,
 )
@@ -149,6 +150,21 @@ def test_templates_are_the_derivatives_of_the_profile(parameter):
     above, below = (edge_profile(nodes.disks, 1.4, row) for row in shape)
     template = edge_templates(nodes.disks, 1.4, np.zeros(len(PARAMETERS)), [1 + parameter])[:, 0]
     np.testing.assert_allclose((above - below) / (2 * step), template, atol=0.02 * np.abs(template).max())
+
+
+def test_a_profile_alone_is_that_with_its_derivatives():
+    nodes = placed([1.0, 3.0, 20.0], 1.4)
+    for blur in (0.7, 1.4, 4.0):
+        whole = BlurredDisks.of(nodes.disks, blur)
+        np.testing.assert_array_equal(blurred_profile(nodes.disks, blur), whole.p)
+
+
+def test_templates_are_computed_as_chosen():
+    nodes, shape = placed([2.0, 8.0], 1.4), np.zeros(len(PARAMETERS))
+    shape[RESPONSE] = 0.2
+    every = edge_templates(nodes.disks, 1.4, shape, range(1 + len(PARAMETERS)))
+    chosen = [7, 0, 15]
+    np.testing.assert_array_equal(edge_templates(nodes.disks, 1.4, shape, chosen), every[:, chosen])
 
 
 def test_every_family_has_its_sentence():

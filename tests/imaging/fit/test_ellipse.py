@@ -9,7 +9,12 @@ from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.ellipse import CommonOptics, Window, fit_ellipse, render_ellipse
 from contactimg.imaging.kernels import ellipse_equations
-from contactimg.imaging.kernels.ellipse_equations import _bell, fit_one_ellipse, sum_ellipse
+from contactimg.imaging.kernels.ellipse_equations import (
+    _bell,
+    eliminate_parameters,
+    fit_one_ellipse,
+    sum_ellipse,
+)
 
 BLUR = 1.43
 
@@ -113,3 +118,27 @@ def test_half_axes_and_angle_scatter_as_stated():
     # 360 normal deviates: 68.3 +- 2.5 % within one, 95.4 +- 1.1 % within two
     assert np.mean(np.abs(deviations) < 1) == pytest.approx(0.683, abs=0.075)
     assert np.mean(np.abs(deviations) < 2) == pytest.approx(0.954, abs=0.034)
+
+
+def test_elimination_is_that_of_the_whole_normal_matrix():
+    at = parameters(15.4, 16.1, 6.0, 1.4, 1.1, 90.0)
+    image = render_ellipse(at, BLUR, (33, 33)) + np.random.default_rng(3).normal(0, 3, (33, 33))
+    contrast, spread = 88.0, 2.0
+    best, normal, score, *_ = fit_one_ellipse(
+        image.astype(np.float32), np.zeros((1, 1), np.uint8), at, BLUR, np.array([9.0, 0.0]),
+        np.array([contrast, spread]), False, 12,
+    )  # fmt: skip
+    inverse, response, own, information = eliminate_parameters(best, normal, score, contrast, spread)
+    # rows: the six parameters, then ln C, whose prior ties the contrast to it, then the blur
+    tight, whole = spread**-2, np.zeros((8, 8))
+    whole[:6, :6], whole[7, 7] = normal[:6, :6], normal[6, 6]
+    whole[:6, 7] = whole[7, :6] = normal[:6, 6]
+    whole[5, 6] = whole[6, 5] = -tight * contrast
+    whole[6, 6] = tight * contrast**2
+    np.testing.assert_allclose(np.linalg.inv(whole)[6:, 6:], np.linalg.inv(information), rtol=1e-6)
+    np.testing.assert_allclose(inverse @ whole[:6, :6], np.eye(6), atol=1e-6)
+    np.testing.assert_allclose(
+        response, -np.linalg.solve(whole[:6, :6], whole[:6, 6:]), rtol=1e-6, atol=1e-12
+    )
+    expected = np.array([tight * contrast * (best[5] - contrast), score[6]]) + response.T @ score[:6]
+    np.testing.assert_allclose(own, expected, rtol=1e-9)

@@ -8,6 +8,7 @@ from contact_frames import Optics, expose, match, scatter
 from degraded_frames import degraded_pair
 
 from contactimg.forces import SHARED_SHIFTS
+from contactimg.imaging.judge import review as review_module
 from contactimg.imaging.judge.agreement import Agreement
 from contactimg.imaging.judge.review import _with_disagreement
 from contactimg.imaging.measure import measure_image
@@ -109,3 +110,20 @@ def test_a_row_of_small_contacts_is_no_scratch():
     result = measure_image(*degraded_pair("as assumed", rows, OPTICS, 5), polarity="bright")
     assert len(match(rows, result.disks)) == len(rows)
     assert Reason.SCRATCH not in set(result.rejected.reason)
+
+
+def test_what_a_look_left_as_it_was_need_not_be_looked_at_again(truth, monkeypatch):
+    pair = degraded_pair("as assumed", truth, OPTICS, 5)
+    looks, looked = [], review_module._is_outshone
+
+    def count(*arguments):
+        looks.append(arguments)
+        return looked(*arguments)
+
+    monkeypatch.setattr(review_module, "_is_outshone", count)
+    once = measure_image(*pair, polarity="bright")
+    assert len(looks) == 1
+    always = lambda foreground, difference, detections, _: count(foreground, difference, detections)  # noqa: E731
+    monkeypatch.setattr(review_module, "_newly_outshone", always)
+    pd.testing.assert_frame_equal(measure_image(*pair, polarity="bright").disks, once.disks)
+    assert len(looks) == 3

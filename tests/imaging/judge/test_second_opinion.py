@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from contactimg.imaging.judge.agreement import compare
-from contactimg.imaging.judge.second_opinion import Scenery, is_outshone, measure_again
+from contactimg.imaging.judge.second_opinion import Scenery, is_outshone, measure_again, measure_rise
+from contactimg.imaging.kernels.contact_light import sum_light
 
 RNG_SEED, NOISE, CONTRAST, FINE = 3, 2.0, 80.0, 4
 EVERYTHING = np.ones((50, 75), np.bool_)
@@ -136,3 +137,35 @@ def test_a_contact_among_brighter_contacts_may_be_spared():
         image[np.hypot(x - cx, y - cy) < a] = level
     assert is_outshone(image, disks, contrast=100.0, spare_crowds=False)[0]
     assert not is_outshone(image, disks, contrast=100.0, spare_crowds=True)[0]
+
+
+@pytest.mark.parametrize("prominence", [0.5, 1.5, 5.0])
+def test_bounds_of_the_rise_decide_as_the_rise_itself(prominence):
+    image, area = scene(SHAPES["disk"])
+    rng = np.random.default_rng(8)
+    nothing = np.column_stack([rng.uniform(20, 580, 60), rng.uniform(20, 380, 60), rng.uniform(1, 8, 60)])
+    disks = np.vstack([np.column_stack([places(), np.full(len(places()), np.sqrt(area / np.pi))]), nothing])
+    rise, scatter = measure_rise(image, None, disks, blur_px=1.4)
+    least, most = measure_rise(image, None, disks, blur_px=1.4, prominence=prominence)
+    known = np.isfinite(rise)
+    np.testing.assert_array_equal(np.isfinite(least), known)
+    assert (least <= rise)[known].all()
+    assert (most >= scatter)[known].all()
+    assert (least != rise)[known].sum() >= len(places())  # that of a contact is not computed
+    np.testing.assert_array_equal(least > prominence * most, rise > prominence * scatter)
+
+
+def test_light_is_summed_alike_in_whole_rows_and_pixel_by_pixel():
+    image, area = scene(SHAPES["disk"])
+    disks = np.column_stack([places(), np.full(len(places()), np.sqrt(area / np.pi))])
+    core, limits = np.maximum(disks[:, 2] - 4.0, 0.0), np.array([5.0, 9.0])
+    sums, masked = np.zeros((2, len(disks), 7))
+    sum_light(image, np.zeros((0, 0), np.uint8), disks, core, limits, sums)
+    sum_light(image, np.ones(image.shape, np.uint8), disks, core, limits, masked)  # nothing is masked
+    # single precision within a row of 40 pixels of 80 levels: 40 x 80 x 6e-8 = 2e-4 a row, 40 rows
+    np.testing.assert_allclose(sums, masked, atol=8e-3)
+    y, x = np.mgrid[: image.shape[0], : image.shape[1]]
+    outside = np.hypot(x - disks[0, 0], y - disks[0, 1]) - disks[0, 2]
+    assert sums[0, 0] == np.count_nonzero(outside < 5.0)
+    assert sums[0, 2] == pytest.approx(image[outside < 5.0].sum(dtype=float), abs=8e-3)
+    assert sums[0, 5] == np.count_nonzero((outside >= 5.0) & (outside < 9.0))
