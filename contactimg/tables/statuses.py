@@ -39,8 +39,8 @@ class Status(enum.StrEnum):
     BAD_REFERENCE = "reference without light"
     """The reference is black or at full scale everywhere; the background was estimated from the frame."""
     POOR_FIT = "poor fit"
-    """More than a fifth of the contacts are not the disks that were fitted: their pixels differ by more than
-    the noise allows."""
+    """More than a fifth of the contacts, or the only ones, are not the disks that were fitted: their pixels
+    differ by more than the noise allows. Of counted regions: most are no ellipses."""
     DISAGREES = "areas disagree"
     """The areas of many contacts, or of all together, differ from those measured without a model of the edge,
     by more than the errors. The uncertainties cover both."""
