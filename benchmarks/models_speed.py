@@ -1,10 +1,11 @@
 """Speed of the contact models as ratios measured side by side, on one core.
 
-python benchmarks/models_speed.py [solve] [pattern] [scaling] [boundary]
+python benchmarks/models_speed.py [solve] [pattern] [scaling] [plan] [boundary]
 
 solve     coupled solve at a prescribed load against Cholesky factorisations of the same size
 pattern   one member of the SA+ ensemble against plain NumPy (dense, outer root search on the indentation)
-scaling   10^4 to 10^6 asperities: time, exponent, memory
+scaling   10^4 to 10^6 asperities: time, exponent, memory, for two families
+plan      the plan of the effects against the solution with all of them, and against point forces
 boundary  against boundary elements (ContactMechanics, if it is installed) on a patch
 """
 
@@ -16,12 +17,15 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 import resource
 import sys
 import time
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cholesky
 from scipy.optimize import brentq
 
 from contactimg import generate_asperities, solve_interacting
+from contactimg.effects.plan import make_plan
+from contactimg.scene import scene_from_dict
 from contactimg.surfaces import base_radius
 
 LENS, MODULUS, LOADS = 0.1288, 4e6, (0.02, 0.2, 0.5)
@@ -123,11 +127,25 @@ def plain_solve(load, gap, x, y, *, coupled):
     return k * np.maximum(delta, 0) ** 1.5
 
 
+FAMILIES = {
+    "the same rise of the lens over the pattern": 1.0,
+    "the same fraction of the pattern in contact": 0.5,
+}
+"""Family of patterns of one mean pressure -> power of the area with which the radius of the lens grows."""
+
+
 def scaling():
     timed_solution(0.3)  # compiles
+    for family, power in FAMILIES.items():
+        print(f"scaling: {family}")
+        scaling_of(power)
+
+
+def scaling_of(power):
+    """Time over size for one family."""
     previous = None
-    for factor in (0.1, 1.0, 3.0, 10.0):  # the same pressure and the same rise of the lens over the pattern
-        asperities, solution, seconds = timed_solution(factor)
+    for factor in (0.1, 1.0, 3.0, 10.0):
+        asperities, solution, seconds = timed_solution(factor, power)
         now = np.array([seconds, asperities, solution.touching.size])
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         line = (
@@ -143,15 +161,44 @@ def scaling():
         previous = now
 
 
-def timed_solution(factor):
+def timed_solution(factor, power=1.0):
     """Number of asperities, solution and processor time of a pattern whose area grows with ``factor``."""
-    side, load, radius = 0.0736 * np.sqrt(factor), 4.5 * factor, 6.0 * factor
+    side, load, radius = 0.0736 * np.sqrt(factor), 4.5 * factor, 6.0 * factor**power
     table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
     start = time.thread_time()
     solution = solve_interacting(
         table, indenter_radius=radius, contact_modulus=MODULUS, load=load, apex=(side / 2, side / 2)
     )
     return len(table), solution, time.thread_time() - start
+
+
+def plan():
+    sample = generate_asperities("SA", side=1e-2, rng=np.random.default_rng(0))
+    scenes = [(sample, LENS, MIDDLE, 0.49)]
+    for factor in (0.1, 0.17, 0.45, 1.35):
+        side = 0.0736 * np.sqrt(factor)
+        table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
+        scenes.append((table, 6.0 * factor, (side / 2, side / 2), 4.5 * factor))
+    for table, radius, apex, load in scenes:
+        where = {"indenter_radius": radius, "contact_modulus": MODULUS, "apex": apex, "load": load}
+        scene = scene_from_dict(
+            {
+                "indenter": {"radius_m": radius, "apex_m": list(apex)},
+                "elastic": {"young_modulus_Pa": 0.75 * MODULUS, "poisson_ratio": 0.5},
+                "effects": {"model": "planned"},
+            }
+        )
+        works = (
+            partial(make_plan, scene, table, load=load),
+            partial(solve_interacting, table, coupling="full", law="sphere", **where),
+            partial(solve_interacting, table, **where),
+        )
+        planned, everything, points = (median_time(work, 5) for work in works)
+        contacts = works[2]().touching.size
+        print(
+            f"plan: {len(table)} asperities, {contacts} contacts: {1e3 * planned:.1f} ms, "
+            f"{planned / everything:.3f} of everything, {planned / points:.2f} of point forces"
+        )
 
 
 def boundary():
@@ -198,7 +245,7 @@ def boundary():
         print(line)
 
 
-PARTS = {"solve": solve, "pattern": pattern, "scaling": scaling, "boundary": boundary}
+PARTS = {"solve": solve, "pattern": pattern, "scaling": scaling, "plan": plan, "boundary": boundary}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or PARTS:

@@ -4,7 +4,7 @@ The asperities of a cell share one displacement, and the sum of their forces dis
 small dense problem gives the displacement of the pattern without its variation inside a cell.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,14 @@ from scipy.ndimage import map_coordinates
 
 from contactimg.models.asperity_laws import AsperityLaw, Caps
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
-from contactimg.models.newton_iteration import ContactSystem, initial_iterate, solve_uncoupled, take_step
+from contactimg.models.newton_iteration import (
+    ContactSystem,
+    Iterate,
+    evaluate_iterate,
+    initial_iterate,
+    solve_uncoupled,
+    take_step,
+)
 from contactimg.models.scaled_problem import ScaledProblem
 
 Values = NDArray[np.float64]
@@ -29,28 +36,83 @@ MAX_GRID_STEPS = 10
 """Most Newton steps on the grid. Chosen by hand; sensitivity not measured."""
 
 
-def coarse_grid_start(
-    problem: ScaledProblem, law: AsperityLaw, kernel: Kernel, force: Values, indentation: float
-) -> tuple[Values, float, Values]:
-    """Forces, indentation and penetrations for the displacement of the grid's cells.
+@dataclass(frozen=True, eq=False)
+class GridStart:
+    """A start for asperities of which those of a cell share a displacement.
 
-    ``force`` and ``indentation`` are those without coupling.
+    Parameters
+    ----------
+    problem : ScaledProblem
+    law : AsperityLaw
+    cells : CoarseGrid
+    coupling : DenseCoupling
+        Of the cells.
+    force, penetration : ndarray
+        Of the asperities.
+    indentation : float
     """
-    cells = CoarseGrid.over(problem.x, problem.y, GRID_CELLS)
-    system = cells.system(problem, law, cells.coupling(kernel))
-    state = initial_iterate(system, cells.sums(force), indentation)
+
+    problem: ScaledProblem
+    law: AsperityLaw
+    cells: "CoarseGrid"
+    coupling: DenseCoupling
+    force: Values
+    penetration: Values
+    indentation: float
+
+    @classmethod
+    def of(
+        cls, problem: ScaledProblem, law: AsperityLaw, kernel: Kernel, force: Values, indentation: float
+    ) -> "GridStart":
+        """The start from the displacement of the grid's cells.
+
+        ``force`` and ``indentation`` are those without coupling.
+        """
+        cells = CoarseGrid.over(problem.x, problem.y, GRID_CELLS)
+        start = cls(problem, law, cells, cells.coupling(kernel), force, force, indentation)
+        system = cells.system(problem, law, start.coupling)
+        state = _solve_cells(system, initial_iterate(system, cells.sums(force), indentation))
+        return start._lowered(cells.interpolated(state.displacement), state.indentation)
+
+    def part(self, kept: NDArray[np.bool_]) -> "GridStart":
+        """The same for some of the asperities."""
+        cells = CoarseGrid(self.cells.places[:, kept], self.cells.shape, self.cells.size)
+        values = self.force[kept], self.penetration[kept], self.indentation
+        return GridStart(self.problem.part(kept), self.law, cells, self.coupling, *values)
+
+    def corrected(self, displacement: Values) -> "GridStart":
+        """A better start from the displacement by the forces of this one, computed pair by pair.
+
+        The cells are solved for what their displacement differs by from that of these forces.
+        """
+        cells = self.cells
+        force = cells.sums(self.force)
+        before = self.coupling.displacement(force)
+        within = replace(self.problem, gap=self.problem.gap + displacement - before[cells.cell])
+        system = cells.system(within, self.law, self.coupling)
+        state = _solve_cells(system, evaluate_iterate(system, force, self.indentation, before))
+        change = cells.interpolated(state.displacement - before)
+        return self._lowered(displacement + change, state.indentation)
+
+    def _lowered(self, displacement: Values, guess: float) -> "GridStart":
+        """The start with the response to a displacement; ``guess`` is near its indentation."""
+        p, indentation = self.problem, self.indentation
+        alone = ContactSystem(p.gap, p.caps, self.law, NoCoupling(), p.load, p.stiffness)
+        if p.load is not None:
+            indentation = solve_uncoupled(alone, displacement, p.load, guess=guess)
+        penetration = indentation - p.gap - displacement
+        force = alone.response(penetration)[0]
+        return replace(self, force=force, penetration=penetration, indentation=indentation)
+
+
+def _solve_cells(system: ContactSystem, state: Iterate) -> Iterate:
+    """Newton steps on the cells."""
     for _ in range(MAX_GRID_STEPS):
         following = take_step(system, state, GRID_RESIDUAL) if state.residual > GRID_RESIDUAL else None
         if following is None:
             break
         state = following
-    places = cells.places - 0.5
-    displacement = map_coordinates(state.displacement.reshape(cells.shape), places, order=1, mode="nearest")
-    alone = ContactSystem(problem.gap, problem.caps, law, NoCoupling(), problem.load, problem.stiffness)
-    if problem.load is not None:
-        indentation = solve_uncoupled(alone, displacement, problem.load, guess=state.indentation)
-    penetration = indentation - problem.gap - displacement
-    return alone.response(penetration)[0], indentation, penetration
+    return state
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +148,10 @@ class CoarseGrid:
     def count(self) -> int:
         """How many cells there are, empty ones included."""
         return int(np.prod(self.shape))
+
+    def interpolated(self, values: Values) -> Values:
+        """Values of the cells at the asperities."""
+        return map_coordinates(values.reshape(self.shape), self.places - 0.5, order=1, mode="nearest")
 
     def sums(self, values: Values) -> Values:
         """Sums over cells."""

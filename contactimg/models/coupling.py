@@ -320,6 +320,21 @@ def _fill_coupling_rows(matrix, rows, x, y, diagonal, thinness, value, slope):  
         matrix[i, i] += diagonal[i]
 
 
+@njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
+def direct_sum(x, y, sources, strength, thinness, value, slope):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """Displacement at places ``x, y`` by a few point forces at other places, pair by pair."""
+    total = np.zeros(x.size)
+    for i in range(x.size):
+        for j in range(strength.size):
+            dx, dy = x[i] - sources[0, j], y[i] - sources[1, j]
+            total[i] += strength[j] * _inverse_root(dx * dx + dy * dy)
+        if thinness > 0.0:
+            for j in range(strength.size):
+                r = np.sqrt((x[i] - sources[0, j]) ** 2 + (y[i] - sources[1, j]) ** 2)
+                total[i] -= strength[j] * layer_deficit(r, thinness, value, slope)[0]
+    return total / np.pi
+
+
 @njit(cache=True)
 def _weighted_rows(matrix, rows, weights):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
     """Sum of some rows of a matrix with weights given for all."""

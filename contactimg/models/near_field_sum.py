@@ -5,6 +5,7 @@ is an even function of ``r``; a table over ``r^2`` gives it to 1e-12.
 """
 
 import math
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -23,10 +24,12 @@ from contactimg.models.coupling import (
 )
 
 Values = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 TABLE_SIZE = 4000
 """Intervals of the table. Chosen for an interpolation error of 1e-12."""
+
+SINGLE_STORED = 1e-6
+"""Accuracy from which on stored values may be in single precision. Theory: its rounding error is 6e-8."""
 
 
 class NearFieldSum:
@@ -38,9 +41,24 @@ class NearFieldSum:
     cutoff : float
     sharpness : float
         ``b``.
+    kept : bool
+        Store the pairs at the first sum, for more than one.
+    accuracy : float
+        Relative accuracy of a sum; from `SINGLE_STORED` on the stored values are in single precision.
     """
 
-    def __init__(self, x: Values, y: Values, *, cutoff: float, sharpness: float) -> None:
+    def __init__(
+        self,
+        x: Values,
+        y: Values,
+        *,
+        cutoff: float,
+        sharpness: float,
+        kept: bool = False,
+        accuracy: float = 1e-9,
+    ) -> None:
+        self._kept = kept
+        self._stored = np.float32 if accuracy >= SINGLE_STORED else np.float64
         extent = max(float(np.ptp(x)), float(np.ptp(y)))
         self._cells = max(1, min(int(extent / cutoff), 2048))
         size = extent / self._cells * (1 + 1e-12)
@@ -52,14 +70,27 @@ class NearFieldSum:
         self._cutoff, self._sharpness = cutoff, sharpness
         self._table = _smooth_table(cutoff, sharpness)
 
-    def sum(self, force: Complex) -> Complex:
+    def sum(self, force: Values) -> Values:
         """``sum_j erfc(b r_ij)/(pi r_ij) q_j`` over the near pairs."""
-        q = force[self._order]
-        parts = np.column_stack([q.real, q.imag])
-        result = np.empty(force.size, dtype=np.complex128)
-        near = _near_sum(self._x, self._y, parts, self._bounds, self._cells, self._cutoff**2, self._table)
-        result[self._order] = near[:, 0] + 1j * near[:, 1]
+        result = np.empty_like(force)
+        if self._kept:
+            result[self._order] = _stored_sum(*self._pairs, force[self._order])
+        else:
+            result[self._order] = _near_sum(*self._sorted, force[self._order])
         return result
+
+    @property
+    def _sorted(self) -> tuple[Values, Values, NDArray[np.intp], int, float, Values]:
+        """The points in order of their cells, these, and the table."""
+        return self._x, self._y, self._bounds, self._cells, self._cutoff**2, self._table
+
+    @cached_property
+    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.int32], NDArray[np.floating]]:
+        """Where the pairs of each point begin, the other points, and ``erfc(b r)/(pi r)``."""
+        begins = np.cumsum(_count_pairs(*self._sorted[:-1]))
+        others, values = np.empty(begins[-1], dtype=np.int32), np.empty(begins[-1], dtype=self._stored)
+        _store_pairs(*self._sorted, begins, others, values)
+        return begins, others, values
 
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:
         """Contribution of the near pairs to the fields."""
@@ -95,17 +126,67 @@ def _smooth_table(cutoff: float, sharpness: float) -> Values:
     return np.column_stack([value, slope * (square[1] - square[0])])
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _rest(r2, per_square, table):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """``erfc(b r)/r``."""
+    place = r2 * per_square
+    k = int(place)
+    f = place - k
+    rise = table[k + 1, 0] - table[k, 0]
+    bend = (table[k, 1] - rise) * (1 - f) + (rise - table[k + 1, 1]) * f
+    return 1.0 / np.sqrt(r2) - (table[k, 0] + f * rise + f * (1 - f) * bend)
+
+
 @njit(cache=True, error_model="numpy")
-def _near_sum(x, y, q, bounds, cells, cutoff2, table):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
-    """Both columns of ``q`` at once; each pair once."""
-    n = x.size
-    result = np.zeros((n, 2))
+def _near_sum(x, y, bounds, cells, cutoff2, table, q):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The sum over the loaded points, which are few where it is not repeated."""
+    loaded = np.flatnonzero(q)
+    first = np.searchsorted(loaded, bounds)
+    result = np.zeros(x.size)
     per_square = (table.shape[0] - 1) / (cutoff2 * (1 + 1 / (table.shape[0] - 1)))
     for cell in range(cells * cells):
         row, column = cell // cells, cell % cells
         for i in range(bounds[cell], bounds[cell + 1]):
-            first, second = 0.0, 0.0
-            loaded = q[i, 0] != 0.0 or q[i, 1] != 0.0
+            total = 0.0
+            for near_row in range(max(row - 1, 0), min(row + 2, cells)):
+                begin = first[near_row * cells + max(column - 1, 0)]
+                end = first[near_row * cells + min(column + 1, cells - 1) + 1]
+                for j in loaded[begin:end]:
+                    dx, dy = x[i] - x[j], y[i] - y[j]
+                    r2 = dx * dx + dy * dy
+                    if r2 < cutoff2 and i != j:
+                        total += _rest(r2, per_square, table) * q[j]
+            result[i] = total
+    return result / np.pi
+
+
+@njit(cache=True)
+def _count_pairs(x, y, bounds, cells, cutoff2):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """Number of pairs ``(i, j > i)``, that of ``i`` at ``i + 1``: a plain loop, so that it is vectorised."""
+    counts = np.zeros(x.size + 1, dtype=np.int64)
+    for cell in range(cells * cells):
+        row, column = cell // cells, cell % cells
+        for i in range(bounds[cell], bounds[cell + 1]):
+            found = 0
+            for near_row in range(row, min(row + 2, cells)):
+                left = column if near_row == row else max(column - 1, 0)
+                begin = bounds[near_row * cells + left]
+                end = bounds[near_row * cells + min(column + 1, cells - 1) + 1]
+                for j in range(max(begin, i + 1), end):
+                    dx, dy = x[i] - x[j], y[i] - y[j]
+                    found += dx * dx + dy * dy < cutoff2
+            counts[i + 1] = found
+    return counts
+
+
+@njit(cache=True, error_model="numpy")
+def _store_pairs(x, y, bounds, cells, cutoff2, table, begins, others, values):  # type: ignore[no-untyped-def]  # noqa: PLR0917  # pragma: no cover
+    """The pairs and their values."""
+    per_square = (table.shape[0] - 1) / (cutoff2 * (1 + 1 / (table.shape[0] - 1)))
+    for cell in range(cells * cells):
+        row, column = cell // cells, cell % cells
+        for i in range(bounds[cell], bounds[cell + 1]):
+            at = begins[i]
             for near_row in range(row, min(row + 2, cells)):
                 left = column if near_row == row else max(column - 1, 0)
                 begin = bounds[near_row * cells + left]
@@ -113,20 +194,24 @@ def _near_sum(x, y, q, bounds, cells, cutoff2, table):  # type: ignore[no-untype
                 for j in range(max(begin, i + 1), end):
                     dx, dy = x[i] - x[j], y[i] - y[j]
                     r2 = dx * dx + dy * dy
-                    if r2 < cutoff2 and (loaded or q[j, 0] != 0.0 or q[j, 1] != 0.0):
-                        place = r2 * per_square
-                        k = int(place)
-                        f = place - k
-                        rise = table[k + 1, 0] - table[k, 0]
-                        bend = (table[k, 1] - rise) * (1 - f) + (rise - table[k + 1, 1]) * f
-                        value = 1.0 / np.sqrt(r2) - (table[k, 0] + f * rise + f * (1 - f) * bend)
-                        first += value * q[j, 0]
-                        second += value * q[j, 1]
-                        result[j, 0] += value * q[i, 0]
-                        result[j, 1] += value * q[i, 1]
-            result[i, 0] += first
-            result[i, 1] += second
-    return result / np.pi
+                    if r2 < cutoff2:
+                        others[at] = j
+                        values[at] = _rest(r2, per_square, table) / np.pi
+                        at += 1
+
+
+@njit(cache=True, fastmath={"reassoc", "contract"})
+def _stored_sum(begins, others, values, q):  # type: ignore[no-untyped-def]  # pragma: no cover - compiled
+    """The sum with stored pairs."""
+    result = np.zeros(q.size)
+    for i in range(q.size):
+        total = 0.0
+        for k in range(begins[i], begins[i + 1]):
+            j = others[k]
+            total += values[k] * q[j]
+            result[j] += values[k] * q[i]
+        result[i] += total
+    return result
 
 
 @njit(cache=True, error_model="numpy")

@@ -223,8 +223,12 @@ def _direction(
     leaving[active] = 0.0
     if leaving.any():
         right -= scale * system.coupling.displacement_at(active, leaving)
-    # the error of the linear solution may be as large as that of the linearisation, or as the residual wanted
-    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, 0.03 * tolerance / at.residual))
+    # the error of the linear solution may be as large as that of the linearisation, or as the residual
+    # wanted; where that of the linearisation takes one more step in any case, the two share what is left
+    wanted = 0.03 * tolerance / at.residual
+    if at.residual**2 > tolerance:
+        wanted = 0.3 * np.sqrt(tolerance / at.residual)
+    accuracy = min(1e-2, max(1e-10, 0.1 * at.residual, wanted))
     linear = NewtonSystem(scale, right)
     if system.load is not None:
         available = system.load - system.stiffness * at.indentation

@@ -191,9 +191,11 @@ def _finite_column(table: pd.DataFrame, name: str) -> Values:
         raise InputError(
             f"asperities: row {row}, column {name!r} must be a number, got {table[name].iloc[row]!r}"
         ) from None
-    row = _first(~np.isfinite(values))
-    if row is not None:
-        raise InputError(f"asperities: row {row}, column {name!r} must be finite, got {float(values[row])!r}")
+    beyond = _first(~np.isfinite(values))
+    if beyond is not None:
+        raise InputError(
+            f"asperities: row {beyond}, column {name!r} must be finite, got {float(values[beyond])!r}"
+        )
     return values
 
 

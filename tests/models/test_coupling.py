@@ -7,10 +7,15 @@ import pytest
 
 from contactimg import generate_asperities, solve_interacting
 from contactimg.models import contact_solver
+from contactimg.models.asperity_laws import HertzLaw
 from contactimg.models.cell_preconditioner import CellPreconditioner
+from contactimg.models.coarse_grid import GridStart
 from contactimg.models.conjugate_gradients import NewtonSystem, NotPositiveDefinite, conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.fast_coupling import FastCoupling
+from contactimg.models.newton_iteration import ContactSystem, evaluate_iterate, solve_uncoupled
+from contactimg.models.scaled_problem import ContactConditions, scale_problem
+from contactimg.models.validity import close_pairs
 
 ACCURACY = 1e-8  # sums are asked for to 1e-9 of the largest term
 
@@ -134,9 +139,30 @@ def test_solutions_agree_across_the_switch(coupling, thickness):
     assert fast.indentation == pytest.approx(dense.indentation, rel=ACCURACY)
 
 
+GRID_START = GridStart.of
+
+
 def uncoupled_start(problem, law, kernel, force, indentation):
     """In place of the coarse grid's: the uncoupled forces, which lower the surface too much."""
-    return force, indentation, indentation - problem.gap
+    start = GRID_START(problem, law, kernel, force, indentation)
+    return replace(start, force=force, indentation=indentation, penetration=indentation - problem.gap)
+
+
+def test_corrections_of_the_start_on_the_grid_lower_its_residual():
+    table = generate_asperities("SA", side=2e-2, rng=np.random.default_rng(6))
+    conditions = ContactConditions(0.4, 4e6, (1e-2, 1e-2), np.inf, 0.5, None)
+    problem, law, kernel = scale_problem(table, conditions), HertzLaw(), Kernel.of_thickness(np.inf)
+    coupling = DenseCoupling(problem.x, problem.y, kernel)
+    system = ContactSystem(problem.gap, problem.caps, law, coupling, problem.load)
+    depth = solve_uncoupled(system, np.zeros_like(problem.gap), problem.load)
+    start = GridStart.of(problem, law, kernel, system.response(depth - problem.gap)[0], depth)
+    residuals = []
+    for _ in range(3):
+        displacement = coupling.displacement(start.force)
+        residuals.append(evaluate_iterate(system, start.force, start.indentation, displacement).residual)
+        start = start.corrected(displacement)
+    assert residuals[1] < 0.5 * residuals[0], residuals
+    assert residuals[2] < 0.5 * residuals[1], residuals
 
 
 @pytest.mark.parametrize("missed_by", ["the rough solution", "the grid"])
@@ -144,7 +170,8 @@ def test_contacts_that_the_screening_missed_come_back(monkeypatch, missed_by):
     table = generate_asperities("SA", side=4e-3, rng=np.random.default_rng(2))
     where = {"indenter_radius": 0.1288, "contact_modulus": 4e6, "apex": (2e-3, 2e-3), "load": 0.3}
     dense = solve_interacting(table, method="dense", **where)
-    monkeypatch.setattr(contact_solver, "coarse_grid_start", uncoupled_start)
+    monkeypatch.setattr(contact_solver.GridStart, "of", uncoupled_start)
+    monkeypatch.setattr(contact_solver, "MAX_CORRECTIONS", 0)
     if missed_by == "the grid":
         monkeypatch.setattr(contact_solver, "GRID_GAP_FRACTION", 0.0)
     else:
@@ -217,3 +244,23 @@ def test_cells_take_the_large_eigenvalues_out_of_a_newton_system():
         largest[side] = np.linalg.eigvalsh(system)[-1], conditioned.max() / conditioned.min()
     assert largest[80][0] > 1.8 * largest[40][0] > 15
     assert max(ratio for _, ratio in largest.values()) < 6, largest
+
+
+@pytest.mark.parametrize("spread", ["even", "a line", "a cluster", "unequal"])
+def test_close_pairs_are_all_of_them(spread):
+    rng = np.random.default_rng(3)
+    x, y = rng.random((2, 400)) * {"a line": np.array([[1.0], [0.0]])}.get(spread, 1.0)
+    reach = rng.uniform(0.02, 0.06, 400) * (rng.random(400) < 0.6)
+    if spread == "a cluster":
+        x, y = np.append(x * 1e-3, 1.0), np.append(y * 1e-3, 1.0)
+        reach = 1e-3 * np.append(reach, 0.05)
+    if spread == "unequal":
+        reach[::50] *= 10
+    i, j, distance = close_pairs(x, y, reach)
+    apart, wanted = np.hypot(x[:, None] - x, y[:, None] - y), np.maximum(reach[:, None], reach)
+    assert {(min(k), max(k)) for k in zip(i, j, strict=True)} == set(
+        zip(*np.nonzero(np.triu(apart <= wanted, 1)), strict=True)
+    )
+    assert i.size == np.triu(apart <= wanted, 1).sum()
+    assert np.all(reach[i] >= reach[j])
+    np.testing.assert_allclose(distance, apart[i, j], rtol=1e-12)
