@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from contactimg.errors import ConvergenceError, InputError
 
 MAX_TERMS = 2e7
-"""Most terms of one solution: under a minute. A term is the displacement of one asperity in one fast sum,
-1.3 to 2.4 us. Measured: 800 000 asperities under an ordinary load take 9e6; 80 000, of which nine tenths
-touch, 1.2e7, and 3.2e7 with full coupling. The environment variable `MAX_TERMS_VARIABLE` replaces it."""
+"""Most terms of one solution: under a minute. A term is two displacements of one asperity in fast sums, 1 to
+2.4 us; before near pairs were stored it was one sum for two sets of forces. The environment variable
+`MAX_TERMS_VARIABLE` replaces it."""
 
 MAX_TERMS_VARIABLE = "CONTACTIMG_MAX_TERMS"
 """Environment variable with the largest number of terms of one solution."""
