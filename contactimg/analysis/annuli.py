@@ -222,3 +222,36 @@ def sum_moments(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
     """
     together = pd.concat(list(tables), ignore_index=True)
     return together.groupby(["inner", "outer"], as_index=False, sort=True)[list(MOMENTS)].sum()
+
+
+def density_beside(sums: ArrayLike, area: ArrayLike) -> Values:
+    """Density of the annuli beside each annulus, which does not depend on its own contacts.
+
+    Parameters
+    ----------
+    sums : array_like, shape (..., n)
+        Number of contacts, load, ... of each annulus, from the centre on.
+    area : array_like, shape (..., n)
+        Of the annuli in the image, m^2.
+
+    Returns
+    -------
+    ndarray, shape (..., n)
+        Geometric mean of the densities on either side, which is exact for an exponential profile; where one
+        side is not seen, and at the centre, that of the other. Beyond the last annulus there is no contact.
+        0 where a side has none, or nothing is seen.
+
+    Examples
+    --------
+    >>> density_beside([8.0, 5.0, 2.0, 1.0], [1.0, 1.0, 1.0, 1.0]).tolist()
+    [5.0, 4.0, 2.23606797749979, 0.0]
+    """
+    sums, area = np.broadcast_arrays(np.asarray(sums, np.float64), np.asarray(area, np.float64))
+    density = np.maximum(np.divide(sums, area, out=np.zeros(sums.shape), where=area > 0), 0.0)
+    nothing = np.zeros((*sums.shape[:-1], 1))
+    inner = np.concatenate([nothing, density[..., :-1]], axis=-1)
+    outer = np.concatenate([density[..., 1:], nothing], axis=-1)
+    inner_seen = np.concatenate([nothing > 0, area[..., :-1] > 0], axis=-1)
+    outer_seen = np.concatenate([area[..., 1:] > 0, nothing == 0], axis=-1)
+    both = np.sqrt(inner) * np.sqrt(outer)
+    return np.where(inner_seen & outer_seen, both, np.where(outer_seen, outer, inner))

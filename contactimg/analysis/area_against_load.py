@@ -9,9 +9,15 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.annuli import SECTORS, annulus_edges, annulus_moments
+from contactimg.analysis.estimates import (
+    Estimate,
+    infinitesimal_covariance,
+    of_another_surface,
+    student_estimate,
+)
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell, ZeroAverage, average_over_zeros
-from contactimg.analysis.power_laws import PowerLaw, fit_power_law
+from contactimg.analysis.power_laws import PowerLaw, exponential, fit_power_law
 from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
 from contactimg.tables import AREA
@@ -24,6 +30,15 @@ finite; fits there are so bad that they have no weight."""
 
 LEAST_RELATIVE_VARIANCE = 1e-12
 """Relative variance of an area below which it is exact. Chosen: rounding."""
+
+AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
+
+ONE_ANNULUS = 1.0
+"""Width (m) of the annulus that holds all contacts. Chosen: wider than any sample."""
+
+SAME_LOAD_TOLERANCE = 0.05
+"""Relative difference of loads up to which places share one sampling error. Chosen: over it that
+error falls by 2 %."""
 
 
 def sampling_std(contacts: pd.DataFrame) -> float:
@@ -61,7 +76,13 @@ def sampling_std(contacts: pd.DataFrame) -> float:
     return float(np.pi * a.max() ** 2 * np.sqrt(np.sum((size**2 - slope * size**3) ** 2)))
 
 
-def frame_areas(frames: pd.DataFrame, contacts: pd.DataFrame, *, place: str) -> pd.DataFrame:
+def frame_areas(
+    frames: pd.DataFrame,
+    contacts: pd.DataFrame,
+    *,
+    place: str,
+    centre: tuple[float, float] | None = None,
+) -> pd.DataFrame:
     """Loads, areas and contact sums of the frames of one place, for A(P).
 
     Parameters
@@ -70,14 +91,18 @@ def frame_areas(frames: pd.DataFrame, contacts: pd.DataFrame, *, place: str) -> 
         Tables of one run.
     place : str
         Name of the place.
+    centre : (float, float), optional
+        Of the apparent contact, sample coordinates, m: about it the contacts are divided into sectors, whose
+        scatter tells what another place would give.
 
     Returns
     -------
     DataFrame
         One row a frame that has a load and an area, in order: ``place, frame, load, area, area_std,
         sampling_std, n, radius`` (sum of the contact radii), ``ratio, n_ratio, ratio_max`` (sum, number and
-        largest of a/R where ``contacts`` has a column ``radius_ratio``), in SI units. Frames without load or
-        area (failed ones) are left out.
+        largest of a/R where ``contacts`` has a column ``radius_ratio``), ``area_0 ... force_0 ...`` (of each
+        sector; NaN without a centre, or if a force is not known), in SI units. Frames without load or area
+        (failed ones) are left out.
     """
     good = frames[frames["load_N"].notna() & frames["area_m2"].notna()]
     groups = dict(list(contacts.groupby("frame")))
@@ -92,9 +117,18 @@ def frame_areas(frames: pd.DataFrame, contacts: pd.DataFrame, *, place: str) -> 
                 "area_std": np.nan_to_num(row["area_std_m2"], nan=0.0),
             }
             | _contact_sums(groups.get(row["frame"], none))
+            | _sector_sums(groups.get(row["frame"], none), centre)
             for row in good.to_dict("records")
         ],
-        columns=["place", "frame", "load", "area", "area_std", *_contact_sums(none)],
+        columns=[
+            "place",
+            "frame",
+            "load",
+            "area",
+            "area_std",
+            *_contact_sums(none),
+            *_sector_sums(none, None),
+        ],
     )
 
 
@@ -109,6 +143,16 @@ def _contact_sums(contacts: pd.DataFrame) -> dict[str, float]:
         "n_ratio": len(ratio),
         "ratio_max": float(ratio.max()) if len(ratio) else np.nan,
     }
+
+
+def _sector_sums(contacts: pd.DataFrame, centre: tuple[float, float] | None) -> dict[str, float]:
+    """Area and force of the contacts of a frame in each sector about the centre."""
+    areas, forces = np.full((2, SECTORS), np.nan)
+    if centre is not None and len(contacts) and contacts[["x_m", "y_m", "force_N"]].notna().all(axis=None):
+        edges = annulus_edges(contacts, centre=centre, width=ONE_ANNULUS)
+        moments = annulus_moments(contacts, centre=centre, edges=edges[[0, -1]], sectors=SECTORS)
+        areas, forces = np.pi * moments["aa"].to_numpy(float), moments["p"].to_numpy(float)
+    return dict(zip(AREA_SECTORS, areas, strict=True)) | dict(zip(FORCE_SECTORS, forces, strict=True))
 
 
 def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray[np.intp]:
@@ -229,11 +273,11 @@ def fit_area_law(
     Returns
     -------
     PowerLaw
-        With one place the uncertainty of the area includes the sampling of places (`sampling_std`), so that
-        the interval applies to the surface; with several it comes from the scatter between places. The zero
+        The interval applies to the surface: with several places it comes from the scatter between them, with
+        one from that between its sectors, or if forces or centre are not known from `sampling_std`. The zero
         of the loads is averaged over (`contactimg.analysis.load_cell`): its mean is taken off the loads, and
         what is not known of it is in the intervals; the gain is in that of the amplitude. ``here`` leaves out
-        the sampling of places.
+        the sampling of places; ``another_surface`` adds that of another surface's places.
 
     Raises
     ------
@@ -253,12 +297,13 @@ def fit_area_law(
     load, area = good["load"].to_numpy(float), good["area"].to_numpy(float)
     errors = {
         "x_std": np.hypot(load_relative_std * load, load_std),
-        "y_std": np.hypot(good["area_std"].to_numpy(float), good["sampling_std"].to_numpy(float)),
+        "y_std": np.hypot(good["area_std"].to_numpy(float), _common_sampling_std(good)),
         "places": good["place"].tolist(),
         "confidence": confidence,
     }
     law = fit_power_law(load, area, **errors)
     std = _measured_std(load, area, errors, law, good["area_std"].to_numpy(float))
+    law = _with_scatter_of_sectors(law, good, _weights(load, area, errors, law), std)
     width = load_cell.zero_width(load)
     if width > 0:
         average = _zero_average(load, area, errors, law, width)
@@ -270,8 +315,46 @@ def fit_area_law(
         std = float(np.hypot(std, average.std[1]))
     value = law.exponent.value
     law = replace(law, here=_widened(Estimate(value, 0.0, value, value), std, confidence))
+    another = of_another_surface(law.exponent, measured_std=std)
     gain = load_cell.gain_std * law.exponent.value * law.amplitude.value
-    return replace(law, amplitude=_widened(law.amplitude, gain, confidence))
+    return replace(law, amplitude=_widened(law.amplitude, gain, confidence), another_surface=another)
+
+
+def _with_scatter_of_sectors(law: PowerLaw, areas: pd.DataFrame, weight: Values, measured: float) -> PowerLaw:
+    """The law of one place with the uncertainty that the scatter between its sectors tells, if there are any.
+
+    A sector that bears more than its share of the load changes the load along the law, and the area by what
+    is beyond. The errors of the measurement and the scatter about the law that they do not explain are added.
+    """
+    sectors = areas[[*AREA_SECTORS, *FORCE_SECTORS]].to_numpy(float) if AREA_SECTORS[0] in areas else np.nan
+    if law.n_places > 1 or law.freedom < 1 or not np.isfinite(sectors).all():
+        return law
+    a, p = np.split(sectors, 2, axis=1)
+    x, share = np.log(areas["load"].to_numpy(float) / law.reference), weight / weight.sum()
+    lever = share * (x - share @ x)
+    lever /= lever @ x
+    beyond = a / a.sum(axis=1, keepdims=True) - law.exponent.value * p / p.sum(axis=1, keepdims=True)
+    influences = np.column_stack([(share - share @ x * lever) @ beyond, lever @ beyond])
+    covariance = infinitesimal_covariance(influences)
+    excess = law.scatter**2 * np.array([share @ share + (share @ x) ** 2 * lever @ lever, lever @ lever])
+    std = np.sqrt(np.diag(covariance) + excess + [0.0, measured**2])
+    freedom = SECTORS - 1 if law.scatter == 0 else min(SECTORS - 1, law.freedom)
+    offset, exponent = (
+        student_estimate(float(value), float(s), freedom=freedom, confidence=law.confidence)
+        for value, s in zip((np.log(law.amplitude.value), law.exponent.value), std, strict=True)
+    )
+    return replace(law, exponent=exponent, amplitude=exponential(offset))
+
+
+def _common_sampling_std(areas: pd.DataFrame) -> Values:
+    """Sampling errors of the areas, of one relative size at each load.
+
+    With those of each place, places whose area is larger by chance would have the larger weight.
+    """
+    area = areas["area"].to_numpy(float)
+    groups = group_loads(areas["load"].to_numpy(float), tolerance=SAME_LOAD_TOLERANCE)
+    relative = pd.Series((areas["sampling_std"].to_numpy(float) / area) ** 2)
+    return np.asarray(area * np.sqrt(relative.groupby(groups).transform("mean").to_numpy(float)), np.float64)
 
 
 def _weights(load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw) -> Values:

@@ -8,10 +8,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.analysis.annuli import sum_moments
+from contactimg.analysis.annuli import density_beside, sum_moments
 from contactimg.analysis.broken_power_laws import BrokenLaw, fit_broken_law
-from contactimg.analysis.estimates import Estimate, jackknife_covariance, student_estimate
+from contactimg.analysis.estimates import (
+    Estimate,
+    jackknife_covariance,
+    of_another_surface,
+    student_estimate,
+)
 from contactimg.analysis.power_laws import PowerLaw, fit_power_law
+from contactimg.analysis.pressure_exponents import fit_pressure_exponent
 from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
 
@@ -39,9 +45,8 @@ def pressure_points(
     min_contacts : float
         Annuli with fewer contacts are left out.
     by_those_beside : bool
-        Leave out an annulus if the density of those beside it lets expect fewer contacts in it, whatever its
-        own number is. For few places: the own number selects annuli that have more contacts by chance, and on
-        simulated patterns SA- of one place the exponent of the density is 10 % too small instead of 1 %.
+        Leave out an annulus if those beside it let expect fewer contacts in it, whatever its own number is:
+        the own number selects annuli that have more contacts by chance.
 
     Returns
     -------
@@ -56,7 +61,10 @@ def pressure_points(
     variances ``1/n`` (density), ``sum p^2/(sum p)^2`` (pressure), ``sum a^2/(sum a)^2 - 1/n`` (radius), and
     covariances with the pressure ``1/n`` and ``sum a p/(sum a sum p) - 1/n``.
     """
-    decisive = _expected_beside(moments) if by_those_beside else moments["n"].to_numpy(float)
+    decisive = moments["n"].to_numpy(float)
+    if by_those_beside:
+        area = moments["area"].to_numpy(float)
+        decisive = density_beside(decisive, area) * area
     kept = moments[(decisive >= min_contacts) & (moments["n_forces"] > 0) & (moments["area"] > 0)]
     n, a, p, area = (kept[name].to_numpy(float) for name in ("n", "a", "p", "area"))
     p_variance = kept["pp"].to_numpy(float) / p**2
@@ -77,14 +85,6 @@ def pressure_points(
             "mean_radius_correlation": np.clip(mixed / np.where(product > 0, product, np.inf), -1.0, 1.0),
         }
     )
-
-
-def _expected_beside(moments: pd.DataFrame) -> Values:
-    """Contacts in each annulus at the density of the annuli beside it; its own number if those are unseen."""
-    n, area = (np.pad(moments[name].to_numpy(float), 1) for name in ("n", "area"))
-    counted, seen = n[:-2] + n[2:], area[:-2] + area[2:]
-    density = np.divide(counted, seen, out=np.zeros(len(moments)), where=seen > 0)
-    return np.where(seen > 0, density * area[1:-1], n[1:-1])
 
 
 def fit_contact_law(
@@ -111,10 +111,13 @@ def fit_contact_law(
     -------
     BrokenLaw
         The annuli of all loads are its points. Where they do not support a break (`BrokenLaw.supported`) its
-        ``single`` law is the one to read. Exponents have the uncertainties of another surface of the same
-        kind, by leaving out one place at a time; of fewer than four places, one sector of a place. This holds
-        what the loads of a place have in common. Of tables that are not in sectors, and where a place without
-        a sector has too few annuli, they are those of independent contacts.
+        ``single`` law is the one to read: exponent and amplitude of
+        `contactimg.analysis.pressure_exponents.fit_pressure_exponent`, the rest that of the least-squares
+        line. Intervals hold the exponent of this surface, whatever its places; ``single.another_surface`` the
+        one of another surface of the same kind at as many places. The exponents below and above a break have
+        uncertainties by leaving out one place at a time; of fewer than four places, one sector of a place.
+        All loads of a place are left out together. Of tables that are not in sectors, and where a place
+        without a sector has too few annuli, uncertainties are those of independent contacts.
 
     Raises
     ------
@@ -131,16 +134,48 @@ def fit_contact_law(
     if not loads:
         raise InputError("a contact law needs at least one load")
     law = _fit(fit_broken_law, _pooled_points(loads, min_contacts), quantity, confidence)
-    by_place = _without_one_place(loads)
-    rests = by_place or _without_one_sector(loads)
-    if not rests:
+    law = replace(law, single=_single_law(law.single, loads, quantity, min_contacts))
+    rests = _without_one_place(loads) or _without_one_sector(loads)
+    if not (law.supported and rests):
         return law
     try:
         points = [_pooled_points(rest, min_contacts * (1 - 1 / len(rests))) for rest in rests]
-        law = _left_out(law, points, quantity, confidence)
+        return _left_out(law, points, quantity, confidence)
     except InputError:
         return law
-    return replace(law, single=replace(law.single, n_places=max(len(by_place), 1)))
+
+
+def _single_law(
+    line: PowerLaw, loads: Sequence[Mapping[str, pd.DataFrame]], quantity: str, min_contacts: float
+) -> PowerLaw:
+    """The one power law without the bias of least squares; places or sectors tell its uncertainty."""
+    found = fit_pressure_exponent(
+        loads,
+        quantity,
+        reference=line.reference,
+        min_contacts=min_contacts,
+        confidence=line.confidence,
+    )
+    exponent, amplitude = found.exponent, found.amplitude
+    if not np.isfinite(exponent.std):
+        exponent, amplitude = (
+            _moved(own, new.value)
+            for own, new in zip((line.exponent, line.amplitude), (exponent, amplitude), strict=True)
+        )
+    fewest = min(len(places) for places in loads)
+    return replace(
+        line,
+        exponent=exponent,
+        amplitude=amplitude,
+        n_places=found.n_blocks if fewest >= MIN_PLACES_FOR_SCATTER else 1,
+        another_surface=of_another_surface(exponent),
+    )
+
+
+def _moved(estimate: Estimate, value: float) -> Estimate:
+    """The estimate with its interval about another value."""
+    away = value - estimate.value
+    return Estimate(value, estimate.std, estimate.low + away, estimate.high + away)
 
 
 Rests = list[list[dict[str, pd.DataFrame]]]
@@ -168,20 +203,15 @@ def _without_one_sector(loads: Sequence[Mapping[str, pd.DataFrame]]) -> Rests:
 
 
 def _left_out(law: BrokenLaw, rests: list[pd.DataFrame], quantity: str, confidence: float) -> BrokenLaw:
-    """The law with uncertainties from its exponents in the remaining points, one block left out at a time."""
+    """Exponents about a break with uncertainties from the remaining points, one block left out at a time."""
 
     def renewed(whole: Estimate, values: list[Estimate]) -> Estimate:
         std = float(np.sqrt(jackknife_covariance([[value.value] for value in values])[0, 0]))
         return student_estimate(whole.value, std, freedom=len(values) - 1, confidence=confidence)
 
-    if not law.supported:
-        single = [_fit(fit_power_law, points, quantity, confidence).exponent for points in rests]
-        return replace(law, single=replace(law.single, exponent=renewed(law.single.exponent, single)))
     parts = [_fit(fit_broken_law, points, quantity, confidence) for points in rests]
-    exponent = renewed(law.single.exponent, [part.single.exponent for part in parts])
     return replace(
         law,
-        single=replace(law.single, exponent=exponent),
         low_exponent=renewed(law.low_exponent, [part.low_exponent for part in parts]),
         high_exponent=renewed(law.high_exponent, [part.high_exponent for part in parts]),
     )

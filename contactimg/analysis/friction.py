@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.curve_fit import Points, fit_proportional
+from contactimg.analysis.curve_fit import CurveFit, Points, fit_proportional
 from contactimg.analysis.estimates import Estimate, student_estimate
 from contactimg.errors import InputError
 
@@ -22,8 +22,9 @@ class ShearStress:
     low, high : float, m^2
         Range of the area.
     n_points : int
-    freedom : int
-        Points minus one.
+    freedom : float
+        Degrees of freedom behind the uncertainty: points minus one where the scatter alone tells it, infinite
+        where stated errors explain the points.
     confidence : float
         Of the interval.
     """
@@ -33,7 +34,7 @@ class ShearStress:
     low: float
     high: float
     n_points: int
-    freedom: int
+    freedom: float
     confidence: float
 
 
@@ -64,8 +65,10 @@ def fit_shear_stress(
     Notes
     -----
     A line through the origin; without stated errors the ordinary least squares of the paper, ``sum QA/sum
-    A^2``. The interval does not include errors common to all areas, such as that of the threshold, which
-    change ``tau0`` by their relative size.
+    A^2``. Student's interval, with degrees of freedom after Welch and Satterthwaite: of the variance, the
+    part of the excess scatter has one less than there are points, that of stated errors is known. The
+    interval does not include errors common to all areas, such as that of the threshold, which change
+    ``tau0`` by their relative size.
 
     References
     ----------
@@ -90,15 +93,26 @@ def fit_shear_stress(
         y_std=friction_std,
     )
     fit = fit_proportional(points)
+    freedom = _effective_freedom(fit, points)
+    std = float(np.sqrt(fit.covariance[0, 0]))
     return ShearStress(
-        stress=fit.estimate(0, confidence=confidence),
+        stress=student_estimate(float(fit.parameters[0]), std, freedom=freedom, confidence=confidence),
         scatter=fit.scatter,
         low=float(area.min()),
         high=float(area.max()),
         n_points=len(area),
-        freedom=fit.freedom,
+        freedom=freedom,
         confidence=confidence,
     )
+
+
+def _effective_freedom(fit: CurveFit, points: Points) -> float:
+    """Degrees of freedom behind the variance, of which the stated errors explain a part."""
+    if fit.freedom == 0:
+        return 0.0
+    stated = fit_proportional(points, scatter=0.0).covariance[0, 0]
+    from_scatter = max(1 - float(stated / fit.covariance[0, 0]), 0.0)
+    return fit.freedom / from_scatter**2 if from_scatter > 0 else float(np.inf)
 
 
 def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:

@@ -38,7 +38,10 @@ class PowerLaw:
         What was taken off every x before the fit.
     here : Estimate or None
         The exponent with what the errors of the measurement alone leave open: of these very places, where the
-        interval of ``exponent`` is that of the surface, or of another one of its kind. None if not computed.
+        interval of ``exponent`` is that of the surface, whatever its places. None if not computed.
+    another_surface : Estimate or None
+        The exponent with the interval that holds the one of another surface of the same kind, of as many
+        places. None if not computed.
     """
 
     exponent: Estimate
@@ -54,6 +57,7 @@ class PowerLaw:
     confidence: float
     zero: float = 0.0
     here: Estimate | None = None
+    another_surface: Estimate | None = None
 
     def value(self, x: ArrayLike) -> Values:
         """The law at x."""

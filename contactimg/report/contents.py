@@ -287,7 +287,9 @@ def _rejected(folder: Path) -> pd.DataFrame:
 def _area_law(run: RunFolder) -> PowerLaw | None:
     """The power law of area against load, if the run has enough loads."""
     try:
-        areas = frame_areas(run.frames, run.contacts, place=str(run.folder))
+        lens = None if run.scene is None else run.scene.indenter
+        centre = None if lens is None else lens.apex
+        areas = frame_areas(run.frames, run.contacts, place=str(run.folder), centre=centre)
         measured = run.scene is not None and not run.frames["indentation_m"].notna().any()
         cell = LoadCell.stated(run.scene.load) if measured and run.scene is not None else EXACT_LOADS
         return fit_area_law(areas, load_cell=cell)

@@ -4,7 +4,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactimg.analysis.annuli import FieldOfView, annulus_edges, annulus_moments, sum_moments
+from contactimg.analysis.annuli import (
+    FieldOfView,
+    annulus_edges,
+    annulus_moments,
+    density_beside,
+    sum_moments,
+)
 from contactimg.analysis.area_against_load import (
     area_by_load,
     fit_area_law,
@@ -234,7 +240,7 @@ def test_greenwood_williamson_is_found_in_contacts_that_obey_it():
         law = fit_contact_law(loads, quantity)
         assert law.single.exponent.value == pytest.approx(exponent, abs=1e-6)
         assert not law.supported
-        assert law.n_points == 14
+        assert law.n_points == 12  # not the outermost of either load: no contact lies beyond it
 
 
 def test_points_have_the_errors_of_counting():
@@ -256,10 +262,21 @@ def test_the_annuli_beside_an_annulus_decide_where_its_own_number_is_chance():
     moments = exact_moments([1e4] * 6)
     moments.loc[1, "n_forces"] = 0
     moments["n"] = [6, 200, 210, 4, 7, 1]
-    # beside the fourth there are more than it has itself, beside the fifth fewer
-    assert pressure_points(moments, by_those_beside=True)["n"].tolist() == [6.0, 210.0, 4.0, 1.0]
-    moments.loc[5, "area"] /= 10
+    # beside each: 200, sqrt(6 210) = 35, sqrt(200 4) = 28, sqrt(210 7) = 38, sqrt(4 1) = 2, none beyond
     assert pressure_points(moments, by_those_beside=True)["n"].tolist() == [6.0, 210.0, 4.0]
+    moments.loc[3, "area"] /= 10  # ten times as dense for those beside it, and 3.8 expected in it
+    kept = pressure_points(moments, by_those_beside=True)["n"]
+    assert kept.tolist() == [6.0, 210.0, 7.0]  # beside the fifth sqrt(40 1) = 6.3
+
+
+def test_density_beside_is_exact_for_exponential_profiles_and_takes_one_side_where_the_other_is_unseen():
+    density = np.exp(-0.7 * np.arange(5))
+    area = np.array([1.0, 3.0, 5.0, 7.0, 9.0])
+    beside = density_beside(density * area, area)
+    np.testing.assert_allclose(beside[1:4], density[1:4], rtol=1e-14)
+    assert beside[[0, 4]].tolist() == [pytest.approx(density[1], rel=1e-14), 0.0]
+    area[2] = 0.0
+    np.testing.assert_allclose(density_beside(density * area, area)[[1, 3]], density[[0, 4]], rtol=1e-14)
 
 
 def test_chance_in_the_numbers_does_not_make_the_law_flatter():
@@ -360,3 +377,57 @@ def test_these_places_and_another_surface_are_told_apart():
     exact = fit_area_law(areas.assign(area_std=0.0))
     assert exact.here.std == 0.0  # what was measured exactly is known of these places, not of the surface
     assert exact.exponent.std > 0.0
+
+
+def place_in_sectors(rng, share):
+    """Six loads; each of eight sectors bears a share of the load, and has an area ~ its load^0.9."""
+    loads = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5])
+    angle = 2 * np.pi * (np.arange(8) + 0.5) / 8
+    tables = []
+    for k, load in enumerate(loads):
+        part = share + 0.02 * (5 - k) * rng.standard_normal(8)
+        force = load * part / part.sum()
+        area = 2e-7 * force**0.9 * (1 + 0.01 * (5 - k) * rng.standard_normal(8))
+        table = {"x_m": 1e-3 * np.cos(angle), "y_m": 1e-3 * np.sin(angle), "radius_m": np.sqrt(area / np.pi)}
+        tables.append(pd.DataFrame(table | {"force_N": force, "frame": f"{k}.tif"}))
+    together = pd.concat(tables, ignore_index=True)
+    total = (np.pi * together["radius_m"] ** 2).groupby(together["frame"]).sum()
+    return frame_areas(frames(loads, total.to_numpy()), together, place="a", centre=ORIGIN)
+
+
+def test_sectors_of_one_place_tell_how_well_the_exponent_of_the_area_is_known(rng):
+    laws = [fit_area_law(place_in_sectors(rng, np.ones(8))) for _ in range(80)]
+    held = np.mean([law.exponent.low <= 0.9 <= law.exponent.high for law in laws])
+    # three binomial standard deviations of 80 at 95 %
+    assert held > 0.95 - 0.073
+    values = [law.exponent.value for law in laws]
+    ratio = np.mean([law.exponent.std for law in laws]) / np.std(values, ddof=1)
+    # a standard deviation of 80 values is good to 8 %; contacts alike have no counting error, so that the
+    # scatter about the law counts a second time, sqrt(2) at most
+    assert 1 - 3 * 0.08 < ratio < np.sqrt(2) * (1 + 3 * 0.08)
+    law = laws[0]
+    share = law.here.std / law.exponent.std
+    assert law.another_surface.std == pytest.approx(np.sqrt(2 - share**2) * law.exponent.std, rel=1e-9)
+
+
+def test_sectors_that_share_load_and_area_alike_leave_the_measurement_alone(rng):
+    areas = place_in_sectors(rng, np.ones(8))
+    even = areas.assign(**{f"{name}_{k}": areas[f"{name}_0"] for name in ("area", "force") for k in range(8)})
+    even["area"] = 1e-6 * even["load"] ** 0.9
+    law = fit_area_law(even)
+    assert law.exponent.std == pytest.approx(law.here.std, rel=1e-6)
+    unknown = fit_area_law(even.assign(force_3=np.nan))  # without forces, contacts are counted
+    assert unknown.exponent.std > law.exponent.std
+
+
+def test_a_place_with_more_area_by_chance_has_no_larger_weight():
+    rng = np.random.default_rng(8)
+    loads = np.tile([0.02, 0.1, 0.5], 300)
+    relative = np.tile([0.3, 0.1, 0.1], 300)
+    noise = 1 + relative * rng.standard_normal(loads.size)
+    areas = pd.DataFrame({"place": np.repeat(np.arange(300), 3).astype(str), "load": loads})
+    areas["area"] = 1e-6 * loads**0.9 * noise
+    areas["area_std"], areas["sampling_std"] = 0.0, relative * areas["area"] / noise**0.5
+    law = fit_area_law(areas)
+    # E[ln(1 + e)] = -s^2/2 at the smallest load tilts the law by s^2/2 over some ln 5 to ln 25
+    assert law.exponent.value == pytest.approx(0.9 + 0.045 / np.log(10), abs=3 * law.exponent.std + 0.01)

@@ -250,6 +250,25 @@ def test_frames_without_friction_or_contact_do_not_count():
         fit_shear_stress(table[table["friction_N"].isna()])
 
 
+def test_interval_of_the_shear_stress_holds_it_as_often_as_stated(rng):
+    area, held, free = np.linspace(1e-7, 8e-7, 8), [], []
+    for _ in range(400):
+        seen = area * (1 + 0.02 * rng.standard_normal(8))
+        force = 0.49e6 * area + 0.01 * rng.standard_normal(8)
+        found = fit_shear_stress(friction(seen, force, 0.02 * area), friction_std=0.01)
+        held.append(found.stress.low <= 0.49e6 <= found.stress.high)
+        free.append(found.freedom)
+    # three binomial standard deviations of 400 at 95 %; with seven degrees of freedom it was 99 %
+    assert abs(np.mean(held) - 0.95) < 0.033
+    assert np.isinf(free).any()  # stated errors explain the points
+    assert np.min(free) > 7  # or a part of their scatter
+
+
+def test_without_stated_errors_the_scatter_alone_tells_the_interval():
+    found = fit_shear_stress(friction([1e-7, 2e-7, 4e-7], [0.05, 0.09, 0.2]))
+    assert found.freedom == pytest.approx(2.0, rel=1e-6)
+
+
 def test_ratio_of_stresses_adds_relative_variances():
     rough = fit_shear_stress(friction([1e-7, 2e-7, 4e-7], [0.05, 0.098, 0.196], 1e-9), friction_std=1e-3)
     ratio = compare_stress(rough, Estimate(0.34e6, 0.017e6, 0, 0))

@@ -81,3 +81,31 @@ def test_a_contact_at_the_end_of_the_world_is_refused():
     far = CONTACTS.conform(pd.DataFrame({"frame": ["a"], "x_m": [1e300], "y_m": [0.0]}))
     with pytest.raises(InputError, match="check x_m and y_m"):
         annulus_edges(far, centre=(0.0, 0.0), width=1e-4)
+
+
+def place_of(x, y, force):
+    table = pd.DataFrame({"x_m": x, "y_m": y, "radius_m": 1.0, "force_N": force})
+    return annulus_moments(table, centre=(0.0, 0.0), edges=np.arange(1.0, 12.0), sectors=8)
+
+
+def test_sectors_tell_how_much_less_regular_contacts_fluctuate_than_independent_ones(rng):
+    """Two per sector and annulus, as regular as rows, and the same number anywhere."""
+    ring = np.repeat(np.arange(1.5, 11.0), 16)
+    regular = 2 * np.pi * (np.tile(np.arange(16), 10) + 0.5) / 16
+    alike, anywhere = [], []
+    for _ in range(40):
+        for angle, found in ((regular, alike), (rng.uniform(0, 2 * np.pi, ring.size), anywhere)):
+            moments = place_of(ring * np.cos(angle), ring * np.sin(angle), np.ones(ring.size))
+            std = average_profile([moments], frame="f", model="m")["pressure_std_Pa"].to_numpy()
+            found.append(
+                std * moments.groupby("inner")["area"].sum().to_numpy() / 4.0
+            )  # sqrt(16) by counting
+    assert np.max(alike) < 1e-12  # rounding
+    # a variance from 3 annuli of 7 degrees of freedom, 40 times over, some 130 of them independent
+    assert np.mean(np.square(anywhere)) == pytest.approx(1.0, abs=3 * np.sqrt(2 / (7 * 10 * 40)))
+
+
+def test_one_contact_is_as_uncertain_as_if_counted():
+    moments = place_of([3.5], [0.0], [2.0])
+    row = average_profile([moments], frame="f", model="m").iloc[2]
+    assert row["pressure_std_Pa"] == pytest.approx(row["pressure_Pa"], rel=1e-12)

@@ -245,7 +245,10 @@ def _fit_or_note(notes: list[str], what: str, fit: Callable[..., Fit], *data: ob
 
 def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
     """Areas of all usable frames."""
-    tables = [frame_areas(usable_frames(place), place.contacts, place=place.name) for place in places]
+    tables = [
+        frame_areas(usable_frames(place), place.contacts, place=place.name, centre=place.centre)
+        for place in places
+    ]
     return pd.concat([table for table in tables if len(table)] or tables, ignore_index=True)
 
 

@@ -83,12 +83,13 @@ def _without_interval(value: float) -> Estimate:
 def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     """A(P)."""
     fit = _Fit.of_law(law, law.n_places, "N")
-    source = "scatter between places" if law.n_places > 1 else "stated errors and counting of contacts"
-    note = f"A ~ P^m, errors in A and P; interval from {source}"
+    source = "scatter between places" if law.n_places > 1 else "stated errors and scatter within the place"
+    note = f"A ~ P^m, errors in A and P; of this surface, whatever its places: interval from {source}"
     yield _row("area_exponent", model, law.exponent, "1", fit, note=note)
     if law.here is not None:
         note = "the same exponent, interval from the errors of areas and loads alone: of these very places"
         yield _row("area_exponent_here", model, law.here, "1", fit, note=note)
+    yield from _another_surface("area_exponent", model, law, fit)
     note = f"A of that law at {law.reference:.6g} N, the geometric mean of the loads"
     yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
     if law.zero:
@@ -98,11 +99,21 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     yield _row("area_excess_scatter", model, _without_interval(law.scatter), "1", fit, note=note)
 
 
+def _another_surface(name: str, model: str, law: PowerLaw, fit: _Fit) -> Iterator[Row]:
+    """The exponent that another surface of the same kind would give."""
+    if law.another_surface is None:
+        return
+    note = "the same exponent, interval of what another surface of the same kind gives at as many places"
+    yield _row(f"{name}_another_surface", model, law.another_surface, "1", fit, note=note)
+
+
 def _contact_rows(quantity: str, model: str, law: BrokenLaw) -> Iterator[Row]:
     """Density or mean radius against the local pressure; two laws only where the points support a break."""
     fit = _Fit.of_law(law, law.single.n_places, "Pa")
     name = f"{quantity}_exponent"
-    yield _row(name, model, law.single.exponent, "1", fit, note=f"{quantity} ~ p^m, one law")
+    note = f"{quantity} ~ p^m, one law; of this surface, whatever its places"
+    yield _row(name, model, law.single.exponent, "1", fit, note=note)
+    yield from _another_surface(name, model, law.single, fit)
     note = "probability of as much gain by a break that is not there (Davies)"
     yield _row(f"{quantity}_break_p_value", model, _without_interval(law.p_value), "1", fit, note=note)
     if not law.supported:

@@ -1,0 +1,150 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from contactimg import InputError
+from contactimg.analysis.contacts_against_pressure import fit_contact_law
+from contactimg.analysis.estimates import Estimate, of_another_surface
+from contactimg.analysis.pressure_exponents import fit_pressure_exponent
+
+SECTORS = 8
+EXPONENT = 0.4
+LOADS = (4e4, 1e5, 2.5e5)
+"""Pressures at the centre, Pa."""
+
+
+def regular_place(rng, *, exponent=EXPONENT):
+    """Annuli of three loads whose numbers fluctuate half as much as independent ones: eta ~ p^exponent.
+
+    The pressure falls exponentially with the distance; each force is drawn, so that both axes have errors,
+    and these have a covariance.
+    """
+    loads = []
+    for centre in LOADS:
+        pressure = np.repeat(centre * np.exp(-0.3 * np.arange(10)), SECTORS)
+        area = np.full(pressure.size, 2.5e-7)
+        expected = 2e7 * (pressure / 1e5) ** exponent * area
+        n = rng.binomial(np.round(2 * expected).astype(int), expected / np.round(2 * expected))
+        mean = pressure * area / expected
+        force = [m * rng.exponential(size=k) for m, k in zip(mean, n, strict=True)]
+        p, pp = (np.array([np.sum(f**power) for f in force]) for power in (1, 2))
+        ring = np.repeat(np.arange(10.0), SECTORS)
+        a = 1e-5 * n * (pressure / 1e5) ** 0.2 * rng.normal(1.0, 0.05, n.size)
+        sums = {"n": n, "n_forces": n, "a": a, "aa": 1e-10 * n, "p": p, "pp": pp, "ap": 1e-5 * p}
+        ends = {"inner": ring, "outer": ring + 1, "sector": np.tile(np.arange(SECTORS), 10), "area": area}
+        loads.append(pd.DataFrame(ends | sums).astype(dict.fromkeys(sums, float)))
+    return loads
+
+
+def fitted(places, quantity="density", **options):
+    loads = [{str(k): place[load] for k, place in enumerate(places)} for load in range(len(LOADS))]
+    return fit_pressure_exponent(loads, quantity, reference=1e5, **options)
+
+
+@pytest.fixture(scope="module")
+def surfaces():
+    """120 surfaces of one place, and their exponents."""
+    rng = np.random.default_rng(77)
+    places = [regular_place(rng) for _ in range(120)]
+    return places, [fitted([place]).exponent for place in places]
+
+
+def test_errors_of_both_axes_do_not_bias_the_exponent(surfaces):
+    found = np.array([exponent.value for exponent in surfaces[1]])
+    assert abs(found.mean() - EXPONENT) < 3 * found.std(ddof=1) / np.sqrt(found.size)
+
+
+def test_least_squares_would_be_biased_where_the_instrument_is_not(surfaces):
+    def least_squares(place):
+        rings = [table[["n", "a", "p"]].to_numpy().reshape(10, SECTORS, 3).sum(axis=1) for table in place]
+        n, a, p = np.concatenate(rings).T
+        return np.polyfit(np.log(p), np.log(a / n), 1)[0]
+
+    places = surfaces[0][:60]
+    plain = np.array([least_squares(place) for place in places])
+    found = np.array([fitted([place], "mean_radius").exponent.value for place in places])
+    for values, biased in ((plain, True), (found, False)):
+        error = values.std(ddof=1) / np.sqrt(values.size)
+        assert (abs(values.mean() - 0.2) > 3 * error) == biased
+
+
+def test_intervals_hold_the_law_and_the_exponent_of_another_surface(surfaces):
+    found = surfaces[1]
+    held = np.mean([estimate.low <= EXPONENT <= estimate.high for estimate in found])
+    # three binomial standard deviations of 120 at 95 %
+    assert abs(held - 0.95) < 0.06
+    others = np.roll([estimate.value for estimate in found], 1)
+    wider = [of_another_surface(estimate) for estimate in found]
+    told = np.mean([e.low <= other <= e.high for e, other in zip(wider, others, strict=True)])
+    assert abs(told - 0.95) < 0.06
+    narrow = np.mean([e.low <= other <= e.high for e, other in zip(found, others, strict=True)])
+    assert narrow < 0.95 - 0.06  # the interval of this surface is not that of another one
+
+
+def test_places_and_their_sectors_tell_the_same_uncertainty():
+    rng = np.random.default_rng(78)
+    places = [regular_place(rng) for _ in range(12)]
+    together = fitted(places)
+    assert together.n_blocks == 12
+    alone = [fitted([place]).exponent for place in places]
+    mean_square = np.mean([estimate.std**2 for estimate in alone])
+    # a variance from 11 degrees of freedom is known to sqrt(2/11) = 43 %, a standard deviation to 21 %
+    assert together.exponent.std == pytest.approx(np.sqrt(mean_square / 12), rel=3 * 0.21)
+    assert fitted(places[:3]).n_blocks == 3 * SECTORS
+
+
+def test_order_of_places_loads_and_rows_does_not_matter(rng):
+    places = [regular_place(rng) for _ in range(4)]
+    one = fitted(places)
+    shuffled = [[table.sample(frac=1.0, random_state=1) for table in place] for place in places[::-1]]
+    loads = [{str(3 - k): place[load] for k, place in enumerate(shuffled)} for load in (2, 0, 1)]
+    other = fit_pressure_exponent(loads, "density", reference=1e5)
+    assert other.exponent.value == pytest.approx(one.exponent.value, rel=1e-12)
+    # differences over a step of 1e-4 of logarithms up to 20, good to 1e-15: 1e-10 of a std of 0.003
+    assert other.exponent.std == pytest.approx(one.exponent.std, rel=1e-5)
+
+
+def test_a_change_of_units_changes_the_amplitude_alone(rng):
+    place = regular_place(rng)
+    length, force = 1e3, 1e-2
+    power = {"area": 2, "inner": 1, "outer": 1, "a": 1, "aa": 2, "ap": 1}
+    scaled = []
+    for table in place:
+        longer = table.assign(**{name: length**k * table[name] for name, k in power.items()})
+        scaled.append(longer.assign(p=force * table["p"], pp=force**2 * table["pp"], ap=force * longer["ap"]))
+    pressure = force / length**2
+    loads = [{"0": table} for table in scaled]
+    for quantity, unit in (("density", length**-2), ("mean_radius", length)):
+        one = fitted([place], quantity)
+        other = fit_pressure_exponent(loads, quantity, reference=1e5 * pressure)
+        assert other.exponent.value == pytest.approx(one.exponent.value, abs=1e-12)
+        assert other.exponent.std == pytest.approx(one.exponent.std, rel=1e-5)
+        assert other.amplitude.value == pytest.approx(unit * one.amplitude.value, rel=1e-9)
+
+
+def test_the_law_of_a_surface_carries_both_uncertainties(rng):
+    place = regular_place(rng)
+    single = fit_contact_law([{"0": table} for table in place], "density").single
+    assert single.exponent.value == pytest.approx(fitted([place]).exponent.value, abs=1e-12)
+    assert single.another_surface.std == pytest.approx(np.sqrt(2) * single.exponent.std)
+    assert single.another_surface.value == single.exponent.value
+
+
+def test_measurement_errors_count_once_for_another_surface():
+    estimate = Estimate(1.0, 0.05, 0.9, 1.1)
+    assert of_another_surface(estimate, measured_std=0.05) == estimate  # places add nothing
+    assert of_another_surface(Estimate(1.0, 0.0, 1.0, 1.0)).std == 0.0
+    assert of_another_surface(Estimate(1.0, 0.1, -np.inf, np.inf)).high == np.inf
+
+
+def test_without_sectors_or_places_the_scatter_is_unknown(rng):
+    place = [table[table["sector"] == 0] for table in regular_place(rng)]
+    alone = fitted([place], min_contacts=1)
+    assert np.isnan(alone.exponent.std)
+    assert alone.exponent.high == np.inf
+
+
+def test_annuli_that_cannot_tell_are_refused(rng):
+    place = regular_place(rng)
+    with pytest.raises(InputError, match="annuli of different pressure"):
+        fitted([place], min_contacts=1e6)
