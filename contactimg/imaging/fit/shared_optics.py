@@ -257,13 +257,8 @@ def _widest(fit: FittedDisks) -> float:
 
 
 def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
-    """The fit at the most probable contrast of small contacts.
-
-    One beyond what the frame shows is uncertain at least by how far it lies beyond.
-    """
+    """The fit at the most probable contrast of small contacts."""
     profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
-    beyond = float(np.log(profile.contrast / problem.shown_contrast))
-    profile = replace(profile, log_std=max(profile.log_std, beyond))
     covariance, prior = profile.covariance, profile.problem.prior
     shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
     return JointFit(
