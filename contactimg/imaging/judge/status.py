@@ -44,6 +44,8 @@ place. Chosen: most of them; the frames of the sample data stay below it."""
 LARGEST_UNSURROUNDED_SHARE = 0.5
 """Share of the contacts without a pixel of background around them above which the frame shows too little.
 Chosen: most of them; 0 on frames as assumed."""
+ALL_UNSURROUNDED = 0.99
+"""The same where there are one or two contacts: all of them."""
 LEAST_SIDE_PX = 8
 """Rows and columns that a frame needs. Theory: a contact of one pixel behind a blur of one, and two blur
 widths of background on either side."""
@@ -140,7 +142,8 @@ def _too_little_seen(foreground: Foreground, seen: Review) -> list[tuple[str, st
             f"{LEAST_SIDE_PX} each way"
         )
         return [(Status.LITTLE_BACKGROUND, text)]
-    if count >= FLAGGED_LEAST_CONTACTS and seen.unsurrounded > LARGEST_UNSURROUNDED_SHARE:
+    most = LARGEST_UNSURROUNDED_SHARE if count >= FLAGGED_LEAST_CONTACTS else ALL_UNSURROUNDED
+    if count and seen.unsurrounded > most:
         text = (
             f"no background is seen around {100 * seen.unsurrounded:.0f} % of the contacts: most of the "
             "frame is masked or saturated, or contacts fill it"

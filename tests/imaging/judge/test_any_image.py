@@ -221,3 +221,11 @@ def test_counted_contacts_that_touch_are_ok():
     assert (
         measure_image(*render(truth, optics, rng), method="threshold", polarity="bright").status == Status.OK
     )
+
+
+def test_one_contact_around_which_nothing_is_seen_is_not_ok():
+    """A binary chessboard, over which one circle was laid whose rim leaves the image."""
+    board = sized(photographs()["chessboard_GRAY"], 60_000, np.random.default_rng(15))
+    result = measure_image(stored_as("binary", board), polarity="bright")
+    assert len(result.disks) == 1
+    assert result.status == Status.LITTLE_BACKGROUND
