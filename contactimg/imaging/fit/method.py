@@ -43,7 +43,7 @@ from contactimg.imaging.fit.settings import (
     LEAST_SPREAD_FRACTION,
     LOST_DISKS_RATIO,
     MOST_ATTEMPTS,
-    PASSES_AFTER_COVERS,
+    PASSES_OF_ATTEMPT,
     WIDEST_UNBINNED_BLUR_PX,
 )
 from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, hides_contrast, settle_optics
@@ -139,7 +139,7 @@ def measure_by_fit(
             if ratio * len(attempt.fit.disks) < len(best.fit.disks):
                 break
         best, joint = attempt, attempt.joint
-        if joint is None or not start.problem.work.suffices_for(PASSES_AFTER_COVERS):
+        if joint is None or not start.problem.work.suffices_for(PASSES_OF_ATTEMPT):
             break
         if abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG:
             break

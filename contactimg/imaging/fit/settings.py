@@ -92,9 +92,9 @@ COVER_SHARE = 0.6
 FIRST_STEP_RATIO = 1.5
 """Work over that limit beyond which not even one step of a fit is begun. Chosen: a crowd of which each step
 takes a quarter of the limit ends at 1.35 times the limit, images without disks at many times."""
-PASSES_AFTER_COVERS, PASSES_AFTER_HALO = 18, 10
-"""Iterations over all disks that are kept for what follows. Accuracy: a halo takes two times four, contrast
-and blur ten in a frame of disks."""
+PASSES_AFTER_COVERS, PASSES_AFTER_HALO, PASSES_OF_ATTEMPT = 9, 10, 18
+"""Iterations over all disks that are kept for what follows, and that another attempt takes. Chosen: contrast
+and blur take ten in a frame of disks, a halo two times four; covers of touching beads need the rest."""
 WORK_PER_FIT = 2e4
 """What a fit costs besides its pixels and disks. By hand; not measured."""
 
