@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation
 from contactimg.imaging.fit.disks import FittedDisks
-from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
+from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y, touches
 from contactimg.imaging.kernels.quadrupole import INSIDE_BLUR_WIDTHS
 
 WIDEST_INSIDE_RADII = 0.7
@@ -67,6 +67,8 @@ def _inside(problem: FitProblem, fit: FittedDisks) -> tuple[float, int]:
     reach = WIDEST_INSIDE_RADII * fit.disks[:, RADIUS] - INSIDE_BLUR_WIDTHS * fit.blur
     wide = np.argsort(-reach, kind="stable")[:MOST_INSIDES]
     wide = wide[reach[wide] > LEAST_INSIDE_PX]
+    # what is at the full scale of the sensor has no noise
+    wide = wide[~touches(problem.saturated, 1, fit.disks[wide], reach[wide])]
     brightness = problem.brightness_at(fit.disks[wide])
     variances, degrees = [], []
     for disk, far, light in zip(fit.disks[wide], reach[wide], brightness, strict=True):
