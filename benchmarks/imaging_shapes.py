@@ -1,5 +1,8 @@
 """The ladder of shapes against truth: half-axes, angles and areas of ellipses and of free shapes.
 
+    python benchmarks/imaging_shapes.py ellipses --frames 12 --seed 77     # printed
+    python benchmarks/imaging_shapes.py "free and disks" --frames 8 --seed 77
+
 `frame` renders contacts of known outline, `measured` joins them with what the package finds.
 
 The frames are drawn as polygons on a grid of four points a pixel, each the mean of four times four, then
@@ -7,6 +10,7 @@ blurred and binned, by code that shares nothing with the package. Errors are in 
 uncertainty.
 """
 
+import argparse
 import time
 from dataclasses import dataclass
 
@@ -225,3 +229,66 @@ def measured(population, optics, rng, *, shape="auto", distortion=None):
         status=found.status,
         seconds=seconds,
     ), found
+
+
+ELLIPSES = tuple(f"ellipse {ratio}" for ratio in RATIOS)
+CROWDS = {
+    "ellipses": (ELLIPSES, (3.0, 20.0), BLURS[:3], (12, 30, 70)),
+    "ellipses and disks": (ELLIPSES + ("disk",) * 24, (3.0, 20.0), BLURS[:3], (90, 30, 70)),
+    "free": (FREE, (4.0, 20.0), BLURS, (12, 30, 70)),
+    "free and disks": (FREE + ("disk",) * 20, (4.0, 20.0), BLURS, (12, 30, 70)),
+}
+"""Kinds, radii, blurs and numbers of contacts of a frame."""
+
+
+def crowd(name, seed, frames):
+    """All contacts of some frames, each of another blur, noise and number of contacts."""
+    kinds, radii, blurs, counts = CROWDS[name]
+    tables = []
+    for k in range(frames):
+        rng = np.random.default_rng([seed, k])
+        optics = Optics(rng.choice(blurs), rng.choice(CONTRASTS))
+        table, _ = measured(Population(kinds, radii, int(rng.choice(counts))), optics, rng)
+        tables.append(table.assign(frame=k))
+    return pd.concat(tables, ignore_index=True)
+
+
+def pulls(table):
+    """Errors of the contacts found over their stated standard uncertainties."""
+    found = table[table["found"]]
+    ratio = found["kind"].str.extract(r"ellipse (.*)")[0].astype(float).fillna(1.0)
+    turn = (found["angle_rad"] - found["angle"] + np.pi / 2) % np.pi - np.pi / 2
+    return pd.DataFrame(
+        {
+            "kind": found["kind"].str.split().str[0].where(ratio > 1, found["kind"]),
+            "shape": found["shape"],
+            "major": (found["semi_major_px"] - found["r"] * np.sqrt(ratio)) / found["semi_major_std_px"],
+            "minor": (found["semi_minor_px"] - found["r"] / np.sqrt(ratio)) / found["semi_minor_std_px"],
+            "angle": turn / found["angle_std_rad"],
+            "area": (found["radius_px"] - found["r"]) / found["radius_std_px"],
+        }
+    )
+
+
+def main():
+    """Print how often the truth lies within one and two standard uncertainties."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n", 1)[0])
+    parser.add_argument("crowd", choices=CROWDS)
+    parser.add_argument("--frames", type=int, default=12)
+    parser.add_argument("--seed", type=int, default=77)
+    arguments = parser.parse_args()
+    cv2.setNumThreads(1)
+    table = crowd(arguments.crowd, arguments.seed, arguments.frames)
+    print("found %:", (100 * table.groupby("kind")["found"].mean()).round().astype(int).to_dict())
+    errors = pulls(table)
+    for key in (["shape"], ["kind"], ["kind", "shape"]):
+        for name, part in errors.groupby(key):
+            numbers = [part[column].dropna().abs() for column in ("major", "minor", "angle", "area")]
+            shown = [
+                f"{100 * np.mean(x < 1):.0f} {100 * np.mean(x < 2):.0f}" if len(x) else "-" for x in numbers
+            ]
+            print(f"{', '.join(name):28s}{len(part):6d}", " | ".join(shown))
+
+
+if __name__ == "__main__":
+    main()
