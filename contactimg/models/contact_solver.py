@@ -251,8 +251,10 @@ class ContactSolver:
         """
         sums = FastCoupling(candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy)
         rough = self._system(candidates, sums)
-        iterate = _correct_start(rough, grid) if grid else initial_iterate(rough, force, indentation)
+        iterate = _first_on_grid(rough, grid) if grid else initial_iterate(rough, force, indentation)
         _refuse_crowd(candidates, iterate)
+        if grid:
+            iterate = _correct_start(rough, grid, iterate)
         return self._solve_near(candidates, rough, iterate, FAST_SCREENING)
 
     def _solve_near(
@@ -363,16 +365,19 @@ class ContactSolver:
         )
 
 
-def _correct_start(system: ContactSystem, grid: GridStart) -> Iterate:
-    """First iterate from a start on the cells of a grid, corrected as long as it gains."""
+def _first_on_grid(system: ContactSystem, grid: GridStart) -> Iterate:
+    """First iterate from a start on the cells of a grid."""
     displacement = system.coupling.displacement(grid.force)
-    iterate = evaluate_iterate(system, grid.force, grid.indentation, displacement)
+    return evaluate_iterate(system, grid.force, grid.indentation, displacement)
+
+
+def _correct_start(system: ContactSystem, grid: GridStart, iterate: Iterate) -> Iterate:
+    """Correct a start on the cells of a grid, and its iterate, as long as that gains."""
     for _ in range(MAX_CORRECTIONS):
         if iterate.residual <= START_RESIDUAL:
             break
         grid = grid.corrected(iterate.displacement)
-        displacement = system.coupling.displacement(grid.force)
-        following = evaluate_iterate(system, grid.force, grid.indentation, displacement)
+        following = _first_on_grid(system, grid)
         if following.residual > CORRECTION_GAIN * iterate.residual:
             return min(iterate, following, key=lambda one: one.residual)
         iterate = following

@@ -16,6 +16,7 @@ several errors that partly cancel.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.mechanics import sphere
@@ -71,16 +72,6 @@ class EdgeCurvature:
         value, growth, mean = sphere.scaled_curvatures(ratio)
         return cls(value / radius, growth * aspect**2 / radius**3, mean / radius)
 
-    def bent(self, fields: Fields, contact_radius: Values) -> "EdgeCurvature":
-        """With the neighbours' displacement averaged over all directions."""
-        least = MIN_CURVATURE_FACTOR * self.value
-        quartic = np.maximum(fields.quartic, 0.0)
-        return EdgeCurvature(
-            np.maximum(self.value + fields.curvature, least) + 16 / 3 * quartic * contact_radius**2,
-            self.growth + 32 / 3 * quartic,
-            np.maximum(self.mean + fields.curvature, least) + 16 / 5 * quartic * contact_radius**2,
-        )
-
 
 @dataclass(frozen=True, eq=False)
 class CapCorrection:
@@ -112,24 +103,35 @@ class CapCorrection:
         order ``a G^2/k`` and ``4/9 a^3 t^2/k``, by the reciprocal theorem. The area follows from the
         stiffness, which is that of a flat punch. A circle of lower gap and smaller curvature has both.
         """
-        round_edge, squared = EdgeCurvature.of(radius, contact_radius, aspect), contact_radius**2
-        sloping = (fields.slope_x**2 + fields.slope_y**2) / round_edge.value
-        steeper = round_edge.growth / round_edge.value
-        edge = round_edge.bent(fields, contact_radius)
-        n = edge.growth * squared / edge.value
-        saddle = (bounded_saddle(fields, radius) ** 2).sum(0) / edge.value
-        rise = fields.excess - (0.5 + 0.25 * steeper * squared) * sloping - (1 + n) / 9 * squared * saddle
-        curvature = fields.curvature + 0.75 * sloping * steeper - (1 - n) / 3 * saddle
-        curvature = np.maximum(curvature, (MIN_CURVATURE_FACTOR - 1) / radius)
-        tilt_x = fields.slope_x + CUBIC_TILT * squared * fields.cubic_x
-        tilt_y = fields.slope_y + CUBIC_TILT * squared * fields.cubic_y
-        return cls(
-            -tilt_x / round_edge.mean,
-            -tilt_y / round_edge.mean,
-            rise,
-            rise + (fields.slope_x * tilt_x + fields.slope_y * tilt_y) / round_edge.mean,
-            np.column_stack([curvature, np.maximum(fields.quartic, 0.0)]),
-        )
+        edge = EdgeCurvature.of(radius, contact_radius, aspect)
+        stacked = np.stack([getattr(fields, name) for name in FIELD_NAMES])
+        curvatures = np.stack([edge.value, edge.growth, edge.mean])
+        terms = _correction_terms(stacked, bounded_saddle(fields, radius), radius, contact_radius, curvatures)
+        return cls(terms[0], terms[1], terms[2], terms[3], bends=np.ascontiguousarray(terms[4:].T))
+
+
+@njit(cache=True, error_model="numpy")
+def _correction_terms(fields, saddles, radius, contact_radius, curvatures):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The fields of `CapCorrection`, row by row; the bends are the last two."""
+    terms = np.empty((6, radius.size))
+    for i in range(radius.size):
+        excess, slope_x, slope_y, curvature, quartic = fields[:5, i]
+        value, growth, mean = curvatures[:, i]
+        squared, quartic = contact_radius[i] ** 2, max(quartic, 0.0)
+        sloping, steeper = (slope_x * slope_x + slope_y * slope_y) / value, growth / value
+        # the edge on the profile that the neighbours have bent
+        bent = max(value + curvature, MIN_CURVATURE_FACTOR * value) + 16 / 3 * quartic * squared
+        n = (growth + 32 / 3 * quartic) * squared / bent
+        saddle = (saddles[0, i] ** 2 + saddles[1, i] ** 2) / bent
+        tilt_x = slope_x + CUBIC_TILT * squared * fields[7, i]
+        tilt_y = slope_y + CUBIC_TILT * squared * fields[8, i]
+        rise = excess - (0.5 + 0.25 * steeper * squared) * sloping - (1 + n) / 9 * squared * saddle
+        bend = curvature + 0.75 * sloping * steeper - (1 - n) / 3 * saddle
+        terms[0, i], terms[1, i], terms[2, i] = -tilt_x / mean, -tilt_y / mean, rise
+        terms[3, i] = rise + (slope_x * tilt_x + slope_y * tilt_y) / mean
+        terms[4, i] = max(bend, (MIN_CURVATURE_FACTOR - 1) / radius[i])
+        terms[5, i] = quartic
+    return terms
 
 
 def bounded_saddle(fields: Fields, radius: Values) -> Values:
