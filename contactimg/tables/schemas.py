@@ -389,7 +389,10 @@ FRICTION = Schema(
 RESULTS = Schema(
     "results",
     {
-        "quantity": ("str", "name of the quantity"),
+        "quantity": (
+            "str",
+            "name of the quantity; `..._here` and `..._another_surface`: for these places, for another surface",
+        ),
         "model": MODEL,
         "value": ("float64", "value of the quantity, in `unit`"),
         "std": ("float64", "standard uncertainty of the value, in `unit`"),
