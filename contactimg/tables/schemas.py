@@ -391,7 +391,7 @@ RESULTS = Schema(
     {
         "quantity": (
             "str",
-            "name of the quantity; `..._here` and `..._another_surface`: for these places, for another surface",
+            "name of the quantity; `..._here`: for these places; `..._another_surface`: for another surface",
         ),
         "model": MODEL,
         "value": ("float64", "value of the quantity, in `unit`"),

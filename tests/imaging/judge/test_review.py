@@ -123,7 +123,12 @@ def test_what_a_look_left_as_it_was_need_not_be_looked_at_again(truth, monkeypat
     monkeypatch.setattr(review_module, "_is_outshone", count)
     once = measure_image(*pair, polarity="bright")
     assert len(looks) == 1
-    always = lambda foreground, difference, detections, _: count(foreground, difference, detections)  # noqa: E731
-    monkeypatch.setattr(review_module, "_newly_outshone", always)
+    look_at_fit = review_module._look_at_fit
+
+    def look_at_all(*arguments, looked_at, **options):
+        assert looked_at is not None
+        return look_at_fit(*arguments, looked_at=None, **options)
+
+    monkeypatch.setattr(review_module, "_look_at_fit", look_at_all)
     pd.testing.assert_frame_equal(measure_image(*pair, polarity="bright").disks, once.disks)
     assert len(looks) == 3

@@ -192,11 +192,11 @@ def test_an_edge_that_only_imitates_ellipses_is_not_stated():
 
 def test_long_ellipses_that_three_disks_cover_are_ellipses():
     """As free shapes they had the light of a contrast that a dome makes wrong, and no part in the edge."""
-    places = [(x, y, 4.5 + 0.5 * ((x + y) % 4)) for x in range(30, 260, 40) for y in range(30, 200, 40)]
+    places = [(x, y, 4.5 + 0.5 * ((x + y) // 2 % 4)) for x in range(30, 400, 60) for y in range(30, 270, 60)]
     rng = np.random.default_rng(17)
     angles = rng.uniform(-1.5, 1.5, len(places))
     shapes = [ellipse(2.0)] * len(places)
-    image, reference, areas = frame(shapes, places, angles=angles, rng=rng, shape=(220, 260))
+    image, reference, areas = frame(shapes, places, angles=angles, rng=rng, shape=(270, 420))
     found = measure_image(image, reference)
     table = in_order(found, places)
     assert table["shape"].value_counts().get("ellipse", 0) >= len(places) - 2
