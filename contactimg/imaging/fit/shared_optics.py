@@ -34,6 +34,7 @@ from contactimg.imaging.fit.settings import (
     LONGEST_CONTRAST_STEP,
     OPTICS_STEPS,
     PLATEAU_STD_FRACTION,
+    POOR_CHI_SQUARE,
     STEP_WORTH_SIGMA,
 )
 from contactimg.imaging.fit.unseen_contrast import profile_contrast
@@ -257,8 +258,14 @@ def _widest(fit: FittedDisks) -> float:
 
 
 def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
-    """The fit at the most probable contrast of small contacts."""
+    """The fit at the most probable contrast of small contacts.
+
+    Where disks do not fit, one beyond what the frame shows is uncertain at least by how far it lies beyond.
+    """
     profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
+    if float(np.median(profile.fit.chi_square)) > POOR_CHI_SQUARE:
+        beyond = float(np.log(profile.contrast / problem.shown_contrast))
+        profile = replace(profile, log_std=max(profile.log_std, beyond))
     covariance, prior = profile.covariance, profile.problem.prior
     shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
     return JointFit(
