@@ -391,7 +391,7 @@ RESULTS = Schema(
     {
         "quantity": (
             "str",
-            "name; `..._here` is for these very places, `..._another_surface` for another surface of the kind",
+            "name; `..._here` for these very places, `..._another_surface` for another surface of the kind",
         ),
         "model": MODEL,
         "value": ("float64", "value of the quantity, in `unit`"),
