@@ -223,7 +223,7 @@ CASES = {
     "squares": Case(
         "illumination from the gaps of a crowd",
         {"background.subtract.find_illumination": find_illumination_in_blocks},
-        "background.find_illumination._scatter_of_darkest background.find_illumination._scatter_inside",
+        "background.find_illumination._scatter_of_darkest background.find_illumination.scatter_inside",
     ),
     "envelope": Case(
         "envelope of a crowd without reference",

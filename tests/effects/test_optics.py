@@ -17,8 +17,8 @@ from contactimg.effects.optics.edge_effects import film_makes_the_contrast
 from contactimg.effects.optics.optical_effects import OPTICS, estimate_optics
 from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
+from contactimg.imaging.background import difference_image
 from contactimg.imaging.background import subtract as reference
-from contactimg.imaging.reject import reference_dust
 from contactimg.optics import render_settings
 from contactimg.pipeline.effects import SHARP_BLUR_PX, film_setting, resolve_measurement
 from contactimg.pipeline.inputs import need_asperities
@@ -340,8 +340,8 @@ def test_a_drift_that_is_off_is_not_looked_for(monkeypatch):
 
 def test_dust_that_is_off_is_not_looked_for(monkeypatch):
     slow = []
-    original = reference_dust.cv2.medianBlur
-    monkeypatch.setattr(reference_dust.cv2, "medianBlur", lambda *args: slow.append(1) or original(*args))
+    original = difference_image.cv2.medianBlur
+    monkeypatch.setattr(difference_image.cv2, "medianBlur", lambda *args: slow.append(1) or original(*args))
     moved_and_dusty({}, drift=0.0)
     assert slow
     slow.clear()

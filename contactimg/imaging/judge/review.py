@@ -161,7 +161,8 @@ def _look_at_fit(
     if not isinstance(detections, FittedDetections) or not len(_places(detections)):
         return Review(detections)
     climbed = climb(detections, shape=shape, beside_holes=beside_holes)
-    found, outlines, agreement, invisible = climbed.detections, climbed.outlines, None, 0
+    found: Detections = climbed.detections
+    outlines, agreement, invisible = climbed.outlines, None, 0
     if found is not looked_at:
         lost = _is_lost(foreground, difference, found, outlines)
         found, outlines = _without_climbed(found, outlines, lost)

@@ -30,7 +30,6 @@ from contactimg.imaging.fit.shared_optics import JointFit, hides_contrast
 from contactimg.imaging.judge.climbed_contact import ClimbedContact
 from contactimg.imaging.judge.climbed_table import Climb, ClimbedTable, flag_unheard
 from contactimg.imaging.judge.common_distortion import (
-    BAND_BLUR_WIDTHS,
     FEWEST_CONTACTS,
     Distortion,
     edge_cells,
@@ -44,13 +43,9 @@ from contactimg.imaging.judge.ellipse_optics import (
     prior_information,
     settle_on_ellipses,
 )
+from contactimg.imaging.judge.ellipse_verdict import EllipseVerdict
 from contactimg.imaging.judge.free_contacts import CommonContrast, measure_by_light
-from contactimg.imaging.judge.shape_calls import (
-    LEAST_SIGNIFICANCE,
-    UNEVEN_RATIO,
-    find_calls,
-    usual_chi_square,
-)
+from contactimg.imaging.judge.shape_calls import find_calls, usual_chi_square
 from contactimg.imaging.judge.shape_rows import describe_shapes
 from contactimg.imaging.judge.shape_scene import GroupView, ShapeScene
 from contactimg.tables import Flag
@@ -64,11 +59,7 @@ DISKS_SLACK = 9.0
 CLOSE_SIGMA = 3.0
 """Excess of the mean squared residual, in its standard deviations, up to which one ellipse is preferred to
 three disks or more, however well these fit. False-alarm rate: 1e-3."""
-POOR_SIGMA = 6.0
-"""The same as `CALL_SIGMA` for a shape that does not describe its pixels. False-alarm rate: 1e-9."""
 Part = TypeVar("Part")
-LEAST_DEPARTURE_BLUR_WIDTHS = 0.2
-"""RMS departure of an outline from an ellipse from which on a shape is free. Chosen: JPEG makes 0.12."""
 SHARPEST_BLUR_PX = 0.65
 """Blur, pixel included, below which contacts stay disks: pixels are no Gaussians. Chosen: two pixels."""
 LIGHT_SIGMA = 4.0
@@ -76,6 +67,9 @@ LIGHT_SIGMA = 4.0
 MOST_WITNESSES = 60  # ellipses that contrast and blur are settled on; for time
 PROBED = 24
 """Contacts that are asked first where most of them call. Chosen: twice those that show a common misfit."""
+LEAST_PIECE_RATIO = 0.5
+"""Radius of a rejected disk over the widest of its group from which on it may be a piece of the same contact.
+Chosen: disks along a ring are about as wide as each other, specks between touching beads 0.2 to 0.3."""
 WORK_PER_PIXEL, LEAST_WORK_PX, WORK_PER_WINDOW_PX = 0.6, 100_000, 1500
 """Pixels of windows, over those of the image, at which the ladder stops, and at least; what a window costs
 besides its own. Chosen: at most 1.2 s per megapixel, and 0.2 s, at 2 us a pixel and 3 ms a window, as on a
@@ -190,8 +184,9 @@ class _Ladder:
         called: NDArray[np.bool_],
     ):
         self.detections, self.scene, self.joint, self.shape = detections, scene, joint, shape
-        self.score_scale, self.called = score_scale, called
+        self.called = called
         self.usual = usual_chi_square(scene.chi_square)
+        self.verdict = EllipseVerdict(scene, self.usual, score_scale)
         self.row_of = np.full(len(scene.disks), -1)
         self.row_of[detections.rows] = np.arange(len(detections.rows))
         self.row_of[detections.rows[_flagged(detections, Flag.MANUAL)]] = -1
@@ -263,7 +258,7 @@ class _Ladder:
             # what touches a neighbour stays a disk: the light of the two cannot be told apart without a shape
             if len(members) == 1 and touching[self.row_of[members]].any():
                 continue
-            if by_hand and (self.row_of[members] < 0).any():
+            if self._has_specks(members) or (by_hand and (self.row_of[members] < 0).any()):
                 continue
             if work < 0:
                 self.unheard.append(self._listed(members))
@@ -272,6 +267,11 @@ class _Ladder:
             work -= WORK_PER_WINDOW_PX + (0 if view is None else view.window.image.size)
             if view is not None:
                 yield view
+
+    def _has_specks(self, members: NDArray[np.intp]) -> bool:
+        """Whether rejected disks between touching contacts tie these together."""
+        rejected, radii = self.row_of[members] < 0, self.scene.disks[members, RADIUS]
+        return bool(np.any(radii[rejected] < LEAST_PIECE_RATIO * radii.max()))
 
     def _share(self) -> float:
         """Share of the work that the fit leaves: all, unless it was cut off."""
@@ -283,7 +283,7 @@ class _Ladder:
         scene, members = self.scene, view.members
         ellipse = self._fit(view, members)
         if len(members) == 1 or self.shape == "free":
-            wanted = self.shape == "ellipse" or self._is_elongated(ellipse)
+            wanted = self.shape == "ellipse" or self.verdict.is_elongated(ellipse)
             return [ClimbedContact(members, view, ellipse, "ellipse" if wanted else "disk")]
         model = self._model(view, ellipse)
         one, many = (
@@ -293,7 +293,7 @@ class _Ladder:
         scale = self.usual * scene.inflation(float(ellipse.parameters[RADIUS]))
         # each disk has four quantities that follow the noise, an ellipse six
         slack = DISKS_SLACK + 4.0 * len(members) - 6.0
-        if one - many < slack * scale and not self._is_poor(ellipse):
+        if one - many < slack * scale and not self.verdict.is_poor(ellipse):
             return [ClimbedContact(members, view, ellipse, "ellipse")]
         close = ellipse.chi_square[0] < 1.0 + CLOSE_SIGMA * np.sqrt(2.0 / max(ellipse.pixels, 1))
         if len(members) > 2 and close:
@@ -303,9 +303,10 @@ class _Ladder:
             return [ClimbedContact(members, view, ellipse, "disk")]
         alone = [scene.view(members[k : k + 1]) for k in range(len(members))]
         fits = [self._fit(part, part.members) for part in alone if part is not None]
-        if len(fits) == len(members) and not any(self._is_poor(fit) for fit in fits):
+        if len(fits) == len(members) and not any(self.verdict.is_poor(fit) for fit in fits):
+            kind = {True: "ellipse", False: "disk"}
             return [
-                ClimbedContact(part.members, part, fit, "ellipse" if self._is_elongated(fit) else "disk")
+                ClimbedContact(part.members, part, fit, kind[self.verdict.is_elongated(fit)])
                 for part, fit in zip(alone, fits, strict=True)
                 if part is not None
             ]
@@ -351,11 +352,12 @@ class _Ladder:
         if self.change is None:
             return found
         self.scene = replace(self.scene, optics=self.change.optics)
+        self.verdict = replace(self.verdict, scene=self.scene)
         found = [replace(part, view=replace(part.view, scene=self.scene)) for part in found]
         for k in at:
             ellipse, single = self._refit(found[k].view, found[k].ellipse, self.scene.optics), found[k].kind
             if len(found[k].members) == 1 and self.shape == "auto":
-                single = "ellipse" if self._is_elongated(ellipse) else "disk"
+                single = "ellipse" if self.verdict.is_elongated(ellipse) else "disk"
             found[k] = replace(found[k], ellipse=ellipse, kind=single)
         return self._with_learned_edge(found, at)
 
@@ -373,7 +375,7 @@ class _Ladder:
             return found
         for k, ellipse in zip(at, self.edge.ellipses, strict=True):
             view = found[k].view.with_light(self.edge.added)
-            kind = "ellipse" if self.shape != "auto" or self._is_elongated(ellipse) else "disk"
+            kind = "ellipse" if self.shape != "auto" or self.verdict.is_elongated(ellipse) else "disk"
             kind = found[k].kind if len(found[k].members) > 1 else kind
             found[k] = replace(found[k], ellipse=ellipse, view=view, kind=kind)
         return found
@@ -388,28 +390,6 @@ class _Ladder:
         """Image of an ellipse in the window of its group."""
         parameters = ellipse.parameters - [*view.window.corner, 0.0, 0.0, 0.0, 0.0]
         return render_ellipse(parameters, self.scene.optics.blur, view.window.image.shape)
-
-    def _is_elongated(self, ellipse: FittedEllipse) -> bool:
-        """Whether an ellipticity is significant, among those that noise and compression give the others."""
-        inflation = self.scene.inflation(float(ellipse.parameters[RADIUS]))
-        return ellipse.significance > LEAST_SIGNIFICANCE * max(self.score_scale / inflation, 1.0)
-
-    def _is_poor(self, ellipse: FittedEllipse) -> bool:
-        """Whether an ellipse does not describe its pixels."""
-        excess = self.usual * (1.0 + POOR_SIGMA * np.sqrt(2.0 / max(ellipse.pixels, 1)))
-        return bool(ellipse.chi_square[0] > max(POOR_CHI_SQUARE * self.usual, excess))
-
-    def _is_misshapen(self, ellipse: FittedEllipse) -> bool:
-        """Whether an ellipse is a poor fit by as much as an outline that departs from it would make it.
-
-        A departure d of the outline adds ``(d C/(noise s))^2/(4 sqrt(pi) w)`` to the mean square there,
-        w the half width of the band in blur widths.
-        """
-        noise, optics = self.scene.problem.noise, self.scene.optics
-        variance = noise.variance * (1.0 + 0.5 * noise.slope)
-        excess = max(float(ellipse.chi_square[0]) - self.usual, 0.0)
-        squared = 4.0 * np.sqrt(np.pi) * BAND_BLUR_WIDTHS * excess * variance / optics.contrast**2
-        return self._is_poor(ellipse) and squared > LEAST_DEPARTURE_BLUR_WIDTHS**2
 
     def _without_distortion(self, found: list[ClimbedContact]) -> list[ClimbedContact]:
         """Ellipses that only show what all contacts share are disks."""
@@ -433,7 +413,7 @@ class _Ladder:
             freed = known
         else:
             pierced = [k for k in known if found[k].is_free]
-            poor = [k for k in known if k not in pierced and self._is_misshapen(found[k].ellipse)]
+            poor = [k for k in known if k not in pierced and self.verdict.is_misshapen(found[k].ellipse)]
             places = np.array([found[k].ellipse.parameters[[X, Y]] for k in poor]).reshape(-1, 2)
             own = has_own_misfit([self._cells(found[k]) for k in poor], places)
             freed = pierced + [k for k, its_own in zip(poor, own, strict=True) if its_own]
@@ -447,7 +427,7 @@ class _Ladder:
         uneven = [
             k for k, part in enumerate(found)
             if part.kind != "free" and len(part.members) == 1
-            and self._is_uneven(part.ellipse)
+            and self.verdict.is_uneven(part.ellipse)
         ]  # fmt: skip
         if len(uneven) >= max(FEWEST_CONTACTS, 0.5 * len(self.detections.rows)):
             return found
@@ -461,10 +441,6 @@ class _Ladder:
             if abs(free.shape.area - np.pi * radius**2) > LIGHT_SIGMA * std:
                 found[k] = replace(found[k], kind="free", free=free)
         return found
-
-    def _is_uneven(self, ellipse: FittedEllipse) -> bool:
-        """Whether the plateau of an ellipse is not flat."""
-        return bool(ellipse.chi_square[1] > UNEVEN_RATIO * self.usual)
 
     def _cells(self, contact: ClimbedContact) -> NDArray[np.float64]:
         """Residual of the ellipse in cells about its rim, over the contrast."""
@@ -480,7 +456,7 @@ class _Ladder:
         detections = flag_unheard(self.detections, self.unheard)
         table = ClimbedTable(
             detections, self.scene, self.joint, self.row_of, self.change, self.edge,
-            self.distortion, self._is_elongated, self.beside_holes,
+            self.distortion, self.verdict.is_elongated, self.beside_holes,
         )  # fmt: skip
         detections, outlines = table.with_shapes(climbed)
         listed = detections.contacts["shape"] if self.shape == "auto" else np.zeros(0)
