@@ -245,8 +245,9 @@ class _Ladder:
         return self._free(self._without_distortion(self._with_settled_optics(self._asked(groups))))
 
     def _asked(self, groups: Sequence[NDArray[np.intp]]) -> list[ClimbedContact]:
-        """Groups as ellipses where these are better."""
-        return [part for view in self._views(groups) for part in self._ellipses(view)]
+        """Groups as ellipses where these are better; a rejected disk by itself is no contact."""
+        found = (part for view in self._views(groups) for part in self._ellipses(view))
+        return [part for part in found if len(self._listed(part.members))]
 
     def _views(self, groups: Sequence[NDArray[np.intp]]) -> Iterator[GroupView]:
         """The windows about groups, as long as their work is not too much."""
