@@ -129,6 +129,13 @@ def test_what_a_laboratory_may_save_is_measured_without_harm(name, method):
         assert not faults(ODD[name], reference_of(kind, ODD[name], other), method=method, polarity=polarity)
 
 
+def test_a_rejected_disk_of_a_group_is_no_contact_by_itself():
+    """A Bayer mosaic behind a photograph: a group of which only rejected disks were left had no row."""
+    mosaic, photograph = odd_images(200)["bayer"], photographs()["color"]
+    pair = (stored_as("uint16", part) for part in (mosaic, reference_of("wrong", mosaic, photograph)))
+    assert not faults(*pair, method="disk", polarity="bright")
+
+
 def test_disks_of_which_one_step_would_take_too_long_are_not_fitted(monkeypatch):
     """A fine checkerboard behind a photograph: a thousand disks that overlap as deeply as they are wide."""
     works, usual = [], Work.of_frame.__func__
