@@ -187,5 +187,5 @@ def _predictions(
             coupling=options.coupling,
             annulus=annulus,
             tolerance=None if options.tolerance is None else solver_tolerance(options.tolerance),
-            calls=Calls(workers, out.frame_store(), advance),
+            calls=Calls(workers, out.part_store(), advance),
         )

@@ -3,7 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -363,50 +363,16 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
     """
     with replacing(path) as part:
-        rows = CsvRows(schema, part)
-        try:
-            rows.add(CsvRows.encoded(table, schema))
-        finally:
-            rows.close()
+        text = ",".join(schema.columns) + "\n" + text_of_rows(table, schema)
+        part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="")
 
 
-class CsvRows:
-    """A CSV file as `write_table` writes it, to which rows are added."""
-
-    def __init__(self, schema: Schema, path: Path) -> None:
-        self._path = path
-        try:
-            self._file = path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
-        csv.writer(self._file, lineterminator="\n").writerow(schema.columns)
-
-    @staticmethod
-    def encoded(table: pd.DataFrame, schema: Schema) -> str:
-        """The rows of a table as text."""
-        text = io.StringIO(newline="")
-        csv.writer(text, lineterminator="\n").writerows(text_rows(table, schema))
-        return text.getvalue()
-
-    def add(self, text: str) -> None:
-        """Add rows of `encoded`."""
-        try:
-            self._file.write(text)
-            self._file.flush()
-        except OSError as error:
-            raise InputError(f"{self._path}: cannot be written ({error.strerror or error})") from None
-
-    def close(self) -> None:
-        """Complete the file."""
-        self._file.close()
-
-
-def text_rows(table: pd.DataFrame, schema: Schema) -> Iterator[tuple[object, ...]]:
-    """The rows of a table as `write_table` hands them to the csv module."""
+def text_of_rows(table: pd.DataFrame, schema: Schema) -> str:
+    """The rows of a table as `write_table` writes them."""
     whole = schema.conform(table)
     if "flags" in whole:
         whole["flags"] = flag_names(whole["flags"])
-    return zip(*(_cells(whole[name]) for name in whole), strict=True)
+    return str(whole.to_csv(header=False, index=False, lineterminator="\n"))
 
 
 def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
@@ -424,11 +390,3 @@ def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
         return separator, [row for row in lines if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
-
-
-def _cells(column: pd.Series) -> Iterable[object]:
-    """Values that Python's csv module writes with every digit; missing ones are empty."""
-    values, missing = column.tolist(), column.isna().to_numpy()
-    if not missing.any():
-        return values
-    return ("" if empty else value for value, empty in zip(values, missing.tolist(), strict=True))

@@ -15,12 +15,10 @@ from contactimg.effects.local_law import law_name
 from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import FrameStore
+from contactimg.files import PartStore
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import CONVERGED
-from contactimg.pipeline.inputs import generated_asperities, need_asperities
-from contactimg.pipeline.loading_path import loads_before
-from contactimg.pipeline.parallel import through_store
+from contactimg.pipeline.inputs import generated_asperities, loads_before, need_asperities
 from contactimg.prediction import (
     Coupling,
     Prediction,
@@ -229,29 +227,30 @@ class Calls:
     ----------
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
-    store : FrameStore, optional
+    store : PartStore, optional
         Patterns that are in it are taken from it, the others are added.
     advance : callable, optional
         Called once a pattern, in order.
     """
 
     workers: int | None = 1
-    store: FrameStore | None = None
+    store: PartStore | None = None
     advance: Callable[[], None] | None = None
 
     def solve(self, ensemble: Ensemble, patterns: int) -> Any:
         """The patterns in order, a few in memory at a time."""
-        keys: list[bytes | None] = [None] * patterns
-        if self.store is not None:
-            common = self.store.common(["ensemble", ensemble], [])
-            keys = [self.store.key(common, None, k) for k in range(patterns)]
-
-        def compute(numbers: Sequence[int]) -> Any:
-            jobs = [(k,) for k in numbers]
-            lost = partial(_lost, len(ensemble.loads))
-            return in_parallel(ensemble.solve, jobs, count=len(jobs), workers=self.workers, lost=lost)
-
-        for found in through_store(self.store, keys, compute, what="patterns", work="solved"):
+        jobs = [(k,) for k in range(patterns)]
+        lost = partial(_lost, len(ensemble.loads))
+        if self.store is None:
+            results = in_parallel(ensemble.solve, jobs, count=patterns, workers=self.workers, lost=lost)
+        else:
+            common = self.store.common(["ensemble", ensemble])
+            names = [self.store.name(common, None, k) for k in range(patterns)]
+            said = "%s of %s patterns were done by a run that was ended; the others are solved"
+            results = self.store.results(
+                ensemble.solve, jobs, names, workers=self.workers, lost=lost, said=said
+            )
+        for found in results:
             yield found
             if self.advance is not None:
                 self.advance()

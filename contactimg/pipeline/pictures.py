@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameList, FrameSource, write_palette_image
+from contactimg.files import Experiment, FrameSource, write_palette_image
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
 from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
@@ -76,7 +76,7 @@ def draw_overlays(
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
     failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
-    sources = FrameList(source for source in experiment.frames if source.name not in failed)
+    sources = [source for source in experiment.frames if source.name not in failed]
     stretch = series_stretch(sources)
     measured = ((name, shown) for name, shown in _shown(series) if name not in failed)
     jobs = (
