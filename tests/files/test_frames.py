@@ -767,4 +767,5 @@ def test_a_long_series_is_listed_in_little_memory(tmp_path, levels):
     most = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert len(frames) == 3000
-    assert most < 280 * len(frames)
+    # a tenth of what a frame may take: 1 GB for 10^5 of them
+    assert most < 1000 * len(frames)
