@@ -4,8 +4,10 @@ This module imports only the standard library: a new worker is covered at once, 
 quickly.
 """
 
+import ctypes
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +16,7 @@ from types import FrameType
 from typing import Any
 
 _LOOK_EVERY_SECONDS = 0.3  # chosen: a worker outlives its parent by less than 2 s with room to spare
+_SET_PARENT_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of Linux' prctl
 _ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
@@ -27,10 +30,15 @@ def live_with_parent(parent: int) -> None:
 
     Notes
     -----
-    A thread looks who the parent is now. Windows does not change the parent of orphans: nothing is done.
+    On Linux the kernel ends the worker, also within a long call of compiled code. Elsewhere on POSIX systems,
+    and in addition, a thread looks who the parent is now. Windows does not change the parent of orphans:
+    nothing is done there.
     """
     with suppress(ValueError):  # not the main thread
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
     if os.name == "posix":
         threading.Thread(target=_watch, args=(parent,), daemon=True, name="parent watch").start()
 
