@@ -31,6 +31,10 @@ START_SECONDS = 6.0
 process needs about 3 s of processor time to import the package and to load its compiled functions; twice that
 leaves room for an estimate from one call."""
 
+HANDING_SECONDS = 0.5
+"""Time that calls must save before they are handed to processes that wait. Chosen: several times what
+it takes to write their function to a file and to read it."""
+
 IDLE_SECONDS = 300
 """After which a process without work ends. Chosen: longer than a command works alone between two passes."""
 
@@ -120,7 +124,7 @@ def _begun_alone(
         saved = (count - done) * (perf_counter() - begin) * (1 - 1 / processes)
         yield result
         # the first call may have loaded compiled functions, so that its time is not that of the others
-        if done > 1 and saved > (0.0 if workers_wait() else START_SECONDS):
+        if done > 1 and saved > (HANDING_SECONDS if workers_wait() else START_SECONDS):
             yield from _shared(partial(_local, processes), processes, function, items, lost)
             return
 
