@@ -58,7 +58,7 @@ def list_images(path: Path) -> list[int]:
     If the chain of pages is broken or a ring, one more number stands for the lost pages.
     """
     with _opened(path) as (tif, complaints):
-        count = _undivided(tif) if _planes(tif) == 1 else _planes(tif)
+        count = max(_undivided(tif), _planes(tif))
         if count > 1:
             return list(range(count))
         most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
@@ -74,14 +74,15 @@ def read_image(path: Path, index: int) -> Pixels:
         if _undivided(tif) > 1:
             _check_page_size(_pages(tif)[0])
             return _interpret(_pages(tif)[0], _read_undivided(tif, index))
-        if _planes(tif) == 1 and (index > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, index)):
-            raise ValueError(f"the file is truncated or damaged after page {index - 1}")
-        planes = _planes(tif)
-        page = _pages(tif)[0 if planes > 1 else index]
+        divided = _planes(tif) > 1
+        number = 0 if divided else index
+        if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
+            raise ValueError(f"the file is truncated or damaged after page {number - 1}")
+        page = _pages(tif)[number]
         _check_page_size(page)
         _check_complete(page, tif.filehandle.size)
         array = page.asarray()
-        if planes > 1:
+        if divided:
             return _interpret(page, array[index])
         return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
 
