@@ -27,7 +27,7 @@ from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.profile_law import pressed_profile
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
-from contactimg.tables import FRAMES, Flag
+from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 from contactimg.unseen import NOTHING, Total, unseen_area, unseen_force
 
 ADHESION_EXPONENT = 1.5
@@ -38,24 +38,11 @@ ROUNDING = 1e-9
 """Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
 
 SUMS = (
-    ("area_m2", "area_m2", "area_std_m2"),
+    ("area_m2", "visible_area_m2", "area_std_m2"),
     ("force_sum_N", "force_N", "force_sum_std_N"),
     ("force_hertz_sum_N", "force_hertz_N", None),
 )
 """Columns of the table of frames that are sums, what is summed over the contacts, and their uncertainty."""
-
-SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
-"""Columns of the errors that all contacts of a frame share."""
-
-_SUMMED = (
-    "radius_px",
-    "radius_m",
-    "radius_std_m",
-    "area_m2",
-    "force_N",
-    "force_hertz_N",
-    *SHARED_SHIFTS,
-)  # what the sums over a frame are made of
 
 
 def assign_forces(
@@ -154,12 +141,12 @@ def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
 
 
 def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
-    """Real contact area ``A = sum pi a_i^2`` (m^2).
+    """Real contact area ``A = sum pi a_i^2`` (m^2); of contacts that the border cuts what the image shows.
 
     Parameters
     ----------
     contacts : DataFrame
-        Contacts table of one frame.
+        Contacts table of one frame; where ``visible_area_m2`` is empty, all of a contact counts.
     unseen : Total, m^2
         Area of contacts that were not detected: not in the sum, but in its uncertainty.
     length_relative_std : float
@@ -170,10 +157,15 @@ def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relati
     Total
         Zero if there is no contact.
     """
-    area = contacts["area_m2"].to_numpy(float)
+    area = _visible_areas(contacts).to_numpy(float)
     value = float(area.sum())
     parts = [_std_of_sum(contacts, 2 * area), unseen.rms, 2 * length_relative_std * value]
     return Total(value, float(np.linalg.norm(parts)))
+
+
+def _visible_areas(contacts: pd.DataFrame) -> pd.Series:
+    """Area of each contact that the image shows (m^2)."""
+    return contacts["visible_area_m2"].fillna(contacts["area_m2"])
 
 
 def total_force(
@@ -292,13 +284,12 @@ def fill_forces(
         contacts, exponent = local_forces(scene, contacts, sites)
     law = law_name(scene, elliptic=scene.measure.hertz == "ellipse", shapes=_shapes(sites))
     groups, rows = contacts.groupby("frame").indices, []
-    summed = contacts[list(_SUMMED)]
     for row in frames.to_dict("records"):
         sums: dict[str, Any] = {}
         if pd.notna(row["n_contacts"]):
             which = groups.get(row["frame"], np.empty(0, np.intp))
             smallest = row["smallest_px"] * scale.pixel_size
-            sums |= _sums(scene, summed.iloc[which], exponent[which], smallest, scale)
+            sums |= _sums(scene, contacts.iloc[which], exponent[which], smallest, scale)
             if scene.elastic is not None:
                 sums["law"] = law if np.isfinite(sums["force_sum_N"]) else ""
         rows.append(row | sums)
@@ -320,7 +311,8 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
         stay as they were where the sum is zero.
     """
-    groups, new = contacts.groupby("frame"), frames.reset_index(drop=True).copy()
+    groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
+    new = frames.reset_index(drop=True).copy()
     measured = new["n_contacts"].notna().to_numpy()
     counts = groups.size().reindex(new["frame"], fill_value=0).to_numpy()
     new.loc[measured, "n_contacts"] = counts[measured]

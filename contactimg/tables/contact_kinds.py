@@ -12,7 +12,7 @@ CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0
 CUT_COLOUR, TOUCHING_COLOUR = "#e69f00", "#009e73"
 """Of contacts that are not wholly seen, and of those that touch."""
 
-_DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU
+_DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
 _CUT = Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL
 _TOUCHING = Flag.MERGED | Flag.OVERLAP
 

@@ -36,6 +36,10 @@ class Flag(enum.IntFlag):
     more than the errors; its uncertainty covers both."""
     MANUAL = enum.auto()
     """Added, split or merged by hand (edits.csv), then measured from the pixels like the others."""
+    BRIGHTNESS = enum.auto()
+    """A contact whose plateau disagrees with the frame's contrast is measured with its own."""
+    COUNTED = enum.auto()
+    """No model describes the contact; its area is counted."""
 
 
 def flag_names(flags: Iterable[int]) -> list[str]:
