@@ -10,7 +10,7 @@ from importlib.resources import files
 from typing import Any
 
 from contactimg.errors import InputError
-from contactimg.review.pictures import LIGHT_TOP
+from contactimg.review.frame_view import LIGHT_TOP
 from contactimg.review.session import Session
 from contactimg.review.shown_tables import TABLES
 from contactimg.tables.contact_kinds import flag_values, kind_of_rejected, kinds_of_contacts
