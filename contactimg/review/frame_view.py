@@ -167,7 +167,7 @@ class FrameView:
             "rows": pixels.shape[0],
             "pixels": _packed(pixels),
             "model": _packed((design @ values).reshape(pixels.shape)),
-            "brightness": float(values[0]) if parts[0].any() else float("nan"),
+            "brightness": float(values[0]) if parts[0].any() else None,
             "noise": noise,
             "blur": self.blur,
         }

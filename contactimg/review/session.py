@@ -160,6 +160,10 @@ class Session:
         with self._lock:
             return self._measured.tables
 
+    def contacts(self, number: int) -> dict[str, Any]:
+        """Contacts, rejected candidates and outlines of a frame."""
+        return self.tables().of_frame(self.sources[number].name)
+
     def light_picture(self, number: int) -> bytes:
         """PNG of the light of the contacts of a frame: 0 background, 255 1.25 times the contrast."""
         return picture(self.view(number).light, (0.0, LIGHT_TOP))
@@ -302,15 +306,11 @@ def _changed_frames(before: Edits | None, now: Edits) -> set[str] | None:
     """Frames whose edits are other ones than before; None if those before are not known."""
     if before is None:
         return None
-    old, new = ([_meaning(row) for row in rows] for rows in (before, now))
-    if old == new[: len(old)]:  # rows were added
-        return {row[0] for row in new[len(old) :]}
-    frames = {row[0] for row in old + new}
-    return {
-        name
-        for name in frames
-        if [row for row in old if row[0] == name] != [row for row in new if row[0] == name]
-    }
+    changes: dict[str, tuple[list[Any], list[Any]]] = {}
+    for k, rows in enumerate((before, now)):
+        for row in rows:
+            changes.setdefault(row["frame"], ([], []))[k].append(_meaning(row))
+    return {frame for frame, (old, new) in changes.items() if old != new}
 
 
 def _readable(experiment: Experiment, folder: Path, inputs: list[dict[str, Any]]) -> list[FrameSource]:
