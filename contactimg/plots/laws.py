@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import PowerLaw
-from contactimg.plots.axes import bar_lengths, legend_above, new_axes, scale_by_decades, stacked_axes
+from contactimg.plots.axes import axes_with_panel, bar_lengths, legend_above, new_axes, scale_by_decades
 from contactimg.plots.numbers import number_with_interval, number_with_std
 from contactimg.tables import RUN_MODELS
 
@@ -81,9 +81,7 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
     Axes
     """
     law = next((laws[model] for model in RUN_MODELS if model in laws), None)
-    below = None
-    if ax is None:
-        ax, below = (new_axes(), None) if law is None else stacked_axes()
+    ax, below = (new_axes(), None) if law is None and ax is None else axes_with_panel(ax)
     for model, part in areas[areas["area_m2"] > 0].groupby("model", sort=False):
         style = _style(str(model))
         if model in laws:
@@ -170,9 +168,7 @@ def plot_friction(
     -------
     Axes
     """
-    below = None
-    if ax is None:
-        ax, below = stacked_axes()
+    ax, below = axes_with_panel(ax)
     largest = float(friction["area_m2"].max())
     _draw_shear_lines(stress, smooth, largest, ax)
     for motion, style in MOTIONS:
@@ -180,12 +176,12 @@ def plot_friction(
         if part.empty:
             continue
         area, force = part["area_m2"].to_numpy(float), part["friction_N"].abs().to_numpy(float)
-        look: dict[str, Any] = {"linestyle": "none", "markersize": MARKER_SIZE, "label": motion} | style
+        marks: dict[str, Any] = {"linestyle": "none", "markersize": MARKER_SIZE, "label": motion} | style
         bars = bar_lengths(part["area_std_m2"], 1e6)
-        ax.errorbar(area * 1e6, force * 1e3, xerr=bars, capsize=2, **look)
+        ax.errorbar(area * 1e6, force * 1e3, xerr=bars, capsize=2, **marks)
         if below is not None:
             below.errorbar(
-                area * 1e6, (force - stress.stress.value * area) * 1e3, xerr=bars, capsize=2, **look
+                area * 1e6, (force - stress.stress.value * area) * 1e3, xerr=bars, capsize=2, **marks
             )
     if below is not None:
         _shade_interval(stress, largest, stress.stress.value, below)
