@@ -25,7 +25,7 @@ BRANCHES: dict[str, dict[str, Any]] = {
     "unloading": {"marker": "v", "markerfacecolor": "none"},
     "not used in the fit": {"marker": "x", "color": "0.2"},
 }
-"""Marks of the branches of a loading cycle, open for one of them so that branches that coincide are told apart."""
+"""Marks of the branches of a loading cycle; open ones, so that branches that coincide are told apart."""
 
 LARGEST_SLOPE = 4.0
 """Slopes beyond are not shown. Chosen: a threshold that makes the forces so large is of no use."""
@@ -60,14 +60,13 @@ def plot_jkr(
     ax, below = axes_with_panel(ax)
     label = "\n".join(["JKR fit", *fitted])
     ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color=LAW, linewidth=1.2, label=label)
-    _plot_branches(points, "radius_m", 1e3, ax)
+    _plot_branches(points, "radius_m", ax)
     ax.set(ylabel="contact radius a (mm)")
     ax.legend(fontsize="small")
     if below is None:
         ax.set_xlabel("load P (mN)")
     else:
         plot_jkr_residuals(points, ax=below)
-        below.get_legend().remove()
         below.set_ylabel("measured minus\nfitted load (mN)")
     return ax
 
@@ -85,22 +84,23 @@ def plot_jkr_residuals(points: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax = new_axes() if ax is None else ax
+    alone, ax = ax is None, new_axes() if ax is None else ax
     ax.axhline(0.0, color=LAW, linewidth=1.2)
-    _plot_branches(points, "residual_N", 1e3, ax)
+    _plot_branches(points, "residual_N", ax)
     ax.set(xlabel="load P (mN)", ylabel="measured minus fitted load (mN)")
-    ax.legend(fontsize="small")
+    if alone:
+        ax.legend(fontsize="small")
     return ax
 
 
-def _plot_branches(points: pd.DataFrame, column: str, factor: float, ax: Axes) -> None:
-    """Plot a column against the load: a mark for each branch, crosses for frames that the fit leaves out."""
+def _plot_branches(points: pd.DataFrame, column: str, ax: Axes) -> None:
+    """Plot a column against the load, both times 1000, with the marks of `BRANCHES`."""
     branches = points["branch"].where(points["used"].astype(bool), "not used in the fit")
     for branch, marks in BRANCHES.items():
         part = points[branches == branch]
         if len(part):
-            style = {"color": POINTS, "linestyle": "none", "markersize": MARKER_SIZE, "label": branch} | marks
-            ax.plot(part["load_N"] * 1e3, part[column] * factor, **style)
+            style: dict[str, Any] = {"color": POINTS, "linestyle": "none", "markersize": MARKER_SIZE}
+            ax.plot(part["load_N"] * 1e3, part[column] * 1e3, **style | {"label": branch} | marks)
 
 
 def plot_slopes(
