@@ -22,7 +22,7 @@ from small_series import copy_of
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.report import build_report
-from contactimg.report.embedding import LEAST_WIDTH_PX, PictureEmbedder
+from contactimg.report.page import LEAST_WIDTH_PX, embed_picture
 
 BROWSER_TIME = 120  # s
 HOSTILE = '<script>alert(1)<b>&".tif'
@@ -126,7 +126,7 @@ def test_pictures_share_a_limited_size(tmp_path):
     path = tmp_path / "noise.png"
     Image.fromarray(noise).save(path)
     for most in (400_000, 150_000):
-        source = PictureEmbedder(most).embed(path, caption="").source
+        source = embed_picture(path, caption="", most_bytes=most).source
         content = base64.b64decode(source.split(",", maxsplit=1)[1])
         with Image.open(io.BytesIO(content)) as image:
             assert len(content) <= most or image.width == LEAST_WIDTH_PX
