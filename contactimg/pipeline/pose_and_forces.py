@@ -13,10 +13,9 @@ from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
-from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseSearch, fit_pose
+from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
 from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
-from contactimg.pose.refine import PoseFit
 from contactimg.tables import CONTACTS, Status
 from contactimg.timings import stage
 

@@ -12,7 +12,7 @@ from contactimg.errors import InputError
 from contactimg.files import RunFolder
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.pose import Pose
-from contactimg.pose.refine import PoseFit
+from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import OUTLINES, REJECTED, Status
 from contactimg.tradeoff.choice import Choice

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 from scipy.stats import binom
 
+from contactimg.pose.fit import MIN_PAIRS, PoseFit, as_complex, as_real, oriented, refine
 from contactimg.pose.pairs import pairing_distance
 from contactimg.pose.pose import Pose
-from contactimg.pose.refine import MIN_PAIRS, PoseFit, as_complex, as_real, oriented, refine
 
 VOTING_POINTS = 40
 """Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
