@@ -158,10 +158,7 @@ def _candidates(
     for mirrored in (guess.mirrored, not guess.mirrored) if search.mirror else (guess.mirrored,):
         turned = oriented(points, mirrored)
         for _, turn, scale in grid:
-            # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
-            rotation = guess.rotation + turn
-            angle = rotation if mirrored else -rotation
-            alpha = guess.pixel_size * (1 + scale) * np.exp(1j * angle)
+            alpha = factor_of(guess, turn, scale, mirrored)
             shift = _vote(alpha * turned + complex(*guess.centre), tree, search.shift + gate, gate)
             if shift is not None:
                 yield alpha, complex(*guess.centre) + shift, mirrored
@@ -235,6 +232,13 @@ def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) ->
         return 0.0
     variance = float(np.sum(distance**2)) / (2 * n - 4)
     return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
+
+
+def factor_of(guess: Pose, turn: float, scale: float, mirrored: bool) -> complex:  # noqa: FBT001
+    """The factor alpha of a pose that is turned (rad) and scaled against the guess."""
+    # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
+    angle = (guess.rotation + turn) * (1 if mirrored else -1)
+    return complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle))
 
 
 def as_complex(points: NDArray) -> NDArray[np.complex128]:
