@@ -6,7 +6,6 @@ quadrature; those of contrast, blur and edges, which all contacts of a frame sha
 those of the modulus and of the pixel size, which are common to everything.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -234,27 +233,14 @@ def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
     return np.nan_to_num(shift, nan=0.0)
 
 
-@dataclass(frozen=True)
-class LengthScale:
-    """Length of a pixel and how well it is known.
-
-    Parameters
-    ----------
-    pixel_size : float, m
-    relative_std : float
-        Relative standard uncertainty of the pixel size.
-    """
-
-    pixel_size: float
-    relative_std: float
-
-
 def fill_forces(
     scene: Scene,
     contacts: pd.DataFrame,
     frames: pd.DataFrame,
     sites: pd.DataFrame | None,
-    scale: LengthScale,
+    *,
+    pixel_size: float,
+    length_relative_std: float = 0.0,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Fill the local forces of a run, and area and force sum of each frame.
 
@@ -268,7 +254,9 @@ def fill_forces(
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.
     sites : DataFrame or None
         Composite summits of the asperities.
-    scale : LengthScale
+    pixel_size : float, m
+    length_relative_std : float
+        Relative standard uncertainty of the pixel size.
 
     Returns
     -------
@@ -288,8 +276,8 @@ def fill_forces(
         sums: dict[str, Any] = {}
         if pd.notna(row["n_contacts"]):
             which = groups.get(row["frame"], np.empty(0, np.intp))
-            smallest = row["smallest_px"] * scale.pixel_size
-            sums |= _sums(scene, contacts.iloc[which], exponent[which], smallest, scale)
+            smallest = row["smallest_px"] * pixel_size
+            sums |= _sums(scene, contacts.iloc[which], exponent[which], smallest, length_relative_std)
             if scene.elastic is not None:
                 sums["law"] = law if np.isfinite(sums["force_sum_N"]) else ""
         rows.append(row | sums)
@@ -332,11 +320,11 @@ def _sums(
     contacts: pd.DataFrame,
     exponent: NDArray[np.float64],
     smallest: float,
-    scale: LengthScale,
+    length_relative_std: float,
 ) -> dict[str, float]:
     """Area and forces of one frame for its row; of contacts of radius ``smallest`` (m) half are found."""
     missing = unseen_area(contacts, smallest)
-    area = total_area(contacts, unseen=missing, length_relative_std=scale.relative_std)
+    area = total_area(contacts, unseen=missing, length_relative_std=length_relative_std)
     sums = {"area_m2": area.value, "area_std_m2": area.std}
     if np.isfinite(smallest):
         sums |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
@@ -350,19 +338,16 @@ def _sums(
         unseen=lacking,
         modulus_relative_std=scene.elastic.young_modulus_std / scene.elastic.young_modulus,
         modulus_edge_correlation=scene.measure.threshold_modulus_correlation if counted else 0.0,
-        length_relative_std=scale.relative_std,
+        length_relative_std=length_relative_std,
     )
     if np.isfinite(smallest) and np.isfinite(force.value):
         sums |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
-    sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
-    return sums | _hertz_sum(contacts)
-
-
-def _hertz_sum(contacts: pd.DataFrame) -> dict[str, float]:
-    """Sum of the forces by Hertz's formula; NaN if there are contacts but none has one."""
-    forces = contacts["force_hertz_N"].to_numpy(float)
-    known = np.isfinite(forces)
-    return {"force_hertz_sum_N": float(forces[known].sum()) if known.any() or not known.size else np.nan}
+    hertz = contacts["force_hertz_N"].sum(min_count=min(len(contacts), 1))  # NaN if no contact has a force
+    return sums | {
+        "force_sum_N": force.value,
+        "force_sum_std_N": force.std,
+        "force_hertz_sum_N": float(hertz),
+    }
 
 
 def local_forces(
