@@ -133,7 +133,7 @@ def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> 
 
 
 def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
-    """Load over that of the circle of equal area: of ellipses; 1 for all other contacts."""
+    """Load of each ellipse over that of the circle of equal area; 1 for all other contacts."""
     axes = contacts[["semi_major_px", "semi_minor_px"]].to_numpy(float, copy=True)
     axes[(contacts["shape"] != "ellipse").to_numpy(bool)] = 1.0
     return hertz_ellipse.load_ratio(*axes.T)

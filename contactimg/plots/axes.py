@@ -52,22 +52,17 @@ def _new_figure(size: tuple[float, float]) -> Figure:
     return figure
 
 
-def legend_above(ax: Axes, *, columns: int = 1, **options: Any) -> None:
-    """Add a legend above the axes, where it hides nothing, and make the figure higher by as much."""
+def add_legend(ax: Axes, *, above: bool, columns: int = 1, **options: Any) -> None:
+    """Add a legend: inside, or above the axes, where it hides nothing, on a figure made higher by as much."""
+    options |= {"ncols": columns, "fontsize": "small", "title_fontsize": "small"}
+    if not above:
+        ax.legend(**options)
+        return
     entries = options["handles"] if "handles" in options else ax.get_legend_handles_labels()[0]
     if not entries:
         return
-    ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        frameon=False,
-        borderaxespad=0.2,
-        alignment="left",
-        fontsize="small",
-        title_fontsize="small",
-        **options,
-    )
+    place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+    ax.legend(frameon=False, alignment="left", **place, **options)
     rows = -(-len(entries) // columns) + ("title" in options)
     figure = ax.get_figure(root=True)
     if isinstance(figure, Figure):

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.plots.axes import axes_with_panel, legend_above, new_axes, scale_by_decades
+from contactimg.plots.axes import add_legend, axes_with_panel, new_axes, scale_by_decades
 from contactimg.plots.laws import MARKER_SIZE
 from contactimg.plots.numbers import number_with_interval
 
@@ -31,7 +31,7 @@ LARGEST_SLOPE = 4.0
 """Slopes beyond are not shown. Chosen: a threshold that makes the forces so large is of no use."""
 
 DASHES = ("-", "--", "-.")
-"""Of neighbouring curves of a plateau figure, which merge in grey; dots are left to the axis at the right."""
+"""Lines of neighbouring curves of a plateau figure, which merge in grey; dots are left to the right axis."""
 
 LABELLED_CURVES = 8
 """Most curves of a plateau figure that are labelled; of more, evenly spaced ones. Chosen by eye."""
@@ -142,10 +142,7 @@ def plot_slopes(
         ylabel="sum of the forces over load (slope)",
         ylim=(0, min(top, LARGEST_SLOPE)),
     )
-    if alone:
-        legend_above(ax, handles=lines)
-    else:
-        ax.legend(handles=lines, fontsize="small")
+    add_legend(ax, above=alone, handles=lines)
     return ax
 
 
@@ -250,8 +247,5 @@ def plot_plateau(
         lines += _plot_at_right(ax, thresholds, fall_rates, "fall of A (|d ln A/d threshold|)")
     ax.set(xlabel="threshold (fraction of the contrast)", ylabel="total contact area A (mm²)")
     scale_by_decades(ax, axes="y")
-    if alone:
-        legend_above(ax, columns=2, handles=lines)
-    else:
-        ax.legend(handles=lines, fontsize="x-small", ncols=2)
+    add_legend(ax, above=alone, columns=2, handles=lines)
     return ax

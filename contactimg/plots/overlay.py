@@ -119,8 +119,6 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class _Canvas:
-    """The picture while it is drawn."""
-
     indices: Indices
     zoom: int
     origin: tuple[float, float]
@@ -183,7 +181,6 @@ def _scaled(levels: NDArray, low: float, high: float) -> Indices:
 
 
 def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
-    """Draw all outlines of a layer."""
     index, thickness = canvas.index(layer.colour), max(1, round(layer.width * canvas.thickness))
     # the line lies wholly outside of the gap
     gap = layer.gap_px + (thickness / 2 / canvas.zoom if layer.gap_px else 0.0)
@@ -211,7 +208,6 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
 
 
 def _draw_square(canvas: _Canvas, outline: Outline, gap: float, index: int, thickness: int) -> None:
-    """Draw a square about the centre."""
     half = outline.semi_major + gap
     centre = np.array([outline.x, outline.y])
     first, last = canvas.place(np.array([centre - half, centre + half])).tolist()
@@ -312,7 +308,6 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
 
 
 def _fitting(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    """A text cut to a width."""
     if font.getlength(text) <= width:
         return text
     while text and font.getlength(text + "…") > width:

@@ -92,12 +92,10 @@ class _Output:
 
     @property
     def command(self) -> str:
-        """The command line."""
         return str(self.record.get("command", ""))
 
     @property
     def kind(self) -> str:
-        """The name of the command."""
         return [*self.command.split(), "", ""][1]
 
     @property
@@ -293,7 +291,6 @@ def _used_calibration(run: RunFolder) -> list[Part]:
 
 
 def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
-    """The table of the numbers of a calibration."""
     rows = [
         {"quantity": name, "value": entry["value"], "std": entry.get("std"), "unit": entry.get("unit", "")}
         for name, entry in record.items()
@@ -359,7 +356,6 @@ def _as_jpeg(image: Image.Image) -> bytes:
 
 
 def _embed_figure(path: Path) -> Picture:
-    """Embed a figure unchanged."""
     try:
         source = _data_uri(FIGURE_TYPES[path.suffix], path.read_bytes())
     except OSError as error:
@@ -368,5 +364,4 @@ def _embed_figure(path: Path) -> Picture:
 
 
 def _data_uri(kind: str, content: bytes) -> str:
-    """Content as a data URI."""
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -20,9 +20,9 @@ Headline = tuple[str, str, str]
 """What a number is, the number with interval and unit, and where it comes from."""
 
 MOST_NAMES = 3
-"""Frames that a warning names. Chosen: a line."""
+"""Most frames that a warning names. Chosen: they fill a line."""
 MOST_WARNINGS = 6
-"""Warnings on the first page; the others are counted. Chosen: the page holds them in print."""
+"""Most warnings on the first page; the others are counted. Chosen: the page holds them in print."""
 NO_WARNING = frozenset({Status.OK, Status.NO_CONTACT})
 
 
@@ -82,7 +82,6 @@ def facts(run: RunFolder) -> list[tuple[str, str]]:
 
 
 def _method(run: RunFolder, scene: Scene) -> str:
-    """How contacts were measured."""
     method = "disks fitted to the image" if scene.measure.method == "disk" else "pixels above a threshold"
     if scene.measure.method != "disk":
         threshold = scene.measure.threshold
@@ -186,5 +185,4 @@ def caption_of_comparison(run: RunFolder, frame: str) -> str:
 
 
 def _load(row: pd.Series) -> str:
-    """The load, where it is known."""
     return f" at {plain_number(1e3 * row['load_N'])} mN" if pd.notna(row["load_N"]) else ""

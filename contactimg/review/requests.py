@@ -33,7 +33,7 @@ class Answer:
 
     @classmethod
     def of(cls, data: Any, status: int = 200) -> "Answer":
-        """JSON."""
+        """Make an answer of data, as JSON."""
         return cls(json.dumps(data, allow_nan=False).encode(), status=status)
 
 

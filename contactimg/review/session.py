@@ -271,7 +271,7 @@ class Session:
         return self.jobs.start("plateau", self._find_plateau, total=len(self.sources))
 
     def _measure(self, advance: Any, *, number: int | None = None) -> None:
-        """Measure; frames whose edits and scene are as before come from the store."""
+        """Measure the series; frames whose edits and scene are as before come from the store."""
         with self._lock:
             edits, experiment, scene = self._edits_now(), self.open(), self.scene
         if number is not None and len(experiment.frames) > 1:
@@ -290,7 +290,6 @@ class Session:
             self._measured = _Measured(ShownTables.read(folder), edits, scene)
 
     def _find_plateau(self, advance: Any) -> dict[str, float]:
-        """Thresholds of the plateau of the series."""
         series = measure_thresholds(self.open(), workers=self._workers, advance=advance)
         found = find_plateau(series.thresholds, series.areas)
         names = ("threshold_low", "threshold", "threshold_high", "relative_fall")

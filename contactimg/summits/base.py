@@ -140,7 +140,6 @@ def _terms(surface: HeightMap, form: Form) -> Values:
 
 
 def _form(terms: Values, coefficients: Values) -> Values:
-    """The sum of the terms."""
     return np.asarray(np.tensordot(coefficients, terms, axes=1))
 
 

@@ -269,7 +269,6 @@ def _once(fits: list[_Fit], search: SummitSearch) -> list[_Fit]:
 
 
 def _row(fit: _Fit, base: Base, factor: float) -> dict[str, object]:
-    """One row of the table."""
     x, y, height, curvature = fit.whole.sphere.tolist()
     count = int(fit.whole.pixels.sum())
     # of count/factor independent residuals the fit takes four away, from their scatter and their correlation

@@ -96,7 +96,6 @@ class Schema:
 
 
 def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
-    """A column in which nothing is given."""
     if dtype in ("float64", "int64"):
         return np.full(count, np.nan if dtype == "float64" else 0, dtype)
     if dtype == "Int64":
