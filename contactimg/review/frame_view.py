@@ -16,7 +16,6 @@ from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
 from contactimg.imaging.measure import ImageMeasurement
-from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, count_at
 from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
@@ -80,12 +79,13 @@ class FrameView:
             1 / self.counted.contrast if self.counted.contrast else 0.0
         )
 
-    def curves(self, edits: Sequence[HandEdit], pixel_size: float | None) -> dict[str, Any]:
+    def curves(self, edits: Sequence[Any], pixel_size: float | None) -> dict[str, Any]:
         """Number and area of the contacts against the threshold.
 
         Parameters
         ----------
         edits : sequence of HandEdit
+            Corrections of the contacts of this frame.
         pixel_size : float or None, m
             With it areas are in m^2, else in px^2.
 
@@ -173,9 +173,7 @@ class FrameView:
         }
 
 
-def frame_options(
-    experiment: Experiment, edits: dict[str, tuple[HandEdit, ...]] | None = None
-) -> FrameOptions:
+def frame_options(experiment: Experiment, edits: dict[str, tuple[Any, ...]] | None = None) -> FrameOptions:
     """How the frames of an experiment are measured one by one, with corrections of their contacts."""
     scene = experiment.scene
     asperities = None if scene.camera is None else scene_asperities(scene)
