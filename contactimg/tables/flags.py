@@ -37,9 +37,9 @@ class Flag(enum.IntFlag):
     MANUAL = enum.auto()
     """Added, split or merged by hand (edits.csv), then measured from the pixels like the others."""
     BRIGHTNESS = enum.auto()
-    """A contact whose plateau disagrees with the frame's contrast is measured with its own."""
+    """Its plateau disagrees with the contrast of the frame: it is measured with its own."""
     COUNTED = enum.auto()
-    """No model describes the contact; its area is counted."""
+    """No model describes it: its area is that of its pixels above half of its own plateau."""
 
 
 def flag_names(flags: Iterable[int]) -> list[str]:
