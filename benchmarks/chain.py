@@ -17,6 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pandas as pd
+from pattern_scene import PIXEL, pattern_scene
 
 from contactimg.cli import main as contactimg
 from contactimg.files import list_frames, read_scene, write_frame, write_scene
@@ -30,22 +31,11 @@ from contactimg.pipeline.simulate import write_simulation
 from contactimg.pose.pairs import pair_points
 from contactimg.prediction import predict_contacts
 from contactimg.render import render_contacts, render_reference
-from contactimg.scene import Scene, scene_from_dict
+from contactimg.scene import Scene
 
 ROOT = Path(__file__).parents[1]
-PIXEL = 6.0e-6  # m
 LOADS_N = [0.02, 0.2, 0.5]
 SERIES_N = [1e-5, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.02, 0.05, 0.2, 0.5]
-FAULTS = {
-    "blur_px": 1.4,
-    "vignetting": 0.15,
-    "texture": 0.02,
-    "dust_count": 30,
-    "light_drift": 0.02,
-    "position_drift_px": 0.3,
-    "electrons_per_level": 20,
-    "read_noise_electrons": 10,
-}
 CASES: dict[str, dict[str, Any]] = {
     "as assumed": {},
     "20 % of the light in a wide halo": {"psf": "halo"},
@@ -54,7 +44,7 @@ CASES: dict[str, dict[str, Any]] = {
     "soft edge, 1 px": {"edge_softness_px": 1.0},
     "rough edge, 0.3 px": {"edge_roughness_px": 0.3},
     "halo + spread + rough edge": {"psf": "halo", "brightness_spread": 0.05, "edge_roughness_px": 0.3},
-    "air film": {"film": True},
+    "air film": {"effects": {"film": "on"}},
 }
 COVERED = (
     "as assumed",
@@ -64,20 +54,6 @@ COVERED = (
     "5 % brightness spread",
 )
 WRONG_POSE = {"pixel_size_m": 6.06e-6, "centre_m": [0.005 + 21e-6, 0.005 - 21e-6], "rotation_deg": 0.5}
-
-
-def pattern_scene(seed: int, *, film: bool = False, **simulate: Any) -> Scene:
-    """A square of 10 mm of the pattern; further keywords are those of ``[simulate]``."""
-    return scene_from_dict(
-        {
-            "indenter": {"radius_m": 0.1288, "apex_m": [0.005, 0.005]},
-            "elastic": {"young_modulus_Pa": 3.0e6},
-            "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.01, "seed": seed},
-            "camera": {"pixel_size_m": PIXEL},
-            "effects": {"model": "paper"} | ({"film": "on"} if film else {}),
-            "simulate": FAULTS | {"seed": seed} | simulate,
-        }
-    )
 
 
 def render(folder: Path, scene: Scene) -> None:
@@ -133,7 +109,7 @@ def accuracy(options: argparse.Namespace) -> None:
         for number, (name, changes) in enumerate(CASES.items()):
             folder = Path(top) / str(number)
             render(folder, pattern_scene(options.seed, loads_N=LOADS_N, **changes))
-            if "film" in changes:
+            if "effects" in changes:
                 results[f"{name}, rim in the edge model"] = compare(folder)
                 write_scene(read_scene(folder).source | {"effects": {"film": "off"}}, folder / "scene.toml")
             results[name] = compare(folder)
