@@ -209,10 +209,7 @@ FRAMES = Schema(
         "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
         "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
         "law": ("str", "law of the local forces: hertz, sphere or profile; +ellipse, +modulus, +jkr"),
-        "min_gap_m": (
-            "float64",
-            "smallest gap of lens and rubber between the caps in the model, m; touching below 0",
-        ),
+        "min_gap_m": ("float64", "smallest gap of lens and rubber between the caps, m; touching below 0"),
     },
 )
 
