@@ -234,8 +234,9 @@ def draw_contacts(
         reach = shape.semi_major * OVERSAMPLING + 2
         if shape.lines:
             lines = [((line - origin) + 0.5) * OVERSAMPLING - 0.5 for line in shape.lines]
-            filled = np.zeros((rows, columns), np.uint8)
-            cv2.fillPoly(filled, [np.rint(line).astype(np.int32) for line in lines], 1)
+            corners, filled = [np.rint(line).astype(np.int32) for line in lines], np.zeros_like(fine)
+            cv2.fillPoly(filled, corners, 1.0)
+            cv2.polylines(filled, corners, True, 0.5)  # noqa: FBT003 - pixels on the line are half inside
             fine += filled
         elif -reach < x < columns + reach and -reach < y < rows + reach:
             left, top = max(int(x - reach), 0), max(int(y - reach), 0)

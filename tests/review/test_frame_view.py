@@ -30,7 +30,7 @@ def test_ellipses_are_what_a_blurred_ellipse_shows(blur, place):
         return np.hypot(along / 6.0, across / 3.5) < 1
 
     drawn = draw_contacts([shape], blur, (0, 0), (SIDE, SIDE))
-    # the mask's edge is right to half of 1/16 px, and light rises by at most 1/sqrt(2 pi (blur^2 + 1/12)) a pixel
+    # the mask's edge is right to half of 1/16 px, and light rises by so much a pixel at most
     steepest = 1 / np.sqrt(2 * np.pi * (blur**2 + 1 / 12))
     np.testing.assert_allclose(drawn, drawn_finely(inside, blur), atol=steepest / 32)
 
