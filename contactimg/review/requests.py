@@ -12,8 +12,8 @@ from contactimg.errors import InputError
 from contactimg.review.frame_view import LIGHT_TOP
 from contactimg.review.session import Session
 from contactimg.review.shown_tables import TABLES
-from contactimg.tables import EDITS
-from contactimg.tables.contact_kinds import flag_values, kind_of_rejected, kinds_of_contacts
+from contactimg.tables import EDITS, Flag
+from contactimg.tables.contact_kinds import kind_of_rejected, kinds_of_contacts
 
 PAGE_FILES = {
     "": ("page.html", "text/html; charset=utf-8"),
@@ -52,11 +52,13 @@ def answer_get(session: Session, path: str) -> Answer | None:
     if path == "job.json":
         return Answer.of(vars(session.jobs.state))
     if path == "run.json":
-        kinds = {
+        fixed = {
             "kinds": [kind.record for kind in kinds_of_contacts()],
             "rejected": kind_of_rejected().record,
+            "flags": {str(flag.name): int(flag) for flag in Flag},
+            "light_top": LIGHT_TOP,
         }
-        return Answer.of(session.record() | kinds | {"flags": flag_values(), "light_top": LIGHT_TOP})
+        return Answer.of(session.record() | fixed)
     if path.startswith("tables/") and path.removeprefix("tables/") in TABLES:
         return Answer(session.tables().text(path.removeprefix("tables/")), "text/csv; charset=utf-8")
     match = re.fullmatch(r"frames/(\d{1,7})/([a-z]+)(?:/(\d{1,9}))?\.(?:json|png)", path)

@@ -65,8 +65,3 @@ def kinds_of_contacts() -> list[Kind]:
 def kind_of_rejected() -> Kind:
     """How rejected candidates are drawn."""
     return Kind("rejected", REJECTED_COLOUR, (), Flag(0))
-
-
-def flag_values() -> dict[str, int]:
-    """The value of each flag by its name."""
-    return {str(flag.name): int(flag) for flag in Flag}
