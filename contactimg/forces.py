@@ -6,7 +6,6 @@ quadrature; those of contrast, blur and edges, which all contacts of a frame sha
 those of the modulus and of the pixel size, which are common to everything.
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.profile_law import pressed_profile
 from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.scene import Scene
-from contactimg.tables import FRAMES, Flag
+from contactimg.tables import FRAMES, SHARED_SHIFTS, Flag
 from contactimg.unseen import NOTHING, Total, unseen_area, unseen_force
 
 ADHESION_EXPONENT = 1.5
@@ -38,24 +37,11 @@ ROUNDING = 1e-9
 """Relative difference of sums of the same terms in another order. Theory: 1e-16 times the number of terms."""
 
 SUMS = (
-    ("area_m2", "area_m2", "area_std_m2"),
+    ("area_m2", "visible_area_m2", "area_std_m2"),
     ("force_sum_N", "force_N", "force_sum_std_N"),
     ("force_hertz_sum_N", "force_hertz_N", None),
 )
 """Columns of the table of frames that are sums, what is summed over the contacts, and their uncertainty."""
-
-SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
-"""Columns of the errors that all contacts of a frame share."""
-
-_SUMMED = (
-    "radius_px",
-    "radius_m",
-    "radius_std_m",
-    "area_m2",
-    "force_N",
-    "force_hertz_N",
-    *SHARED_SHIFTS,
-)  # what the sums over a frame are made of
 
 
 def assign_forces(
@@ -147,19 +133,19 @@ def _flags_beyond_hertz(contacts: pd.DataFrame, radius: NDArray[np.float64]) -> 
 
 
 def _elliptic_ratio(contacts: pd.DataFrame) -> NDArray[np.float64]:
-    """Load over that of the circle of equal area: of ellipses; 1 for all other contacts."""
+    """Load of each ellipse over that of the circle of equal area; 1 for all other contacts."""
     axes = contacts[["semi_major_px", "semi_minor_px"]].to_numpy(float, copy=True)
     axes[(contacts["shape"] != "ellipse").to_numpy(bool)] = 1.0
     return hertz_ellipse.load_ratio(*axes.T)
 
 
 def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relative_std: float = 0.0) -> Total:
-    """Real contact area ``A = sum pi a_i^2`` (m^2).
+    """Real contact area ``A = sum pi a_i^2`` (m^2); of contacts that the border cuts what the image shows.
 
     Parameters
     ----------
     contacts : DataFrame
-        Contacts table of one frame.
+        Contacts table of one frame; where ``visible_area_m2`` is empty, all of a contact counts.
     unseen : Total, m^2
         Area of contacts that were not detected: not in the sum, but in its uncertainty.
     length_relative_std : float
@@ -170,10 +156,15 @@ def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relati
     Total
         Zero if there is no contact.
     """
-    area = contacts["area_m2"].to_numpy(float)
+    area = _visible_areas(contacts).to_numpy(float)
     value = float(area.sum())
     parts = [_std_of_sum(contacts, 2 * area), unseen.rms, 2 * length_relative_std * value]
     return Total(value, float(np.linalg.norm(parts)))
+
+
+def _visible_areas(contacts: pd.DataFrame) -> pd.Series:
+    """Area of each contact that the image shows (m^2)."""
+    return contacts["visible_area_m2"].fillna(contacts["area_m2"])
 
 
 def total_force(
@@ -242,27 +233,14 @@ def _relative_shifts(contacts: pd.DataFrame) -> NDArray[np.float64]:
     return np.nan_to_num(shift, nan=0.0)
 
 
-@dataclass(frozen=True)
-class LengthScale:
-    """Length of a pixel and how well it is known.
-
-    Parameters
-    ----------
-    pixel_size : float, m
-    relative_std : float
-        Relative standard uncertainty of the pixel size.
-    """
-
-    pixel_size: float
-    relative_std: float
-
-
 def fill_forces(
     scene: Scene,
     contacts: pd.DataFrame,
     frames: pd.DataFrame,
     sites: pd.DataFrame | None,
-    scale: LengthScale,
+    *,
+    pixel_size: float,
+    length_relative_std: float = 0.0,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Fill the local forces of a run, and area and force sum of each frame.
 
@@ -276,7 +254,9 @@ def fill_forces(
         The tables of a run; a frame without a number of contacts was not measured and gets no sums.
     sites : DataFrame or None
         Composite summits of the asperities.
-    scale : LengthScale
+    pixel_size : float, m
+    length_relative_std : float
+        Relative standard uncertainty of the pixel size.
 
     Returns
     -------
@@ -292,13 +272,12 @@ def fill_forces(
         contacts, exponent = local_forces(scene, contacts, sites)
     law = law_name(scene, elliptic=scene.measure.hertz == "ellipse", shapes=_shapes(sites))
     groups, rows = contacts.groupby("frame").indices, []
-    summed = contacts[list(_SUMMED)]
     for row in frames.to_dict("records"):
         sums: dict[str, Any] = {}
         if pd.notna(row["n_contacts"]):
             which = groups.get(row["frame"], np.empty(0, np.intp))
-            smallest = row["smallest_px"] * scale.pixel_size
-            sums |= _sums(scene, summed.iloc[which], exponent[which], smallest, scale)
+            smallest = row["smallest_px"] * pixel_size
+            sums |= _sums(scene, contacts.iloc[which], exponent[which], smallest, length_relative_std)
             if scene.elastic is not None:
                 sums["law"] = law if np.isfinite(sums["force_sum_N"]) else ""
         rows.append(row | sums)
@@ -320,7 +299,8 @@ def sums_of_contacts(contacts: pd.DataFrame, frames: pd.DataFrame) -> pd.DataFra
         others get the sums of their contacts; their standard uncertainties keep their ratio to the sum, or
         stay as they were where the sum is zero.
     """
-    groups, new = contacts.groupby("frame"), frames.reset_index(drop=True).copy()
+    groups = contacts.assign(visible_area_m2=_visible_areas(contacts)).groupby("frame")
+    new = frames.reset_index(drop=True).copy()
     measured = new["n_contacts"].notna().to_numpy()
     counts = groups.size().reindex(new["frame"], fill_value=0).to_numpy()
     new.loc[measured, "n_contacts"] = counts[measured]
@@ -340,11 +320,11 @@ def _sums(
     contacts: pd.DataFrame,
     exponent: NDArray[np.float64],
     smallest: float,
-    scale: LengthScale,
+    length_relative_std: float,
 ) -> dict[str, float]:
     """Area and forces of one frame for its row; of contacts of radius ``smallest`` (m) half are found."""
     missing = unseen_area(contacts, smallest)
-    area = total_area(contacts, unseen=missing, length_relative_std=scale.relative_std)
+    area = total_area(contacts, unseen=missing, length_relative_std=length_relative_std)
     sums = {"area_m2": area.value, "area_std_m2": area.std}
     if np.isfinite(smallest):
         sums |= {"unseen_area_m2": missing.value, "unseen_area_std_m2": missing.std}
@@ -358,19 +338,16 @@ def _sums(
         unseen=lacking,
         modulus_relative_std=scene.elastic.young_modulus_std / scene.elastic.young_modulus,
         modulus_edge_correlation=scene.measure.threshold_modulus_correlation if counted else 0.0,
-        length_relative_std=scale.relative_std,
+        length_relative_std=length_relative_std,
     )
     if np.isfinite(smallest) and np.isfinite(force.value):
         sums |= {"unseen_force_N": lacking.value, "unseen_force_std_N": lacking.std}
-    sums |= {"force_sum_N": force.value, "force_sum_std_N": force.std}
-    return sums | _hertz_sum(contacts)
-
-
-def _hertz_sum(contacts: pd.DataFrame) -> dict[str, float]:
-    """Sum of the forces by Hertz's formula; NaN if there are contacts but none has one."""
-    forces = contacts["force_hertz_N"].to_numpy(float)
-    known = np.isfinite(forces)
-    return {"force_hertz_sum_N": float(forces[known].sum()) if known.any() or not known.size else np.nan}
+    hertz = contacts["force_hertz_N"].sum(min_count=min(len(contacts), 1))  # NaN if no contact has a force
+    return sums | {
+        "force_sum_N": force.value,
+        "force_sum_std_N": force.std,
+        "force_hertz_sum_N": float(hertz),
+    }
 
 
 def local_forces(

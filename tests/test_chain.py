@@ -162,7 +162,7 @@ SCENE = {
         "seed": 78,
     },
 }
-# largest errors of area and force; on other seeds benchmarks/chain_accuracy.py gives: halo 1.9 and 3.5 %,
+# largest errors of area and force; on other seeds benchmarks/chain.py gives: halo 1.9 and 3.5 %,
 # Airy 1.4 and 2.4 %, spread 0.6 and 0.7 %, film 3.8 and 5.1 %: its rim adds to the radius
 FOREIGN = {
     "halo": ({"psf": "halo"}, {}, 0.03, 0.05),

@@ -5,13 +5,15 @@ import pandas as pd
 import pytest
 
 from contactimg.errors import InputError
-from contactimg.forces import assign_forces, total_area, total_force
+from contactimg.forces import assign_forces, sums_of_contacts, total_area, total_force
 from contactimg.mechanics import hertz, jkr, sphere
 from contactimg.mechanics.contact_force import force_exponents
+from contactimg.pipeline.frame import locate_contacts
 from contactimg.pipeline.inputs import contact_sites, need_asperities
+from contactimg.pose import Pose
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
-from contactimg.tables import CONTACTS, Flag
+from contactimg.tables import CONTACTS, FRAMES, Flag
 from contactimg.unseen import Total
 
 
@@ -66,6 +68,23 @@ def test_sums_of_nothing():
     assert total_force(CONTACTS.empty()).value == 0
     assert total_area(CONTACTS.empty()).value == 0
     assert np.isnan(total_force(contacts([1e-5], [0])).value)
+
+
+def test_the_sum_of_areas_counts_what_the_image_shows():
+    table = contacts([3e-5, 3e-5], [0, 0]).assign(visible_area_m2=[np.nan, np.pi * 4.5e-10])
+    assert total_area(table).value == pytest.approx(1.5 * np.pi * 9e-10)  # one disk and half a one
+    row = FRAMES.conform({"frame": ["a"], "n_contacts": [3], "area_m2": [0.0]})
+    again = sums_of_contacts(table.assign(frame="a"), row)
+    assert again["area_m2"][0] == pytest.approx(1.5 * np.pi * 9e-10)
+
+
+def test_lengths_and_areas_in_pixels_become_metres():
+    table = CONTACTS.conform({"x_px": [3.0], "y_px": [1.0], "radius_px": [2.0], "visible_area_px2": [5.0]})
+    found = locate_contacts(table, Pose((3, 5), 1e-6), shift_px=(0.0, 0.0)).iloc[0]
+    assert (found["x_m"], found["y_m"]) == (1e-6, 0.0)  # the middle of the image is (2, 1)
+    assert found["radius_m"] == 2e-6
+    assert found["visible_area_m2"] == pytest.approx(5e-12)
+    assert np.isnan(found["semi_major_m"])
 
 
 def shared(table, contrast, blur, *, pixel=1e-6):

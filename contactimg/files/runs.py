@@ -26,7 +26,7 @@ from contactimg.files.commit import PROVENANCE_FILE, read_records, read_settled
 from contactimg.files.run_tables import read_run_table, table_file
 from contactimg.forces import sums_of_contacts
 from contactimg.pose import Pose
-from contactimg.pose.refine import PoseFit
+from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage

@@ -159,7 +159,6 @@ def _image_layer(run: Run, names: list[str]) -> list[Layer]:
 
 
 def _pixels(source: FrameSource) -> NDArray:
-    """Grey levels of a frame."""
     return source.read().image
 
 

@@ -263,6 +263,7 @@ def frame_row(measurement: ImageMeasurement, name: str) -> dict[str, Any]:
         "shift_y_px": measurement.shift_y_px,
         "message": measurement.message,
         "smallest_px": measurement.smallest_px,
+        "detection_limit_px": measurement.smallest_px,
     }
 
 
@@ -299,6 +300,14 @@ def rejected_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
     return REJECTED.conform(measurement.rejected.assign(frame=name))
 
 
+_LENGTHS_AND_AREAS = [
+    (name, power)
+    for name, _, power in (column.rpartition("_px") for column in CONTACTS.columns)
+    if f"{name}_m{power}" in CONTACTS.columns
+]
+"""Columns that the table of contacts has in pixels and in metres, without their unit, and the power of it."""
+
+
 def locate_contacts(
     contacts: pd.DataFrame, pose: Pose, *, shift_px: tuple[ArrayLike, ArrayLike]
 ) -> pd.DataFrame:
@@ -317,13 +326,8 @@ def locate_contacts(
     if not (np.isfinite(shift_x).all() and np.isfinite(shift_y).all()):
         raise InputError(f"the shift of a frame must be finite, got {shift_px}")
     x, y = pose.to_sample(contacts["x_px"] - shift_x, contacts["y_px"] - shift_y)
-    radius = contacts["radius_px"].to_numpy(float) * pose.pixel_size
-    return contacts.assign(
-        x_m=x,
-        y_m=y,
-        radius_m=radius,
-        radius_std_m=contacts["radius_std_px"].to_numpy(float) * pose.pixel_size,
-        area_m2=np.pi * radius**2,
-        semi_major_m=contacts["semi_major_px"].to_numpy(float) * pose.pixel_size,
-        semi_minor_m=contacts["semi_minor_px"].to_numpy(float) * pose.pixel_size,
-    )
+    metres = {
+        f"{name}_m{power}": contacts[f"{name}_px{power}"].to_numpy(float) * pose.pixel_size ** int(power or 1)
+        for name, power in _LENGTHS_AND_AREAS
+    }
+    return contacts.assign(**metres | {"x_m": x, "y_m": y, "area_m2": np.pi * metres["radius_m"] ** 2})

@@ -12,7 +12,7 @@ from contactimg.files import read_part
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.parallel import FailedFrame
-from contactimg.tables import CONTACTS, OUTLINES, REJECTED
+from contactimg.tables import CONTACTS, OUTLINES, REJECTED, SHARED_SHIFTS
 from contactimg.tradeoff.choice import Choice
 
 logger = logging.getLogger(__name__)
@@ -60,7 +60,7 @@ class SumOfCubes:
     def of(cls, contacts: pd.DataFrame) -> "SumOfCubes":
         """Those of a contacts table."""
         slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
-        shifts = contacts[["contrast_shift_px", "blur_shift_px", "edge_shift_px"]].to_numpy(float)
+        shifts = contacts[list(SHARED_SHIFTS)].to_numpy(float)
         alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)
         return cls(len(contacts), float(np.sqrt(slope**2 @ alone)), *map(float, slope @ shifts))
 

@@ -29,7 +29,7 @@ from contactimg.forces import sphere_radii
 from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.pose_and_forces import find_pose, with_forces, with_pose
-from contactimg.pose.refine import PoseFit
+from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
 

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from contactimg.effects.local_law import LawPlan, plan_law
 from contactimg.files.runs import Run, frame_shift
-from contactimg.forces import LengthScale, fill_forces, sphere_radii
+from contactimg.forces import fill_forces, sphere_radii
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pose import Pose
-from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseSearch, fit_pose
+from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
 from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
-from contactimg.pose.refine import PoseFit
 from contactimg.tables import CONTACTS, Status
 from contactimg.timings import stage
 
@@ -166,14 +165,19 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None
     Without a ``law`` the contacts of this run decide on it.
     """
     if run.pose is None:
-        scale = LengthScale(run.scene.need("camera", "forces").pixel_size, relative_std=0.0)
+        pixel_size, length_std = run.scene.need("camera", "forces").pixel_size, 0.0
     else:
-        scale = LengthScale(run.pose.pose.pixel_size, run.pose.length_relative_std)
+        pixel_size, length_std = run.pose.pose.pixel_size, run.pose.length_relative_std
     law = law or local_law(run, sites)
     if law is not None and sites is not None:
         law = replace(law, shapes=CapShapes.of(sites))
     contacts, frames = fill_forces(
-        run.scene if law is None else law.scene, run.contacts, run.frames, sites, scale
+        run.scene if law is None else law.scene,
+        run.contacts,
+        run.frames,
+        sites,
+        pixel_size=pixel_size,
+        length_relative_std=length_std,
     )
     frames = _with_balance(_with_notes(frames, _missing_force_notes(contacts)), law)
     forces = contacts["force_N"].notna().any()

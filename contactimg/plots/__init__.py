@@ -5,7 +5,7 @@ Read in this order: `images` and `overlay` (contacts on frames), `laws` (with re
 (analysis), `calibration`, `tradeoff`, `captions`, `numbers`, `axes`.
 """
 
-from contactimg.plots.axes import image_axes, new_axes, scale_by_decades, stacked_axes
+from contactimg.plots.axes import new_axes, scale_by_decades
 from contactimg.plots.calibration import (
     plot_forces,
     plot_jkr,
@@ -21,11 +21,8 @@ from contactimg.plots.images import (
     MEASURED,
     UNCOUPLED,
     crop_to,
-    legend_of_circles,
     plot_circles,
     plot_image,
-    plot_outlines,
-    plot_scale_bar,
 )
 from contactimg.plots.laws import plot_area, plot_area_residuals, plot_areas, plot_friction
 
@@ -37,8 +34,6 @@ __all__ = [
     "UNCOUPLED",
     "caption_of",
     "crop_to",
-    "image_axes",
-    "legend_of_circles",
     "new_axes",
     "plot_area",
     "plot_area_residuals",
@@ -49,13 +44,10 @@ __all__ = [
     "plot_image",
     "plot_jkr",
     "plot_jkr_residuals",
-    "plot_outlines",
     "plot_plateau",
     "plot_pressure_law",
     "plot_profile",
-    "plot_scale_bar",
     "plot_slopes",
     "plot_topography",
     "scale_by_decades",
-    "stacked_axes",
 ]

@@ -33,8 +33,10 @@ def new_axes(*, size: tuple[float, float] = FIGURE_INCHES) -> Axes:
     return _new_figure(size).add_subplot()
 
 
-def stacked_axes() -> tuple[Axes, Axes]:
-    """Axes on a new figure, and under them a low panel that shares their x axis, for residuals."""
+def axes_with_panel(ax: Axes | None) -> tuple[Axes, Axes | None]:
+    """The given axes alone; without any, axes on a new figure and a low panel under them, for residuals."""
+    if ax is not None:
+        return ax, None
     width, height = FIGURE_INCHES
     figure = _new_figure((width, height + PANEL_INCHES))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=(height - 0.6, PANEL_INCHES))
@@ -50,31 +52,17 @@ def _new_figure(size: tuple[float, float]) -> Figure:
     return figure
 
 
-def image_axes(shape: tuple[int, int], *, dpi: float = 100.0) -> Axes:
-    """Axes that fill a new figure, 1600 screen pixels or wider, a whole number per image pixel."""
-    rows, columns = shape
-    zoom = max(1, int(np.ceil(1600 / columns)))
-    figure = Figure(figsize=(zoom * columns / dpi, zoom * rows / dpi), dpi=dpi)
-    FigureCanvasAgg(figure)
-    return figure.add_axes((0, 0, 1, 1))
-
-
-def legend_above(ax: Axes, *, columns: int = 1, **options: Any) -> None:
-    """Add a legend above the axes, where it hides nothing, and make the figure higher by as much."""
+def add_legend(ax: Axes, *, above: bool, columns: int = 1, **options: Any) -> None:
+    """Add a legend: inside, or above the axes, where it hides nothing, on a figure made higher by as much."""
+    options |= {"ncols": columns, "fontsize": "small", "title_fontsize": "small"}
+    if not above:
+        ax.legend(**options)
+        return
     entries = options["handles"] if "handles" in options else ax.get_legend_handles_labels()[0]
     if not entries:
         return
-    ax.legend(
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        ncols=columns,
-        frameon=False,
-        borderaxespad=0.2,
-        alignment="left",
-        fontsize="small",
-        title_fontsize="small",
-        **options,
-    )
+    place: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0.0, 1.0), "borderaxespad": 0.2}
+    ax.legend(frameon=False, alignment="left", **place, **options)
     rows = -(-len(entries) // columns) + ("title" in options)
     figure = ax.get_figure(root=True)
     if isinstance(figure, Figure):

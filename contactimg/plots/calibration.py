@@ -10,22 +10,28 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.plots.axes import legend_above, new_axes, scale_by_decades, stacked_axes
+from contactimg.plots.axes import add_legend, axes_with_panel, new_axes, scale_by_decades
 from contactimg.plots.laws import MARKER_SIZE
 from contactimg.plots.numbers import number_with_interval
 
 Values = NDArray[np.float64]
 
-MARKERS = {"loading": "^", "unloading": "v", "": "o"}
-
 LAW, POINTS, OTHER = "#d55e00", "#0072b2", "0.5"
 """Colours of a fitted law, of measured points (palette of Okabe and Ito), and of what is to compare."""
+
+BRANCHES: dict[str, dict[str, Any]] = {
+    "": {"marker": "o", "label": "measured"},
+    "loading": {"marker": "^"},
+    "unloading": {"marker": "v", "markerfacecolor": "none"},
+    "not used in the fit": {"marker": "x", "color": "0.2"},
+}
+"""Marks of the branches of a loading cycle; open ones, so that branches that coincide are told apart."""
 
 LARGEST_SLOPE = 4.0
 """Slopes beyond are not shown. Chosen: a threshold that makes the forces so large is of no use."""
 
 DASHES = ("-", "--", "-.")
-"""Of neighbouring curves of a plateau figure, which merge in grey; dots are left to the axis at the right."""
+"""Lines of neighbouring curves of a plateau figure, which merge in grey; dots are left to the right axis."""
 
 LABELLED_CURVES = 8
 """Most curves of a plateau figure that are labelled; of more, evenly spaced ones. Chosen by eye."""
@@ -51,18 +57,16 @@ def plot_jkr(
     -------
     Axes
     """
-    below = None
-    if ax is None:
-        ax, below = stacked_axes()
+    ax, below = axes_with_panel(ax)
     label = "\n".join(["JKR fit", *fitted])
     ax.plot(curve["load_N"] * 1e3, curve["radius_m"] * 1e3, color=LAW, linewidth=1.2, label=label)
-    _plot_branches(points, "radius_m", 1e3, ax)
+    _plot_branches(points, "radius_m", ax)
     ax.set(ylabel="contact radius a (mm)")
     ax.legend(fontsize="small")
     if below is None:
         ax.set_xlabel("load P (mN)")
     else:
-        _plot_load_residuals(points, below)
+        plot_jkr_residuals(points, ax=below)
         below.set_ylabel("measured minus\nfitted load (mN)")
     return ax
 
@@ -80,34 +84,23 @@ def plot_jkr_residuals(points: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    ax = new_axes() if ax is None else ax
-    _plot_load_residuals(points, ax)
-    ax.legend(fontsize="small")
+    alone, ax = ax is None, new_axes() if ax is None else ax
+    ax.axhline(0.0, color=LAW, linewidth=1.2)
+    _plot_branches(points, "residual_N", ax)
+    ax.set(xlabel="load P (mN)", ylabel="measured minus fitted load (mN)")
+    if alone:
+        ax.legend(fontsize="small")
     return ax
 
 
-def _plot_load_residuals(points: pd.DataFrame, ax: Axes) -> None:
-    """Plot the measured minus the fitted loads against the loads."""
-    ax.axhline(0.0, color=LAW, linewidth=1.2)
-    _plot_branches(points, "residual_N", 1e3, ax)
-    ax.set(xlabel="load P (mN)", ylabel="measured minus fitted load (mN)")
-
-
-def _plot_branches(points: pd.DataFrame, column: str, factor: float, ax: Axes) -> None:
-    """Plot a column against the load: a mark for each branch, crosses for frames that the fit leaves out."""
-    used = points["used"].astype(bool)
-    for branch, part in points[used].groupby("branch"):
-        look: dict[str, Any] = {"marker": MARKERS[str(branch)], "label": str(branch) or "measured"}
-        if branch == "unloading":  # open, so that branches that coincide are told apart
-            look["markerfacecolor"] = "none"
-        _plot_marks(part, column, factor, ax, color=POINTS, **look)
-    if not used.all():
-        _plot_marks(points[~used], column, factor, ax, color="0.2", marker="x", label="not used in the fit")
-
-
-def _plot_marks(part: pd.DataFrame, column: str, factor: float, ax: Axes, **look: Any) -> None:
-    """Plot a column against the load (mN) as marks."""
-    ax.plot(part["load_N"] * 1e3, part[column] * factor, linestyle="none", markersize=MARKER_SIZE, **look)
+def _plot_branches(points: pd.DataFrame, column: str, ax: Axes) -> None:
+    """Plot a column against the load, both times 1000, with the marks of `BRANCHES`."""
+    branches = points["branch"].where(points["used"].astype(bool), "not used in the fit")
+    for branch, marks in BRANCHES.items():
+        part = points[branches == branch]
+        if len(part):
+            style: dict[str, Any] = {"color": POINTS, "linestyle": "none", "markersize": MARKER_SIZE}
+            ax.plot(part["load_N"] * 1e3, part[column] * 1e3, **style | {"label": branch} | marks)
 
 
 def plot_slopes(
@@ -149,10 +142,7 @@ def plot_slopes(
         ylabel="sum of the forces over load (slope)",
         ylim=(0, min(top, LARGEST_SLOPE)),
     )
-    if alone:
-        legend_above(ax, handles=lines)
-    else:
-        ax.legend(handles=lines, fontsize="small")
+    add_legend(ax, above=alone, handles=lines)
     return ax
 
 
@@ -190,9 +180,7 @@ def plot_forces(
     -------
     Axes
     """
-    below = None
-    if ax is None:
-        ax, below = stacked_axes()
+    ax, below = axes_with_panel(ax)
     load, forces = 1e3 * np.asarray(load, float), 1e3 * np.asarray(forces, float)
     ends = np.array([0.0, 1.05 * float(np.max(load, initial=0.0))])
     equal: dict[str, Any] = {"color": "0.8", "linewidth": 4}  # wide and pale: seen under the fitted line
@@ -200,13 +188,13 @@ def plot_forces(
     if slope is not None:
         label = f"slope {number_with_interval(slope)}"
         ax.plot(ends, slope.value * ends, "--", color=LAW, linewidth=1.2, label=label)
-    look: dict[str, Any] = {"color": POINTS, "markersize": MARKER_SIZE}
-    ax.plot(load, forces, "o", label="measured", **look)
+    marks: dict[str, Any] = {"color": POINTS, "markersize": MARKER_SIZE}
+    ax.plot(load, forces, "o", label="measured", **marks)
     ax.set(ylabel="sum of the local forces (mN)")
     ax.legend(fontsize="small")
     if below is not None:
         below.axhline(0.0, **equal)
-        below.plot(load, forces - load, "o", **look)
+        below.plot(load, forces - load, "o", **marks)
         if slope is not None:
             below.plot(ends, (slope.value - 1) * ends, "--", color=LAW, linewidth=1.2)
         below.set_ylabel("sum minus\nload (mN)")
@@ -250,8 +238,8 @@ def plot_plateau(
     named = set(np.unique(np.linspace(0, len(order) - 1, LABELLED_CURVES).round().astype(int)).tolist())
     lines: list[Any] = [shade]
     for rank, k in enumerate(order[::-1]):
-        look: dict[str, Any] = {"color": colours[len(order) - 1 - rank], "linewidth": 1.2}
-        (line,) = ax.plot(thresholds, shown[:, k], DASHES[rank % len(DASHES)], **look)
+        marks: dict[str, Any] = {"color": colours[len(order) - 1 - rank], "linewidth": 1.2}
+        (line,) = ax.plot(thresholds, shown[:, k], DASHES[rank % len(DASHES)], **marks)
         if len(names) and rank in named:
             line.set_label(names[k])
             lines.append(line)
@@ -259,8 +247,5 @@ def plot_plateau(
         lines += _plot_at_right(ax, thresholds, fall_rates, "fall of A (|d ln A/d threshold|)")
     ax.set(xlabel="threshold (fraction of the contrast)", ylabel="total contact area A (mm²)")
     scale_by_decades(ax, axes="y")
-    if alone:
-        legend_above(ax, columns=2, handles=lines)
-    else:
-        ax.legend(handles=lines, fontsize="x-small", ncols=2)
+    add_legend(ax, above=alone, columns=2, handles=lines)
     return ax

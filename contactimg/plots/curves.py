@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 
 from contactimg.analysis.broken_power_laws import BrokenLaw
 from contactimg.analysis.topography import Topography
-from contactimg.plots.axes import bar_lengths, label_plainly, legend_above, new_axes, scale_by_decades
+from contactimg.plots.axes import add_legend, bar_lengths, label_plainly, new_axes, scale_by_decades
 from contactimg.plots.laws import MARKER_SIZE, STYLES
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 from contactimg.tables import RUN_MODELS
 
 MODEL_MARKS: dict[str, Any] = {"marker": "s", "markersize": 6, "markerfacecolor": "none"}
-"""Of models: open, so that measured points show inside."""
+"""Marks of models are open, so that measured points show inside."""
 
 
 def plot_profile(normalised: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
@@ -113,10 +113,7 @@ def plot_pressure_law(
     single = [law for (name, _), law in laws.items() if name == quantity and not law.supported]
     if single:
         title = {"title": f"power laws, exponent $m$ with its {100 * single[0].confidence:g} % interval:"}
-    if alone:
-        legend_above(ax, **title)
-    else:
-        ax.legend(fontsize="small", title_fontsize="small", **title)
+    add_legend(ax, above=alone, **title)
     if quantity == "density" and "per mm²" not in label:
         right = _second_axis(ax, "right", 1e-6 / unit)
         right.set_ylabel("contacts per mm²")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress
 from contactimg.analysis.power_laws import PowerLaw
-from contactimg.plots.axes import bar_lengths, legend_above, new_axes, scale_by_decades, stacked_axes
+from contactimg.plots.axes import add_legend, axes_with_panel, bar_lengths, new_axes, scale_by_decades
 from contactimg.plots.numbers import number_with_interval, number_with_std
 from contactimg.tables import RUN_MODELS
 
@@ -26,10 +26,10 @@ STYLES: dict[str, dict[str, Any]] = {
 """Line style of each model; colours of the palette of Okabe and Ito, which colour-blind eyes tell apart."""
 
 MARKER_SIZE = 4.5
-"""Of measured points, pt."""
+"""Size of the marks of measured points, pt."""
 
 LINE_POINTS = 100
-"""Of a drawn law."""
+"""Points of a drawn law."""
 
 MOTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("sliding", {"marker": "o", "color": "black"}),
@@ -81,9 +81,7 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
     Axes
     """
     law = next((laws[model] for model in RUN_MODELS if model in laws), None)
-    below = None
-    if ax is None:
-        ax, below = (new_axes(), None) if law is None else stacked_axes()
+    ax, below = (new_axes(), None) if law is None and ax is None else axes_with_panel(ax)
     for model, part in areas[areas["area_m2"] > 0].groupby("model", sort=False):
         style = _style(str(model))
         if model in laws:
@@ -96,10 +94,7 @@ def plot_areas(areas: pd.DataFrame, laws: Mapping[str, PowerLaw], *, ax: Axes | 
     title: dict[str, Any] = {}
     if law is not None:
         title = {"title": f"$A \\sim P^m$, $m$ with its {100 * law.confidence:g} % interval:"}
-    if below is None:
-        ax.legend(fontsize="small", title_fontsize="small", **title)
-    else:
-        legend_above(ax, **title)
+    add_legend(ax, above=below is not None, **title)
     if below is not None and law is not None:
         plot_area_residuals(areas, law, ax=below)
     (ax if below is None else below).set_xlabel("load P (mN)")
@@ -138,7 +133,6 @@ def _law_at(law: PowerLaw, load: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _style(model: str) -> dict[str, Any]:
-    """Line and mark of a model."""
     return {"markersize": MARKER_SIZE, "linewidth": 1.3, "elinewidth": 0.9} | STYLES[model]
 
 
@@ -170,9 +164,7 @@ def plot_friction(
     -------
     Axes
     """
-    below = None
-    if ax is None:
-        ax, below = stacked_axes()
+    ax, below = axes_with_panel(ax)
     largest = float(friction["area_m2"].max())
     _draw_shear_lines(stress, smooth, largest, ax)
     for motion, style in MOTIONS:
@@ -180,21 +172,18 @@ def plot_friction(
         if part.empty:
             continue
         area, force = part["area_m2"].to_numpy(float), part["friction_N"].abs().to_numpy(float)
-        look: dict[str, Any] = {"linestyle": "none", "markersize": MARKER_SIZE, "label": motion} | style
+        marks: dict[str, Any] = {"linestyle": "none", "markersize": MARKER_SIZE, "label": motion} | style
         bars = bar_lengths(part["area_std_m2"], 1e6)
-        ax.errorbar(area * 1e6, force * 1e3, xerr=bars, capsize=2, **look)
+        ax.errorbar(area * 1e6, force * 1e3, xerr=bars, capsize=2, **marks)
         if below is not None:
             below.errorbar(
-                area * 1e6, (force - stress.stress.value * area) * 1e3, xerr=bars, capsize=2, **look
+                area * 1e6, (force - stress.stress.value * area) * 1e3, xerr=bars, capsize=2, **marks
             )
+    ax.set(ylabel="friction force Q (mN)", ylim=(0, None))
+    title = f"$\\tau_0$ with its {100 * stress.confidence:g} % interval (grey):"
+    add_legend(ax, above=below is not None, title=title)
     if below is not None:
         _shade_interval(stress, largest, stress.stress.value, below)
-    ax.set(ylabel="friction force Q (mN)", ylim=(0, None))
-    title: dict[str, Any] = {"title": f"$\\tau_0$ with its {100 * stress.confidence:g} % interval (grey):"}
-    if below is None:
-        ax.legend(fontsize="small", title_fontsize="small", **title)
-    else:
-        legend_above(ax, **title)
         below.axhline(0.0, color="0.5", linewidth=0.8)
         below.set_ylabel("$Q - \\tau_0 A$ (mN)")
     (ax if below is None else below).set(xlabel="real contact area A (mm²)", xlim=(0, None))

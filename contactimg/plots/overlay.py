@@ -119,8 +119,6 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class _Canvas:
-    """The picture while it is drawn."""
-
     indices: Indices
     zoom: int
     origin: tuple[float, float]
@@ -169,21 +167,15 @@ def draw_overlay(image: NDArray, layers: Sequence[Layer], view: View) -> Picture
 
 def grey_indices(image: NDArray, stretch: tuple[float, float]) -> Indices:
     """Grey levels as palette indices, 0 to ``GREYS - 1``."""
-    low, high = stretch
-    if image.dtype.kind in "ub" and image.dtype.itemsize <= 2:  # one look-up a pixel
-        levels = np.arange(int(image.max(initial=0)) + 1)
-        return _scaled(levels, low, high)[image.astype(np.uint16, copy=False)]
-    return _scaled(image, low, high)
-
-
-def _scaled(levels: NDArray, low: float, high: float) -> Indices:
-    """Levels between two, in steps of the palette."""
+    if image.dtype.kind in "ub" and image.dtype.itemsize <= 2:  # each level is scaled once
+        levels = np.arange(int(image.max(initial=0)) + 1, dtype=float)
+        return grey_indices(levels, stretch)[image.astype(np.uint16, copy=False)]
+    (low, high), levels = stretch, image
     scaled = (np.asarray(levels, np.float32) - np.float32(low)) * np.float32(GREYS / max(high - low, 1e-12))
     return np.clip(np.nan_to_num(scaled, nan=0.0, posinf=GREYS, neginf=0.0), 0, GREYS - 1).astype(np.uint8)
 
 
 def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
-    """Draw all outlines of a layer."""
     index, thickness = canvas.index(layer.colour), max(1, round(layer.width * canvas.thickness))
     # the line lies wholly outside of the gap
     gap = layer.gap_px + (thickness / 2 / canvas.zoom if layer.gap_px else 0.0)
@@ -191,40 +183,24 @@ def _draw_layer(canvas: _Canvas, layer: Layer) -> None:
         reach = np.array([outline.x, outline.y, outline.semi_major, outline.semi_minor]) * canvas.zoom
         if not np.abs(reach).max() <= LARGEST_DRAWN_PX:  # a table edited by hand may lack a number
             continue
-        if layer.square:
-            _draw_square(canvas, outline, gap, index, thickness)
-        elif outline.lines:
-            for line in _around(outline, gap, canvas):
-                _draw_line(canvas, line, layer.dashes, index, thickness)
-        elif layer.dashes:
-            _draw_line(canvas, canvas.place(_ellipse(outline, gap, canvas)), layer.dashes, index, thickness)
-        else:
-            centre = canvas.place(np.array([outline.x, outline.y]))
-            axes = [(part + gap) * canvas.zoom for part in (outline.semi_major, outline.semi_minor)]
-            size = np.rint(np.array(axes) * 2**SHIFT_BITS).astype(int).tolist()
-            angle = float(np.degrees(outline.angle))
-            cv2.ellipse(
-                canvas.indices, centre.tolist(), size, angle, 0, 360, index, thickness, shift=SHIFT_BITS
-            )
+        for line in _lines(outline, gap, canvas, square=layer.square):
+            _draw_line(canvas, line, layer.dashes, index, thickness)
         if layer.numbered:
             _write_number(canvas, outline, gap)
 
 
-def _draw_square(canvas: _Canvas, outline: Outline, gap: float, index: int, thickness: int) -> None:
-    """Draw a square about the centre."""
-    half = outline.semi_major + gap
-    centre = np.array([outline.x, outline.y])
-    first, last = canvas.place(np.array([centre - half, centre + half])).tolist()
-    cv2.rectangle(canvas.indices, first, last, index, thickness, shift=SHIFT_BITS)
-
-
-def _ellipse(outline: Outline, gap: float, canvas: _Canvas) -> NDArray[np.float64]:
-    """Points on an ellipse, about 2 px of the picture apart; the last is the first."""
+def _lines(outline: Outline, gap: float, canvas: _Canvas, *, square: bool) -> list[NDArray[np.int32]]:
+    """Closed lines at a distance from the outline, with points about 2 px of the picture apart."""
+    if outline.lines and not square:
+        return _around(outline, gap, canvas)
     a, b = outline.semi_major + gap, outline.semi_minor + gap
-    t = np.linspace(0, 2 * np.pi, max(12, int(np.pi * (a + b) * canvas.zoom / 2)) + 1)
-    c, s = np.cos(outline.angle), np.sin(outline.angle)
-    x, y = a * np.cos(t), b * np.sin(t)
-    return np.column_stack([outline.x + c * x - s * y, outline.y + s * x + c * y])
+    if square:
+        x, y = a * np.array([[-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1]])
+    else:
+        t = np.linspace(0, 2 * np.pi, max(12, int(np.pi * (a + b) * canvas.zoom / 2)) + 1)
+        c, s = np.cos(outline.angle), np.sin(outline.angle)
+        x, y = c * a * np.cos(t) - s * b * np.sin(t), s * a * np.cos(t) + c * b * np.sin(t)
+    return [canvas.place(np.column_stack([outline.x + x, outline.y + y]))]
 
 
 def _around(outline: Outline, gap: float, canvas: _Canvas) -> list[NDArray[np.int32]]:
@@ -312,7 +288,6 @@ def _strip(canvas: _Canvas, layers: Sequence[Layer], view: View) -> Indices:
 
 
 def _fitting(text: str, font: ImageFont.FreeTypeFont, width: float) -> str:
-    """A text cut to a width."""
     if font.getlength(text) <= width:
         return text
     while text and font.getlength(text + "…") > width:

@@ -12,9 +12,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import KDTree
 
-from contactimg.pose.pairs import pairing_distance
+from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.pose.pose import Pose
-from contactimg.pose.refine import MIN_PAIRS, PoseFit, as_complex, as_real, oriented, refine
+
+MIN_PAIRS = 3
+"""Theory: two pairs determine a similarity; a third one tests it."""
+
+OUTLIER_SIGMA = 5.0
+"""Distance of a pair, in robust standard deviations, beyond which it is dropped. Chosen by hand; sensitivity
+not measured."""
+
+MIN_REACH_PX = 0.25
+"""Lower limit of that distance: exact points have no scatter. Chosen by hand; sensitivity not measured."""
+
+MAD_TO_STD = 1.4826
+"""Theory: standard deviation over median absolute deviation of a normal distribution."""
+
+MAX_ITERATIONS = 50
+"""Rounds of pairing and fitting; the pairs usually settle after a few."""
+
 
 COMPLETE_FRACTION = 0.9
 """The search ends with a pose that explains this fraction of the points. Chosen by hand; sensitivity not
@@ -30,6 +46,35 @@ deviations."""
 
 POINTS_PER_VOTE = 3
 """One point in this many must agree on a shift. Chosen by hand; sensitivity not measured."""
+
+
+@dataclass(frozen=True)
+class PoseFit:
+    """A pose and how well it explains the points.
+
+    Attributes
+    ----------
+    pose : Pose
+        The fitted pose, or the guess when nothing better is significant.
+    fitted : bool
+        False if the guess was kept.
+    n_points, n_matched : int
+        Points given, and points that fall on a target.
+    residual : float
+        RMS distance of the matched pairs, m (nan if none).
+    chance : float
+        Number of matches expected if the targets had nothing to do with the points.
+    length_relative_std : float
+        Relative standard uncertainty of a fitted pixel size; 0 for one that was given.
+    """
+
+    pose: Pose
+    fitted: bool
+    n_points: int
+    n_matched: int
+    residual: float
+    chance: float = 0.0
+    length_relative_std: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,10 +158,7 @@ def _candidates(
     for mirrored in (guess.mirrored, not guess.mirrored) if search.mirror else (guess.mirrored,):
         turned = oriented(points, mirrored)
         for _, turn, scale in grid:
-            # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
-            rotation = guess.rotation + turn
-            angle = rotation if mirrored else -rotation
-            alpha = guess.pixel_size * (1 + scale) * np.exp(1j * angle)
+            alpha = factor_of(guess, turn, scale, mirrored)
             shift = _vote(alpha * turned + complex(*guess.centre), tree, search.shift + gate, gate)
             if shift is not None:
                 yield alpha, complex(*guess.centre) + shift, mirrored
@@ -142,3 +184,73 @@ def _vote(points: NDArray[np.complex128], tree: KDTree, reach: float, cell: floa
     if close.sum() < max(MIN_PAIRS, len(points) / POINTS_PER_VOTE):
         return None
     return complex(*np.median(shifts[close], axis=0))
+
+
+def refine(
+    points: NDArray[np.complex128],
+    spots: NDArray[np.complex128],
+    guess: Pose,
+    start: tuple[complex, complex, bool],
+    gate: float,
+) -> PoseFit:
+    """Least squares on one-to-one pairs: pair and fit in turn until the pairs no longer change."""
+    alpha, beta, mirrored = start
+    turned, reach, pairs = oriented(points, mirrored), 2 * gate, None
+    for _ in range(MAX_ITERATIONS):
+        i, j, distance = pair_points(as_real(alpha * turned + beta), as_real(spots), max_distance=reach)
+        now = (tuple(i), tuple(j))
+        if now == pairs or len(i) < MIN_PAIRS:
+            break
+        pairs = now
+        design = np.column_stack([turned[i], np.ones(len(i))])
+        alpha, beta = np.linalg.lstsq(design, spots[j])[0]
+        robust_std = MAD_TO_STD * float(np.median(distance))
+        reach = min(gate, max(OUTLIER_SIGMA * robust_std, MIN_REACH_PX * guess.pixel_size))
+    area = np.ptp(spots.real) * np.ptp(spots.imag)
+    chance = len(points) * len(spots) * np.pi * gate**2 / area if area > 0 else float(len(points))
+    return PoseFit(
+        pose=replace(
+            guess,
+            pixel_size=float(abs(alpha)),
+            centre=(float(beta.real), float(beta.imag)),
+            rotation=float(np.angle(alpha) if mirrored else -np.angle(alpha)),
+            mirrored=mirrored,
+        ),
+        fitted=True,
+        n_points=len(points),
+        n_matched=len(i),
+        residual=float(np.sqrt(np.mean(distance**2))) if len(i) else np.nan,
+        length_relative_std=_scale_std(turned[i], distance) / float(abs(alpha)),
+        chance=float(chance),
+    )
+
+
+def _scale_std(points: NDArray[np.complex128], distance: NDArray[np.float64]) -> float:
+    """Standard uncertainty of the modulus of alpha from the residual distances of the pairs."""
+    n = len(points)
+    if n < MIN_PAIRS:
+        return 0.0
+    variance = float(np.sum(distance**2)) / (2 * n - 4)
+    return float(np.sqrt(variance / np.sum(np.abs(points - points.mean()) ** 2)))
+
+
+def factor_of(guess: Pose, turn: float, scale: float, mirrored: bool) -> complex:  # noqa: FBT001
+    """The factor alpha of a pose that is turned (rad) and scaled against the guess."""
+    # image = R(rotation) F sample / size, so sample = F R(-rotation) image size
+    angle = (guess.rotation + turn) * (1 if mirrored else -1)
+    return complex(guess.pixel_size * (1 + scale) * np.exp(1j * angle))
+
+
+def as_complex(points: NDArray) -> NDArray[np.complex128]:
+    """(n, 2) real -> (n,) complex."""
+    return points[:, 0] + 1j * points[:, 1]
+
+
+def as_real(points: NDArray) -> NDArray[np.float64]:
+    """(n,) complex -> (n, 2) real."""
+    return np.column_stack([points.real, points.imag])
+
+
+def oriented(points: NDArray[np.complex128], mirrored: bool) -> NDArray[np.complex128]:  # noqa: FBT001
+    """Pixel points, conjugated if the image is mirrored."""
+    return points.conj() if mirrored else points

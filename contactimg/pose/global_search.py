@@ -1,7 +1,7 @@
 """Find the camera anywhere over the sample, where the stated pose leads nowhere."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 from scipy.stats import binom
 
+from contactimg.pose.fit import MIN_PAIRS, PoseFit, as_complex, as_real, factor_of, oriented, refine
 from contactimg.pose.pairs import pairing_distance
 from contactimg.pose.pose import Pose
-from contactimg.pose.refine import MIN_PAIRS, PoseFit, as_complex, as_real, oriented, refine
 
 VOTING_POINTS = 40
 """Contacts that vote, those closest together: few turn little when the rotation is a step off. Chosen: all
@@ -42,16 +42,6 @@ BLOCK_REACH = 1.5 * np.sqrt(2)
 
 AMBIGUOUS_FRACTION = 0.8
 """A pose is not accepted if another one explains this fraction of its matches (a lattice). Chosen by hand."""
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A similarity and how many points voted for it."""
-
-    votes: int
-    alpha: complex
-    beta: complex
-    mirrored: bool
 
 
 def search_everywhere(x_px: ArrayLike, y_px: ArrayLike, targets: ArrayLike, guess: Pose) -> PoseFit | None:
@@ -100,11 +90,11 @@ def _best_pose(
     middle, grid = _voters(points, guess, gate, quarter_turns)
     if not grid:
         return None
-    candidates = [_vote(middle, spots, alpha, mirrored, gate) for alpha, mirrored in grid]
-    candidates.sort(key=lambda candidate: -candidate.votes)
+    candidates = [(*_vote(middle, spots, alpha, mirrored, gate), alpha, mirrored) for alpha, mirrored in grid]
+    candidates.sort(key=lambda candidate: -candidate[0])
     fits = [
-        refine(points, spots, guess, (one.alpha, one.beta, one.mirrored), gate)
-        for one in candidates[:REFINED_CANDIDATES]
+        refine(points, spots, guess, (alpha, beta, mirrored), gate)
+        for _, beta, alpha, mirrored in candidates[:REFINED_CANDIDATES]
     ]
     fits.sort(key=lambda fit: -fit.n_matched)
     best = fits[0]
@@ -149,9 +139,7 @@ def _grid(
     for mirrored, quarter, turn, scale in product(
         (guess.mirrored, not guess.mirrored), quarter_turns, turns, scales
     ):
-        rotation = guess.rotation + quarter * np.pi / 2 + turn
-        size = guess.pixel_size * (1 + scale)
-        yield complex(size * np.exp(1j * (rotation if mirrored else -rotation))), mirrored
+        yield factor_of(guess, quarter * np.pi / 2 + turn, scale, mirrored), mirrored
 
 
 def _vote(
@@ -160,8 +148,8 @@ def _vote(
     alpha: complex,
     mirrored: bool,  # noqa: FBT001
     cell: float,
-) -> _Candidate:
-    """The shift on which most pairs of a point and a target agree."""
+) -> tuple[int, complex]:
+    """Number of pairs of a point and a target that agree on a shift, and the shift on which most do."""
     turned = alpha * oriented(points, mirrored)
     shifts = (spots[None, :] - turned[:, None]).ravel()
     low = complex(shifts.real.min(), shifts.imag.min())
@@ -175,7 +163,7 @@ def _vote(
     peak = low + cell * complex(j + 0.5, i + 0.5)
     close = np.abs(shifts - peak) < BLOCK_REACH * cell
     beta = complex(np.median(shifts[close].real), np.median(shifts[close].imag))
-    return _Candidate(int(close.sum()), alpha, beta, mirrored)
+    return int(close.sum()), beta
 
 
 def _differs(one: Pose, other: Pose, gate: float) -> bool:

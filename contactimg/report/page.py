@@ -1,23 +1,114 @@
-"""Fill the template of the page; the HTML needs no network and no other file."""
+"""One self-contained HTML page about a run: its pictures, its tables, and the results of other commands."""
 
+import base64
+import io
 import json
-from collections.abc import Sequence
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import isnan, nan
 from pathlib import Path
+from typing import Any
 
 import jinja2
+import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
+from PIL import Image
 
 from contactimg import __version__
+from contactimg.analysis.area_against_load import fit_area_law, frame_areas
 from contactimg.analysis.estimates import Estimate
-from contactimg.files import figure_bytes
-from contactimg.plots import CAPTIONS, plot_area
+from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
+from contactimg.errors import InputError
+from contactimg.files import (
+    PROVENANCE_FILE,
+    Run,
+    figure_bytes,
+    finish_commit,
+    read_calibration,
+    read_records,
+    read_run,
+    read_run_table,
+    read_table,
+)
+from contactimg.files.runs import is_out_of_date
+from contactimg.pipeline.pictures import picture_name
+from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
-from contactimg.report.contents import Contents, gather_contents
-from contactimg.report.embedding import Picture, data_uri
-from contactimg.report.summary import Exponent, summarise
-from contactimg.tables import RUN_MODELS
+from contactimg.report import summary
+from contactimg.report.units import in_display_units
+from contactimg.tables import FAILED, REJECTED, RESULTS, RUN_MODELS, SCORES, Flag
+
+logger = logging.getLogger(__name__)
+
+FIGURE_TYPES = {".svg": "image/svg+xml", ".png": "image/png"}
+"""Endings of figures and their types, the preferred one first."""
+SHOWN_COMMANDS = ("overlay", "analyse", "calibrate")
+"""Commands whose outputs are part of the page."""
+PICTURE_BYTES = 2_400_000
+"""Size of all pictures of frames together. Chosen: the page and its print stay below 5 MB."""
+JPEG_QUALITY = 82
+"""Quality of the compressed pictures, 0 to 100. Chosen: outlines stay sharp. JPEG, because browsers print it
+as it is and other formats without compression."""
+LEAST_WIDTH_PX = 480
+"""Pictures are not made narrower. Chosen: the screen of a phone."""
+ATTEMPTS = 4
+
+
+@dataclass(frozen=True)
+class Picture:
+    """An image in the page: its caption (plain text) and its content (a data URI)."""
+
+    caption: str
+    source: str
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The output of another command for this run.
+
+    Parameters
+    ----------
+    command : str
+        The command line.
+    pictures : list of Picture
+    table : DataFrame
+    area : Picture or None
+        A(P), of an analysis of this run alone.
+    """
+
+    command: str
+    pictures: list[Picture]
+    table: pd.DataFrame
+    area: Picture | None = None
+
+
+@dataclass(frozen=True)
+class _Output:
+    """What a command wrote into a folder: the command line, its name, the files, and the whole record."""
+
+    place: Path
+    record: dict[str, Any]
+
+    @property
+    def command(self) -> str:
+        return str(self.record.get("command", ""))
+
+    @property
+    def kind(self) -> str:
+        return [*self.command.split(), "", ""][1]
+
+    @property
+    def figures(self) -> list[Path]:
+        """The figures, each in one format."""
+        names = [Path(str(name)) for name in self.record.get("outputs", [])]
+        best = {
+            name.stem: self.place / name
+            for ending in reversed(FIGURE_TYPES)
+            for name in names
+            if name.suffix == ending and len(name.parts) == 1
+        }
+        return [best[stem] for stem in sorted(best) if best[stem].is_file()]
 
 
 def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_pictures: int = 40) -> str:
@@ -31,7 +122,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         Outputs of `overlay`, `analyse` and `calibrate` to show as well; those inside the folder of the run
         are included anyway.
     max_pictures : int
-        Largest number of pictures of frames in each set.
+        Largest number of pictures of frames in each set; of a longer series, evenly spaced ones.
 
     Returns
     -------
@@ -44,9 +135,23 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
     InputError
         If the folder holds no complete run, or one of the others no output of these commands.
     """
-    contents = gather_contents(
-        Path(folder), others=[Path(other) for other in others], max_pictures=max_pictures
-    )
+    folder, places = Path(folder), [Path(other) for other in others]
+    for place in (folder, *(path for path in folder.glob("*") if path.is_dir()), *places):
+        finish_commit(place)
+    run = read_run(folder)
+    outputs, out_of_date = _current_outputs(folder, places)
+    pictures = _pictures_in(folder, run)
+    shown = _evenly_spaced(pictures, max_pictures)
+    compared = sum(min(len(_pictures_in(output.place, run)), max_pictures) for output in outputs)
+    most_bytes = PICTURE_BYTES // max(len(shown) + compared, 1)
+    overlays = [
+        embed_picture(path, caption=summary.caption_of_frame(run, frame), most_bytes=most_bytes)
+        for frame, path in shown
+    ]
+    parts: dict[str, list[Part]] = {"overlay": [], "analyse": [], "calibrate": _used_calibration(run)}
+    for output in outputs:
+        parts[output.kind].append(_show_output(output, run, max_pictures=max_pictures, most_bytes=most_bytes))
+    figure, exponent = _area(run, parts["analyse"])
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("contactimg", "report"),
         autoescape=True,
@@ -55,46 +160,57 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         lstrip_blocks=True,
     )
     environment.filters |= {"number": _number, "with_std": _with_std}
-    figure, exponent = _area(contents)
-    overlays = list(contents.overlays)
     html = environment.get_template("page.html.j2").render(
-        contents=contents,
-        summary=summarise(contents.run, exponent, contents.out_of_date),
-        frames=contents.run.frames.to_dict("records"),
+        run=run,
+        title=summary.title(run),
+        facts=summary.facts(run),
+        headlines=[*([] if exponent is None else [exponent]), *summary.headlines(run)],
+        warnings=summary.warnings(run, out_of_date),
+        frames=run.frames.to_dict("records"),
         area_figure=figure,
         first_overlay=overlays.pop(len(overlays) // 2) if overlays else None,
         overlays=overlays,
-        provenance=json.dumps(contents.run.provenance, indent=2),
+        n_overlays=len(shown),
+        n_pictures=len(pictures),
+        comparisons=parts["overlay"],
+        analyses=parts["analyse"],
+        calibrations=parts["calibrate"],
+        flags=_flag_counts(run.contacts),
+        rejected=_rejected_counts(folder),
+        failed=run.frames[run.frames["status"] == FAILED].to_dict("records"),
+        provenance=json.dumps(run.provenance, indent=2),
         version=__version__,
     )
     return html.encode("utf-8", "replace").decode("utf-8")  # file names may hold bytes that are no valid text
 
 
-def _area(contents: Contents) -> tuple[Picture | None, Exponent | None]:
+def _area(run: Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headline | None]:
     """The figure of A(P) and its exponent: of an analysis of this run alone, else of the run itself."""
-    for part in contents.analyses:
-        if part.area is not None and part.table is not None:
-            return part.area, _exponent_of(part.table)
-    law, frames = contents.law, contents.run.frames
+    for part in analyses:
+        if part.area is not None:
+            mine = (part.table["quantity"] == "area_exponent") & part.table["model"].isin(RUN_MODELS)
+            for row in part.table[mine].to_dict("records"):
+                estimate = Estimate(row["value"], row["std"], row["low"], row["high"])
+                return part.area, summary.exponent_headline(estimate, row["confidence"], int(row["n_points"]))
+            return part.area, None
+    frames, law = run.frames, None
     if not ((frames["load_N"] > 0) & (frames["area_m2"] > 0)).any():
         return None, None
-    model = "predicted" if contents.run.command == "predict" else "measured"
-    figure = Picture(CAPTIONS["area"], _as_svg(plot_area(frames, law, model=model)))
-    return figure, None if law is None else Exponent(law.exponent, law.confidence, law.n_points)
-
-
-def _exponent_of(results: pd.DataFrame) -> Exponent | None:
-    """The exponent of the run among the results of an analysis."""
-    mine = (results["quantity"] == "area_exponent") & results["model"].isin(RUN_MODELS)
-    for row in results[mine].to_dict("records"):
-        estimate = Estimate(row["value"], row["std"], row["low"], row["high"])
-        return Exponent(estimate, row["confidence"], int(row["n_points"]))
-    return None
-
-
-def _as_svg(ax: Axes) -> str:
-    """The figure of the axes as a data URI."""
-    return data_uri("image/svg+xml", figure_bytes(ax, "svg"))
+    lens = None if run.scene is None else run.scene.indenter
+    measured = run.scene is not None and not frames["indentation_m"].notna().any()
+    cell = LoadCell.stated(run.scene.load) if measured and run.scene is not None else EXACT_LOADS
+    try:
+        centre = None if lens is None else lens.apex
+        areas = frame_areas(frames, run.contacts, place=str(run.folder), centre=centre)
+        law = fit_area_law(areas, load_cell=cell)
+    except InputError:
+        pass  # too few loads
+    model = "predicted" if run.command == "predict" else "measured"
+    svg = figure_bytes(plot_area(frames, law, model=model), "svg")
+    figure = Picture(CAPTIONS["area"], _data_uri("image/svg+xml", svg))
+    return figure, None if law is None else summary.exponent_headline(
+        law.exponent, law.confidence, law.n_points
+    )
 
 
 def _number(value: float | None, factor: float = 1.0) -> str:
@@ -107,3 +223,145 @@ def _with_std(value: float | None, std: float | None, factor: float = 1.0) -> st
     if value is None or isnan(value):
         return ""
     return number_with_std(value * factor, (nan if std is None else std) * factor)
+
+
+def _current_outputs(folder: Path, others: Sequence[Path]) -> tuple[list[_Output], list[str]]:
+    """Outputs of other commands for a run, and a sentence for each that is out of date.
+
+    Parameters
+    ----------
+    folder : Path
+        Output of `process`; outputs of `overlay`, `analyse` and `calibrate` inside it are found.
+    others : sequence of Path
+        Further outputs of these commands.
+
+    Raises
+    ------
+    InputError
+        If one of the others holds no output of these commands.
+    """
+    inside = [folder, *(path.parent for path in sorted(folder.glob(f"*/{PROVENANCE_FILE}")))]
+    found, out_of_date = list[_Output](), list[str]()
+    for place in [*inside, *others]:
+        try:
+            outputs = [_Output(place, record) for record in read_records(place)]
+        except (OSError, ValueError):
+            raise InputError(f"{place}: holds no output of contactimg") from None
+        shown = [output for output in outputs if output.kind in SHOWN_COMMANDS]
+        if not shown and place in others:
+            raise InputError(
+                f"{place}: is the output of {outputs[0].command!r}, not of overlay, analyse or calibrate"
+            )
+        for output in shown:
+            if output.kind != "calibrate" and is_out_of_date(output.record, folder):
+                out_of_date.append(
+                    f"{place}: was made by '{output.command}' from tables that the run no longer holds, and "
+                    "is left out; repeat that command"
+                )
+                logger.warning(out_of_date[-1])
+            else:
+                found.append(output)
+    return found, out_of_date
+
+
+def _show_output(output: _Output, run: Run, *, max_pictures: int, most_bytes: int) -> Part:
+    """Pictures and table of a command; pictures of frames take at most so many bytes each."""
+    if output.kind == "overlay":
+        pictures = [
+            embed_picture(path, caption=summary.caption_of_comparison(run, frame), most_bytes=most_bytes)
+            for frame, path in _evenly_spaced(_pictures_in(output.place, run), max_pictures)
+        ]
+        return Part(output.command, pictures, read_table(output.place / "scores.csv", SCORES))
+    if output.kind == "calibrate":
+        table = _numbers(read_calibration(output.place))
+    else:
+        table = read_table(output.place / "results.csv", RESULTS, infinite=True)
+    figures = {path.stem: _embed_figure(path) for path in output.figures}
+    alone = output.kind == "analyse" and not (table["n_places"] > 1).any()
+    area = figures.pop("area", None) if alone else None
+    return Part(output.command, list(figures.values()), in_display_units(table), area)
+
+
+def _used_calibration(run: Run) -> list[Part]:
+    """The calibration that the run was measured with, from its provenance."""
+    used = run.provenance["configuration"].get("options", {}).get("calibration")
+    if not used:
+        return []
+    return [Part(f"used by this run: {used['file']}", [], in_display_units(_numbers(used["record"])))]
+
+
+def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
+    rows = [
+        {"quantity": name, "value": entry["value"], "std": entry.get("std"), "unit": entry.get("unit", "")}
+        for name, entry in record.items()
+        if isinstance(entry, dict) and {"value", "unit"} <= set(entry)
+    ]
+    return pd.DataFrame(rows, columns=["quantity", "value", "std", "unit"])
+
+
+def _flag_counts(contacts: pd.DataFrame) -> list[tuple[str, int, float]]:
+    """Flags that occur, and the number and the share of the contacts that carry each."""
+    values = contacts["flags"].to_numpy(np.int64)
+    counts = {str(flag.name): int(np.count_nonzero(values & int(flag))) for flag in Flag}
+    return [(name, count, count / len(values)) for name, count in counts.items() if count]
+
+
+def _rejected_counts(folder: Path) -> list[tuple[str, int]]:
+    """Reasons of rejection and the number of candidates rejected for each."""
+    counts = read_run_table(folder, REJECTED, optional=True).groupby("reason").size()
+    return [(str(reason), int(count)) for reason, count in counts.items()]
+
+
+def _pictures_in(folder: Path, run: Run) -> list[tuple[str, Path]]:
+    """Names of the frames of a run that have a picture in a folder, and its file."""
+    pairs = [(str(name), folder / "overlays" / picture_name(str(name))) for name in run.frames["frame"]]
+    return [(name, path) for name, path in pairs if path.is_file()]
+
+
+def _evenly_spaced(pairs: list[tuple[str, Path]], most: int) -> list[tuple[str, Path]]:
+    """At most ``most`` evenly spaced pairs, with the first and the last one."""
+    if len(pairs) <= most:
+        return pairs
+    return [pairs[k] for k in np.unique(np.linspace(0, len(pairs) - 1, most).round().astype(int))]
+
+
+def embed_picture(path: Path, *, caption: str, most_bytes: int) -> Picture:
+    """Embed a picture as JPEG; where it takes more than so many bytes, it is made smaller.
+
+    Raises
+    ------
+    InputError
+        If the file is no image that can be read.
+    """
+    try:
+        with Image.open(path) as file:
+            image = file.convert("RGB")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read as an image ({error})") from None
+    width, content = image.width, _as_jpeg(image)
+    for _ in range(ATTEMPTS):
+        if len(content) <= most_bytes or width <= LEAST_WIDTH_PX:
+            break
+        width = max(LEAST_WIDTH_PX, int(0.95 * width * (most_bytes / len(content)) ** 0.5))
+        height = round(image.height * width / image.width)
+        content = _as_jpeg(image.resize((width, height), Image.Resampling.LANCZOS))
+    return Picture(caption, _data_uri("image/jpeg", content))
+
+
+def _as_jpeg(image: Image.Image) -> bytes:
+    """An image as JPEG with colours at full resolution, so that thin lines keep theirs."""
+    buffer = io.BytesIO()
+    image.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, optimize=True)
+    return buffer.getvalue()
+
+
+def _embed_figure(path: Path) -> Picture:
+    try:
+        source = _data_uri(FIGURE_TYPES[path.suffix], path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    return Picture(caption_of(path.stem) or path.stem, source)
+
+
+def _data_uri(kind: str, content: bytes) -> str:
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

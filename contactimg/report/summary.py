@@ -1,6 +1,5 @@
-"""The first page of a report: what was measured, the numbers that matter with their intervals, and doubts."""
+"""The words of a report: what was measured, the numbers that matter with intervals, doubts, captions."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,100 +16,29 @@ from contactimg.report.units import display_unit
 from contactimg.scene import Scene
 from contactimg.tables import Status
 
+Headline = tuple[str, str, str]
+"""What a number is, the number with interval and unit, and where it comes from."""
+
 MOST_NAMES = 3
-"""Frames that a warning names. Chosen: a line."""
+"""Most frames that a warning names. Chosen: they fill a line."""
 MOST_WARNINGS = 6
-"""Warnings on the first page; the others are counted. Chosen: the page holds them in print."""
+"""Most warnings on the first page; the others are counted. Chosen: the page holds them in print."""
 NO_WARNING = frozenset({Status.OK, Status.NO_CONTACT})
 
 
-@dataclass(frozen=True)
-class Headline:
-    """A number that matters.
-
-    Parameters
-    ----------
-    name, text, note : str
-        What it is, the number with interval and unit, and where it comes from.
-    """
-
-    name: str
-    text: str
-    note: str = ""
-
-
-@dataclass(frozen=True)
-class Summary:
-    """The words of the first page.
-
-    Parameters
-    ----------
-    title : str
-    facts : list of (str, str)
-        What was measured, and how.
-    headlines : list of Headline
-    warnings : list of str
-        Sentences.
-    """
-
-    title: str
-    facts: list[tuple[str, str]]
-    headlines: list[Headline]
-    warnings: list[str]
-
-
-@dataclass(frozen=True)
-class Exponent:
-    """The exponent of A(P).
-
-    Parameters
-    ----------
-    estimate : Estimate
-    confidence : float
-        Of its interval.
-    n_points : int
-    """
-
-    estimate: Estimate
-    confidence: float
-    n_points: int
-
-
-def summarise(run: Run, exponent: Exponent | None, others: list[str]) -> Summary:
-    """The words of the first page.
-
-    Parameters
-    ----------
-    run : Run
-    exponent : Exponent or None
-    others : list of str
-        Warnings about outputs of other commands.
-    """
-    warnings = [*_changed(run), *others, *_status_warnings(run.frames)]
-    more = len(warnings) - MOST_WARNINGS
-    if more > 0:
-        warnings = [*warnings[:MOST_WARNINGS], f"{more} more warnings are in the table of the frames."]
-    return Summary(_title(run), _facts(run), _headlines(run, exponent), warnings)
-
-
-def _title(run: Run) -> str:
+def title(run: Run) -> str:
     """The bodies and the number of frames."""
     count = len(run.frames)
     number = "one frame" if count == 1 else f"{count} frames"
     if run.command == "predict":
         number = "predicted at one load" if count == 1 else f"predicted at {count} loads"
-    return f"{_bodies(run.scene)}: {number}{_range_of(run.frames['load_N'], ', {} mN', 1e3)}"
-
-
-def _bodies(scene: Scene | None) -> str:
-    """What touches what."""
-    if scene is None or scene.indenter is None:
-        return "Contact micrographs"
-    rough = scene.asperities is not None
-    soft = rough and scene.asperities is not None and scene.asperities.textured == "soft"
-    lens = "Textured lens" if rough and not soft else "Smooth lens"
-    rubber = "textured rubber" if soft else "smooth rubber"
-    return f"{lens} of radius {plain_number(1e3 * scene.indenter.radius)} mm on {rubber}"
+    bodies = "Contact micrographs"
+    if run.scene is not None and run.scene.indenter is not None:
+        textured = None if run.scene.asperities is None else run.scene.asperities.textured
+        lens = "Textured lens" if textured == "rigid" else "Smooth lens"
+        rubber = "textured rubber" if textured == "soft" else "smooth rubber"
+        bodies = f"{lens} of radius {plain_number(1e3 * run.scene.indenter.radius)} mm on {rubber}"
+    return f"{bodies}: {number}{_range_of(run.frames['load_N'], ', {} mN', 1e3)}"
 
 
 def _range_of(values: pd.Series, form: str, factor: float) -> str:
@@ -122,54 +50,38 @@ def _range_of(values: pd.Series, form: str, factor: float) -> str:
     return form.format(" to ".join(ends))
 
 
-def _facts(run: Run) -> list[tuple[str, str]]:
+def facts(run: Run) -> list[tuple[str, str]]:
     """What was measured, and how."""
-    scene, facts = run.scene, list[tuple[str, str]]()
-    if scene is not None:
-        if scene.indenter is not None:
-            facts.append(("Lens", f"radius {plain_number(1e3 * scene.indenter.radius)} mm"))
-        facts += _rubber(scene)
-        if scene.asperities is not None and scene.asperities.file is not None:
-            facts.append(("Asperities", Path(scene.asperities.file).name))
-    loads = _range_of(run.frames["load_N"], "; loads {} mN", 1e3)
-    facts.append(("Frames", f"{len(run.frames)}{_size(run)}{loads or '; loads not known'}"))
+    scene, found, pose = run.scene, list[tuple[str, str]](), run.provenance.get("pose")
+    if scene is not None and scene.indenter is not None:
+        found.append(("Lens", f"radius {plain_number(1e3 * scene.indenter.radius)} mm"))
+    body = None if scene is None else scene.elastic
+    if body is not None:
+        parts = [f"ν = {plain_number(body.poisson_ratio)}"]
+        if body.stated_modulus is not None:
+            modulus = number_with_std(1e-6 * body.stated_modulus, 1e-6 * body.young_modulus_std)
+            parts.insert(0, f"E = {modulus} MPa")
+        if body.thickness is not None:
+            parts.append(f"layer of {plain_number(1e3 * body.thickness)} mm")
+        if body.work_of_adhesion:
+            parts.append(f"w = {plain_number(1e3 * body.work_of_adhesion)} mJ/m²")
+        found.append(("Rubber", ", ".join(parts)))
+    if scene is not None and scene.asperities is not None and scene.asperities.file is not None:
+        found.append(("Asperities", Path(scene.asperities.file).name))
+    loads, size = _range_of(run.frames["load_N"], "; loads {} mN", 1e3), ""
+    if pose:
+        pixel = plain_number(1e6 * pose["pixel_size_m"])
+        size = f" of {pose['columns']} × {pose['rows']} pixels, {pixel} µm per pixel"
+    found.append(("Frames", f"{len(run.frames)}{size}{loads or '; loads not known'}"))
     if scene is not None and run.command != "predict":
-        facts.append(("Method", _method(run, scene)))
-    law = str(run.provenance.get("law", ""))
+        found.append(("Method", _method(run, scene)))
+    law = str(run.provenance.get("law", "")).removeprefix("local forces by the ").rstrip(".")
     if law:
-        said = law.removeprefix("local forces by the ").rstrip(".")
-        facts.append(("Local forces", f"{said[:1].upper()}{said[1:]}."))
-    return facts
-
-
-def _rubber(scene: Scene) -> list[tuple[str, str]]:
-    """The elastic body."""
-    body = scene.elastic
-    if body is None:
-        return []
-    parts = []
-    if body.stated_modulus is not None:
-        modulus = number_with_std(1e-6 * body.stated_modulus, 1e-6 * body.young_modulus_std)
-        parts.append(f"E = {modulus} MPa")
-    parts.append(f"ν = {plain_number(body.poisson_ratio)}")
-    if body.thickness is not None:
-        parts.append(f"layer of {plain_number(1e3 * body.thickness)} mm")
-    if body.work_of_adhesion:
-        parts.append(f"w = {plain_number(1e3 * body.work_of_adhesion)} mJ/m²")
-    return [("Rubber", ", ".join(parts))]
-
-
-def _size(run: Run) -> str:
-    """Size of the frames and of a pixel, where the run knows them."""
-    pose = run.provenance.get("pose")
-    if not pose:
-        return ""
-    pixel = plain_number(1e6 * pose["pixel_size_m"])
-    return f" of {pose['columns']} × {pose['rows']} pixels, {pixel} µm per pixel"
+        found.append(("Local forces", f"{law[:1].upper()}{law[1:]}."))
+    return found
 
 
 def _method(run: Run, scene: Scene) -> str:
-    """How contacts were measured."""
     method = "disks fitted to the image" if scene.measure.method == "disk" else "pixels above a threshold"
     if scene.measure.method != "disk":
         threshold = scene.measure.threshold
@@ -185,37 +97,32 @@ def _method(run: Run, scene: Scene) -> str:
     return f"{method}; {reference}{seen}."
 
 
-def _headlines(run: Run, exponent: Exponent | None) -> list[Headline]:
-    """The numbers that matter."""
+def exponent_headline(exponent: Estimate, confidence: float, n_points: int) -> Headline:
+    """The exponent of A(P)."""
+    note = f"exponent m of A ~ Pᵐ, {100 * confidence:g} % interval, {n_points} points"
+    return "m", number_with_interval(exponent), note
+
+
+def headlines(run: Run) -> list[Headline]:
+    """The numbers that matter, but for the exponent of A(P)."""
     frames, found = run.frames, list[Headline]()
-    if exponent is not None:
-        interval = f"{100 * exponent.confidence:g} % interval, {exponent.n_points} points"
-        text = number_with_interval(exponent.estimate)
-        found.append(Headline("m", text, f"exponent m of A ~ Pᵐ, {interval}"))
     slope = _force_slope(run)
     if slope is not None:
         note = "sum of the local forces over load, 95 % interval"
-        found.append(Headline("ΣF/P", number_with_interval(slope), note))
-    counts = frames["n_contacts"].dropna().to_numpy(int)
-    each = _range_of(frames["n_contacts"], "{} in a frame", 1.0)
-    found.append(Headline("Contacts", str(int(counts.sum())), each))
-    known = frames[frames["area_m2"].notna()]
+        found.append(("ΣF/P", number_with_interval(slope), note))
+    total = str(int(frames["n_contacts"].dropna().sum()))
+    found.append(("Contacts", total, _range_of(frames["n_contacts"], "{} in a frame", 1.0)))
+    known = frames[frames["area_m2"].notna()].sort_values("area_m2")
     if len(known):
-        text, note = _areas(known)
-        found.append(Headline("Area A", text, note))
+        factor, unit = display_unit(float(known["area_m2"].iloc[-1]), "m2")
+        ends = known.iloc[[0, -1]] if len(known) > 1 else known
+        texts = [
+            number_with_std(factor * area, factor * std)
+            for area, std in ends[["area_m2", "area_std_m2"]].itertuples(index=False)
+        ]
+        note = "real contact area" + (", smallest and largest" if len(known) > 1 else "")
+        found.append(("Area A", f"{' to '.join(texts)} {unit}", note))
     return found
-
-
-def _areas(frames: pd.DataFrame) -> tuple[str, str]:
-    """The smallest and the largest area, with the uncertainty of the latter."""
-    ordered = frames.sort_values("area_m2")
-    least, most = ordered.iloc[0], ordered.iloc[-1]
-    factor, unit = display_unit(float(most["area_m2"]), "m2")
-    text = number_with_std(factor * most["area_m2"], factor * most["area_std_m2"])
-    if len(ordered) == 1:
-        return f"{text} {unit}", "real contact area"
-    low = number_with_std(factor * least["area_m2"], factor * least["area_std_m2"])
-    return f"{low} to {text} {unit}", "real contact area, smallest and largest"
 
 
 def _force_slope(run: Run) -> CoverageEstimate | None:
@@ -236,30 +143,46 @@ def _force_slope(run: Run) -> CoverageEstimate | None:
         return None
 
 
-def _changed(run: Run) -> list[str]:
-    """Tables that were changed after the run."""
-    if not run.changed:
-        return []
-    names = " and ".join(run.changed)
-    return [f"{names} changed after the run; numbers, areas and forces of the frames are summed anew."]
+def warnings(run: Run, others: list[str]) -> list[str]:
+    """Sentences: tables that were changed after the run, the others, and each status that is not ok."""
+    found = [*others]
+    if run.changed:
+        names = " and ".join(run.changed)
+        changed = f"{names} changed after the run; numbers, areas and forces of the frames are summed anew."
+        found.insert(0, changed)
+    doubtful = run.frames[~run.frames["status"].isin(list(NO_WARNING))]
+    for status, part in doubtful.groupby("status", sort=False):
+        names = ", ".join(part["frame"].astype(str).head(MOST_NAMES))
+        more = f" and {len(part) - MOST_NAMES} more" if len(part) > MOST_NAMES else ""
+        message = str(part["message"].iloc[0] or "").rstrip(".")
+        total, verb = len(run.frames), "has" if len(part) == 1 else "have"
+        sentence = (
+            f"{len(part)} of {total} frame{'s' * (total > 1)} {verb} the status “{status}” ({names}{more})."
+        )
+        found.append(f"{sentence} {message[:1].upper()}{message[1:]}." if message else sentence)
+    left = len(found) - MOST_WARNINGS
+    if left > 0:
+        found = [*found[:MOST_WARNINGS], f"{left} more warnings are in the table of the frames."]
+    return found
 
 
-def _status_warnings(frames: pd.DataFrame) -> list[str]:
-    """One sentence for each status that is not ok: how many frames, which, and what the first one says."""
-    doubtful = frames[~frames["status"].isin(list(NO_WARNING))]
-    return [
-        _status_warning(str(status), part, len(frames))
-        for status, part in doubtful.groupby("status", sort=False)
-    ]
+def caption_of_frame(run: Run, frame: str) -> str:
+    """What is seen on a frame: its load, contacts and area."""
+    row = run.frames[run.frames["frame"] == frame].iloc[0]
+    parts = [f"{frame}{_load(row)}"]
+    if pd.notna(row["n_contacts"]):
+        count = int(row["n_contacts"])
+        parts.append("one contact" if count == 1 else f"{count} contacts")
+    if pd.notna(row["area_m2"]):
+        parts.append(f"area {number_with_std(1e6 * row['area_m2'], 1e6 * row['area_std_m2'])} mm²")
+    return f"{', '.join(parts)}; status {row['status']}."
 
 
-def _status_warning(status: str, part: pd.DataFrame, total: int) -> str:
-    """The sentence of one status."""
-    names = ", ".join(part["frame"].astype(str).head(MOST_NAMES))
-    more = f" and {len(part) - MOST_NAMES} more" if len(part) > MOST_NAMES else ""
-    message = str(part["message"].iloc[0] or "").rstrip(".")
-    verb = "has" if len(part) == 1 else "have"
-    sentence = (
-        f"{len(part)} of {total} frame{'s' * (total > 1)} {verb} the status “{status}” ({names}{more})."
-    )
-    return f"{sentence} {message[:1].upper()}{message[1:]}." if message else sentence
+def caption_of_comparison(run: Run, frame: str) -> str:
+    """What is seen on a frame with predictions."""
+    load = _load(run.frames[run.frames["frame"] == frame].iloc[0])
+    return f"Measured and predicted contacts on {frame}{load}."
+
+
+def _load(row: pd.Series) -> str:
+    return f" at {plain_number(1e3 * row['load_N'])} mN" if pd.notna(row["load_N"]) else ""

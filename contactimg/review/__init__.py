@@ -2,8 +2,8 @@
 
 In: the output folder of `process`. Out: rows of edits.csv and, if chosen, a threshold in the scene file;
 nothing else is written. Read in this order: `session` (what is reviewed, and its state), `jobs` (measuring
-again), `shown_tables`, `pictures`, `frame_light` with `curves` and `contact_window` (what a frame shows),
-`requests` (what the page may ask for), `server` (who may ask). The page is page.html, page.js and page.css.
+again), `shown_tables`, `frame_view` (what a frame shows), `requests` (what the page may ask for), `server`
+(who may ask). The page is page.html, page.js and page.css.
 """
 
 from contactimg.review.server import ReviewServer

@@ -12,9 +12,9 @@ from contactimg.errors import ContactimgError
 logger = logging.getLogger(__name__)
 
 Work = Callable[[Callable[[], None]], Any]
-"""Called with what it calls once a frame; returns what the page is told."""
+"""A job is called with a function that it calls once a frame, and returns what the page is told."""
 SECONDS_TO_END = 20.0
-"""That a cancelled job is given. Chosen: longer than a frame takes."""
+"""Time that a cancelled job is given to end. Chosen: longer than a frame takes."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,6 @@ class Jobs:
         self.wait(SECONDS_TO_END)
 
     def _work(self) -> None:
-        """Do one job after the other."""
         while True:
             work = self._queue.get()
             result, error = None, ""
@@ -111,7 +110,7 @@ class Jobs:
                 self._changed.notify_all()
 
     def _advance(self) -> None:
-        """One frame more."""
+        """Note that a frame is done, and end the job here if it was cancelled."""
         if self._cancelled:
             raise CancelledError
         with self._changed:

@@ -5,15 +5,15 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from importlib.resources import files
 from typing import Any
 
 from contactimg.errors import InputError
-from contactimg.review.pictures import LIGHT_TOP
+from contactimg.review.frame_view import LIGHT_TOP
 from contactimg.review.session import Session
 from contactimg.review.shown_tables import TABLES
-from contactimg.tables.contact_kinds import flag_values, kind_of_rejected, kinds_of_contacts
+from contactimg.tables import EDITS, Flag
+from contactimg.tables.contact_kinds import kind_of_rejected, kinds_of_contacts
 
 PAGE_FILES = {
     "": ("page.html", "text/html; charset=utf-8"),
@@ -33,7 +33,7 @@ class Answer:
 
     @classmethod
     def of(cls, data: Any, status: int = 200) -> "Answer":
-        """JSON."""
+        """Make an answer of data, as JSON."""
         return cls(json.dumps(data, allow_nan=False).encode(), status=status)
 
 
@@ -44,33 +44,37 @@ def answer_get(session: Session, path: str) -> Answer | None:
     ----------
     session : Session
     path : str
-        Of the address, after the token.
+        Part of the address after the token.
     """
     if path in PAGE_FILES:
         name, kind = PAGE_FILES[path]
-        return Answer(_page_file(name), kind)
-    if path in ("run.json", "job.json"):
-        return Answer.of(_whole(session) if path == "run.json" else vars(session.jobs.state))
-    if path.removeprefix("tables/") in TABLES and path.startswith("tables/"):
+        return Answer(files("contactimg.review").joinpath(name).read_bytes(), kind)
+    if path == "job.json":
+        return Answer.of(vars(session.jobs.state))
+    if path == "run.json":
+        fixed = {
+            "kinds": [kind.record for kind in kinds_of_contacts()],
+            "rejected": kind_of_rejected().record,
+            "flags": {str(flag.name): int(flag) for flag in Flag},
+            "light_top": LIGHT_TOP,
+        }
+        return Answer.of(session.record() | fixed)
+    if path.startswith("tables/") and path.removeprefix("tables/") in TABLES:
         return Answer(session.tables().text(path.removeprefix("tables/")), "text/csv; charset=utf-8")
     match = re.fullmatch(r"frames/(\d{1,7})/([a-z]+)(?:/(\d{1,9}))?\.(?:json|png)", path)
     if match is None or int(match[1]) >= len(session.sources):
         return None
-    return _of_frame(session, int(match[1]), match[2], match[3])
-
-
-def _of_frame(session: Session, number: int, what: str, label: str | None) -> Answer | None:
-    """Something about one frame."""
+    number, what, label = int(match[1]), match[2], match[3]
     if label is not None:
-        return Answer.of(_finite(session.window(number, int(label)))) if what == "contact" else None
-    pictures: dict[str, Callable[[int], bytes]] = {"image": session.picture, "light": session.light_picture}
+        return Answer.of(session.window(number, int(label))) if what == "contact" else None
+    pictures: dict[str, Callable[[int], bytes]] = {
+        "image": session.picture,
+        "light": session.light_picture,
+    }
     if what in pictures:
         return Answer(pictures[what](number), "image/png")
-    if what == "contacts":
-        return Answer.of(session.tables().of_frame(session.sources[number].name))
-    if what == "preview":
-        return Answer.of(session.preview(number))
-    return Answer.of(_finite(session.curves(number))) if what == "curves" else None
+    data = {"contacts": session.contacts, "preview": session.preview, "curves": session.curves}
+    return Answer.of(data[what](number)) if what in data else None
 
 
 def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | None:
@@ -109,53 +113,26 @@ def answer_post(session: Session, path: str, data: dict[str, Any]) -> Answer | N
     return Answer.of(session.record())
 
 
-NUMBERS = ("x_px", "y_px", "radius_px")
-TEXTS = ("frame", "action", "points", "author", "time", "reason")
 LONGEST_TEXT = 100_000
-"""Characters of one cell."""
+"""Characters of a text in an edit. Chosen: a mask of 10,000 corners."""
 
 
 def _edit(row: dict[str, Any]) -> dict[str, Any]:
     """A row of edits.csv from the page, checked for types."""
-    out: dict[str, Any] = {}
-    for name in NUMBERS:
+    edit: dict[str, Any] = {}
+    for name, (dtype, _) in EDITS.columns.items():
         value = row.get(name)
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
-            raise InputError(f"{name} must be a number, got {value!r}")
-        out[name] = math.nan if value is None else float(value)
-    for name in TEXTS:
-        text = row.get(name) or ""
-        if not isinstance(text, str) or len(text) > LONGEST_TEXT or "\0" in text:
-            raise InputError(f"{name} must be text")
-        out[name] = text
-    return out
+        if dtype == "float64":
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int | float)):
+                raise InputError(f"{name} must be a number, got {value!r}")
+            edit[name] = math.nan if value is None else float(value)
+        else:
+            edit[name] = value or ""
+            if not isinstance(edit[name], str) or len(edit[name]) > LONGEST_TEXT or "\0" in edit[name]:
+                raise InputError(f"{name} must be text")
+    return edit
 
 
 def _in_one_line(edit: dict[str, Any]) -> dict[str, Any]:
     """An edit without line breaks in what a person writes."""
     return edit | {name: " ".join(edit[name].split()) for name in ("author", "reason")}
-
-
-def _whole(session: Session) -> dict[str, Any]:
-    """All about the run, with what does not change."""
-    return session.record() | {
-        "kinds": [kind.record for kind in kinds_of_contacts()],
-        "rejected": kind_of_rejected().record,
-        "flags": flag_values(),
-        "light_top": LIGHT_TOP,
-    }
-
-
-@cache
-def _page_file(name: str) -> bytes:
-    """A file of the page."""
-    return files("contactimg.review").joinpath(name).read_bytes()
-
-
-def _finite(value: Any) -> Any:
-    """The value with None in place of numbers that JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -21,9 +21,9 @@ logger = logging.getLogger(__name__)
 
 ADDRESS = "127.0.0.1"
 LARGEST_BODY = 2**20
-"""Bytes of a request. Chosen: a mask of 10,000 corners."""
+"""Most bytes of a request. Chosen: a mask of 10,000 corners."""
 SECONDS = 30.0
-"""That a request may take to arrive."""
+"""Time that a request may take to arrive, and answers to be made when the server is closed."""
 _HOST = re.compile(r"(localhost|127\.0\.0\.1|\[::1\])(:\d{1,5})?")
 _ORIGIN = re.compile(r"https?://([a-z0-9.-]+(:\d{1,5})?)")
 _HEADERS = {
@@ -79,7 +79,7 @@ class ReviewServer(ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Of the page."""
+        """The address of the page."""
         return f"http://{ADDRESS}:{self.server_address[1]}/{self.token}/"
 
     def server_bind(self) -> None:
@@ -112,8 +112,6 @@ class ReviewServer(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Answers the requests of one connection."""
-
     protocol_version = "HTTP/1.1"
     server_version = "contactimg"
     sys_version = ""
@@ -121,13 +119,13 @@ class _Handler(BaseHTTPRequestHandler):
     server: ReviewServer
 
     def do_GET(self) -> None:
-        """Read."""
+        """Answer a request that changes nothing."""
         path = self._admitted_path()
         if path is not None:
             self._answer(lambda: answer_get(self.server.session, path))
 
     def do_POST(self) -> None:
-        """Write."""
+        """Answer a request that changes something."""
         body = self._body()
         path = self._admitted_path()
         if body is None or path is None:
@@ -204,4 +202,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(answer.body)
 
     def log_message(self, format: str, *arguments: Any) -> None:  # noqa: A002
-        """Quiet; the address with its token is not logged."""
+        """Nothing is logged, for the address holds the token."""

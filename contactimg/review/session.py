@@ -32,26 +32,28 @@ from contactimg.pipeline.edits import check_frames, edits_by_frame
 from contactimg.pipeline.measured_series import write_run
 from contactimg.pipeline.pictures import series_stretch
 from contactimg.pipeline.series import measure_parts
-from contactimg.review.contact_window import contact_window
-from contactimg.review.curves import ThresholdCurves
-from contactimg.review.frame_light import FrameLight, measure_alone
+from contactimg.review.frame_view import LIGHT_TOP, FrameView, measure_alone, picture
 from contactimg.review.jobs import Jobs
-from contactimg.review.pictures import LIGHT_TOP, picture
-from contactimg.review.shown_tables import ShownTables
+from contactimg.review.shown_tables import ShownTables, plain_rows
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import EDITS, OUTLINES
+from contactimg.tables import EDITS
 
 KEPT_FRAMES = 4
 """Prepared frames and pictures kept in memory. Chosen: going back and forth between two or three."""
 
 
+Edits = list[dict[Any, Any]]
+
+
 @dataclass(frozen=True)
 class _Measured:
-    """What the tables shown were made from."""
+    """The tables that are shown, and the edits and the scene that they were made from.
+
+    Edits are None where they are not known, because the file has changed since.
+    """
 
     tables: ShownTables
-    edits: list[dict[Any, Any]] | None
-    """None where they are not known, because the file has changed since."""
+    edits: Edits | None
     scene: Scene
 
 
@@ -87,16 +89,16 @@ class Session:
             )
         self.jobs, self._workers, self._lock = Jobs(), workers, RLock()
         self._preview: tuple[int, dict[str, Any]] = (-1, {})
-        self._known: tuple[str, list[dict[Any, Any]]] = ("", [])
-        shown = replace(ShownTables.read(folder), frames=run.frames)
+        self._known: tuple[str, Edits] = ("", [])
+        shown = ShownTables.read(folder, frames=run.frames)
         self._measured = _Measured(shown, self._edits_of_run(run.provenance["inputs"]), run.scene)
         self.changed = run.changed
         self.sources = _readable(self.open(), folder, run.provenance["inputs"])
         pose = run.provenance.get("pose")
         self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
         self._scratch = TemporaryDirectory(prefix="contactimg_review_")
-        self._picture = lru_cache(KEPT_FRAMES)(self._draw)
-        self._light = lru_cache(KEPT_FRAMES)(self._prepare)
+        self.picture = lru_cache(KEPT_FRAMES)(self._picture)
+        self._view = lru_cache(KEPT_FRAMES)(self._look_at)
 
     def close(self) -> None:
         """Remove the files of tables that were measured again."""
@@ -107,7 +109,7 @@ class Session:
         """The experiment with the edits as they are now."""
         return open_experiment(self.scene)
 
-    def _edits_of_run(self, inputs: list[dict[str, Any]]) -> list[dict[Any, Any]] | None:
+    def _edits_of_run(self, inputs: list[dict[str, Any]]) -> Edits | None:
         """The edits that the run was measured with, if the file is still the same."""
         path = str(self.edits.path.resolve())
         digest = next((str(entry.get("sha256")) for entry in inputs if entry["path"] == path), "")
@@ -134,22 +136,23 @@ class Session:
                 "edits": edits,
                 "measured": self.jobs.state.number if shown.folder != self.folder else 0,
                 "frames": [
-                    shown.summary(source.name)
+                    {"name": name, "status": "not measured", "n_contacts": None, "load_N": None}
+                    | shown.summaries.get(name, {})
                     | {
-                        "n_edits": sum(row["frame"] in (source.name, EVERY_FRAME) for row in edits),
-                        "pending": pending is None or bool(pending & {source.name, EVERY_FRAME}),
+                        "n_edits": sum(row["frame"] in (name, EVERY_FRAME) for row in edits),
+                        "pending": pending is None or bool(pending & {name, EVERY_FRAME}),
                     }
-                    for source in self.sources
+                    for name in (source.name for source in self.sources)
                 ],
                 "job": asdict(self.jobs.state),
             }
 
-    def _edits_now(self) -> list[dict[Any, Any]]:
+    def _edits_now(self) -> Edits:
         """The edits, with None for what JSON does not have; the file is read again when it has changed."""
         with self._lock:
             version = self.edits.version
             if version != self._known[0]:
-                self._known = (version, _plain_rows(self.edits.read()))
+                self._known = (version, plain_rows(self.edits.read()))
             return self._known[1]
 
     def tables(self) -> ShownTables:
@@ -157,43 +160,41 @@ class Session:
         with self._lock:
             return self._measured.tables
 
-    def picture(self, number: int) -> bytes:
-        """PNG of a frame as it was recorded."""
-        return self._picture(number)
+    def contacts(self, number: int) -> dict[str, Any]:
+        """Contacts, rejected candidates and outlines of a frame."""
+        return self.tables().of_frame(self.sources[number].name)
 
     def light_picture(self, number: int) -> bytes:
         """PNG of the light of the contacts of a frame: 0 background, 255 1.25 times the contrast."""
-        return picture(self.light(number).image, (0.0, LIGHT_TOP))
+        return picture(self.view(number).light, (0.0, LIGHT_TOP))
 
     def curves(self, number: int) -> dict[str, Any]:
         """Count and area against the threshold."""
         edits = edits_by_frame(self.open(), relative=None).get(self.sources[number].name, ())
-        curves = ThresholdCurves.of(self.light(number), edits)
-        return curves.record(self._pixel_size)
+        return self.view(number).curves(edits, self._pixel_size)
 
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""
         name, tables = self.sources[number].name, self.tables()
-        contacts = tables.contacts.get(name)
-        if contacts is None or label not in set(contacts["label"]):
+        contacts = tables.rows("contacts.csv", name)
+        if label not in set(contacts["label"]):
             raise InputError(f"{name}: has no contact {label}")
-        return contact_window(
-            self.light(number), contacts, tables.outlines.get(name, OUTLINES.empty()), label
-        )
+        return self.view(number).window(contacts, tables.rows("outlines.csv", name), label)
 
-    def light(self, number: int) -> FrameLight:
+    def view(self, number: int) -> FrameView:
         """A frame prepared for closer looks, with the masks as they are now."""
         frames = (self.sources[number].name, EVERY_FRAME)
         masks = [
             _meaning(row) for row in self._edits_now() if row["action"] == MASK and row["frame"] in frames
         ]
-        return self._light(number, tuple(masks), self.scene.measure.method)
+        return self._view(number, tuple(masks))
 
-    def _draw(self, number: int) -> bytes:
+    def _picture(self, number: int) -> bytes:
+        """PNG of a frame as it was recorded."""
         return picture(replace(self.sources[number], correct=None).read().image, self._stretch)
 
-    def _prepare(self, number: int, _masks: tuple[Any, ...], _method: str) -> FrameLight:
-        return FrameLight.of(self.open(), number)
+    def _look_at(self, number: int, _masks: tuple[Any, ...]) -> FrameView:
+        return FrameView.of(self.open(), number)
 
     @cached_property
     def _stretch(self) -> tuple[float, float]:
@@ -207,7 +208,7 @@ class Session:
         check_frames(table, [source.name for source in self.sources])
         with self._lock:
             present = self._edits_now()
-            new = [not row["time"] or row not in present for row in _plain_rows(table)]
+            new = [not row["time"] or row not in present for row in plain_rows(table)]
             if any(new):
                 self.edits.insert(table[new], place)
 
@@ -265,23 +266,19 @@ class Session:
             raise InputError("this frame has not been measured alone")
         return self._preview[1]
 
-    def _measure_first(self, experiment: Experiment, number: int) -> None:
-        """Measure one frame alone and tell the page; if it fails, the series will say why."""
-        with suppress(FrameError):
-            part = measure_alone(experiment, number)
-            self._preview = (number, ShownTables.of_part(part).of_frame(self.sources[number].name))
-            self.jobs.tell({"preview": number})
-
     def find_plateau(self) -> bool:
         """Start the scan of `calibrate plateau`; False if a job runs."""
         return self.jobs.start("plateau", self._find_plateau, total=len(self.sources))
 
     def _measure(self, advance: Any, *, number: int | None = None) -> None:
-        """Measure; frames whose edits and scene are as before come from the store."""
+        """Measure the series; frames whose edits and scene are as before come from the store."""
         with self._lock:
             edits, experiment, scene = self._edits_now(), self.open(), self.scene
         if number is not None and len(experiment.frames) > 1:
-            self._measure_first(experiment, number)
+            with suppress(FrameError):  # the series will say why
+                part = measure_alone(experiment, number)
+                self._preview = (number, ShownTables.of_part(part).of_frame(self.sources[number].name))
+                self.jobs.tell({"preview": number})
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
         store = PartStore(top / "frames", record, resumes=False)
@@ -289,21 +286,14 @@ class Session:
         folder = top / f"tables_{self.jobs.state.number}"
         folder.mkdir()
         write_run(series, folder)
-        tables = ShownTables.read(folder)
         with self._lock:
-            self._measured = _Measured(tables, edits, scene)
+            self._measured = _Measured(ShownTables.read(folder), edits, scene)
 
     def _find_plateau(self, advance: Any) -> dict[str, float]:
-        """Thresholds of the plateau of the series."""
         series = measure_thresholds(self.open(), workers=self._workers, advance=advance)
         found = find_plateau(series.thresholds, series.areas)
         names = ("threshold_low", "threshold", "threshold_high", "relative_fall")
         return {name: getattr(found, name) for name in names}
-
-
-def _plain_rows(edits: pd.DataFrame) -> list[dict[Any, Any]]:
-    """Rows with None for what JSON does not have."""
-    return edits.astype(object).where(edits.notna(), None).to_dict("records")
 
 
 def _meaning(row: dict[Any, Any]) -> tuple[Any, ...]:
@@ -311,19 +301,15 @@ def _meaning(row: dict[Any, Any]) -> tuple[Any, ...]:
     return tuple(row[name] for name in ("frame", "action", "x_px", "y_px", "radius_px", "points"))
 
 
-def _changed_frames(before: list[dict[Any, Any]] | None, now: list[dict[Any, Any]]) -> set[str] | None:
+def _changed_frames(before: Edits | None, now: Edits) -> set[str] | None:
     """Frames whose edits are other ones than before; None if those before are not known."""
     if before is None:
         return None
-    old, new = ([_meaning(row) for row in rows] for rows in (before, now))
-    if old == new[: len(old)]:  # rows were added
-        return {row[0] for row in new[len(old) :]}
-    frames = {row[0] for row in old + new}
-    return {
-        name
-        for name in frames
-        if [row for row in old if row[0] == name] != [row for row in new if row[0] == name]
-    }
+    changes: dict[str, tuple[list[Any], list[Any]]] = {}
+    for k, rows in enumerate((before, now)):
+        for row in rows:
+            changes.setdefault(row["frame"], ([], []))[k].append(_meaning(row))
+    return {frame for frame, (old, new) in changes.items() if old != new}
 
 
 def _readable(experiment: Experiment, folder: Path, inputs: list[dict[str, Any]]) -> list[FrameSource]:

@@ -1,6 +1,5 @@
 """The tables that the page shows: those of the run, or of the last time it was measured again."""
 
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,105 +18,83 @@ TABLES: dict[str, Schema] = {
     "outlines.csv": OUTLINES,
 }
 """Files that the page may read from the folder of a run."""
-COLUMNS = (
+CONTACT_COLUMNS = (
     "label", "x_px", "y_px", "radius_px", "radius_std_px", "flags", "shape", "semi_major_px", "semi_minor_px",
     "angle_rad", "area_m2", "force_N", "force_std_N", "x_m", "y_m", "asperity",
 )  # fmt: skip
-"""Of the contacts, that the page uses."""
+"""Columns of the contacts that the page uses."""
 
 
-@dataclass(frozen=True, eq=False)
 class ShownTables:
-    """Tables of a run, read from its folder.
+    """Tables of a run, frame by frame.
 
     Parameters
     ----------
-    folder : Path
-    contacts, rejected, outlines : dict
-        Name of a frame -> its rows.
-    frames : DataFrame
+    tables : dict
+        Name of a file of `TABLES` -> its table.
+    folder : Path or None
+        Folder that holds the files.
     """
 
-    folder: Path
-    contacts: dict[str, pd.DataFrame]
-    rejected: dict[str, pd.DataFrame]
-    outlines: dict[str, pd.DataFrame]
-    frames: pd.DataFrame
+    def __init__(self, tables: dict[str, pd.DataFrame], folder: Path | None = None) -> None:
+        self.folder, self._frames = folder, tables["frames.csv"]
+        self._parts = {
+            name: {str(frame): part for frame, part in table.groupby("frame", sort=False)}
+            for name, table in tables.items()
+            if name != "frames.csv"
+        }
 
     @classmethod
-    def read(cls, folder: Path) -> "ShownTables":
-        """Those in a folder; a run need not have rejected candidates or outlines."""
-        tables = {
+    def read(cls, folder: Path, **known: pd.DataFrame) -> "ShownTables":
+        """Read a run, which need not have rejected candidates or outlines; ``frames`` may be given."""
+        read = {
             name: read_run_table(folder, schema, infinite=True, optional=True)
             for name, schema in TABLES.items()
+            if schema.name not in known
         }
-        groups = {name: _by_frame(tables[name]) for name in TABLES if name != "frames.csv"}
-        return cls(
-            folder,
-            groups["contacts.csv"],
-            groups["rejected.csv"],
-            groups["outlines.csv"],
-            tables["frames.csv"],
-        )
+        return cls(read | {f"{name}.csv": table for name, table in known.items()}, folder)
 
     @classmethod
     def of_part(cls, part: MeasuredFrame) -> "ShownTables":
-        """Those of one frame, which are in no folder."""
-        name, row = str(part.row["frame"]), FRAMES.conform(pd.DataFrame([part.row]))
-        tables = part.tables
-        return cls(Path(), {name: tables.contacts}, {name: tables.rejected}, {name: tables.outlines}, row)
+        """The tables of one frame, which are in no folder."""
+        row = FRAMES.conform(pd.DataFrame([part.row]))
+        return cls(dict(zip(TABLES, (part.tables.contacts, row, part.tables.rejected, part.tables.outlines), strict=True)))
 
-    def of_frame(self, name: str) -> dict[str, Any]:
+    def rows(self, name: str, frame: str) -> pd.DataFrame:
+        """The rows of a table that are about one frame."""
+        part = self._parts[name].get(frame)
+        return TABLES[name].empty() if part is None else part
+
+    def of_frame(self, frame: str) -> dict[str, Any]:
         """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
-        row = self.frames[self.frames["frame"] == name]
+        lines: dict[str, list[Any]] = {}
+        for (label, _), part in self.rows("outlines.csv", frame).groupby(["label", "outline"]):
+            lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
+        contacts, rejected = (self.rows(name, frame) for name in ("contacts.csv", "rejected.csv"))
         return {
-            "row": None if row.empty else _plain(row).iloc[0].to_dict(),
-            "contacts": _columns(self.contacts.get(name, CONTACTS.empty()), COLUMNS),
-            "rejected": _columns(
-                self.rejected.get(name, REJECTED.empty()), ("x_px", "y_px", "radius_px", "reason")
-            ),
-            "outlines": _lines(self.outlines.get(name, OUTLINES.empty())),
+            "row": next(iter(plain_rows(self._frames[self._frames["frame"] == frame])), None),
+            "contacts": _plain(contacts[list(CONTACT_COLUMNS)]).to_dict("list"),
+            "rejected": _plain(rejected.drop(columns="frame")).to_dict("list"),
+            "outlines": lines,
         }
 
-    def summary(self, name: str) -> dict[str, Any]:
-        """Name, status, number of contacts and load of a frame."""
-        return {"name": name, "status": "not measured", "n_contacts": None, "load_N": None} | self._rows.get(
-            name, {}
-        )
-
     @cached_property
-    def _rows(self) -> dict[str, dict[str, Any]]:
-        """Name of a frame -> status, number of contacts and load."""
-        names = ["status", "n_contacts", "load_N"]
-        columns = [_plain(self.frames[names])[name].tolist() for name in names]
-        rows = (dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True))
-        return dict(zip(self.frames["frame"].tolist(), rows, strict=True))
+    def summaries(self) -> dict[str, dict[str, Any]]:
+        """Name of a frame -> its status, number of contacts and load."""
+        rows = plain_rows(self._frames[["status", "n_contacts", "load_N"]])
+        return dict(zip(self._frames["frame"].tolist(), rows, strict=True))
 
     def text(self, name: str) -> bytes:
         """The file of a table; empty if the run has none."""
-        path = self.folder / name
-        return path.read_bytes() if path.exists() else b""
-
-
-def _by_frame(table: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Name of a frame -> its rows."""
-    return {str(name): part for name, part in table.groupby("frame", sort=False)}
+        path = None if self.folder is None else self.folder / name
+        return path.read_bytes() if path is not None and path.exists() else b""
 
 
 def _plain(table: pd.DataFrame) -> pd.DataFrame:
-    """With None for what JSON does not have."""
+    """A table with None for what JSON does not have."""
     return table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
 
 
-def _columns(table: pd.DataFrame, names: tuple[str, ...]) -> dict[str, list[Any]]:
-    """Columns as lists."""
-    plain = _plain(table[list(names)])
-    return {name: plain[name].tolist() for name in names}
-
-
-def _lines(outlines: pd.DataFrame) -> dict[str, list[list[list[float]]]]:
-    """Label of a contact -> its outlines, each a list of x, y."""
-    lines: dict[str, list[list[list[float]]]] = {}
-    for (label, _), part in outlines.groupby(["label", "outline"]):
-        lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
-    return lines
+def plain_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
+    """Rows with None for what JSON does not have."""
+    return _plain(table).to_dict("records")

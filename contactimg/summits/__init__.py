@@ -3,8 +3,7 @@
 In: a `HeightMap` (heights in m, NaN where nothing was measured). Out: a table of asperities.
 
 Read in this order: `height_map` (the record), `base` (the plane or sphere that the asperities stand on, and
-the noise), `regions` (one region of pixels for each summit), `sphere_fit` (the sphere through the top of a
-region), `find` (all of them in order).
+the noise), `sphere_fit` (the sphere through the top of an asperity), `find` (all summits in order).
 """
 
 from contactimg.summits.find import FoundSummits, SummitSearch, find_summits

@@ -38,6 +38,9 @@ FLATTEST = 1e-3
 MOST_BINS = 20_000
 """Most bins of the histogram of heights. Chosen: caps of 10,000 times the noise leave the base a bin."""
 
+MAD_TO_STD = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation. Theory."""
+
 NARROWING = 0.9866
 """Standard deviation of a normal distribution cut off at `BASE_SIGMAS`. Theory."""
 
@@ -108,7 +111,7 @@ def refit_base(surface: HeightMap, form: Form, base: Base, asperities: NDArray[n
     return _through(surface, _terms(surface, form), outside)
 
 
-def _through(surface: HeightMap, terms: list[Values], on_base: NDArray[np.bool_]) -> Base:
+def _through(surface: HeightMap, terms: Values, on_base: NDArray[np.bool_]) -> Base:
     """The base through some pixels."""
     heights = _form(terms, _least_squares(surface.heights, terms, on_base))
     rest = np.where(on_base, surface.heights - heights, np.nan)
@@ -124,49 +127,40 @@ def pixel_noise(heights: Values) -> float:
     second = heights[:, 2:] - 2 * heights[:, 1:-1] + heights[:, :-2]
     fourth = second[2:] - 2 * second[1:-1] + second[:-2]
     values = fourth[np.isfinite(fourth)]
-    return 1.4826 * float(np.median(np.abs(values))) / 6 if values.size else 0.0
+    return MAD_TO_STD * float(np.median(np.abs(values))) / 6 if values.size else 0.0
 
 
-def _terms(surface: HeightMap, form: Form) -> list[Values]:
+def _terms(surface: HeightMap, form: Form) -> Values:
     """The functions of the position whose sum is the form, about 1 at the rim of the map."""
     scale = max(abs(surface.x[0]), abs(surface.y[0]))
     x, y = surface.x[None, :] / scale, surface.y[:, None] / scale
-    one = np.ones_like(surface.heights)
-    terms = [one]
-    if form != "none":
-        terms += [one * x, one * y]
-    if form == "sphere":
-        terms.append(x**2 + y**2)
-    return terms
+    count = {"none": 1, "plane": 3, "sphere": 4}[form]
+    terms = (np.ones((1, 1)), x, y, x**2 + y**2)
+    return np.stack([np.broadcast_to(term, surface.heights.shape) for term in terms[:count]])
 
 
-def _form(terms: list[Values], coefficients: Values) -> Values:
-    """The sum of the terms."""
-    total = np.zeros_like(terms[0])
-    for term, coefficient in zip(terms, coefficients, strict=True):
-        total += coefficient * term
-    return total
+def _form(terms: Values, coefficients: Values) -> Values:
+    return np.asarray(np.tensordot(coefficients, terms, axes=1))
 
 
-def _least_squares(heights: Values, terms: list[Values], pixels: NDArray[np.bool_]) -> Values:
+def _least_squares(heights: Values, terms: Values, pixels: NDArray[np.bool_]) -> Values:
     """Coefficients of the terms over some pixels."""
-    columns = np.stack([term[pixels] for term in terms])
+    columns = terms[:, pixels]
     return _solved(columns @ columns.T, columns @ heights[pixels])
 
 
 def _solved(design: Values, values: Values) -> Values:
-    """The least-squares solution."""
     return np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
 
 
-def _first_guess(heights: Values, terms: list[Values]) -> Values:
+def _first_guess(heights: Values, terms: Values) -> Values:
     """Coefficients through a low quantile of each tile, tiles that stand out left out in turn."""
     rows, low = [], []
     for i in np.array_split(np.arange(heights.shape[0]), TILES):
         for j in np.array_split(np.arange(heights.shape[1]), TILES):
             tile = np.ix_(i, j)
             if i.size and j.size and np.isfinite(heights[tile]).any():
-                rows.append([term[tile].mean() for term in terms])
+                rows.append(terms[:, tile[0], tile[1]].mean(axis=(1, 2)))
                 low.append(np.nanquantile(heights[tile], LOW_QUANTILE))
     design, values = np.array(rows), np.array(low)
     weights = np.ones_like(values)
@@ -191,7 +185,7 @@ def _lower_mode(values: Values, noise: float) -> tuple[float, float]:
     near = values[np.abs(values - edges[peak]) < max(5 * bin_width, 2 * noise)]
     level = float(np.median(near)) if near.size else float(edges[peak])
     below = level - values[values < level]
-    width = 1.4826 * float(np.median(below)) if below.size else noise
+    width = MAD_TO_STD * float(np.median(below)) if below.size else noise
     return level, max(width, noise, 1e-300)
 
 
@@ -206,6 +200,6 @@ def _waviness(rest: Values) -> float:
                 noise.append(np.pi / 2 * float(values.var()) / values.size)  # variance of a median
     if not medians:
         return 0.0
-    variance = (1.4826 * float(np.median(np.abs(medians)))) ** 2
+    variance = (MAD_TO_STD * float(np.median(np.abs(medians)))) ** 2
     expected = float(np.median(noise))
     return float(np.sqrt(max(variance - expected, expected / len(medians))))

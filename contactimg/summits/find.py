@@ -1,20 +1,35 @@
 """All summits of a height map."""
 
+from collections import Counter
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import ndimage
+from skimage.morphology import local_maxima, reconstruction
+from skimage.segmentation import watershed
 
 from contactimg.errors import InputError
-from contactimg.summits.base import Base, Form, fit_base, refit_base
+from contactimg.summits.base import MAD_TO_STD, Base, Form, fit_base, refit_base
 from contactimg.summits.height_map import HeightMap
-from contactimg.summits.regions import Regions, divide
-from contactimg.summits.sphere_fit import Sphere, SphereFit, correlation_factor, fit_sphere
+from contactimg.summits.sphere_fit import SphereFit, correlation_factor, fit_sphere
 from contactimg.tables import SUMMITS
 
 Values = NDArray[np.float64]
+Labels = NDArray[np.intp]
+
+SMOOTHING_PX = 1.0
+"""Standard deviation of the Gaussian before summits are looked for, px. Chosen: it leaves caps of three
+pixels and takes two thirds of white noise away; positions and radii come from the heights as measured."""
+
+MEDIAN_OF_25 = 0.25
+"""Standard deviation of the median of 25 normal numbers over theirs. Theory: sqrt(pi/2/25)."""
+
+NOISE_SIGMAS = 6.0
+"""How far a summit must rise above the valley to its neighbour and above the base, in standard deviations of
+the smoothed noise. Theory: of 10^7 pixels none does by chance."""
 
 DOUBT_SIGMAS = 3.0
 """Fits to the whole and to the upper half of a patch that differ by more standard deviations say that the
@@ -94,17 +109,6 @@ class FoundSummits:
     warnings: list[str] = field(default_factory=list)
 
 
-@dataclass(frozen=True)
-class _Map:
-    """A map above its base, divided into regions."""
-
-    surface: HeightMap
-    heights: Values
-    regions: Regions
-    usable: NDArray[np.bool_]
-    noise: float
-
-
 def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> FoundSummits:
     """Find the summits of a map and fit a sphere to the top of each.
 
@@ -139,17 +143,55 @@ def find_summits(surface: HeightMap, search: SummitSearch | None = None) -> Foun
     """
     search = search or SummitSearch()
     base = fit_base(surface, search.form)
-    heights = surface.heights - base.heights
-    regions = divide(heights, base, least_height=search.least_height)
-    feet = ndimage.binary_dilation(regions.labels > 0, iterations=FEET_PX)
+    labels, smoothed = _divide(surface.heights - base.heights, base, search.least_height)
+    feet = ndimage.binary_dilation(labels > 0, iterations=FEET_PX)
     base = refit_base(surface, search.form, base, feet)
     heights = surface.heights - base.heights
-    usable = np.isfinite(heights) & ~_near_neighbour(regions.labels)
-    parts = _Map(surface, heights, regions, usable, base.noise)
-    rows, left_out = _rows(parts, base, search)
+    usable = np.isfinite(heights) & ~_near_neighbour(labels)
+    y, x = np.meshgrid(surface.y, surface.x, indexing="ij")
+    fits, left_out = [], Counter[str]()
+    for number, window in enumerate(ndimage.find_objects(labels), start=1):
+        fit = None
+        if window is not None:
+            mine = labels[window] == number
+            points = np.stack([x[window], y[window], heights[window]])
+            start = _start(points, np.where(mine, smoothed[window], -np.inf), surface)
+            fit = _fit_patch(points, mine & usable[window], start, search.depth, base.noise)
+        reason = _why_not(fit, surface, search)
+        if fit is None or reason:
+            left_out[reason] += 1
+        else:
+            fits.append(fit)
+    kept = _once(fits, search)
+    if len(kept) < len(fits):
+        left_out["second summits of one asperity"] = len(fits) - len(kept)
+    factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
+    rows = [_row(fit, base, factor) for fit in kept]
     table = SUMMITS.conform(pd.DataFrame(rows, columns=list(SUMMITS.columns)))
     table = table.sort_values("height_m", ascending=False, ignore_index=True)
-    return FoundSummits(table, base.noise, left_out, _doubts(surface, base, table))
+    return FoundSummits(table, base.noise, dict(left_out), _doubts(surface, base, table))
+
+
+def _divide(heights: Values, base: Base, least_height: float) -> tuple[Labels, Values]:
+    """One region of pixels for each summit, and the heights without spikes and with less noise.
+
+    What stands out of the base is divided along the valleys, without summits below ``least_height``.
+    """
+    missing, filled = ~np.isfinite(heights), heights
+    if missing.any():
+        nearest = ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
+        filled = heights[tuple(nearest)]
+    scale = float(np.abs(filled).max()) or 1.0
+    median = cv2.medianBlur((filled / scale).astype(np.float32), 5).astype(np.float64) * scale
+    smoothed: Values = ndimage.gaussian_filter(median, SMOOTHING_PX, mode="nearest")
+    noise, below = MEDIAN_OF_25 * base.noise, -smoothed[smoothed < 0]
+    if base.seen and below.size:
+        noise = MAD_TO_STD * float(np.median(below))
+    rise = NOISE_SIGMAS * max(noise, 1e-9 * float(np.ptp(smoothed)))
+    flooded = reconstruction(np.maximum(smoothed - rise, 0.0), np.maximum(smoothed, 0.0))
+    tops = local_maxima(flooded) & (flooded > max(0.0, least_height - rise))
+    markers, _ = ndimage.label(tops, structure=np.ones((3, 3)))
+    return watershed(-smoothed, markers, mask=smoothed > rise).astype(np.intp), smoothed
 
 
 def _near_neighbour(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
@@ -162,127 +204,87 @@ def _near_neighbour(labels: NDArray[np.intp]) -> NDArray[np.bool_]:
     return near
 
 
-def _rows(parts: _Map, base: Base, search: SummitSearch) -> tuple[list[dict[str, object]], dict[str, int]]:
-    """Rows of the table, and what is not in it."""
-    left_out: dict[str, int] = {}
-    fits = []
-    for number, window in enumerate(ndimage.find_objects(parts.regions.labels), start=1):
-        fit = _Patch(parts, number, (window[0], window[1]), search).fit() if window else None
-        reason = _why_not(fit, parts.surface, search)
-        if fit is None or reason:
-            left_out[reason] = left_out.get(reason, 0) + 1
-        else:
-            fits.append(fit)
-    kept = _once(fits, search)
-    if len(kept) < len(fits):
-        left_out["second summits of one asperity"] = len(fits) - len(kept)
-    factor = float(np.median([fit.factor for fit in kept])) if kept else 1.0
-    return [_row(fit, base, factor) for fit in kept], left_out
-
-
 @dataclass(frozen=True)
 class _Fit:
-    """The fits to a patch and to its upper half."""
+    """The spheres through a patch and through its upper half, and the correlation of the residuals."""
 
     whole: SphereFit
     half: SphereFit | None
     factor: float
 
 
-@dataclass(frozen=True)
-class _Patch:
-    """The pixels of one region."""
+def _start(points: Values, smoothed: Values, surface: HeightMap) -> Values | None:
+    """The highest smoothed pixel, with the curvature that the area of the upper half gives."""
+    top = np.unravel_index(int(np.argmax(smoothed)), smoothed.shape)
+    height = float(smoothed[top])
+    if height <= 0:
+        return None
+    area = float((smoothed > height / 2).sum()) * surface.pixel_size[0] * surface.pixel_size[1]
+    return np.array([points[0][top], points[1][top], height, np.pi * height / area])
 
-    parts: _Map
-    number: int
-    window: tuple[slice, slice]
-    search: SummitSearch
 
-    def fit(self) -> _Fit | None:
-        """The spheres through the region; None where it holds no summit that can be fitted."""
-        parts, window = self.parts, self.window
-        inside = (parts.regions.labels[window] == self.number) & parts.usable[window]
-        y, x = np.meshgrid(parts.surface.y[window[0]], parts.surface.x[window[1]], indexing="ij")
-        points = np.stack([x[inside], y[inside], parts.heights[window][inside]])
-        start = self._start(x, y)
-        whole = None
-        for _ in range(2):  # the second time the height is known, and so is the depth
-            if start is None or start.z <= 0:
-                return None
-            whole = self._sphere(points, start, self.search.depth)
-            start = None if whole is None else whole.sphere
-        if whole is None:
+def _fit_patch(
+    points: Values, inside: NDArray[np.bool_], start: Values | None, depth: float, noise: float
+) -> _Fit | None:
+    """The spheres through the pixels of a region; None where it holds no summit that can be fitted."""
+    chosen, whole = points[:, inside], None
+    for _ in range(2):  # the second time the height is known, and so is the depth
+        if start is None or start[2] <= 0:
             return None
-        residuals = np.full(inside.shape, np.nan)
-        residuals[inside] = np.where(whole.pixels, whole.residuals, np.nan)
-        half = self._sphere(points, whole.sphere, self.search.depth / 2)
-        return _Fit(whole, half, correlation_factor(residuals))
-
-    def _sphere(self, points: Values, start: Sphere, depth: float) -> SphereFit | None:
-        """The sphere down to a share of the height."""
-        return fit_sphere(points, start, depth=depth * start.z, noise=self.parts.noise)
-
-    def _start(self, x: Values, y: Values) -> Sphere | None:
-        """The highest smoothed pixel, with the curvature that the area of the upper half gives."""
-        mine = self.parts.regions.labels[self.window] == self.number
-        smoothed = np.where(mine, self.parts.regions.smoothed[self.window], -np.inf)
-        top = np.unravel_index(int(np.argmax(smoothed)), smoothed.shape)
-        height = float(smoothed[top])
-        if height <= 0:
-            return None
-        pixel = self.parts.surface.pixel_size[0] * self.parts.surface.pixel_size[1]
-        area = float((smoothed > height / 2).sum()) * pixel
-        return Sphere(float(x[top]), float(y[top]), height, np.pi * height / area)
+        whole = fit_sphere(chosen, start, depth=depth * start[2], noise=noise)
+        start = None if whole is None else whole.sphere
+    if whole is None:
+        return None
+    residuals = np.full(inside.shape, np.nan)
+    residuals[inside] = np.where(whole.pixels, whole.residuals, np.nan)
+    half = fit_sphere(chosen, whole.sphere, depth=depth / 2 * whole.sphere[2], noise=noise)
+    return _Fit(whole, half, correlation_factor(residuals))
 
 
 def _why_not(fit: _Fit | None, surface: HeightMap, search: SummitSearch) -> str:
     """Why a summit is left out; empty where it is not."""
     if fit is None:
         return "too few pixels for a sphere"
-    sphere = fit.whole.sphere
-    step_x, step_y = surface.pixel_size
-    if not (
-        surface.x[0] - step_x / 2 <= sphere.x <= surface.x[-1] + step_x / 2
-        and surface.y[0] - step_y / 2 <= sphere.y <= surface.y[-1] + step_y / 2
-    ):
+    x, y, height, curvature = fit.whole.sphere
+    beyond = [
+        abs(place) - abs(axis[0]) > step / 2
+        for place, axis, step in zip((x, y), (surface.x, surface.y), surface.pixel_size, strict=True)
+    ]
+    if any(beyond):
         return "summits beyond the edge of the map"
-    std = float(np.sqrt(fit.whole.covariance[3, 3] * fit.factor))
-    if not sphere.curvature > MIN_CURVATURE_SIGMAS * std:
+    if not curvature > MIN_CURVATURE_SIGMAS * np.sqrt(fit.whole.covariance[3, 3] * fit.factor):
         return "no curvature beyond the noise"
-    if sphere.z < search.least_height:
-        return "lower than the least height"
-    return ""
+    return "lower than the least height" if height < search.least_height else ""
 
 
 def _once(fits: list[_Fit], search: SummitSearch) -> list[_Fit]:
     """One fit of each asperity: where two mean the same, that with more pixels."""
     kept: list[_Fit] = []
     for fit in sorted(fits, key=lambda fit: -int(fit.whole.pixels.sum())):
-        sphere = fit.whole.sphere
-        reach = TWICE * np.sqrt(2 * search.depth * sphere.z / sphere.curvature)
-        if all(np.hypot(sphere.x - o.whole.sphere.x, sphere.y - o.whole.sphere.y) > reach for o in kept):
+        x, y, height, curvature = fit.whole.sphere
+        reach = TWICE * np.sqrt(2 * search.depth * height / curvature)
+        if all(np.hypot(x - o.whole.sphere[0], y - o.whole.sphere[1]) > reach for o in kept):
             kept.append(fit)
     return kept
 
 
 def _row(fit: _Fit, base: Base, factor: float) -> dict[str, object]:
-    """One row of the table."""
-    sphere = fit.whole.sphere
+    x, y, height, curvature = fit.whole.sphere.tolist()
     count = int(fit.whole.pixels.sum())
     # of count/factor independent residuals the fit takes four away, from their scatter and their correlation
     fewer = count / max(count - 4 * factor, count / 4)
-    covariance = fit.whole.covariance * factor * fewer**2
+    stds = np.sqrt(np.diag(fit.whole.covariance) * factor) * fewer
     bends, message = _misfit(fit, factor)
-    height_std, curvature_std = np.hypot(np.sqrt(np.diag(covariance)[2:]), bends)
+    height_std, curvature_std = np.hypot(stds[2:], bends)
     return {
-        "x_m": sphere.x,
-        "y_m": sphere.y,
-        "height_m": sphere.z,
-        "radius_m": 1 / sphere.curvature,
+        "x_m": x,
+        "y_m": y,
+        "height_m": height,
+        "radius_m": 1 / curvature,
         "height_std_m": float(np.hypot(height_std, base.std)),
-        "radius_std_m": float(curvature_std / sphere.curvature**2),
-        "x_std_m": float(np.sqrt(covariance[0, 0])),
-        "y_std_m": float(np.sqrt(covariance[1, 1])),
+        "radius_std_m": float(curvature_std / curvature**2),
+        "x_std_m": float(stds[0]),
+        "y_std_m": float(stds[1]),
         "residual_m": fit.whole.scatter,
         "pixels": count,
         "message": message,
@@ -294,14 +296,14 @@ def _misfit(fit: _Fit, factor: float) -> tuple[Values, str]:
     if fit.half is None:
         return np.zeros(2), "few pixels: whether it is a sphere was not tested"
     whole, half = fit.whole, fit.half
-    change = np.array([half.sphere.z - whole.sphere.z, half.sphere.curvature - whole.sphere.curvature])
+    change = (half.sphere - whole.sphere)[2:]
     # of least squares over a part and over all, the variance of the difference is the difference of variances
     scale = (whole.scatter / half.scatter) ** 2 if half.scatter > 0 else 1.0
-    spread = np.diag(half.covariance * scale - whole.covariance)[2:] * factor
-    if np.all(change**2 <= DOUBT_SIGMAS**2 * np.maximum(spread, 0.0)):
+    spread = np.maximum(np.diag(half.covariance * scale - whole.covariance)[2:] * factor, 0.0)
+    if np.all(change**2 <= DOUBT_SIGMAS**2 * spread):
         return np.zeros(2), ""
-    excess = TO_THE_SUMMIT * np.sqrt(np.maximum(change**2 - np.maximum(spread, 0.0), 0.0))
-    percent = 100 * (whole.sphere.curvature / half.sphere.curvature - 1)
+    excess = TO_THE_SUMMIT * np.sqrt(np.maximum(change**2 - spread, 0.0))
+    percent = 100 * (whole.sphere[3] / half.sphere[3] - 1)
     return excess, f"no sphere: the radius of the upper half differs by {percent:+.1f} %"
 
 

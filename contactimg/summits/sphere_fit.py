@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.summits.base import MAD_TO_STD
+
 Values = NDArray[np.float64]
 
 ROUNDS = 12
@@ -21,28 +23,20 @@ LAGS = 5
 Chosen: the optics of profilometers blur over 1 to 4 px."""
 
 
-@dataclass(frozen=True)
-class Sphere:
-    """A sphere near its summit: ``z = z0 - k r^2 / (1 + sqrt(1 - k^2 r^2))``.
+def sphere_heights(sphere: Values, x: Values, y: Values) -> Values:
+    """Heights ``z0 - k r^2 / (1 + sqrt(1 - k^2 r^2))`` of a sphere near its summit, m.
 
     Parameters
     ----------
-    x, y, z : float, m
-        Summit.
-    curvature : float, 1/m
-        ``k``; the radius is its inverse.
+    sphere : ndarray, shape (4,)
+        x, y and z0 of the summit (m), and the curvature ``k`` (1/m), the inverse of the radius.
+    x, y : ndarray, m
+        Beyond the equator the heights are those at the equator.
     """
-
-    x: float
-    y: float
-    z: float
-    curvature: float
-
-    def heights(self, x: Values, y: Values) -> Values:
-        """Heights of the sphere, m; beyond its equator those at the equator."""
-        squared = (x - self.x) ** 2 + (y - self.y) ** 2
-        root = np.sqrt(np.clip(1 - self.curvature**2 * squared, 0.0, None))
-        return self.z - self.curvature * squared / (1 + root)
+    x0, y0, z0, curvature = sphere
+    squared = (x - x0) ** 2 + (y - y0) ** 2
+    root = np.sqrt(np.clip(1 - curvature**2 * squared, 0.0, None))
+    return np.asarray(z0 - curvature * squared / (1 + root))
 
 
 @dataclass(frozen=True)
@@ -51,9 +45,10 @@ class SphereFit:
 
     Parameters
     ----------
-    sphere : Sphere
+    sphere : ndarray, shape (4,)
+        x, y, z and curvature, see `sphere_heights`.
     covariance : ndarray, shape (4, 4)
-        Of x, y, z and curvature, for residuals that are white.
+        Of these, for residuals that are white.
     pixels : ndarray of bool
         Which of the pixels were fitted.
     residuals : ndarray, m
@@ -62,22 +57,22 @@ class SphereFit:
         Standard deviation of the residuals of the fitted pixels.
     """
 
-    sphere: Sphere
+    sphere: Values
     covariance: Values
     pixels: NDArray[np.bool_]
     residuals: Values
     scatter: float
 
 
-def fit_sphere(points: Values, start: Sphere, *, depth: float, noise: float) -> SphereFit | None:
+def fit_sphere(points: Values, start: Values, *, depth: float, noise: float) -> SphereFit | None:
     """Fit a sphere to the pixels whose height on the sphere is less than ``depth`` below the summit.
 
     Parameters
     ----------
     points : ndarray, shape (3, n), m
         x, y and height of the pixels of a region.
-    start : Sphere
-        Where to begin.
+    start : ndarray, shape (4,)
+        The sphere to begin with.
     depth : float, m
         How far the fit reaches down.
     noise : float, m
@@ -90,11 +85,11 @@ def fit_sphere(points: Values, start: Sphere, *, depth: float, noise: float) -> 
     """
     sphere, x, y, z = start, *points
     for _ in range(ROUNDS):
-        residuals = z - sphere.heights(x, y)
-        chosen = sphere.heights(x, y) > sphere.z - depth
+        fitted = sphere_heights(sphere, x, y)
+        residuals, chosen = z - fitted, fitted > sphere[2] - depth
         if chosen.sum() < MIN_PIXELS:
             return None
-        spread = 1.4826 * float(np.median(np.abs(residuals[chosen] - np.median(residuals[chosen]))))
+        spread = MAD_TO_STD * float(np.median(np.abs(residuals[chosen] - np.median(residuals[chosen]))))
         chosen &= np.abs(residuals - np.median(residuals[chosen])) < CLIP_SIGMAS * max(spread, noise, 1e-300)
         if chosen.sum() < MIN_PIXELS:
             return None
@@ -105,24 +100,17 @@ def fit_sphere(points: Values, start: Sphere, *, depth: float, noise: float) -> 
         step = np.linalg.solve(normal, jacobian.T @ residuals[chosen]) / scale
         if not np.isfinite(step).all():
             return None
-        sphere = _stepped(sphere, step)
-    residuals = z - sphere.heights(x, y)
+        sphere, curvature = sphere + step, sphere[3]
+        sphere[3] = min(max(sphere[3], curvature / 2), 2 * curvature)
+    residuals = z - sphere_heights(sphere, x, y)
     scatter = float(np.sqrt((residuals[chosen] ** 2).sum() / (chosen.sum() - 4)))
     covariance = np.linalg.inv(normal) / np.outer(scale, scale) * scatter**2
     return SphereFit(sphere, covariance, chosen, residuals, scatter)
 
 
-def _stepped(sphere: Sphere, step: Values) -> Sphere:
-    """The sphere after a step, held to half and twice its curvature."""
-    k = sphere.curvature
-    return Sphere(
-        sphere.x + step[0], sphere.y + step[1], sphere.z + step[2], min(max(k + step[3], k / 2), 2 * k)
-    )
-
-
-def _jacobian(sphere: Sphere, x: Values, y: Values) -> tuple[Values, Values]:
+def _jacobian(sphere: Values, x: Values, y: Values) -> tuple[Values, Values]:
     """Derivatives of the heights by x, y, z and curvature, each divided by its scale, and the scales."""
-    dx, dy, k = x - sphere.x, y - sphere.y, sphere.curvature
+    dx, dy, k = x - sphere[0], y - sphere[1], sphere[3]
     squared = dx**2 + dy**2
     root = np.sqrt(np.clip(1 - k**2 * squared, 0.01, None))
     slope = k / root

@@ -1,21 +1,22 @@
 """The tables that flow through contactimg, and every flag and status that can stand in them.
 
-Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit; those of asperities
-are in `asperity_schemas`, those of `calibrate` in `calibration_schemas`), `flags` (what qualifies a contact),
-`reasons` (why a candidate is not a contact), `statuses` (what can be said of a frame or load as a whole). All
-names can be imported from here.
+Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit), `flags` (what
+qualifies a contact), `reasons` (why a candidate is not a contact), `statuses` (what can be said of a frame or
+load as a whole); `outlines` and `contact_kinds` say how contacts are drawn. The schemas, flags, reasons and
+statuses can be imported from here.
 """
 
-from contactimg.tables.asperity_schemas import ASPERITIES, SUMMITS, TOPOGRAPHY
-from contactimg.tables.calibration_schemas import CIRCLES, FORCE_SUMS, THRESHOLD_CURVE, UNCERTAINTIES
 from contactimg.tables.flags import Flag, flag_names
 from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
+    ASPERITIES,
     BOUNDARY_CONTACTS,
+    CIRCLES,
     CONTACTS,
     EDITS,
     EFFECTS,
+    FORCE_SUMS,
     FRAMES,
     FRICTION,
     LOADS,
@@ -28,7 +29,12 @@ from contactimg.tables.schemas import (
     RESULTS,
     RUN_MODELS,
     SCORES,
+    SHARED_SHIFTS,
+    SUMMITS,
+    THRESHOLD_CURVE,
+    TOPOGRAPHY,
     TRADEOFF,
+    UNCERTAINTIES,
     Schema,
 )
 from contactimg.tables.statuses import FAILED, Status
@@ -55,6 +61,7 @@ __all__ = [
     "RESULTS",
     "RUN_MODELS",
     "SCORES",
+    "SHARED_SHIFTS",
     "SUMMITS",
     "THRESHOLD_CURVE",
     "TOPOGRAPHY",

@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 from contactimg.tables.flags import Flag
 
 CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR = "#56b4e9", "#f0e442", "#cc79a7", "#d55e00"
-"""Of contacts, flagged ones, those drawn by hand and rejected candidates."""
+"""Colours of contacts, flagged ones, those drawn by hand and rejected candidates."""
 CUT_COLOUR, TOUCHING_COLOUR = "#e69f00", "#009e73"
-"""Of contacts that are not wholly seen, and of those that touch."""
+"""Colours of contacts that are not wholly seen, and of those that touch."""
 
-_DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU
+_DOUBTFUL = Flag.POOR_FIT | Flag.DISAGREES | Flag.LOW_SIGNAL | Flag.NO_PLATEAU | Flag.COUNTED
 _CUT = Flag.EDGE | Flag.SATURATED | Flag.TOO_SMALL
 _TOUCHING = Flag.MERGED | Flag.OVERLAP
 
@@ -39,7 +39,7 @@ class Kind:
 
     @property
     def record(self) -> dict[str, object]:
-        """For the page of `review`."""
+        """The kind as the page of `review` takes it."""
         names = [str(flag.name) for flag in Flag if flag & self.flags]
         return asdict(self) | {"flags": int(self.flags), "flag_names": names}
 
@@ -63,10 +63,5 @@ def kinds_of_contacts() -> list[Kind]:
 
 
 def kind_of_rejected() -> Kind:
-    """The same for rejected candidates."""
+    """How rejected candidates are drawn."""
     return Kind("rejected", REJECTED_COLOUR, (), Flag(0))
-
-
-def flag_values() -> dict[str, int]:
-    """Name of a flag -> its value."""
-    return {str(flag.name): int(flag) for flag in Flag}

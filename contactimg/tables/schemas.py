@@ -1,7 +1,7 @@
 """Schemas: every table that contactimg reads or writes, with the dtype, meaning and unit of each column."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,28 +28,35 @@ class Schema:
     ----------
     name : str
         File name without extension.
-    columns : mapping
-        Column name -> (dtype, meaning with its unit).
+    first : mapping
+        Columns that every version has written: name -> (dtype, meaning with its unit).
     description : str
         One sentence: what the table holds and what a row is.
-    later : frozenset of str
+    later : mapping
         Columns that a later version added: a file of a run need not have them, and they are empty then.
+
+    Notes
+    -----
+    A new column takes an entry here and the place that computes it: whatever reads, writes, checks or
+    documents tables follows the schema.
     """
 
     name: str
-    columns: Mapping[str, tuple[str, str]]
+    first: Mapping[str, tuple[str, str]]
     description: str = ""
-    later: frozenset[str] = frozenset()
+    later: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
-    @property
-    def first(self) -> tuple[str, ...]:
-        """The columns that every version has written."""
-        return tuple(name for name in self.columns if name not in self.later)
+    @cached_property
+    def columns(self) -> dict[str, tuple[str, str]]:
+        """All columns in the order of the table."""
+        return {**self.first, **self.later}
 
     def filled(self, table: pd.DataFrame) -> "Schema":
         """The schema without those later columns in which a table has nothing."""
-        empty = {name for name in self.later if name not in table or not table[name].notna().any()}
-        return replace(self, columns={name: self.columns[name] for name in self.columns if name not in empty})
+        later = {
+            name: about for name, about in self.later.items() if name in table and table[name].notna().any()
+        }
+        return replace(self, later=later)
 
     def empty(self) -> pd.DataFrame:
         """A table with every column and no row."""
@@ -89,7 +96,6 @@ class Schema:
 
 
 def _empty_cells(count: int, dtype: str) -> ArrayLike | ExtensionArray:
-    """A column in which nothing is given."""
     if dtype in ("float64", "int64"):
         return np.full(count, np.nan if dtype == "float64" else 0, dtype)
     if dtype == "Int64":
@@ -111,47 +117,31 @@ CONTACTS = Schema(
         "x_px": ("float64", "column of the centre, px; 0 is the centre of the leftmost pixel"),
         "y_px": ("float64", "row of the centre, px, downwards; 0 is the centre of the top pixel"),
         "radius_px": ("float64", "contact radius, px"),
-        "radius_std_px": (
-            "float64",
-            "standard uncertainty of radius_px, px, including what all contacts of the frame share",
-        ),
+        "radius_std_px": ("float64", "standard uncertainty of radius_px, px, including what contacts share"),
         "x_m": ("float64", "sample coordinate x of the centre, m"),
         "y_m": ("float64", "sample coordinate y of the centre, m"),
         "radius_m": ("float64", "contact radius a, m"),
         "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
-        "area_m2": ("float64", "contact area, m^2"),
+        "area_m2": ("float64", "contact area, m^2; of a contact that the border cuts, all of it"),
         "asperity": ("Int64", "row number of its asperity in the asperity table, from 0; empty if unmatched"),
         "force_N": ("float64", "local normal force p, N; negative where adhesion outweighs the pressure"),
         "force_std_N": ("float64", "standard uncertainty of force_N, N"),
         "flags": ("int64", "quality flags: sum of Flag members; in CSV files their names joined by |"),
-        "contrast_shift_px": (
-            "float64",
-            "change of radius_px, px, if the contrast of the frame is one standard uncertainty higher",
-        ),
-        "blur_shift_px": (
-            "float64",
-            "change of radius_px, px, if the blur is one standard uncertainty wider at the same contrast",
-        ),
-        "edge_shift_px": (
-            "float64",
-            "change of radius_px, px, by one standard uncertainty of the edges that all contacts share",
-        ),
-        "force_hertz_N": (
-            "float64",
-            "local force by Hertz's formula, K a^3/R, whatever law force_N follows, N",
-        ),
+        "contrast_shift_px": ("float64", "change of radius_px, px, by one std of the contrast"),
+        "blur_shift_px": ("float64", "change of radius_px, px, by one std of the blur at the same contrast"),
+    },
+    "One row per contact that was measured on a frame or predicted at a load.",
+    later={
+        "edge_shift_px": ("float64", "change of radius_px, px, by one std of the edges"),
+        "force_hertz_N": ("float64", "local force by Hertz's formula K a^3/R, whatever force_N follows, N"),
         "shape": ("str", "disk, ellipse or free: what describes its pixels; empty where it was not asked"),
         "area_px2": ("float64", "contact area, px^2: pi radius_px^2, whatever the shape"),
         "area_std_px2": ("float64", "standard uncertainty of area_px2, px^2, including what contacts share"),
-        "semi_major_px": (
-            "float64",
-            "major half-axis, px; of a free shape that of the ellipse with the same second moments",
-        ),
+        "visible_area_px2": ("float64", "part of area_px2 that is inside the image, px^2"),
+        "visible_area_m2": ("float64", "part of area_m2 that is inside the image, m^2"),
+        "semi_major_px": ("float64", "major half-axis, px; of a free shape by its second moments"),
         "semi_minor_px": ("float64", "minor half-axis, px"),
-        "angle_rad": (
-            "float64",
-            "angle of the major axis in the image, without a camera on the sample, from +x towards +y, rad",
-        ),
+        "angle_rad": ("float64", "angle of the major axis in the image, from +x towards +y, rad"),
         "semi_major_m": ("float64", "major half-axis, m"),
         "semi_minor_m": ("float64", "minor half-axis, m"),
         "semi_major_std_px": ("float64", "standard uncertainty of semi_major_px, px; ellipses only"),
@@ -160,13 +150,10 @@ CONTACTS = Schema(
         "perimeter_px": ("float64", "length of the outline, px, that of holes included"),
         "holes": ("Int64", "number of holes in the contact"),
     },
-    "One row per contact that was measured on a frame or predicted at a load.",
-    later=frozenset({
-        "edge_shift_px", "force_hertz_N", "shape", "area_px2", "area_std_px2", "semi_major_px",
-        "semi_minor_px", "angle_rad", "semi_major_m", "semi_minor_m", "semi_major_std_px",
-        "semi_minor_std_px", "angle_std_rad", "perimeter_px", "holes",
-    }),
-)  # fmt: skip
+)
+
+SHARED_SHIFTS = ("contrast_shift_px", "blur_shift_px", "edge_shift_px")
+"""Columns of the errors of radii that all contacts of a frame share, so that they add up in sums."""
 
 OUTLINES = Schema(
     "outlines",
@@ -200,7 +187,7 @@ FRAMES = Schema(
         "status": ("str", "ok, or what is wrong with the frame: one of the documented statuses"),
         "load_N": LOAD,
         "n_contacts": ("Int64", "number of contacts; empty if nothing could be measured"),
-        "area_m2": ("float64", "real contact area A, m^2: sum over the contacts"),
+        "area_m2": ("float64", "real contact area A, m^2: sum over the contacts of what the image shows"),
         "area_std_m2": ("float64", "standard uncertainty of area_m2, m^2"),
         "force_sum_N": ("float64", "sum of the local forces, N"),
         "force_sum_std_N": ("float64", "standard uncertainty of force_sum_N, N"),
@@ -211,29 +198,20 @@ FRAMES = Schema(
         "shift_y_px": ("float64", "position in the frame minus position in the reference along y, px"),
         "indentation_m": ("float64", "indentation from first touch in the model, m; empty if measured"),
         "message": MESSAGE,
-        "smallest_px": ("float64", "radius of the smallest contact that can be detected, px"),
-        "unseen_area_m2": (
-            "float64",
-            "estimated area of contacts too small to be detected, m^2; not in area_m2 but in area_std_m2",
-        ),
-        "unseen_area_std_m2": ("float64", "standard uncertainty of unseen_area_m2, m^2"),
-        "unseen_force_N": (
-            "float64",
-            "estimated force on them, N; not in force_sum_N, but in force_sum_std_N",
-        ),
-        "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
-        "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
-        "law": (
-            "str",
-            "law of the local forces: hertz, sphere or profile; +ellipse, +modulus (unequal moduli), +jkr",
-        ),
+        "smallest_px": ("float64", "the same as detection_limit_px, px; the name in older tables"),
     },
     "One row per frame or load, in order.",
-    later=frozenset({
-        "unseen_area_m2", "unseen_area_std_m2", "unseen_force_N", "unseen_force_std_N", "force_hertz_sum_N",
-        "law",
-    }),
-)  # fmt: skip
+    later={
+        "detection_limit_px": ("float64", "radius of which half of the contacts are detected, px"),
+        "unseen_area_m2": ("float64", "area of contacts too small to be detected, m^2; not in area_m2"),
+        "unseen_area_std_m2": ("float64", "standard uncertainty of unseen_area_m2, m^2"),
+        "unseen_force_N": ("float64", "estimated force on them, N; not in force_sum_N"),
+        "unseen_force_std_N": ("float64", "standard uncertainty of unseen_force_N, N"),
+        "force_hertz_sum_N": ("float64", "sum of the local forces by Hertz's formula, N"),
+        "law": ("str", "law of the local forces: hertz, sphere or profile; +ellipse, +modulus, +jkr"),
+        "min_gap_m": ("float64", "smallest gap of lens and rubber between the caps, m; touching below 0"),
+    },
+)
 
 LOADS = Schema(
     "loads",
@@ -254,10 +232,7 @@ EDITS = Schema(
         "x_px": ("float64", "column of the contact that is meant, or of the centre of the masked disk, px"),
         "y_px": ("float64", "row of the same, px"),
         "radius_px": ("float64", "radius of the contact to add, or of the masked disk, px"),
-        "points": (
-            "str",
-            "x y;x y;... in px: centres of the parts (split), contacts to merge, or corners of the mask",
-        ),
+        "points": ("str", "x y;x y;... px: centres of the parts, contacts to merge, or corners of the mask"),
         "author": ("str", "who made the edit"),
         "time": ("str", "when it was made"),
         "reason": ("str", "why it was made"),
@@ -389,10 +364,7 @@ FRICTION = Schema(
 RESULTS = Schema(
     "results",
     {
-        "quantity": (
-            "str",
-            "name; `..._here` for these very places, `..._another_surface` for another surface of the kind",
-        ),
+        "quantity": ("str", "name; `_here`: of these places, `_another_surface`: of another one"),
         "model": MODEL,
         "value": ("float64", "value of the quantity, in `unit`"),
         "std": ("float64", "standard uncertainty of the value, in `unit`"),
@@ -415,10 +387,7 @@ EFFECTS = Schema(
     {
         "load_N": ("float64", "load that the plan is for, N"),
         "effect": ("str", "name of the effect, as in [effects]"),
-        "change": (
-            "float64",
-            "estimated relative change of the requested outputs if the effect is left out: the largest",
-        ),
+        "change": ("float64", "largest relative change of the requested outputs if the effect is left out"),
         "tolerance": ("float64", "limit on the sum of the changes of all effects that are left out"),
         "decision": ("str", "on or off"),
         "switch": ("str", "switch of the effect in the scene: auto, on or off"),
@@ -461,4 +430,114 @@ BOUNDARY_CONTACTS = Schema(
         "radius_m": ("float64", "contact radius from the second moment of the pressure, m"),
     },
     "Stored boundary-element solution that `tradeoff` compares with, one row per contact.",
+)
+
+ASPERITIES = Schema(
+    "asperities",
+    {
+        "x_m": ("float64", "sample coordinate x of the summit, m"),
+        "y_m": ("float64", "sample coordinate y of the summit, m"),
+        "height_m": ("float64", "height of the summit above the base plane, m"),
+        "radius_m": ("float64", "radius of curvature R of the summit, m; the first of an ellipsoid"),
+    },
+    "One row per asperity: a cap, spherical unless a second radius is given.",
+    later={
+        "radius_2_m": ("float64", "radius of curvature along the second axis, m; empty for a sphere"),
+        "azimuth_rad": ("float64", "direction of the first axis from +x_m to +y_m, rad; empty: along x"),
+        "young_modulus_Pa": ("float64", "its Young's modulus, Pa; empty: the scene's, or rigid on the lens"),
+    },
+)
+
+SUMMITS = Schema(
+    "asperities",
+    {
+        **ASPERITIES.first,
+        "height_std_m": ("float64", "standard uncertainty of height_m, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+        "x_std_m": ("float64", "standard uncertainty of x_m, m"),
+        "y_std_m": ("float64", "standard uncertainty of y_m, m"),
+        "residual_m": ("float64", "standard deviation of the heights about the fitted sphere, m"),
+        "pixels": ("Int64", "number of pixels that were fitted"),
+        "message": MESSAGE,
+    },
+    "Summits of a height map from `asperities`, one row each; read wherever asperities are.",
+)
+
+TOPOGRAPHY = Schema(
+    "topography",
+    {
+        "height_m": ("float64", "height h of an asperity, m"),
+        "radius_m": ("float64", "radius of curvature R of the asperity, m"),
+        "height_std_m": ("float64", "standard uncertainty of height_m, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+    },
+    "Measured heights and radii of asperities, one row each.",
+)
+
+CIRCLES = Schema(
+    "circles",
+    {
+        "frame": FRAME,
+        "status": ("str", "ok, or what is wrong with the frame: one of the documented statuses"),
+        "load_N": LOAD,
+        "x_px": ("float64", "column of the centre of the contact, px"),
+        "y_px": ("float64", "row of the centre of the contact, px"),
+        "centre_std_px": ("float64", "standard uncertainty of x_px and of y_px, px"),
+        "radius_px": ("float64", "contact radius, px"),
+        "radius_m": ("float64", "contact radius a, m"),
+        "radius_std_m": ("float64", "standard uncertainty of radius_m, m"),
+        "shift_x_px": ("float64", "position in the frame minus position in the reference along x, px"),
+        "shift_y_px": ("float64", "position in the frame minus position in the reference along y, px"),
+        "axis_ratio": ("float64", "larger over smaller axis of the contact; empty if the arc is short"),
+        "axis_ratio_std": ("float64", "standard uncertainty of axis_ratio"),
+        "angle_rad": ("float64", "angle of the larger axis, from +x towards +y, -pi/2 to pi/2, rad"),
+        "contrast": ("float64", "contact minus background, grey levels"),
+        "blur_px": ("float64", "standard deviation of the optical blur, px"),
+        "arc": ("float64", "fraction of the circumference that was used"),
+        "misfit": ("float64", "root mean square residual over the standard deviation of the noise"),
+        "branch": ("str", "loading or unloading, where the order of the loads tells; else empty"),
+        "fitted_N": ("float64", "load at which the fitted law gives this radius, N"),
+        "residual_N": ("float64", "load_N minus fitted_N, N"),
+        "used": ("Int64", "1 if the frame takes part in the fit, 0 if not"),
+        "message": MESSAGE,
+    },
+    "Contact circles of a smooth sphere from `calibrate jkr`, one row per frame.",
+)
+
+UNCERTAINTIES = Schema(
+    "uncertainties",
+    {
+        "source": ("str", "what may be off"),
+        "size": ("float64", "its standard uncertainty, or the error that is assumed, in `unit`"),
+        "unit": ("str", "unit of size"),
+        "young_modulus": ("float64", "relative change of Young's modulus by it"),
+        "work_of_adhesion": ("float64", "relative change of the work of adhesion by it"),
+        "state": ("str", "allowed for or fitted (both in the stated uncertainties), or not included"),
+    },
+    "What each source of error does to the result of `calibrate jkr`, one row per source.",
+)
+
+THRESHOLD_CURVE = Schema(
+    "curve",
+    {
+        "threshold": ("float64", "threshold as a fraction of the contact contrast"),
+        "slope": ("float64", "slope of force sum against load, least squares through the origin"),
+        "slope_std": ("float64", "standard uncertainty of slope"),
+        "area_m2": ("float64", "contact area summed over all frames, m^2"),
+        "fall_rate": ("float64", "-d ln A/d threshold: relative decrease of the area per unit of threshold"),
+    },
+    "What the measurement gives at each threshold, from `calibrate threshold` and `calibrate plateau`.",
+)
+
+FORCE_SUMS = Schema(
+    "forces",
+    {
+        "frame": FRAME,
+        "load_N": LOAD,
+        "area_m2": ("float64", "contact area at the calibrated threshold, m^2"),
+        "area_std_m2": ("float64", "half the difference of the areas at the two ends of the plateau, m^2"),
+        "force_sum_N": ("float64", "sum of the local forces at the calibrated threshold, N"),
+        "message": MESSAGE,
+    },
+    "Area and force sum of each frame at the calibrated threshold (forces.csv, areas.csv).",
 )

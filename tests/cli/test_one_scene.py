@@ -6,13 +6,13 @@ from html import unescape
 import numpy as np
 import pandas as pd
 import pytest
+from contactimg.report.contents import gather_contents
 from small_series import copy_of
 
 from contactimg import read_scene
 from contactimg.cli import main
 from contactimg.files import write_scene
 from contactimg.plots.numbers import number_with_std
-from contactimg.report.contents import gather_contents
 
 LOADS = (0.005, 0.02, 0.05)
 

@@ -9,7 +9,7 @@ from contactimg.pipeline.analyse.group_by_load import predict_places
 from contactimg.pipeline.analyse.places import Place
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.overlay import compare_run
-from contactimg.pose.refine import PoseFit
+from contactimg.pose.fit import PoseFit
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES, LOADS, Status

@@ -22,10 +22,10 @@ from small_series import copy_of
 from contactimg.cli import main
 from contactimg.errors import InputError
 from contactimg.report import build_report
-from contactimg.report.embedding import LEAST_WIDTH_PX, PictureEmbedder
+from contactimg.report.page import LEAST_WIDTH_PX, embed_picture
 
 BROWSER_TIME = 120  # s
-HOSTILE = '<script>alert(1)<b>&".tif'
+HOSTILE = '<script>alert(1)<b>&".tif'  # the name of a frame of the run
 SECTIONS = ["summary", "frames", "overlays", "flags", "failed", "provenance"]
 
 
@@ -63,21 +63,8 @@ def process(series, target):
 
 
 @pytest.fixture(scope="module")
-def run(small_series, tmp_path_factory):
-    """A run with a hostile name, a failed frame, predictions and an analysis beside it."""
-    top = tmp_path_factory.mktemp("report")
-    series = copy_of(small_series, top / "series")
-    (series / "frame_1.tif").rename(series / HOSTILE)
-    (series / "frame_2.tif").write_bytes(b"no image")
-    loads = (series / "loads.csv").read_text(encoding="utf-8")
-    quoted = '"' + HOSTILE.replace('"', '""') + '"'
-    (series / "loads.csv").write_text(loads.replace("frame_1.tif", quoted), encoding="utf-8")
-    scene = (series / "scene.toml").read_text(encoding="utf-8")
-    (series / "scene.toml").write_text(scene.replace('"frame_*.tif"', '"*.tif"'), encoding="utf-8")
-    folder = process(series, top / "run")
-    assert main(["overlay", str(folder), "--quiet"]) == 0
-    assert main(["analyse", str(folder), "-o", str(folder / "analysis"), "--quiet", "--workers", "1"]) == 0
-    return folder
+def run(finished):
+    return finished
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +113,7 @@ def test_pictures_share_a_limited_size(tmp_path):
     path = tmp_path / "noise.png"
     Image.fromarray(noise).save(path)
     for most in (400_000, 150_000):
-        source = PictureEmbedder(most).embed(path, caption="").source
+        source = embed_picture(path, caption="", most_bytes=most).source
         content = base64.b64decode(source.split(",", maxsplit=1)[1])
         with Image.open(io.BytesIO(content)) as image:
             assert len(content) <= most or image.width == LEAST_WIDTH_PX
@@ -217,8 +204,12 @@ def test_what_is_no_run_is_refused(tmp_path, run):
         build_report(tmp_path)
     with pytest.raises(InputError, match="holds no output"):
         build_report(run, others=[tmp_path])
+    other = tmp_path / "other"
+    other.mkdir()
+    record = {"command": "contactimg simulate a.toml", "schema_version": 1, "configuration": {}}
+    (other / "provenance.json").write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(InputError, match="not of overlay, analyse or calibrate"):
-        build_report(run, others=[run])
+        build_report(run, others=[other])
 
 
 @pytest.mark.slow

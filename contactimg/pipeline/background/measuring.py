@@ -16,6 +16,7 @@ from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.background.looks import OwnView, contribute_view, digest_of
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.tables import SHARED_SHIFTS
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ def _with_excess(
     views = background.views_at(rims.x, rims.y, rims.radius)
     excess = pool.history.excess_variance(rims, views, but=but)
     factor = (1.0 + excess) / (1.0 + pool.mean_excess)
-    shifts = contacts[["contrast_shift_px", "blur_shift_px", "edge_shift_px"]]
+    shifts = contacts[list(SHARED_SHIFTS)]
     shared = np.sum(shifts.fillna(0.0).to_numpy(float) ** 2, axis=1)
     own = np.maximum(rims.radius_std**2 - shared, 0.0)
     std = np.where(own > 0, np.sqrt(shared + own * factor), rims.radius_std)

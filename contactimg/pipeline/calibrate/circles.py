@@ -18,7 +18,7 @@ from contactimg.optics.film import excess_table
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pose.refine import MAD_TO_STD
+from contactimg.pose.fit import MAD_TO_STD
 from contactimg.scene import Scene
 from contactimg.tables import CIRCLES
 

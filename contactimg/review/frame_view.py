@@ -1,0 +1,264 @@
+"""What the page shows of one frame: pictures, the pixels and the model about a contact, threshold curves."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.calibration.plateau import find_plateau
+from contactimg.errors import FrameError, InputError
+from contactimg.files import Experiment
+from contactimg.frame import Frame
+from contactimg.imaging.measure import ImageMeasurement
+from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, count_at
+from contactimg.pipeline.edits import edits_by_frame
+from contactimg.pipeline.effects import film_setting, resolve_measurement
+from contactimg.pipeline.frame import FrameOptions, measure_prepared, measure_scene_frame
+from contactimg.pipeline.inputs import contact_sites, read_reference, scene_asperities
+from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.tables.outlines import Outline, contact_outlines
+
+Image = NDArray[np.float32]
+
+LIGHT_TOP = 1.25
+"""Fraction of the contrast that is 255 in a picture of the light of the contacts."""
+MARGIN_BLUR_WIDTHS, MARGIN_RADII, LEAST_MARGIN_PX = 4.0, 0.8, 5.0
+"""Margin of a window about its contact. Chosen: the blurred edge ends there, and neighbours show."""
+LARGEST_SIDE_PX = 512
+"""Largest side of a window; of a larger contact the middle is shown."""
+UNIT = 1000
+"""The numbers that are sent to the page are thousandths of the contrast."""
+OVERSAMPLING = 4
+"""Pixels each way in which a contact is drawn before it is blurred. Accuracy: 1/8 px for free shapes."""
+PLAIN_BLUR_PX = 1.0
+"""Blur where none was determined. Chosen: that of a sharp image."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameView:
+    """A frame measured on its own, without corrections of its contacts.
+
+    Parameters
+    ----------
+    frame : Frame
+    reference : ndarray or None
+    counted : ImageMeasurement
+        By the method "threshold" at half height.
+    blur : float, px
+        Standard deviation of the point spread function.
+    options : FrameOptions
+        How the frames of the run are measured.
+    """
+
+    frame: Frame
+    reference: NDArray | None
+    counted: ImageMeasurement
+    blur: float
+    options: FrameOptions
+
+    @classmethod
+    def of(cls, experiment: Experiment, number: int) -> "FrameView":
+        """Measure the frame of this number, with the masks of its scene."""
+        options, reference = frame_options(experiment), read_reference(experiment)
+        frame, image = experiment.frames[number].read(), None if reference is None else reference.image
+        measure = partial(measure_prepared, frame, image, options.scene, options=options)
+        blur = measure(method="disk", blur_px=options.scene.measure.blur_px).optics.blur_px
+        counted = measure(method="threshold")
+        return cls(frame, image, counted, blur if np.isfinite(blur) else PLAIN_BLUR_PX, options)
+
+    @property
+    def light(self) -> Image:
+        """Frame minus background over the contrast: 0 background, 1 contact."""
+        return self.counted.difference * np.float32(
+            1 / self.counted.contrast if self.counted.contrast else 0.0
+        )
+
+    def curves(self, edits: Sequence[Any], pixel_size: float | None) -> dict[str, Any]:
+        """Number and area of the contacts against the threshold.
+
+        Parameters
+        ----------
+        edits : sequence of HandEdit
+            Corrections of the contacts of this frame.
+        pixel_size : float or None, m
+            With it areas are in m^2, else in px^2.
+
+        Returns
+        -------
+        dict
+            thresholds; counts and areas by `process` with the method "threshold" and the edits; scanned_areas
+            that `calibrate threshold` and `calibrate plateau` see, without edits; unit of the areas; plateau:
+            its lowest threshold, that of the slowest fall and the highest one, None where there is none.
+        """
+        holes = ~np.isfinite(self.frame.image) if self.frame.image.dtype.kind == "f" else None
+        options = replace(self.options, edits={self.frame.name: tuple(edits)})
+        counts, areas, scanned = [], [], []
+        for threshold in THRESHOLDS.tolist():
+            disks = measure_prepared(
+                self.frame,
+                self.reference,
+                options.scene,
+                method="threshold",
+                threshold=threshold,
+                options=options,
+            ).disks
+            seen = count_at(self.counted, threshold, holes=holes) if self.counted.contrast else disks
+            counts.append(len(disks))
+            areas.append(float(np.pi * np.sum(disks["radius_px"] ** 2)))
+            scanned.append(float(np.pi * np.sum(seen["radius_px"] ** 2)))
+        try:
+            found = find_plateau(THRESHOLDS, scanned)
+            plateau = (found.threshold_low, found.threshold, found.threshold_high)
+        except InputError:
+            plateau = None
+        unit = 1.0 if pixel_size is None else pixel_size**2
+        return {
+            "thresholds": THRESHOLDS.tolist(),
+            "counts": counts,
+            "areas": [area * unit for area in areas],
+            "scanned_areas": [area * unit for area in scanned],
+            "unit": "px2" if pixel_size is None else "m2",
+            "plateau": plateau,
+        }
+
+    def window(self, contacts: pd.DataFrame, outlines: pd.DataFrame, label: int) -> dict[str, Any]:
+        """Pixels about the contact with a label, and the model that the table states.
+
+        Parameters
+        ----------
+        contacts, outlines : DataFrame
+            Tables of the frame, as the page shows them.
+        label : int
+            Label of a contact in the table.
+
+        Returns
+        -------
+        dict
+            left, top, columns, rows (px); pixels and model (base64 of int16, thousandths of the contrast);
+            brightness of the contact over the contrast; noise over the contrast; blur (px).
+        """
+        shapes = contact_outlines(contacts, outlines)
+        one = next(shape for shape in shapes if shape.label == label)
+        margin = max(MARGIN_BLUR_WIDTHS * self.blur, MARGIN_RADII * one.semi_major, LEAST_MARGIN_PX)
+        half = min(one.semi_major + margin, LARGEST_SIDE_PX / 2)
+        light = self.light
+        rows, columns = light.shape
+        x, y = min(max(one.x, 0), columns - 1), min(max(one.y, 0), rows - 1)
+        left, top = max(int(x - half), 0), max(int(y - half), 0)
+        pixels = light[top : int(y + half) + 2, left : int(x + half) + 2]
+        others = [shape for shape in shapes if shape is not one]
+        parts = [
+            draw_contacts(some, self.blur, (left, top), pixels.shape) for some in ([one], others) if some
+        ]
+        seen = [part.ravel() for part in parts if part.any()]
+        design = np.array(seen, np.float32).reshape(len(seen), pixels.size).T
+        values = np.linalg.lstsq(design, pixels.ravel(), rcond=None)[0]
+        noise = self.counted.noise / abs(self.counted.contrast) if self.counted.contrast else 0.0
+        return {
+            "left": left,
+            "top": top,
+            "columns": pixels.shape[1],
+            "rows": pixels.shape[0],
+            "pixels": _packed(pixels),
+            "model": _packed((design @ values).reshape(pixels.shape)),
+            "brightness": float(values[0]) if parts[0].any() else None,
+            "noise": noise,
+            "blur": self.blur,
+        }
+
+
+def frame_options(experiment: Experiment, edits: dict[str, tuple[Any, ...]] | None = None) -> FrameOptions:
+    """How the frames of an experiment are measured one by one, with corrections of their contacts."""
+    scene = experiment.scene
+    asperities = None if scene.camera is None else scene_asperities(scene)
+    sites = None if asperities is None else contact_sites(asperities, scene)
+    resolved = resolve_measurement(scene)
+    return FrameOptions(resolved, film_setting(resolved, sites), edits=edits or {})
+
+
+def measure_alone(experiment: Experiment, number: int) -> MeasuredFrame:
+    """One frame with its corrections, measured without the rest of its series."""
+    reference = read_reference(experiment)
+    return measure_scene_frame(
+        experiment.frames[number].read(),
+        None if reference is None else reference.image,
+        options=frame_options(experiment, edits_by_frame(experiment, relative=None)),
+    )
+
+
+def picture(image: NDArray, stretch: tuple[float, float]) -> bytes:
+    """A PNG of an image between two grey levels; pixels without a value are black."""
+    low, high = stretch
+    scaled = (np.asarray(image, np.float32) - np.float32(low)) * np.float32(255.0 / (high - low))
+    grey = np.clip(np.nan_to_num(scaled, nan=0.0, posinf=255.0, neginf=0.0), 0.0, 255.0)
+    ok, data = cv2.imencode(".png", np.rint(grey).astype(np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    if not ok:
+        raise FrameError("the picture cannot be encoded")
+    return data.tobytes()
+
+
+def draw_contacts(
+    shapes: Sequence[Outline], blur: float, corner: tuple[int, int], size: tuple[int, ...]
+) -> Image:
+    """Draw blurred contacts of brightness 1 in a window.
+
+    Parameters
+    ----------
+    shapes : sequence of Outline
+        Contacts anywhere; those that do not reach into the window are left out.
+    blur : float, px
+        Standard deviation of the point spread function.
+    corner : (int, int)
+        Column and row of the first pixel of the window.
+    size : (int, int)
+        Rows and columns of the window.
+
+    Examples
+    --------
+    >>> image = draw_contacts([Outline(1, 9.0, 9.0, 5.0, 5.0)], 1.0, (0, 0), (19, 19))
+    >>> bool(image[9, 9] > 0.999), bool(abs(image.sum() / (25 * np.pi) - 1) < 1e-3)
+    (True, True)
+    """
+    margin = int(np.ceil(MARGIN_BLUR_WIDTHS * blur)) + 1  # light from outside the window
+    rows, columns = ((side + 2 * margin) * OVERSAMPLING for side in size)
+    fine = np.zeros((rows, columns), np.float32)
+    origin = np.array(corner) - margin
+    for shape in shapes:
+        x, y = ((np.array([shape.x, shape.y]) - origin) + 0.5) * OVERSAMPLING - 0.5
+        reach = shape.semi_major * OVERSAMPLING + 2
+        if shape.lines:
+            lines = [((line - origin) + 0.5) * OVERSAMPLING - 0.5 for line in shape.lines]
+            corners, filled = [np.rint(line).astype(np.int32) for line in lines], np.zeros_like(fine)
+            cv2.fillPoly(filled, corners, 1.0)
+            cv2.polylines(filled, corners, True, 0.5)  # noqa: FBT003 - pixels on the line are half inside
+            fine += filled
+        elif -reach < x < columns + reach and -reach < y < rows + reach:
+            left, top = max(int(x - reach), 0), max(int(y - reach), 0)
+            part = fine[top : int(y + reach) + 2, left : int(x + reach) + 2]
+            dy, dx = np.ogrid[: part.shape[0], : part.shape[1]]
+            part += _ellipse_coverage(dx + left - x, dy + top - y, shape)
+    blurred = cv2.GaussianBlur(fine, (0, 0), max(blur * OVERSAMPLING, 0.3))
+    image = cv2.resize(blurred, None, fx=1 / OVERSAMPLING, fy=1 / OVERSAMPLING, interpolation=cv2.INTER_AREA)
+    return np.asarray(image[margin : margin + size[0], margin : margin + size[1]], np.float32)
+
+
+def _ellipse_coverage(dx: NDArray, dy: NDArray, shape: Outline) -> NDArray:
+    """Share of fine pixels at these distances from the centre that an ellipse covers."""
+    major, minor = shape.semi_major * OVERSAMPLING, shape.semi_minor * OVERSAMPLING
+    cos, sin = np.cos(shape.angle), np.sin(shape.angle)
+    along, across = (dx * cos + dy * sin) / major, (dy * cos - dx * sin) / minor
+    level, slope = np.hypot(along, across) + 1e-9, np.hypot(along / major, across / minor) + 1e-9 / minor
+    return np.clip(0.5 + (1 - level) * level / slope, 0.0, 1.0)  # to first order the distance from the rim
+
+
+def _packed(image: NDArray) -> str:
+    """Base64 of thousandths as int16, little-endian."""
+    top = np.iinfo(np.int16).max
+    scaled = np.clip(np.nan_to_num(np.asarray(image, float) * UNIT), -top, top)
+    return base64.b64encode(np.rint(scaled).astype("<i2").tobytes()).decode()
