@@ -127,6 +127,16 @@ def test_code_of_other_sources_is_removed_once_it_has_not_been_used_for_long(pac
     assert second in folders()
 
 
+def test_no_module_stores_machine_code_in_another_way():
+    plain = [
+        path
+        for path in PACKAGE.rglob("*.py")
+        if path.name != "compiled.py"
+        and "import njit" in path.read_text().replace("compiled import njit", "")
+    ]
+    assert plain == []
+
+
 def test_the_user_s_own_functions_are_stored_where_numba_stores_them(package, tmp_path):
     code = "import contactimg.caller, numba; print(repr(numba.config.CACHE_DIR))"
     assert run(package, code, XDG_CACHE_HOME=tmp_path) == "''"

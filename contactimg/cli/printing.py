@@ -36,8 +36,9 @@ def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
 def echo_first_run(*, quiet: bool) -> None:
     """Say on standard error that the first run compiles."""
     with stage("loading"):
-        from contactimg.imaging.kernels.stored import kernels_are_stored
-    if not quiet and not kernels_are_stored():
+        import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
+        from contactimg.compiled import is_stored
+    if not quiet and not is_stored("contactimg.imaging"):
         click.echo("first run: compiling the numerical code, once; this takes one to two minutes", err=True)
 
 

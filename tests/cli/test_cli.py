@@ -5,7 +5,6 @@ import re
 import shlex
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -15,8 +14,6 @@ import tifffile
 from small_series import break_measurement, copy_of
 
 from contactimg.cli import main
-from contactimg.cli.printing import echo_first_run
-from contactimg.imaging.kernels import stored
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
 
@@ -475,11 +472,31 @@ def test_frames_of_mixed_size_without_reference_name_the_odd_one(series, tmp_pat
     assert message == "frame_2.tif: has 30 x 20 pixels, the other frames 360 x 340"
 
 
-def test_the_first_run_says_that_it_compiles(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(stored, "iterate", SimpleNamespace(stats=SimpleNamespace(cache_path=tmp_path)))
-    echo_first_run(quiet=True)
-    assert capsys.readouterr().err == ""
-    echo_first_run(quiet=False)
-    assert "compiling" in capsys.readouterr().err
-    (tmp_path / "gauss_newton.iterate-41.py312.nbi").touch()
-    assert stored.kernels_are_stored()
+FIRST_RUN = """
+from pathlib import Path
+from contactimg import compiled
+from contactimg.cli.printing import echo_first_run
+echo_first_run(quiet=True)
+print("quiet until here")
+echo_first_run(quiet=False)
+folder = next(Path({!r}).glob("contactimg.imaging.kernels.*")) / "place"
+folder.mkdir()
+(folder / "some_kernel.py312.nbi").touch()
+print("compiled from here")
+echo_first_run(quiet=False)
+"""
+
+
+def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    code = FIRST_RUN.format(str(tmp_path))
+    run = subprocess.run(  # noqa: S603 - this package
+        [sys.executable, "-u", "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=True,
+    )
+    before, said, after = re.split("quiet until here|compiled from here", run.stdout)
+    assert (before.strip(), after.strip()) == ("", "")
+    assert said.strip().startswith("first run: compiling")
