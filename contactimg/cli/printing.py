@@ -1,6 +1,6 @@
 """What commands print for a person: progress bars and tables."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from math import floor, isnan, log10
 from typing import TYPE_CHECKING, Any
@@ -14,14 +14,15 @@ if TYPE_CHECKING:
 
     from contactimg.effects.plan import Plan
 
-Advance = Callable[[], None]
+Cells = Mapping[str, str]
+"""Heading -> what stands in one row below it."""
 
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
 
 @contextmanager
-def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
+def progress(text: str, total: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
     """Show a progress bar on standard error; call what it yields once per item."""
     with stage("loading"):
         from rich.console import Console
@@ -43,14 +44,11 @@ def echo_first_run(*, quiet: bool) -> None:
 
 
 def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, int] | None = None) -> None:
-    """Print the frames in mN and mm^2, one line each, without empty columns; then the messages.
+    """Print the frames in mN and mm^2, one line each; then the messages.
 
     With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
     """
-    heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")
-    rows = [_cells(row) for row in frames.to_dict("records")]
-    filled = [k for k in range(len(heads)) if k < 2 or any(row[k] for row in rows)]
-    _echo_table(title, [heads[k] for k in filled], [[row[k] for k in filled] for row in rows], left=2)
+    echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
     for row in frames[frames["message"] != ""].to_dict("records"):
         click.echo(f"{row['frame']}: {row['message']}")
     total = sum((statuses or {}).values())
@@ -59,54 +57,62 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
         click.echo(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
 
 
+def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:
+    ratio = row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else float("nan")
+    return {
+        "frame": row["frame"],
+        "status": row["status"],
+        "load mN": _number(1e3 * row["load_N"]),
+        "contacts": str(row["n_contacts"]) if isinstance(row["n_contacts"], int) else "",
+        "area mm²": _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
+        "forces mN": _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
+        "forces/load": _number(ratio, "{:.3f}"),
+    }
+
+
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
     """Print the scores, one line per frame and model."""
-    heads = ("frame", "model", "measured", "predicted", "matched", "precision", "recall", "f1")
+    counts, ratios = ("measured", "predicted", "matched"), ("precision", "recall", "f1")
     rows = [
-        [
-            row["frame"],
-            row["model"],
-            *(str(row[name]) for name in ("n_measured", "n_predicted", "n_matched")),
-            *(_number(row[name], "{:.3f}") for name in ("precision", "recall", "f1")),
-        ]
+        {name: row[name] for name in ("frame", "model")}
+        | {name: str(row[f"n_{name}"]) for name in counts}
+        | {name: _number(row[name], "{:.3f}") for name in ratios}
         for row in scores.to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=2)
+    echo_table(title, rows, left=2)
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     """Print the results of an analysis with their confidence intervals."""
     from contactimg.report.units import in_display_units
 
-    heads = ("quantity", "model", "value", "interval", "unit", "points")
     rows = [
-        [
-            row["quantity"],
-            row["model"],
-            _brief(row["value"], row["std"]),
-            "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
-            row["unit"],
-            str(row["n_points"]),
-        ]
+        {
+            "quantity": row["quantity"],
+            "model": row["model"],
+            "value": _brief(row["value"], row["std"]),
+            "interval": "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
+            "unit": row["unit"],
+            "points": str(row["n_points"]),
+        }
         for row in in_display_units(results).to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=2)
+    echo_table(title, rows, left=2)
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
     """Print the decision on each effect, then the limits and messages of the plan."""
-    heads = ("effect", "decision", "if left out", "cost", "reason")
     rows = [
-        [
-            row["effect"],
-            row["decision"] if row["switch"] == "auto" else f"{row['decision']}, set by the scene",
-            f"{100 * row['change']:.3g} %",
-            f"{row['cost']:.3g} x",
-            row["reason"],
-        ]
+        {
+            "effect": row["effect"],
+            "decision": row["decision"] + ("" if row["switch"] == "auto" else ", set by the scene"),
+            "if left out": f"{100 * row['change']:.3g} %",
+            "cost": f"{row['cost']:.3g} x",
+            "reason": row["reason"],
+        }
         for row in plan.table().to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=len(heads))
+    echo_table(title, rows, left=5)
     for sentence in (*plan.limits, *plan.messages):
         click.echo(sentence)
 
@@ -116,25 +122,21 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
     from contactimg.tradeoff.recommendations import error_text, time_text
 
     for knob, part in table.groupby("knob", sort=False):
-        reference = part["reference"].iloc[0]
-        rows = [
-            [
-                ("* " if row["pareto"] == 1 else "  ") + row["setting"],
-                row["message"] if isnan(row["error"]) else _other_reference(row["reference"], reference),
-                "" if isnan(row["error"]) else error_text(row["error"]),
-                "" if isnan(row["time_s"]) else time_text(row["time_s"]),
-                _number(row["time_ratio"], "{:.3g}"),
-            ]
-            for row in part.to_dict("records")
-        ]
+        usual = part["reference"].iloc[0]
+        rows = []
+        for row in part.to_dict("records"):
+            other = "" if row["reference"] == usual else f"against {row['reference']}"
+            rows.append(
+                {
+                    "setting": ("* " if row["pareto"] == 1 else "  ") + row["setting"],
+                    "": row["message"] if isnan(row["error"]) else other,
+                    "error": "" if isnan(row["error"]) else error_text(row["error"]),
+                    "time": "" if isnan(row["time_s"]) else time_text(row["time_s"]),
+                    "ratio": _number(row["time_ratio"], "{:.3g}"),
+                }
+            )
         output = {"all": "worst output"}.get(part["output"].iloc[0], part["output"].iloc[0])
-        title = f"{knob}: error of the {output} against {reference}"
-        _echo_table(title, ("setting", "", "error", "time", "ratio"), rows, left=2)
-
-
-def _other_reference(reference: str, usual: str) -> str:
-    """Name the reference of a setting if it is not the one in the title."""
-    return "" if reference == usual else f"against {reference}"
+        echo_table(f"{knob}: error of the {output} against {usual}", rows, left=2)
 
 
 def echo_timings(timings: Timings) -> None:
@@ -142,16 +144,19 @@ def echo_timings(timings: Timings) -> None:
     stages = timings.rows()
     total = sum(seconds for _, _, seconds in stages)
     rows = [
-        [name, str(calls) if calls else "", f"{seconds:.3f}", f"{seconds / total:.1%}"]
+        {
+            "stage": name,
+            "calls": str(calls) if calls else "",
+            "s": f"{seconds:.3f}",
+            "share": f"{seconds / total:.1%}",
+        }
         for name, calls, seconds in [*stages, ("total", 0, total)]
     ]
-    _echo_table("where the time went", ("stage", "calls", "s", "share"), rows, left=1, stderr=True)
+    echo_table("where the time went", rows, left=1, stderr=True)
 
 
-def _echo_table(
-    title: str, heads: Sequence[str], rows: list[list[str]], *, left: int, stderr: bool = False
-) -> None:
-    """Print a table; the first ``left`` columns are text, the others numbers."""
+def echo_table(title: str, rows: list[Cells], *, left: int, stderr: bool = False) -> None:
+    """Print a table without its empty columns; the first ``left`` columns are text, the others numbers."""
     with stage("loading"):
         from rich import box
         from rich.console import Console
@@ -160,28 +165,17 @@ def _echo_table(
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
     )
-    for k, head in enumerate(heads):
-        table.add_column(head, justify="left" if k < left else "right", overflow="fold")
+    heads = list(rows[0]) if rows else []
+    filled = [head for head in heads if any(row[head] for row in rows)]
+    for head in filled:
+        justify = "left" if heads.index(head) < left else "right"
+        table.add_column(head, justify=justify, overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(row[head] for head in filled))
     console = Console(highlight=False, markup=False, stderr=stderr)
     if not console.is_terminal:
         console.width = max(console.width, WIDTH_OF_FILES)
     console.print(table)
-
-
-def _cells(row: Mapping[Hashable, Any]) -> list[str]:
-    """The cells of one frame."""
-    ratio = row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else float("nan")
-    return [
-        row["frame"],
-        row["status"],
-        _number(1e3 * row["load_N"]),
-        str(row["n_contacts"]) if isinstance(row["n_contacts"], int) else "",
-        _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
-        _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
-        _number(ratio, "{:.3f}"),
-    ]
 
 
 def _number(value: float, form: str = "{:g}") -> str:

@@ -22,7 +22,7 @@ from contactimg.scene.rules import (
 class Indenter(Section):
     """The smooth sphere, or the textured lens."""
 
-    radius: Positive = Field(alias="radius_m", description="Radius of curvature, m.")
+    radius: Positive = Field(alias="radius_m", description="Radius of curvature of the lens, m.")
     apex: Point = Field(
         (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
     )

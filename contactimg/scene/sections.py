@@ -43,7 +43,7 @@ MIN_ELECTRONS_PER_LEVEL = 1e-3
 class Camera(Section):
     """How the camera sees the sample."""
 
-    pixel_size: Positive = Field(alias="pixel_size_m", description="Sample length per pixel, m.")
+    pixel_size: Positive = Field(alias="pixel_size_m", description="Length on the sample of one pixel, m.")
     centre: Point | None = Field(
         None,
         alias="centre_m",
@@ -299,8 +299,8 @@ class Effects(Section):
         return frozenset(name for name in names if getattr(self, name) == "off")
 
 
-class Simulate(Section):
-    """Optics and sensor of synthetic frames.
+class Simulate(FilmLight):
+    """Optics and sensor of synthetic frames; the keys ``film_*`` are aliases of those of ``[light]``.
 
     An optical or sensor effect under ``"auto"`` is rendered if its parameter here is not zero, the air film
     only where it is switched on; ``contactimg simulate`` renders what the plan of the effects calls for. The
@@ -356,13 +356,6 @@ class Simulate(Section):
     bit_depth: Literal[8, 10, 12, 14, 16] = Field(8, description="Bits of a pixel.")
     supersampling: Annotated[CountFrom1, Field(le=16)] = Field(
         4, description="Subpixels per pixel in each direction when rendering."
-    )
-    film_index_indenter: Positive = Field(1.52, description="Alias of the key of [light].")
-    film_index_elastic: Positive = Field(1.41, description="Alias of the key of [light].")
-    film_wavelength_nm: Positive = Field(560.0, description="Alias of the key of [light].")
-    film_bandwidth_nm: Positive = Field(70.0, description="Alias of the key of [light].")
-    film_range_nm: tuple[Positive, Positive] = Field(
-        (450.0, 680.0), description="Alias of the key of [light]."
     )
     seed: Count = Field(0, description="Seed of the random numbers of the frames.")
 

@@ -104,8 +104,9 @@ def _commands(command, name):
     """The command and those under it, each with the words that call it."""
     yield command, name
     if isinstance(command, click.Group):
-        for word, below in command.commands.items():
-            yield from _commands(below, f"{name} {word}")
+        context = click.Context(command)
+        for word in command.list_commands(context):
+            yield from _commands(command.get_command(context, word), f"{name} {word}")
 
 
 def _prose(text):

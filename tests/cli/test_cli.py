@@ -13,7 +13,7 @@ import pytest
 import tifffile
 from small_series import break_measurement, copy_of
 
-from contactimg.cli import main
+from contactimg.cli import COMMANDS, main
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
 
@@ -500,3 +500,32 @@ def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch):
     before, said, after = re.split("quiet until here|compiled from here", run.stdout)
     assert (before.strip(), after.strip()) == ("", "")
     assert said.strip().startswith("first run: compiling")
+
+
+ALL_COMMANDS = [[], *([name] for name in COMMANDS), *(["calibrate", kind] for kind in ("jkr", "threshold"))]
+HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "numba", "cv2", "tifffile", "rich", "contactimg.files")
+
+
+@pytest.mark.parametrize("command", ALL_COMMANDS, ids=" ".join)
+def test_help_is_answered_without_what_a_command_needs(command):
+    code = (
+        f"import sys; from contactimg.cli import main; code = main({[*command, '--help']!r}); "
+        f"sys.exit(code or str([name for name in {HEAVY!r} if name in sys.modules] or ''))"
+    )
+    run = subprocess.run(  # noqa: S603 - this package
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert run.stderr.strip() == ""
+    assert "--help" in run.stdout
+    if not command:
+        assert all(re.search(rf"^  {name} +\w", run.stdout, re.MULTILINE) for name in COMMANDS)
+
+
+def test_an_option_for_a_key_of_the_scene_is_checked_by_the_rules_of_the_key(series, tmp_path, capsys):
+    options = ["-o", tmp_path / "out"]
+    sentence = failure(capsys, process(series, "--pixel-size-um", "-6", *options))
+    assert "[camera] pixel_size_m must be greater than 0, got -6e-06" in sentence
+    assert "must be a number" in failure(capsys, process(series, "--pixel-size-um", "six", *options))
+    assert 'or "auto"' in failure(capsys, process(series, "--threshold", "high", *options))
+    assert process(series, "--method", "area", *options) == 2
+    assert "'threshold', 'disk'" in capsys.readouterr().err
