@@ -35,6 +35,7 @@ _IMPORT = re.compile(
     re.MULTILINE,
 )
 
+_settings: Any = numba.config
 _folders: dict[str, Path | None] = {}
 
 
@@ -49,12 +50,12 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def declare(function: Callable[..., Any]) -> Any:
         folder = _folder_of(function.__module__, Path(function.__code__.co_filename))
-        usual = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(folder or usual)
+        usual = _settings.CACHE_DIR
+        _settings.CACHE_DIR = str(folder or usual)
         try:
             return numba.njit(**options | {"cache": folder is not None})(function)
         finally:
-            numba.config.CACHE_DIR = usual
+            _settings.CACHE_DIR = usual
 
     return declare
 
@@ -65,7 +66,7 @@ def is_stored(room: str) -> bool:
     Where numba is switched off, there is nothing to store.
     """
     folders = [folder for name, folder in _folders.items() if name.startswith(room) and folder is not None]
-    return bool(numba.config.DISABLE_JIT) or any(any(folder.glob("*/*.nbi")) for folder in folders)
+    return bool(_settings.DISABLE_JIT) or any(any(folder.glob("*/*.nbi")) for folder in folders)
 
 
 def digest_of_sources(path: Path) -> str:
@@ -112,7 +113,7 @@ def _folder_of(module: str, path: Path) -> Path | None:
 @cache
 def _store() -> Path | None:
     """The first folder that can be written and belongs to this user."""
-    usual, temporary = numba.config.CACHE_DIR or user_cache_path("contactimg"), tempfile.gettempdir()
+    usual, temporary = _settings.CACHE_DIR or user_cache_path("contactimg"), tempfile.gettempdir()
     for folder in (Path(usual), Path(temporary) / f"contactimg-{os.getuid() if os.name == 'posix' else ''}"):
         with suppress(OSError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -1,6 +1,6 @@
 """``contactimg analyse``: area laws, profiles, contact laws and friction of one or several runs."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -8,44 +8,33 @@ from typing import Annotated
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import (
-    Annulus,
-    Count,
-    ExistingFile,
-    ExistingFolder,
-    NonNegative,
-    Output,
-    Quiet,
-    Workers,
-)
-from contactimg.cli.printing import echo_results, progress
+from contactimg.cli.printing import echo_results, progress, say
 from contactimg.timings import stage
 
 
 @shared.command()
 @shared.cluster
 def analyse(
-    runs: Annotated[tuple[ExistingFolder, ...], "RUN [RUN ...]"] = (),
+    runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"] = (),
     *,
-    output: Output = None,
-    calibration: ExistingFile | None = None,
-    annulus_mm: Annulus = 0.25,
+    output: shared.Output = None,
+    calibration: shared.ExistingFile | None = None,
+    annulus_mm: shared.Annulus = 0.25,
     load_min_N: float = 0.0,
     load_max_N: float | None = None,
-    load_tolerance: NonNegative = 0.05,
-    load_std_N: NonNegative = 0.0,
-    load_relative_std: NonNegative = 0.0,
-    friction_std_N: NonNegative = 0.0,
-    min_radius_px: NonNegative = 1.0,
-    min_contacts: Count = 5,
+    load_tolerance: shared.NonNegative = 0.05,
+    load_std_N: shared.NonNegative = 0.0,
+    load_relative_std: shared.NonNegative = 0.0,
+    friction_std_N: shared.NonNegative = 0.0,
+    min_radius_px: shared.NonNegative = 1.0,
+    min_contacts: shared.Count = 5,
     confidence: Annotated[float, click.FloatRange(0, 1, min_open=True, max_open=True)] = 0.95,
     models: Annotated[bool, "--models/--no-models"] = True,
-    smooth: ExistingFolder | None = None,
+    smooth: shared.ExistingFolder | None = None,
     smooth_stress_MPa: float | None = None,
     smooth_stress_std_MPa: float = 0.0,
-    topography: ExistingFile | None = None,
-    workers: Workers = None,
-    quiet: Quiet = False,
+    topography: shared.ExistingFile | None = None,
+    workers: shared.Workers = None,
 ) -> None:
     """Analyse one or several RUNs (output folders of `process` or `predict`) together.
 
@@ -135,18 +124,14 @@ def analyse(
     centre = None if calibration is None else read_centre(calibration)
     places = [open_place(run, centre_px=centre) for run in runs]
     caps = None if topography is None else read_topography(topography)
-    paths = {"runs": list(runs), "calibration": calibration, "topography": topography, "smooth": smooth}
-    options = asdict(settings) | paths
     tables = [path for run in runs for path in (*main_tables([Path(run)]), Path(run) / PROVENANCE_FILE)]
     files = [Path(name) for name in (calibration, topography) if name is not None]
-    target = shared.output_path(output, runs[0] if runs else Path(str(topography)).parent)
+    parent = runs[0] if runs else Path(str(topography)).parent
     parts, notes = list[pd.DataFrame](), tuple[str, ...]()
-    with shared.results_in(
-        target, options=options, inputs=[*tables, *files], main_files=["results.csv"]
-    ) as out:
+    with shared.results_in(output, parent, inputs=[*tables, *files], main_files=["results.csv"]) as out:
         if places:
             count = len(COMPARED_MODELS) * count_solutions(places) if settings.models else 0
-            with progress("solving models", count, quiet=quiet or not count) as advance:
+            with progress("solving models", count) as advance:
                 analysis = analyse_places(places, settings, workers=workers, advance=advance)
             parts.append(write_analysis(analysis, out.folder, smooth_stress=settings.smooth_stress))
             notes = analysis.notes
@@ -155,8 +140,5 @@ def analyse(
         results = pd.concat(parts, ignore_index=True)
         write_results(results, out.folder)
         out.record["notes"] = [*differences(places), *notes]
-    if not quiet:
         echo_results(results, title=", ".join(runs) or str(topography))
-        for note in notes:
-            click.echo(note)
-        click.echo(f"results in {target}")
+        say(*notes)

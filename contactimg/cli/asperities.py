@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import ExistingFile, NonNegative, Output, Positive, Quiet
+from contactimg.cli.printing import say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -18,15 +18,14 @@ ASPERITIES_FILE = "asperities.csv"
 
 @shared.command()
 def asperities(
-    map_file: Annotated[ExistingFile, "MAP"],
+    map_file: Annotated[shared.ExistingFile, "MAP"],
     *,
-    output: Output = None,
-    pixel_size_um: Positive | None = None,
+    output: shared.Output = None,
+    pixel_size_um: shared.Positive | None = None,
     height_unit: Literal["nm", "um", "mm", "m"] | None = None,
     form: Literal["plane", "sphere", "none"] = "plane",
-    min_height_um: NonNegative = 0.0,
+    min_height_um: shared.NonNegative = 0.0,
     depth: Annotated[float, click.FloatRange(min=0, max=1, min_open=True)] = 0.5,
-    quiet: Quiet = False,
 ) -> int:
     """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
 
@@ -68,16 +67,11 @@ def asperities(
         raise InputError(
             f"{map_file}: no summit found{_counted(found)}; see --form, --min-height-um, --depth"
         )
-    target = shared.output_path(output, Path(map_file).parent)
-    options = {"pixel_size_um": pixel_size_um, "height_unit": height_unit, "form": form}
-    options |= {"min_height_um": min_height_um, "depth": depth}
-    with shared.results_in(
-        target, options=options, inputs=[Path(map_file)], main_files=[ASPERITIES_FILE]
-    ) as out:
+    file = Path(map_file)
+    with shared.results_in(output, file.parent, inputs=[file], main_files=[ASPERITIES_FILE]) as out:
         out.record |= {"left_out": found.left_out, "noise_m": found.noise, "warnings": found.warnings}
         write_table(found.table, SUMMITS, out.folder / ASPERITIES_FILE)
-    if not quiet:
-        _echo(found, target)
+        _echo(found)
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)
     return 0
@@ -89,14 +83,13 @@ def _counted(found: "FoundSummits") -> str:
     return f" (left out: {', '.join(parts)})" if parts else ""
 
 
-def _echo(found: "FoundSummits", target: Path) -> None:
+def _echo(found: "FoundSummits") -> None:
     """Print what was found."""
     table = found.table
-    click.echo(f"{len(table)} summits{_counted(found)}; noise of the map {found.noise * 1e9:.3g} nm")
+    say(f"{len(table)} summits{_counted(found)}; noise of the map {found.noise * 1e9:.3g} nm")
     for name, title in (("height", "heights"), ("radius", "radii of curvature")):
         values, stds = table[f"{name}_m"] * 1e6, table[f"{name}_std_m"] * 1e6
-        click.echo(
+        say(
             f"  {title}: {values.min():.4g} to {values.max():.4g} µm, median {values.median():.4g} µm; "
             f"standard uncertainty {stds.median():.2g} µm (median), {stds.max():.2g} µm (largest)"
         )
-    click.echo(f"{ASPERITIES_FILE} in {target}")

@@ -7,17 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import (
-    Existing,
-    ExistingFolder,
-    Output,
-    Quiet,
-    SceneOption,
-    Stated,
-    Workers,
-    scene_options,
-)
-from contactimg.cli.printing import echo_first_run, progress
+from contactimg.cli.printing import echo_first_run, progress, say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -36,13 +26,14 @@ ONE_OF_TWO = (
 running = shared.together(shared.frames, shared.cluster, shared.verbose)
 """Options that every calibration has, beside those of its signature."""
 
-modulus_options = scene_options(
-    SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa"),
-    SceneOption("--young-modulus-std-MPa", "elastic", "young_modulus_std_Pa", default=""),
+modulus_options = shared.scene_options(
+    shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa"),
+    shared.SceneOption("--young-modulus-std-MPa", "elastic", "young_modulus_std_Pa", default=""),
 )
 
 Jkr = Annotated[
-    Existing | None, "Take Young's modulus from this calibration.json (or its folder) of `calibrate jkr`."
+    shared.Existing | None,
+    "Take Young's modulus from this calibration.json (or its folder) of `calibrate jkr`.",
 ]
 
 
@@ -64,13 +55,12 @@ def calibrate() -> None:
 @shared.command(calibrate, "Young's modulus, work of adhesion and centre from a smooth contact.")
 @running
 def jkr(
-    folder: ExistingFolder,
+    folder: shared.ExistingFolder,
     *,
     scene: str | None,
-    stated: Stated,
-    output: Output = None,
-    workers: Workers = None,
-    quiet: Quiet = False,
+    stated: shared.Stated,
+    output: shared.Output = None,
+    workers: shared.Workers = None,
 ) -> int:
     """Fit Young's modulus and the work of adhesion to frames of a smooth contact at three or more loads.
 
@@ -86,21 +76,20 @@ def jkr(
         from contactimg.pipeline.calibrate.jkr import run_jkr
 
     experiment = _open(folder, scene, stated, pulled=True)
-    return _calibrate("jkr", folder, experiment, run_jkr, output=output, workers=workers, quiet=quiet)
+    return _calibrate("jkr", folder, experiment, run_jkr, output=output, workers=workers)
 
 
 @shared.command(calibrate, "The threshold at which the local forces add up to the load.")
 @running
 @modulus_options
 def threshold(
-    folder: ExistingFolder,
+    folder: shared.ExistingFolder,
     *,
     scene: str | None,
-    stated: Stated,
+    stated: shared.Stated,
     jkr: Jkr = None,
-    output: Output = None,
-    workers: Workers = None,
-    quiet: Quiet = False,
+    output: shared.Output = None,
+    workers: shared.Workers = None,
 ) -> int:
     """Find the threshold at which the local forces of a sample of known modulus add up to the load.
 
@@ -122,7 +111,7 @@ def threshold(
         raise InputError(ONE_OF_TWO)
     used = {"jkr": record} if record else {}
     return _calibrate(
-        "threshold", folder, experiment, run_threshold, used=used, output=output, workers=workers, quiet=quiet
+        "threshold", folder, experiment, run_threshold, used=used, output=output, workers=workers
     )
 
 
@@ -130,16 +119,15 @@ def threshold(
 @running
 @modulus_options
 def modulus(
-    folder: ExistingFolder,
+    folder: shared.ExistingFolder,
     *,
     scene: str | None,
-    stated: Stated,
-    calibration: Existing | None = None,
+    stated: shared.Stated,
+    calibration: shared.Existing | None = None,
     threshold: float | None = None,
     jkr: Jkr = None,
-    output: Output = None,
-    workers: Workers = None,
-    quiet: Quiet = False,
+    output: shared.Output = None,
+    workers: shared.Workers = None,
 ) -> int:
     """Find Young's modulus at which the local forces add up to the load, with the threshold fixed.
 
@@ -173,21 +161,18 @@ def modulus(
         used["calibration"] = record
     if threshold is not None:
         used["threshold"] = threshold
-    return _calibrate(
-        "modulus", folder, experiment, run, used=used, output=output, workers=workers, quiet=quiet
-    )
+    return _calibrate("modulus", folder, experiment, run, used=used, output=output, workers=workers)
 
 
 @shared.command(calibrate, "The range of thresholds over which the contact area hardly changes.")
 @running
 def plateau(
-    folder: ExistingFolder,
+    folder: shared.ExistingFolder,
     *,
     scene: str | None,
-    stated: Stated,
-    output: Output = None,
-    workers: Workers = None,
-    quiet: Quiet = False,
+    stated: shared.Stated,
+    output: shared.Output = None,
+    workers: shared.Workers = None,
 ) -> int:
     """Find the range of thresholds over which the total contact area hardly changes.
 
@@ -203,23 +188,17 @@ def plateau(
         from contactimg.pipeline.calibrate.plateau import run_plateau
 
     return _calibrate(
-        "plateau",
-        folder,
-        _open(folder, scene, stated),
-        run_plateau,
-        output=output,
-        workers=workers,
-        quiet=quiet,
+        "plateau", folder, _open(folder, scene, stated), run_plateau, output=output, workers=workers
     )
 
 
-def _open(folder: str, scene_file: str | None, stated: Stated, *, pulled: bool = False) -> "Experiment":
+def _open(folder: str, scene: str | None, stated: shared.Stated, *, pulled: bool = False) -> "Experiment":
     """The frames of a folder."""
     with stage("loading"):
         from contactimg.cli.scenes import scene_of_folder
         from contactimg.files import open_experiment
 
-    return open_experiment(scene_of_folder(folder, stated, scene_file=scene_file), pulled=pulled)
+    return open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
 
 
 def _calibrate(
@@ -230,7 +209,6 @@ def _calibrate(
     *,
     output: str | None,
     workers: int | None,
-    quiet: bool,
     used: dict[str, Any] | None = None,
 ) -> int:
     """Run a calibration, write and print its result; return the exit code.
@@ -240,21 +218,19 @@ def _calibrate(
     with stage("loading"):
         from contactimg.pipeline.calibrate.result import write_calibration
 
-    target = shared.output_path(output, folder)
-    echo_first_run(quiet=quiet)
+    echo_first_run()
     with shared.results_in(
-        target,
+        output,
+        folder,
         scene=experiment.scene,
-        options=used,
+        options=used or {},
         inputs=experiment.inputs,
         main_files=["calibration.json"],
     ) as out:
-        with progress("measuring frames", len(experiment.frames), quiet=quiet) as advance:
+        with progress("measuring frames", len(experiment.frames)) as advance:
             result = run(experiment, workers=workers, advance=advance)
         write_calibration(result, out.folder, frames=out.record["inputs"])
-    if not quiet:
         _echo(result, title=f"{folder}, calibrate {kind}")
-        click.echo(f"results in {target}")
     return 1 if result.failed else 0
 
 
@@ -262,15 +238,14 @@ def _echo(result: "Calibrated", *, title: str) -> None:
     """Print each number with its uncertainty, and the notes."""
     from contactimg.report.units import display_unit
 
-    click.echo(title)
+    say(title)
     for name, entry in result.record.items():
         if isinstance(entry, dict) and {"value", "std", "unit"} <= set(entry):
             factor, unit = display_unit(entry["value"], entry["unit"])
             numbers = f"{entry['value'] * factor:.6g} ± {entry['std'] * factor:.2g}"
-            click.echo(f"  {name:26} {numbers} {unit}".rstrip())
+            say(f"  {name:26} {numbers} {unit}".rstrip())
     _echo_uncertainties(result)
-    for note in result.notes:
-        click.echo(f"  {note}")
+    say(*(f"  {note}" for note in result.notes))
 
 
 def _echo_uncertainties(result: "Calibrated") -> None:
@@ -278,17 +253,17 @@ def _echo_uncertainties(result: "Calibrated") -> None:
     if "uncertainties.csv" not in result.tables:
         return
     _, table = result.tables["uncertainties.csv"]
-    click.echo(f"  {'what may be off':38} {'by':>12}   {'E':>8} {'w':>8}")
+    say(f"  {'what may be off':38} {'by':>12}   {'E':>8} {'w':>8}")
     for row in table.to_dict("records"):
         size = (
             f"{row['size']:.2g} {row['unit']}" if row["unit"] in ("N", "m") else f"{100 * row['size']:.2g} %"
         )
         size = "" if row["unit"] == "std" else size
         changes = " ".join(f"{100 * row[name]:+7.2f}%" for name in ("young_modulus", "work_of_adhesion"))
-        click.echo(f"  {row['source']:38} {size:>12}   {changes} {row['state']}")
+        say(f"  {row['source']:38} {size:>12}   {changes} {row['state']}")
 
 
-def _with_modulus(stated: Stated, jkr: str | None) -> Stated:
+def _with_modulus(stated: shared.Stated, jkr: str | None) -> shared.Stated:
     """The keys that options state, with the modulus of a calibration; a modulus brings its uncertainty."""
     from contactimg.files import read_calibration
 

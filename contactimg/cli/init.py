@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import ExistingFolder, Quiet, SceneOption, Stated, scene_options
+from contactimg.cli.printing import say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from contactimg.files import FrameSource
 
 QUESTIONS = (
-    SceneOption("--pixel-size-um", "camera", "pixel_size_m", default=""),
-    SceneOption("--lens-radius-mm", "indenter", "radius_m", default=""),
-    SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
+    shared.SceneOption("--pixel-size-um", "camera", "pixel_size_m", default=""),
+    shared.SceneOption("--lens-radius-mm", "indenter", "radius_m", default=""),
+    shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
 )
 
 SHOWN = {
@@ -45,15 +45,10 @@ TRIED_TABLES = 20
 
 
 @shared.command()
-@scene_options(*QUESTIONS)
+@shared.scene_options(*QUESTIONS)
 @shared.no_plausibility
 def init(
-    folder: ExistingFolder,
-    *,
-    stated: Stated,
-    no_input: bool = False,
-    force: bool = False,
-    quiet: Quiet = False,
+    folder: shared.ExistingFolder, *, stated: shared.Stated, no_input: bool = False, force: bool = False
 ) -> int:
     """Look at the files of FOLDER, ask for what they do not say, and write a scene.toml with comments.
 
@@ -84,8 +79,7 @@ def init(
     if path.exists() and not force:
         raise InputError(f"{path}: is there already; edit it, or replace it with --force")
     known, remarks = _recognise(Path(folder))
-    if not quiet:
-        click.echo("\n  ".join(remarks))
+    say("\n  ".join(remarks))
     for question in QUESTIONS:
         value = stated.get(question.section, {}).get(question.key)
         found = known.get(question.section, {}).get(question.key)
@@ -96,12 +90,11 @@ def init(
     known = {name: keys for name, keys in known.items() if keys}
     open_experiment(plausible(scene_from_dict(known, name="the answers", folder=folder)), pulled=True)
     write_text(_template(known), path)
-    if not quiet:
-        click.echo(f"wrote {path}; look at it, then run: contactimg process {shlex.quote(folder)}")
+    say(f"wrote {path}; look at it, then run: contactimg process {shlex.quote(folder)}")
     return 0
 
 
-def _recognise(folder: Path) -> tuple[Stated, list[str]]:
+def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
     """Keys of a scene that names, tables and headers tell, and what to say of them; no pixels are read."""
     from contactimg.files import list_frames, read_asperities, read_loads
     from contactimg.files.experiment import is_correction
@@ -121,13 +114,13 @@ def _recognise(folder: Path) -> tuple[Stated, list[str]]:
     for table in sorted(folder.glob("*.csv"))[:TRIED_TABLES]:
         with suppress(InputError):
             if not loads:
-                unloaded = (read_loads(table, pulled=True)["load_N"] == 0).any()
+                unloaded = bool((read_loads(table, pulled=True)["load_N"] == 0).any())
                 loads = table.name
         with suppress(InputError):
             if not asperities:
                 read_asperities(table)
                 asperities = table.name
-    known: Stated = {
+    known: shared.Stated = {
         "asperities": {"file": asperities},
         "camera": {"pixel_size_m": stated_pixel_size(frames[0].path)},
         "images": {
@@ -167,7 +160,7 @@ def _one_or_glob(names: list[str]) -> str | None:
     return None if not names else names[0] if len(names) == 1 else f"{names[0][:4]}*{Path(names[0]).suffix}"
 
 
-def _ask(question: SceneOption, found: float | None) -> float | None:
+def _ask(question: shared.SceneOption, found: float | None) -> float | None:
     """The answer in SI units, what was found being the default; None for an empty one."""
     from contactimg.scene import scene_from_dict
 
@@ -194,7 +187,7 @@ def _ask(question: SceneOption, found: float | None) -> float | None:
     return value
 
 
-def _template(known: Stated) -> str:
+def _template(known: shared.Stated) -> str:
     """Text of a scene file: what is known, and as comments the other keys that most experiments need."""
     from contactimg.scene import section_keys
 

@@ -1,24 +1,11 @@
 """Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import (
-    Annulus,
-    Count,
-    Existing,
-    Load,
-    OneWorker,
-    Output,
-    Quiet,
-    SceneOption,
-    Stated,
-    scene_options,
-)
-from contactimg.cli.printing import echo_frames, echo_plan, echo_tradeoff, progress
+from contactimg.cli.printing import echo_frames, echo_plan, echo_tradeoff, progress, say
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
@@ -28,8 +15,8 @@ if TYPE_CHECKING:
 
 
 @shared.command()
-@scene_options(
-    SceneOption(
+@shared.scene_options(
+    shared.SceneOption(
         "--tolerance",
         "tolerance",
         "relative",
@@ -41,18 +28,17 @@ if TYPE_CHECKING:
 @shared.cluster
 @shared.verbose
 def predict(
-    scene: Existing,
+    scene: shared.Existing,
     *,
-    stated: Stated,
+    stated: shared.Stated,
     loads: Annotated[tuple[float, ...], "--load-N"] = (),
     displacements_um: Annotated[tuple[float, ...], "--displacement-um"] = (),
-    output: Output = None,
+    output: shared.Output = None,
     model: Literal["interacting", "gw", "gt"] = "interacting",
     coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
-    patterns: Count | None = None,
-    annulus_mm: Annulus = 0.25,
-    workers: OneWorker = 1,
-    quiet: Quiet = False,
+    patterns: shared.Count | None = None,
+    annulus_mm: shared.Annulus = 0.25,
+    workers: shared.OneWorker = 1,
 ) -> int:
     """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load or displacement.
 
@@ -88,7 +74,7 @@ def predict(
         goes on when it is started again.
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, scene_at
+        from contactimg.cli.scenes import scene_at
         from contactimg.errors import InputError
         from contactimg.files import RUN_TABLES
         from contactimg.pipeline.ensemble import Calls, predict_ensemble
@@ -106,37 +92,42 @@ def predict(
 
     if patterns is not None and model != "interacting":
         raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
-    described = scene_at(scene, stated)
+    described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
-    target = shared.output_path(output, described.folder)
-    options = {"model": model, "coupling": coupling, "tolerance": relative, "annulus_mm": annulus_mm}
-    options |= {"loads_N": list(loads), "displacements_um": list(displacements_um), "patterns": patterns}
-    inputs = model_inputs(scene, described)
     prescribed = prescriptions(described, loads, [displacement / 1e6 for displacement in displacements_um])
-    settings: dict[str, Any] = {"coupling": coupling, "annulus": annulus_mm * 1e-3}
+    annulus = annulus_mm * 1e-3
     with shared.results_in(
-        target, scene=described, options=options, inputs=inputs, main_files=RUN_TABLES
+        output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
         if patterns is None:
-            settings |= {"model": model, "relative": relative, "workers": workers}
-            predictions = predict_loads(described, prescribed, **settings)
+            predictions = predict_loads(
+                described,
+                prescribed,
+                model=model,
+                coupling=coupling,
+                annulus=annulus,
+                relative=relative,
+                workers=workers,
+            )
         else:
             refuse_repeated(prescribed)
-            settings |= {"tolerance": None if relative is None else solver_tolerance(relative)}
-            with progress("solving patterns", patterns, quiet=quiet) as advance:
-                settings |= {"calls": Calls(workers, out.frame_store(), advance)}
-                predictions = predict_ensemble(described, prescribed, patterns=patterns, **settings)
+            with progress("solving patterns", patterns) as advance:
+                predictions = predict_ensemble(
+                    described,
+                    prescribed,
+                    patterns=patterns,
+                    coupling=coupling,
+                    annulus=annulus,
+                    tolerance=None if relative is None else solver_tolerance(relative),
+                    calls=Calls(workers, out.frame_store(), advance),
+                )
         frames = write_predictions(predictions, described, out.folder)
         out.record["plans"] = plan_records(predictions)
         out.record["expected_errors"] = error_records(predictions)
-    if not quiet:
         level = f", coupling {coupling}" if model == "interacting" else ""
         many = f", {patterns:,} patterns" if patterns else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}{many}")
-        for prediction in predictions:
-            if prediction.plan is not None:
-                click.echo(choice_sentence(prediction, relative=relative))
-        click.echo(f"results in {target}")
+        say(*(choice_sentence(one, relative=relative) for one in predictions if one.plan is not None))
     return int((frames["status"] == FAILED).any())
 
 
@@ -148,12 +139,11 @@ def predict(
 @shared.cluster
 @shared.verbose
 def simulate(
-    scene: Existing,
+    scene: shared.Existing,
     *,
-    output: Output = None,
+    output: shared.Output = None,
     optics: Annotated[bool, "--plan"] = False,
-    workers: OneWorker = 1,
-    quiet: Quiet = False,
+    workers: shared.OneWorker = 1,
 ) -> None:
     """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
 
@@ -182,33 +172,27 @@ def simulate(
         than allowed, instead of all that [simulate] states.
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, scene_at
+        from contactimg.cli.scenes import scene_at
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.simulate import plan_simulation, write_simulation
         from contactimg.prediction import load_name
 
-    described = scene_at(scene, {})
+    described, inputs = scene_at(scene, {})
     smooth = described.asperities is None
     asperities = None if smooth else need_asperities(described, "simulating frames")
-    target = shared.output_path(output, described.folder)
     count = 1 + len(described.need("simulate", "simulating frames").loads)
     planned = plan_simulation(described, asperities, optics=optics)
-    inputs = model_inputs(scene, described)
-    with (
-        shared.results_in(
-            target, scene=described, inputs=inputs, main_files=["truth.csv", "scene.toml"]
-        ) as out,
-        progress("making frames", count, quiet=quiet) as advance,
-    ):
+    main_files = ["truth.csv", "scene.toml"]
+    with shared.results_in(
+        output, described.folder, scene=described, inputs=inputs, main_files=main_files
+    ) as out:
         out.record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
         out.record["effects"] = planned.scene.effects.switches()
-        write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
-    if not quiet:
-        for plan in planned.plans:
-            click.echo(plan.sentence())
-        click.echo(_shown(planned.scene))
-        click.echo(f"{count - 1} frames and the true contacts in {target}")
+        with progress("making frames", count) as advance:
+            write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
+        say(*(plan.sentence() for plan in planned.plans), _shown(planned.scene))
+        say(f"{count - 1} frames and the true contacts")
 
 
 def _shown(scene: "Scene") -> str:
@@ -224,18 +208,18 @@ def _shown(scene: "Scene") -> str:
 
 
 @shared.command()
-@scene_options(
-    SceneOption("--tolerance", "tolerance", "relative"), SceneOption("--output", "tolerance", "output")
+@shared.scene_options(
+    shared.SceneOption("--tolerance", "tolerance", "relative"),
+    shared.SceneOption("--output", "tolerance", "output"),
 )
 @shared.no_plausibility
 @shared.verbose
 def effects(
-    scene: Existing,
+    scene: shared.Existing,
     *,
-    stated: Stated,
-    load: Load = None,
+    stated: shared.Stated,
+    load: shared.Load = None,
     folder: Annotated[str | None, click.Path(file_okay=False), "-o"] = None,
-    quiet: Quiet = False,
 ) -> None:
     """Decide which physical effects matter for SCENE, a scene.toml or the folder that holds one.
 
@@ -259,21 +243,17 @@ def effects(
         Folder for effects.csv; without it nothing is written.
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, scene_at
+        from contactimg.cli.scenes import scene_at
         from contactimg.files import write_table
         from contactimg.pipeline.effects import plan_effects
         from contactimg.tables import EFFECTS
 
-    described = scene_at(scene, stated)
+    described, inputs = scene_at(scene, stated)
     plan = plan_effects(described, load=load)
+    echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
     if folder is not None:
-        inputs = model_inputs(scene, described)
-        with shared.results_in(Path(folder), scene=described, inputs=inputs) as out:
+        with shared.results_in(folder, described.folder, scene=described, inputs=inputs) as out:
             write_table(plan.table(), EFFECTS, out.folder / "effects.csv")
-    if not quiet:
-        echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
-        if folder is not None:
-            click.echo(f"results in {folder}")
 
 
 # --- tradeoff
@@ -282,20 +262,21 @@ Knob = Literal["image", "model", "solver", "sums", "rings", "patterns", "supersa
 
 
 @shared.command()
-@scene_options(
-    SceneOption("--tolerance", "tolerance", "relative", "The fastest setting that meets it is recommended.")
+@shared.scene_options(
+    shared.SceneOption(
+        "--tolerance", "tolerance", "relative", "The fastest setting that meets it is recommended."
+    )
 )
 @shared.no_plausibility
 @shared.verbose
 def tradeoff(
-    scene: Existing,
+    scene: shared.Existing,
     *,
-    stated: Stated,
-    output: Output = None,
-    load: Load = None,
+    stated: shared.Stated,
+    output: shared.Output = None,
+    load: shared.Load = None,
     knobs: Annotated[tuple[Knob, ...], "--knob"] = (),
     fine: bool = False,
-    quiet: Quiet = False,
 ) -> None:
     """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
 
@@ -322,18 +303,15 @@ def tradeoff(
         Measure slow settings too (takes minutes).
     """
     with stage("loading"):
-        from contactimg.cli.scenes import model_inputs, scene_at
+        from contactimg.cli.scenes import scene_at
         from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
         from contactimg.tradeoff.measure import run_knobs
 
-    described = scene_at(scene, stated)
+    described, inputs = scene_at(scene, stated)
     chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs, fine=fine)
-    target = shared.output_path(output, described.folder)
-    options = {"load_N": load, "knobs": list(knobs), "fine": fine}
-    inputs = model_inputs(scene, described)
-    with shared.results_in(target, scene=described, options=options, inputs=inputs) as out:
+    with shared.results_in(output, described.folder, scene=described, inputs=inputs) as out:
         count = sum(len(knob.settings) for knob in chosen)
-        with progress("measuring settings", count, quiet=quiet) as advance, stage("settings"):
+        with progress("measuring settings", count) as advance, stage("settings"):
             result = run_knobs(
                 chosen,
                 relative=described.tolerance.relative,
@@ -343,10 +321,5 @@ def tradeoff(
             )
         write_tradeoff(result, out.folder)
         out.record["sentences"] = result.sentences
-    if not quiet:
         echo_tradeoff(result.table)
-        for sentence in result.sentences.values():
-            click.echo(sentence)
-        for knob, reason in left_out.items():
-            click.echo(f"{knob}: {reason}")
-        click.echo(f"results in {target}")
+        say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in left_out.items()))

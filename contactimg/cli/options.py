@@ -4,7 +4,7 @@ import inspect
 import logging
 import re
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 
 import click
 
+from contactimg.cli.printing import QUIET, echo_timings, say
 from contactimg.timings import collect, stage
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def command(group: click.Group | None = None, said: str = "") -> Callable[[Funct
     def declare(function: Function) -> Command:
         text, _, section = str(inspect.getdoc(function)).partition("\n\nParameters\n----------\n")
         meanings = dict(re.findall(r"^(\w+)\n((?:    .*\n?)+)", section, re.MULTILINE))
-        shared = timings(function).__click_params__[::-1]  # type: ignore[attr-defined]
+        shared = timings(quiet(function)).__click_params__[::-1]  # type: ignore[attr-defined]
         done = {"stated", *(param.name for param in shared)}
         own = [
             _parameter(parameter, meanings.get(parameter.name, ""))
@@ -139,7 +140,6 @@ Workers = Annotated[
     "Number of processes that work in parallel.  [default: one per CPU core; one for fewer than 4 frames]",
 ]
 OneWorker = Annotated[Count, "Number of processes that work in parallel."]
-Quiet = Annotated[bool, "Print nothing but warnings and errors: no tables, no progress bars."]
 Load = Annotated[float | None, "Normal load in newtons.  [default: the largest that the scene states]"]
 Annulus = Annotated[float, "Width of the rings around the apex over which profiles are averaged, in mm."]
 
@@ -158,14 +158,16 @@ def _preparing(
 
 
 def _time_stages(context: click.Context, _value: Any) -> None:
-    from contactimg.cli.printing import echo_timings
-
     times = context.with_resource(collect())
     context.call_on_close(lambda: echo_timings(times))
 
 
 def _be_verbose(_context: click.Context, _value: Any) -> None:
     logging.getLogger("contactimg").setLevel(logging.INFO)
+
+
+def _be_quiet(context: click.Context, _value: Any) -> None:
+    context.meta[QUIET] = True
 
 
 def _doubt_as_warning(context: click.Context, _value: Any) -> None:
@@ -182,6 +184,9 @@ def _use_cluster(context: click.Context, address: str) -> None:
 
 timings = _preparing(
     _time_stages, "--timings", "Print a table at the end: how long each stage took, in seconds."
+)
+quiet = _preparing(
+    _be_quiet, "--quiet", "Print nothing but warnings and errors: no tables, no progress bars."
 )
 verbose = _preparing(_be_verbose, "--verbose", "Report each step on standard error.")
 no_plausibility = _preparing(
@@ -208,30 +213,36 @@ def command_line() -> str:
     return shlex.join(["contactimg", *typed]) if typed else context.command_path
 
 
-def output_path(output: str | None, parent: str | Path) -> Path:
-    """The folder that the results go to."""
-    return Path(output) if output is not None else Path(parent) / DEFAULT_FOLDER
+def options_given() -> dict[str, Any]:
+    """The options of the command that runs, without those that do not change its result."""
+    context = click.get_current_context()
+    names = {str(param.name) for param in context.command.params if isinstance(param, click.Option)}
+    names -= {"output", "folder", "workers"}
+    return {name: value for name, value in context.params.items() if name in names}
 
 
 @contextmanager
 def results_in(
-    target: Path,
+    output: str | Path | None,
+    parent: str | Path,
     *,
     scene: "Scene | None" = None,
     options: dict[str, Any] | None = None,
-    inputs: Sequence[Path] = (),
+    inputs: Iterable[Path] = (),
     main_files: Sequence[str] = (),
 ) -> Iterator["OutputFolder"]:
     """The output folder of the command that runs, with its provenance; written completely or not at all.
 
     Parameters
     ----------
-    target : Path
+    output : path-like or None
+        The folder; by default that of the usual name inside ``parent``.
+    parent : path-like
     scene : Scene or None
         What was computed or measured.
     options : dict or None
-        What else the result depends on.
-    inputs : sequence of Path
+        What else the result depends on, if it is not the options of the command.
+    inputs : iterable of Path
         The files that were read.
     main_files : sequence of str
         Files that the command certainly writes.
@@ -239,9 +250,12 @@ def results_in(
     with stage("loading"):
         from contactimg.files import OutputFolder, provenance
 
+    options = options_given() if options is None else options
     record = provenance(command=command_line(), scene=scene, options=options, inputs=inputs)
+    target = Path(output or Path(parent) / DEFAULT_FOLDER)
     with OutputFolder(target, record, main_files=main_files) as out:
         yield out
+    say(f"results in {target}")
 
 
 # --- options that stand for keys of a scene

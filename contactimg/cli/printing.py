@@ -1,6 +1,6 @@
 """What commands print for a person: progress bars and tables."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
 from typing import TYPE_CHECKING, Any
@@ -17,29 +17,45 @@ if TYPE_CHECKING:
 Cells = Mapping[str, str]
 """Heading -> what stands in one row below it."""
 
+QUIET = "contactimg.quiet"
+"""Where the context of a command holds that it is quiet."""
+
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
 
+def is_quiet() -> bool:
+    """Whether the command that runs prints nothing but warnings and errors."""
+    context = click.get_current_context(silent=True)
+    return context is not None and context.meta.get(QUIET, False)
+
+
+def say(*sentences: str) -> None:
+    """Print the sentences that are not empty, one a line."""
+    for sentence in sentences:
+        if sentence and not is_quiet():
+            click.echo(sentence)
+
+
 @contextmanager
-def progress(text: str, total: int, *, quiet: bool) -> Iterator[Callable[[], None]]:
+def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
     """Show a progress bar on standard error; call what it yields once per item."""
     with stage("loading"):
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
+    with Progress(*columns, console=Console(stderr=True), disable=is_quiet() or not total) as bar:
         task = bar.add_task(text, total=total)
         yield lambda: bar.advance(task)
 
 
-def echo_first_run(*, quiet: bool) -> None:
+def echo_first_run() -> None:
     """Say on standard error that the first run compiles."""
     with stage("loading"):
         import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
         from contactimg.compiled import is_stored
-    if not quiet and not is_stored("contactimg.imaging"):
+    if not is_quiet() and not is_stored("contactimg.imaging"):
         click.echo("first run: compiling the numerical code, once; this takes one to two minutes", err=True)
 
 
@@ -50,11 +66,11 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
     """
     echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
     for row in frames[frames["message"] != ""].to_dict("records"):
-        click.echo(f"{row['frame']}: {row['message']}")
+        say(f"{row['frame']}: {row['message']}")
     total = sum((statuses or {}).values())
     if total > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
-        click.echo(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
+        say(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
 
 
 def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:
@@ -113,8 +129,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
         for row in plan.table().to_dict("records")
     ]
     echo_table(title, rows, left=5)
-    for sentence in (*plan.limits, *plan.messages):
-        click.echo(sentence)
+    say(*plan.limits, *plan.messages)
 
 
 def echo_tradeoff(table: "pd.DataFrame") -> None:
@@ -155,8 +170,10 @@ def echo_timings(timings: Timings) -> None:
     echo_table("where the time went", rows, left=1, stderr=True)
 
 
-def echo_table(title: str, rows: list[Cells], *, left: int, stderr: bool = False) -> None:
+def echo_table(title: str, rows: Sequence[Cells], *, left: int, stderr: bool = False) -> None:
     """Print a table without its empty columns; the first ``left`` columns are text, the others numbers."""
+    if is_quiet() and not stderr:
+        return
     with stage("loading"):
         from rich import box
         from rich.console import Console
@@ -168,8 +185,8 @@ def echo_table(title: str, rows: list[Cells], *, left: int, stderr: bool = False
     heads = list(rows[0]) if rows else []
     filled = [head for head in heads if any(row[head] for row in rows)]
     for head in filled:
-        justify = "left" if heads.index(head) < left else "right"
-        table.add_column(head, justify=justify, overflow="fold")
+        is_text = heads.index(head) < left
+        table.add_column(head, justify="left" if is_text else "right", overflow="fold")
     for row in rows:
         table.add_row(*(row[head] for head in filled))
     console = Console(highlight=False, markup=False, stderr=stderr)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import Existing, Output, Quiet, SceneOption, Stated, Workers, scene_options
-from contactimg.cli.printing import echo_first_run, echo_frames, progress
+from contactimg.cli.printing import echo_first_run, echo_frames, progress, say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -21,11 +20,11 @@ JOINED_FOLDER = "combined"
 
 @shared.command()
 @shared.frames
-@scene_options(
-    SceneOption("--method", "measure", "method"),
-    SceneOption("--shape", "measure", "shape"),
-    SceneOption("--threshold", "measure", "threshold"),
-    SceneOption(
+@shared.scene_options(
+    shared.SceneOption("--method", "measure", "method"),
+    shared.SceneOption("--shape", "measure", "shape"),
+    shared.SceneOption("--threshold", "measure", "threshold"),
+    shared.SceneOption(
         "--tolerance",
         "tolerance",
         "relative",
@@ -36,17 +35,16 @@ JOINED_FOLDER = "combined"
 @shared.cluster
 @shared.verbose
 def process(
-    folders: Annotated[tuple[Existing, ...], "FOLDER..."],
+    folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
     *,
     scene: str | None,
-    stated: Stated,
-    output: Output = None,
-    calibration: Existing | None = None,
+    stated: shared.Stated,
+    output: shared.Output = None,
+    calibration: shared.Existing | None = None,
     pictures: Annotated[bool, "--pictures/--no-pictures"] = True,
     numbers: Annotated[bool, "--numbers/--no-numbers"] = False,
     table_format: Annotated[Literal["csv", "parquet"], "--format"] = "csv",
-    workers: Workers = None,
-    quiet: Quiet = False,
+    workers: shared.Workers = None,
 ) -> int:
     """Measure every frame of FOLDER: contacts, local forces, and a picture of each frame.
 
@@ -91,10 +89,9 @@ def process(
         numbers=numbers,
         table_format=table_format,
         workers=workers,
-        quiet=quiet,
     )
     if len(folders) == 1:
-        return measure(folders[0], shared.output_path(output, folders[0]))
+        return measure(folders[0], output)
     if output is None:
         raise click.UsageError("with several folders, give the output folder: -o OUT.")
 
@@ -117,8 +114,7 @@ def process(
         command=shared.command_line(),
         table_format=table_format,
     )
-    if not quiet:
-        click.echo(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
+    say(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
     return max(*codes.values(), int(bool(errors)))
 
 
@@ -135,16 +131,15 @@ def _distinct_names(folders: tuple[str, ...]) -> list[str]:
 
 def _process_folder(
     folder: str,
-    target: Path,
+    output: str | Path | None,
     *,
-    stated: Stated,
+    stated: shared.Stated,
     scene_file: str | None,
     calibration: str | None,
     pictures: bool,
     numbers: bool,
     table_format: "TableFormat",
     workers: int | None,
-    quiet: bool,
 ) -> int:
     """Measure the frames of one folder; return the exit code."""
     with stage("loading"):
@@ -165,26 +160,23 @@ def _process_folder(
         record = read_calibration(calibration)
         acts = describe_use(record, method=scene.measure.method)
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
-    echo_first_run(quiet=quiet)
+    echo_first_run()
     with shared.results_in(
-        target, scene=scene, options=used, inputs=experiment.inputs, main_files=RUN_TABLES
+        output, folder, scene=scene, options=used, inputs=experiment.inputs, main_files=RUN_TABLES
     ) as out:
         count = len(experiment.frames)
-        with progress("measuring frames", count, quiet=quiet) as advance:
+        with progress("measuring frames", count) as advance:
             series = measure_parts(
                 experiment, relative=relative, workers=workers, advance=advance, store=out.frame_store()
             )
         run = write_run(series, out.folder, table_format)
         if pictures:
             overlays = out.folder / "overlays"
-            with progress("drawing overlays", count, quiet=quiet) as advance:
+            with progress("drawing overlays", count) as advance:
                 draw_overlays(series, experiment, overlays, workers=workers, numbers=numbers, advance=advance)
         out.record |= run.record | edits_record(experiment.edits)
-    if not quiet:
         method = scene.measure.method if relative is None else f"chosen for {100 * relative:g} %"
         echo_frames(run.frames, title=f"{folder}, method {method}", statuses=run.statuses)
         law = "" if run.law is None else run.law.sentence()
-        for said in (acts and f"calibration {calibration}: {acts}", law, run.film, f"results in {target}"):
-            if said:
-                click.echo(said)
+        say(acts and f"calibration {calibration}: {acts}", law, run.film)
     return int(not run.measurable or run.statuses[FAILED] > 0)

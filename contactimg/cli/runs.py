@@ -6,18 +6,7 @@ from typing import Annotated, Literal
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.options import (
-    Count,
-    ExistingFile,
-    ExistingFolder,
-    NewFile,
-    NewFolder,
-    NonNegative,
-    Output,
-    Quiet,
-    Workers,
-)
-from contactimg.cli.printing import echo_scores, progress
+from contactimg.cli.printing import echo_scores, progress, say
 from contactimg.timings import stage
 
 
@@ -25,12 +14,11 @@ from contactimg.timings import stage
 @shared.no_plausibility
 @shared.verbose
 def overlay(
-    run: ExistingFolder,
+    run: shared.ExistingFolder,
     *,
-    output: Output = None,
-    min_radius_px: NonNegative = 1.0,
-    workers: Workers = None,
-    quiet: Quiet = False,
+    output: shared.Output = None,
+    min_radius_px: shared.NonNegative = 1.0,
+    workers: shared.Workers = None,
 ) -> int:
     """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
 
@@ -63,28 +51,24 @@ def overlay(
     measured = run_of_folder(read_run(run))
     experiment = open_experiment(plausible(measured.scene))
     asperities = need_asperities(measured.scene, "predicting contacts")
-    target = shared.output_path(output, run)
     count = len(measured.frames)
     with shared.results_in(
-        target,
+        output,
+        run,
         scene=measured.scene,
-        options={"min_radius_px": min_radius_px},
         inputs=[*main_tables([Path(run)]), *experiment.inputs],
         main_files=["scores.csv", "matches.csv"],
     ) as out:
-        with progress("predicting contacts", count, quiet=quiet) as advance:
+        with progress("predicting contacts", count) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
         write_comparison(comparison, out.folder)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
-        with progress("drawing overlays", count, quiet=quiet) as advance:
+        with progress("drawing overlays", count) as advance:
             draw_comparison(
                 comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance
             )
-    if not quiet:
         echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
-        for frame, plan in comparison.plans.items():
-            click.echo(f"{frame}: {plan.sentence()}")
-        click.echo(f"results in {target}")
+        say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
     for frame, reason in comparison.left_out.items():
         click.echo(f"contactimg: {frame}: no prediction, {reason}", err=True)
     return 1 if comparison.left_out else 0
@@ -92,12 +76,11 @@ def overlay(
 
 @shared.command()
 def report(
-    run: ExistingFolder,
+    run: shared.ExistingFolder,
     *,
-    output: NewFile | None = None,
-    others: Annotated[tuple[ExistingFolder, ...], "--with"] = (),
-    max_pictures: Count = 40,
-    quiet: Quiet = False,
+    output: shared.NewFile | None = None,
+    others: Annotated[tuple[shared.ExistingFolder, ...], "--with"] = (),
+    max_pictures: shared.Count = 40,
 ) -> None:
     """Write an HTML page about RUN, an output folder of `process`, that needs no network and no other file.
 
@@ -128,19 +111,18 @@ def report(
     target = Path(output) if output is not None else Path(run) / "report.html"
     remove_leftovers(target)
     write_text(build_report(run, others=others, max_pictures=max_pictures), target)
-    if not quiet:
-        click.echo(f"report in {target}")
+    say(f"report in {target}")
 
 
 @shared.command()
 @shared.verbose
 def review(
-    run: ExistingFolder,
+    run: shared.ExistingFolder,
     *,
     port: Annotated[int | None, click.IntRange(0, 65535)] = None,
     no_browser: bool = False,
     origin: str = "",
-    workers: Workers = None,
+    workers: shared.Workers = None,
 ) -> int:
     """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
 
@@ -193,15 +175,14 @@ def review(
 @shared.command()
 @shared.no_plausibility
 def export(
-    run: ExistingFolder,
+    run: shared.ExistingFolder,
     *,
-    output: NewFolder | None = None,
+    output: shared.NewFolder | None = None,
     fiji: bool = False,
     napari: bool = False,
     labels: bool = False,
     xlsx: bool = False,
     units: Literal["um", "mm", "m"] = "um",
-    quiet: Quiet = False,
 ) -> int:
     """Write RUN, an output folder of `process`, in the formats of ImageJ, napari and Excel.
 
@@ -235,29 +216,27 @@ def export(
     chosen = {"fiji": fiji, "napari": napari, "labels": labels, "xlsx": xlsx}
     formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
     source = read_run(run)
-    target = Path(output) if output is not None else Path(run) / "export"
     tables = main_tables([source.folder])
     main_files = ["contacts.xlsx"] if "xlsx" in formats else []
     with (
-        shared.results_in(target, scene=source.scene, inputs=tables, main_files=main_files) as out,
-        progress("exporting frames", len(source.frames), quiet=quiet) as advance,
+        shared.results_in(
+            output or Path(run) / "export", run, scene=source.scene, inputs=tables, main_files=main_files
+        ) as out,
+        progress("exporting frames", len(source.frames)) as advance,
     ):
         export_run(source, out.folder, formats=formats, units=units, advance=advance)
-    if not quiet:
-        click.echo(f"{', '.join(formats)} in {target}")
     return 0
 
 
 @shared.command()
 @shared.no_plausibility
 def import_rois(
-    run: ExistingFolder,
-    file: ExistingFile,
+    run: shared.ExistingFolder,
+    file: shared.ExistingFile,
     *,
     frame: str | None = None,
-    output: NewFile | None = None,
+    output: shared.NewFile | None = None,
     author: str = "",
-    quiet: Quiet = False,
 ) -> int:
     """Compare the ImageJ regions in FILE with the contacts of RUN and write the changes to edits.csv.
 
@@ -295,10 +274,7 @@ def import_rois(
     if len(edits):
         present = [read_edits(target)] if target.is_file() else []
         write_edits(pd.concat([*present, edits], ignore_index=True), target)
-    if not quiet:
-        counts = edits["action"].value_counts()
-        told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
-        click.echo(
-            f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed"
-        )
+    counts = edits["action"].value_counts()
+    told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
+    say(f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed")
     return 0

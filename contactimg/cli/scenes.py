@@ -64,10 +64,17 @@ def scene_of_folder(
     return _plausible(data, stated | {"images": _absolute(stated.get("images", {}))}, folder)
 
 
-def scene_at(path: str | Path, stated: Stated) -> Scene:
-    """The scene of a model: a scene file, or the folder that holds one, with the keys that options state."""
-    scene = read_scene(path)
-    return _plausible(_copied(scene), stated, scene.folder)
+def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
+    """The scene of a model, with the keys that options state, and the files that a prediction depends on.
+
+    ``path`` is a scene file, or the folder that holds one.
+    """
+    read, path = read_scene(path), Path(path)
+    scene = _plausible(_copied(read), stated, read.folder)
+    files = [path / SCENE_FILE if path.is_dir() else path]
+    if scene.asperities is not None and scene.asperities.file is not None:
+        files.append(Path(scene.folder) / scene.asperities.file)
+    return scene, files
 
 
 def plausible(scene: Scene) -> Scene:
@@ -84,15 +91,6 @@ def plausible(scene: Scene) -> Scene:
         loads = read_scene_loads(scene)
     settle(doubts_about_scene(scene, asperities, loads), str(Path(scene.folder)))
     return scene
-
-
-def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
-    """The files that a prediction depends on: the scene file and its asperity table."""
-    path = Path(path)
-    files = [path / SCENE_FILE if path.is_dir() else path]
-    if scene.asperities is not None and scene.asperities.file is not None:
-        files.append(Path(scene.folder) / scene.asperities.file)
-    return files
 
 
 def _plausible(data: Stated, stated: Stated, folder: str | Path) -> Scene:
