@@ -23,7 +23,7 @@ ONE_OF_TWO = (
 )
 
 
-running = shared.together(shared.frames, shared.cluster, shared.verbose)
+running = shared.together(shared.frames, shared.cluster)
 """Options that every calibration has, beside those of its signature."""
 
 modulus_options = shared.scene_options(

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 )
 @shared.no_plausibility
 @shared.cluster
-@shared.verbose
 def predict(
     scene: shared.Existing,
     *,
@@ -137,7 +136,6 @@ def predict(
 @shared.command()
 @shared.no_plausibility
 @shared.cluster
-@shared.verbose
 def simulate(
     scene: shared.Existing,
     *,
@@ -213,7 +211,6 @@ def _shown(scene: "Scene") -> str:
     shared.SceneOption("--output", "tolerance", "output"),
 )
 @shared.no_plausibility
-@shared.verbose
 def effects(
     scene: shared.Existing,
     *,
@@ -268,7 +265,6 @@ Knob = Literal["image", "model", "solver", "sums", "rings", "patterns", "supersa
     )
 )
 @shared.no_plausibility
-@shared.verbose
 def tradeoff(
     scene: shared.Existing,
     *,

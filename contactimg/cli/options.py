@@ -52,7 +52,7 @@ def command(group: click.Group | None = None, said: str = "") -> Callable[[Funct
     def declare(function: Function) -> Command:
         text, _, section = str(inspect.getdoc(function)).partition("\n\nParameters\n----------\n")
         meanings = dict(re.findall(r"^(\w+)\n((?:    .*\n?)+)", section, re.MULTILINE))
-        shared = timings(quiet(function)).__click_params__[::-1]  # type: ignore[attr-defined]
+        shared = quiet(verbose(timings(function))).__click_params__[::-1]  # type: ignore[attr-defined]
         done = {"stated", *(param.name for param in shared)}
         own = [
             _parameter(parameter, meanings.get(parameter.name, ""))

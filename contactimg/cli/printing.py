@@ -1,5 +1,7 @@
 """What commands print for a person: progress bars and tables."""
 
+import logging
+import textwrap
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
@@ -60,17 +62,32 @@ def echo_first_run() -> None:
 
 
 def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, int] | None = None) -> None:
-    """Print the frames in mN and mm^2, one line each; then the messages.
+    """Print the frames in mN and mm^2, one line each; then what is to be said of them.
 
     With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
     """
     echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
-    for row in frames[frames["message"] != ""].to_dict("records"):
-        say(f"{row['frame']}: {row['message']}")
+    _echo_messages(dict(zip(frames["frame"], frames["message"], strict=True)))
     total = sum((statuses or {}).values())
     if total > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
         say(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
+
+
+def _echo_messages(messages: Mapping[str, str]) -> None:
+    """Print what several frames have in common once, and one line of each frame for the rest."""
+    remarks = dict[str, list[str]]()
+    for frame, message in messages.items():
+        for remark in filter(None, message.split("; ")):
+            remarks.setdefault(remark, []).append(frame)
+    lines = dict[tuple[str, ...], list[str]]()
+    for remark, frames in remarks.items():
+        lines.setdefault(tuple(frames), []).append(remark)
+    whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
+    for frames, said in lines.items():
+        many = "all frames" if len(frames) == len(messages) else f"{len(frames)} frames from {frames[0]} on"
+        text = f"{frames[0] if len(frames) == 1 else many}: {'; '.join(said)}"
+        say(text if whole else textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
 
 
 def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:

@@ -33,7 +33,6 @@ JOINED_FOLDER = "combined"
     ),
 )
 @shared.cluster
-@shared.verbose
 def process(
     folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
     *,

@@ -12,7 +12,6 @@ from contactimg.timings import stage
 
 @shared.command()
 @shared.no_plausibility
-@shared.verbose
 def overlay(
     run: shared.ExistingFolder,
     *,
@@ -115,7 +114,6 @@ def report(
 
 
 @shared.command()
-@shared.verbose
 def review(
     run: shared.ExistingFolder,
     *,

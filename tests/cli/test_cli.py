@@ -1,6 +1,7 @@
 """The command line: what it writes, what it says, and that bad input costs one sentence and nothing else."""
 
 import json
+import logging
 import re
 import shlex
 import subprocess
@@ -14,6 +15,7 @@ import tifffile
 from small_series import break_measurement, copy_of
 
 from contactimg.cli import COMMANDS, main
+from contactimg.cli.printing import echo_frames
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
 
@@ -205,11 +207,33 @@ def test_reference_as_a_frame_has_no_contacts_and_a_status(series, tmp_path):
     assert (row["n_contacts"], row["area_m2"], row["force_sum_N"]) == (0, 0, 0)
 
 
-def test_no_reference_is_said(series, tmp_path):
+def test_no_reference_is_said_once_for_all_frames(series, tmp_path, capsys):
     edit(series / "scene.toml", 'reference = "reference.tif"\n', "")
     (series / "reference.tif").unlink()
-    assert process(series, "-o", tmp_path / "out") == 0
+    words = ["process", str(series), "-o", str(tmp_path / "out"), "--workers", "1", "--no-pictures"]
+    assert main(words) == 0
     assert frames_of(tmp_path / "out")["message"].str.contains("background").all()
+    printed = capsys.readouterr().out
+    assert printed.count("no reference") == 1
+    assert re.search("^all frames: .*no reference", printed, re.MULTILINE)
+
+
+def test_a_frame_has_one_short_line_and_all_of_it_with_verbose(capsys):
+    shared, own = "the light changed", "a remark of this frame alone, " + 20 * "at length "
+    table = {"frame": ["a.tif", "b.tif", "c.tif"], "message": [f"{shared}; {own}", shared, ""]}
+    frames = FRAMES.conform({**table, "status": ["ok"] * 3})
+    echo_frames(frames, title="three frames")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines.count(f"2 frames from a.tif on: {shared}") == 1
+    (line,) = [line for line in lines if line.startswith("a.tif: ")]
+    assert line.endswith("... (--verbose)")
+    assert len(line) <= 160
+    logging.getLogger("contactimg").setLevel(logging.INFO)
+    try:
+        echo_frames(frames, title="three frames")
+    finally:
+        logging.getLogger("contactimg").setLevel(logging.WARNING)
+    assert f"a.tif: {own}".strip() in capsys.readouterr().out
 
 
 # nothing done: one sentence, exit code 2, and an earlier run untouched
