@@ -11,6 +11,7 @@ PACKAGE = Path(__file__).parents[1] / "contactimg"
 # from low to high; modules named in one line are one room and do not import each other's neighbours above
 ROOMS = [
     "errors",
+    "compiled",
     "timings",
     "engine",
     "tables",

@@ -4,6 +4,7 @@ import re
 import time
 from collections import Counter
 
+import click
 import pytest
 from loky import get_reusable_executor
 
@@ -160,9 +161,10 @@ def test_predict_prints_its_stages(small_series, tmp_path, capsys):
 
 
 def test_every_command_has_the_option(capsys):
-    from contactimg.cli import commands
+    from contactimg.cli import COMMANDS, commands
 
-    for name, command in commands.commands.items():
+    for name in COMMANDS:
+        command = commands.get_command(click.Context(commands), name)
         subcommands = getattr(command, "commands", {"": command})
         for sub in subcommands:
             assert main([name, *([sub] if sub else []), "--help"]) == 0

@@ -1,32 +1,18 @@
-"""The command line: one module per command; each parses its options, calls the package and prints.
+"""The command line: each command parses its options, calls the package and prints.
 
-`options` holds what the commands share, `scenes` turns a folder and options into a scene, `printing` prints
-tables and progress bars. An error is one sentence on standard error and exit code 2.
+A module is imported when a command of it is called. `options` holds what the commands share, `scenes` makes
+the scene of a command, `printing` prints tables and progress bars. An error is one sentence on standard error
+and exit code 2.
 """
 
 import logging
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 
 import click
 
 from contactimg import __version__
-from contactimg.cli import shared_options as shared
-from contactimg.cli.analyse import analyse
-from contactimg.cli.asperities import asperities
-from contactimg.cli.calibrate import calibrate
-from contactimg.cli.effects import effects
-from contactimg.cli.export import export
-from contactimg.cli.import_rois import import_rois
-from contactimg.cli.init import init
-from contactimg.cli.overlay import overlay
-from contactimg.cli.predict import predict
-from contactimg.cli.process import process
-from contactimg.cli.report import report
-from contactimg.cli.review import review
-from contactimg.cli.simulate import simulate
-from contactimg.cli.tradeoff import tradeoff
-from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError
 
 __all__ = ["main"]
@@ -34,8 +20,50 @@ __all__ = ["main"]
 INTERRUPTED = "interrupted; earlier results are as they were, and `process` takes up what it measured"
 """What a command says that was asked to end."""
 
+COMMANDS = {
+    "init": ("init", "Write a first scene.toml for a folder of frames."),
+    "asperities": ("asperities", "Find the asperities on a profilometer's height map."),
+    "process": ("process", "Measure the contacts on every frame of a folder."),
+    "calibrate": ("calibrate", "Calibrate the modulus, the threshold or the plateau on a folder of frames."),
+    "predict": ("models", "Predict the contacts at given loads with a contact model."),
+    "overlay": ("runs", "Compare measured with predicted contacts, frame by frame."),
+    "simulate": ("models", "Render synthetic frames of a scene, with the true contacts."),
+    "effects": ("models", "Decide which physical effects matter for a scene."),
+    "tradeoff": ("models", "Measure how much computing time accuracy costs."),
+    "analyse": ("analyse", "Area laws, profiles, contact laws and friction of one or several runs."),
+    "report": ("runs", "Write one self-contained HTML page about a run."),
+    "review": ("runs", "Check and correct the contacts of a run on a local web page."),
+    "export": ("runs", "Write a run for ImageJ, napari and Excel."),
+    "import-rois": ("runs", "Bring regions corrected in ImageJ back as edits.csv."),
+}
+"""Command -> its module, and what it does."""
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+
+class Commands(click.Group):
+    """The commands, each imported when it is called."""
+
+    def list_commands(self, _context: click.Context) -> list[str]:
+        """Names of all commands, in the order of the alphabet."""
+        return sorted(COMMANDS)
+
+    def get_command(self, _context: click.Context, name: str) -> click.Command | None:
+        """The command of that name."""
+        if name not in COMMANDS:
+            return None
+        module = import_module(f"contactimg.cli.{COMMANDS[name][0]}")
+        found: click.Command = getattr(module, name.replace("-", "_"))
+        return found
+
+    def format_commands(self, _context: click.Context, formatter: click.HelpFormatter) -> None:
+        """List what each command does."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, COMMANDS[name][1]) for name in sorted(COMMANDS)])
+
+
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
+)
 @click.version_option(__version__, prog_name="contactimg")
 def commands() -> None:
     """Measure the microcontacts on micrographs, compute local forces, compare with contact models.
@@ -55,39 +83,13 @@ def commands() -> None:
     """
 
 
-for command in (
-    init,
-    asperities,
-    process,
-    calibrate,
-    predict,
-    overlay,
-    simulate,
-    effects,
-    tradeoff,
-    analyse,
-    report,
-    review,
-    export,
-    import_rois,
-):
-    commands.add_command(command)
-    for leaf in command.commands.values() if isinstance(command, click.Group) else (command,):
-        shared.timings(leaf)
-        if command not in (analyse, asperities, report, review):
-            shared.no_plausibility(leaf)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command line; return its exit code: 0 done, 1 some frames failed, 2 nothing done."""
     logging.basicConfig(format="contactimg: %(message)s", force=True)
     logging.getLogger("contactimg").setLevel(logging.WARNING)
     try:
         arguments = sys.argv[1:] if argv is None else list(argv)
-        with ending_cleanly():
-            result = commands.main(
-                args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False
-            )
+        result = commands.main(args=arguments, obj=arguments, prog_name="contactimg", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         return 2

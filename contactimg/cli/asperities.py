@@ -1,12 +1,12 @@
 """``contactimg asperities``: from a profilometer's height map to a table of asperities."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
-from contactimg.cli import shared_options as shared
+from contactimg.cli import options as shared
+from contactimg.cli.printing import say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
@@ -16,54 +16,17 @@ if TYPE_CHECKING:
 ASPERITIES_FILE = "asperities.csv"
 
 
-@dataclass(frozen=True, kw_only=True)
-class MapOptions:
-    """What the map is and what counts as a summit."""
-
-    pixel_size_um: float | None
-    height_unit: str | None
-    form: Literal["plane", "sphere", "none"]
-    min_height_um: float
-    depth: float
-
-
-@click.command(short_help="Find the asperities on a profilometer's height map.")
-@click.argument("map_file", metavar="MAP", type=shared.existing_file)
-@shared.output("the folder of MAP")
-@click.option(
-    "--pixel-size-um",
-    type=shared.positive_number,
-    help="Distance between neighbouring heights, in micrometres.  [default: what the file says]",
-)
-@click.option(
-    "--height-unit",
-    type=click.Choice(["nm", "um", "mm", "m"]),
-    help="Unit of the heights.  [default: what the file says]",
-)
-@click.option(
-    "--form",
-    type=click.Choice(["plane", "sphere", "none"]),
-    default="plane",
-    show_default=True,
-    help="What is taken off the heights first: a tilt, a tilt and the sphere of a lens, or nothing.",
-)
-@click.option(
-    "--min-height-um",
-    type=shared.non_negative_number,
-    default=0.0,
-    show_default=True,
-    help="Least height of a summit above the base, in micrometres; the noise sets another.",
-)
-@click.option(
-    "--depth",
-    type=click.FloatRange(min=0, max=1, min_open=True),
-    default=0.5,
-    show_default=True,
-    help="How far down the sphere is fitted, as a share of the height of the summit.",
-)
-@shared.quiet
-@shared.gather(MapOptions)
-def asperities(*, map_file: str, output: str | None, quiet: bool, options: MapOptions) -> int:
+@shared.command()
+def asperities(
+    map_file: Annotated[shared.ExistingFile, "MAP"],
+    *,
+    output: shared.Output = None,
+    pixel_size_um: shared.Positive | None = None,
+    height_unit: Literal["nm", "um", "mm", "m"] | None = None,
+    form: Literal["plane", "sphere", "none"] = "plane",
+    min_height_um: shared.NonNegative = 0.0,
+    depth: Annotated[float, click.FloatRange(min=0, max=1, min_open=True)] = 0.5,
+) -> int:
     """Find the summits on MAP and write their heights and radii of curvature with uncertainties.
 
     MAP is a matrix of heights (.npy, or text with one line a row), a TIFF of one channel, or a file of an
@@ -76,31 +39,39 @@ def asperities(*, map_file: str, output: str | None, quiet: bool, options: MapOp
     Examples:
       contactimg asperities map.npy --pixel-size-um 0.5 --height-unit um -o surface
       contactimg asperities map.sur --form sphere --min-height-um 1
+
+    Parameters
+    ----------
+    pixel_size_um
+        Distance between neighbouring heights, in micrometres.  [default: what the file says]
+    height_unit
+        Unit of the heights.  [default: what the file says]
+    form
+        What is taken off the heights first: a tilt, a tilt and the sphere of a lens, or nothing.
+    min_height_um
+        Least height of a summit above the base, in micrometres; the noise sets another.
+    depth
+        How far down the sphere is fitted, as a share of the height of the summit.
     """
     with stage("loading"):
-        from contactimg.files import OutputFolder, provenance, write_table
+        from contactimg.files import write_table
         from contactimg.files.height_maps import HEIGHT_UNITS, MapScale, read_height_map
         from contactimg.summits import SummitSearch, find_summits
         from contactimg.tables import SUMMITS
 
-    pixel = None if options.pixel_size_um is None else options.pixel_size_um * 1e-6
-    unit = None if options.height_unit is None else HEIGHT_UNITS[options.height_unit]
+    pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
+    unit = None if height_unit is None else HEIGHT_UNITS[height_unit]
     surface = read_height_map(map_file, MapScale(pixel, unit))
-    search = SummitSearch(form=options.form, least_height=options.min_height_um * 1e-6, depth=options.depth)
-    found = find_summits(surface, search)
+    found = find_summits(surface, SummitSearch(form=form, least_height=min_height_um * 1e-6, depth=depth))
     if found.table.empty:
         raise InputError(
             f"{map_file}: no summit found{_counted(found)}; see --form, --min-height-um, --depth"
         )
-    target = shared.output_path(output, Path(map_file).parent)
-    record = provenance(
-        command=shared.command_line("asperities"), options=vars(options), inputs=[Path(map_file)]
-    )
-    record |= {"left_out": found.left_out, "noise_m": found.noise, "warnings": found.warnings}
-    with OutputFolder(target, record, main_files=[ASPERITIES_FILE]) as out:
+    file = Path(map_file)
+    with shared.results_in(output, file.parent, inputs=[file], main_files=[ASPERITIES_FILE]) as out:
+        out.record |= {"left_out": found.left_out, "noise_m": found.noise, "warnings": found.warnings}
         write_table(found.table, SUMMITS, out.folder / ASPERITIES_FILE)
-    if not quiet:
-        _echo(found, target)
+        _echo(found)
     for warning in found.warnings:
         click.echo(f"contactimg: {warning}", err=True)
     return 0
@@ -112,14 +83,13 @@ def _counted(found: "FoundSummits") -> str:
     return f" (left out: {', '.join(parts)})" if parts else ""
 
 
-def _echo(found: "FoundSummits", target: Path) -> None:
+def _echo(found: "FoundSummits") -> None:
     """Print what was found."""
     table = found.table
-    click.echo(f"{len(table)} summits{_counted(found)}; noise of the map {found.noise * 1e9:.3g} nm")
+    say(f"{len(table)} summits{_counted(found)}; noise of the map {found.noise * 1e9:.3g} nm")
     for name, title in (("height", "heights"), ("radius", "radii of curvature")):
         values, stds = table[f"{name}_m"] * 1e6, table[f"{name}_std_m"] * 1e6
-        click.echo(
+        say(
             f"  {title}: {values.min():.4g} to {values.max():.4g} µm, median {values.median():.4g} µm; "
             f"standard uncertainty {stds.median():.2g} µm (median), {stds.max():.2g} µm (largest)"
         )
-    click.echo(f"{ASPERITIES_FILE} in {target}")

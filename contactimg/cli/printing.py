@@ -1,5 +1,7 @@
 """What commands print for a person: progress bars and tables."""
 
+import logging
+import textwrap
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import floor, isnan, log10
@@ -14,100 +16,137 @@ if TYPE_CHECKING:
 
     from contactimg.effects.plan import Plan
 
-Advance = Callable[[], None]
+Cells = Mapping[str, str]
+"""Heading -> what stands in one row below it."""
+
+QUIET = "contactimg.quiet"
+"""Where the context of a command holds that it is quiet."""
 
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
 
+def is_quiet() -> bool:
+    """Whether the command that runs prints nothing but warnings and errors."""
+    context = click.get_current_context(silent=True)
+    return context is not None and context.meta.get(QUIET, False)
+
+
+def say(*sentences: str) -> None:
+    """Print the sentences that are not empty, one a line."""
+    for sentence in sentences:
+        if sentence and not is_quiet():
+            click.echo(sentence)
+
+
 @contextmanager
-def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
+def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
     """Show a progress bar on standard error; call what it yields once per item."""
     with stage("loading"):
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
+    with Progress(*columns, console=Console(stderr=True), disable=is_quiet() or not total) as bar:
         task = bar.add_task(text, total=total)
         yield lambda: bar.advance(task)
 
 
-def echo_first_run(*, quiet: bool) -> None:
+def echo_first_run() -> None:
     """Say on standard error that the first run compiles."""
     with stage("loading"):
-        from contactimg.imaging.kernels.stored import kernels_are_stored
-    if not quiet and not kernels_are_stored():
+        import contactimg.imaging.measure  # noqa: F401 - declares its compiled functions
+        from contactimg.compiled import is_stored
+    if not is_quiet() and not is_stored("contactimg.imaging"):
         click.echo("first run: compiling the numerical code, once; this takes one to two minutes", err=True)
 
 
 def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, int] | None = None) -> None:
-    """Print the frames in mN and mm^2, one line each, without empty columns; then the messages.
+    """Print the frames in mN and mm^2, one line each; then what is to be said of them.
 
     With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
     """
-    heads = ("frame", "status", "load mN", "contacts", "area mm²", "forces mN", "forces/load")
-    rows = [_cells(row) for row in frames.to_dict("records")]
-    filled = [k for k in range(len(heads)) if k < 2 or any(row[k] for row in rows)]
-    _echo_table(title, [heads[k] for k in filled], [[row[k] for k in filled] for row in rows], left=2)
-    for row in frames[frames["message"] != ""].to_dict("records"):
-        click.echo(f"{row['frame']}: {row['message']}")
+    echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
+    _echo_messages(dict(zip(frames["frame"], frames["message"], strict=True)))
     total = sum((statuses or {}).values())
     if total > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
-        click.echo(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
+        say(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
+
+
+def _echo_messages(messages: Mapping[str, str]) -> None:
+    """Print what several frames have in common once, and one line of each frame for the rest."""
+    remarks = dict[str, list[str]]()
+    for frame, message in messages.items():
+        for remark in filter(None, message.split("; ")):
+            remarks.setdefault(remark, []).append(frame)
+    lines = dict[tuple[str, ...], list[str]]()
+    for remark, frames in remarks.items():
+        lines.setdefault(tuple(frames), []).append(remark)
+    whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
+    for frames, said in lines.items():
+        many = "all frames" if len(frames) == len(messages) else f"{len(frames)} frames from {frames[0]} on"
+        text = f"{frames[0] if len(frames) == 1 else many}: {'; '.join(said)}"
+        say(text if whole else textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
+
+
+def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:
+    ratio = row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else float("nan")
+    return {
+        "frame": row["frame"],
+        "status": row["status"],
+        "load mN": _number(1e3 * row["load_N"]),
+        "contacts": str(row["n_contacts"]) if isinstance(row["n_contacts"], int) else "",
+        "area mm²": _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
+        "forces mN": _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
+        "forces/load": _number(ratio, "{:.3f}"),
+    }
 
 
 def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
     """Print the scores, one line per frame and model."""
-    heads = ("frame", "model", "measured", "predicted", "matched", "precision", "recall", "f1")
+    counts, ratios = ("measured", "predicted", "matched"), ("precision", "recall", "f1")
     rows = [
-        [
-            row["frame"],
-            row["model"],
-            *(str(row[name]) for name in ("n_measured", "n_predicted", "n_matched")),
-            *(_number(row[name], "{:.3f}") for name in ("precision", "recall", "f1")),
-        ]
+        {name: row[name] for name in ("frame", "model")}
+        | {name: str(row[f"n_{name}"]) for name in counts}
+        | {name: _number(row[name], "{:.3f}") for name in ratios}
         for row in scores.to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=2)
+    echo_table(title, rows, left=2)
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     """Print the results of an analysis with their confidence intervals."""
     from contactimg.report.units import in_display_units
 
-    heads = ("quantity", "model", "value", "interval", "unit", "points")
     rows = [
-        [
-            row["quantity"],
-            row["model"],
-            _brief(row["value"], row["std"]),
-            "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
-            row["unit"],
-            str(row["n_points"]),
-        ]
+        {
+            "quantity": row["quantity"],
+            "model": row["model"],
+            "value": _brief(row["value"], row["std"]),
+            "interval": "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
+            "unit": row["unit"],
+            "points": str(row["n_points"]),
+        }
         for row in in_display_units(results).to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=2)
+    echo_table(title, rows, left=2)
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
     """Print the decision on each effect, then the limits and messages of the plan."""
-    heads = ("effect", "decision", "if left out", "cost", "reason")
     rows = [
-        [
-            row["effect"],
-            row["decision"] if row["switch"] == "auto" else f"{row['decision']}, set by the scene",
-            f"{100 * row['change']:.3g} %",
-            f"{row['cost']:.3g} x",
-            row["reason"],
-        ]
+        {
+            "effect": row["effect"],
+            "decision": row["decision"] + ("" if row["switch"] == "auto" else ", set by the scene"),
+            "if left out": f"{100 * row['change']:.3g} %",
+            "cost": f"{row['cost']:.3g} x",
+            "reason": row["reason"],
+        }
         for row in plan.table().to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=len(heads))
-    for sentence in (*plan.limits, *plan.messages):
-        click.echo(sentence)
+    echo_table(title, rows, left=5)
+    say(*plan.limits, *plan.messages)
 
 
 def echo_tradeoff(table: "pd.DataFrame") -> None:
@@ -115,25 +154,21 @@ def echo_tradeoff(table: "pd.DataFrame") -> None:
     from contactimg.tradeoff.recommendations import error_text, time_text
 
     for knob, part in table.groupby("knob", sort=False):
-        reference = part["reference"].iloc[0]
-        rows = [
-            [
-                ("* " if row["pareto"] == 1 else "  ") + row["setting"],
-                row["message"] if isnan(row["error"]) else _other_reference(row["reference"], reference),
-                "" if isnan(row["error"]) else error_text(row["error"]),
-                "" if isnan(row["time_s"]) else time_text(row["time_s"]),
-                _number(row["time_ratio"], "{:.3g}"),
-            ]
-            for row in part.to_dict("records")
-        ]
+        usual = part["reference"].iloc[0]
+        rows = []
+        for row in part.to_dict("records"):
+            other = "" if row["reference"] == usual else f"against {row['reference']}"
+            rows.append(
+                {
+                    "setting": ("* " if row["pareto"] == 1 else "  ") + row["setting"],
+                    "": row["message"] if isnan(row["error"]) else other,
+                    "error": "" if isnan(row["error"]) else error_text(row["error"]),
+                    "time": "" if isnan(row["time_s"]) else time_text(row["time_s"]),
+                    "ratio": _number(row["time_ratio"], "{:.3g}"),
+                }
+            )
         output = {"all": "worst output"}.get(part["output"].iloc[0], part["output"].iloc[0])
-        title = f"{knob}: error of the {output} against {reference}"
-        _echo_table(title, ("setting", "", "error", "time", "ratio"), rows, left=2)
-
-
-def _other_reference(reference: str, usual: str) -> str:
-    """Name the reference of a setting if it is not the one in the title."""
-    return "" if reference == usual else f"against {reference}"
+        echo_table(f"{knob}: error of the {output} against {usual}", rows, left=2)
 
 
 def echo_timings(timings: Timings) -> None:
@@ -141,16 +176,21 @@ def echo_timings(timings: Timings) -> None:
     stages = timings.rows()
     total = sum(seconds for _, _, seconds in stages)
     rows = [
-        [name, str(calls) if calls else "", f"{seconds:.3f}", f"{seconds / total:.1%}"]
+        {
+            "stage": name,
+            "calls": str(calls) if calls else "",
+            "s": f"{seconds:.3f}",
+            "share": f"{seconds / total:.1%}",
+        }
         for name, calls, seconds in [*stages, ("total", 0, total)]
     ]
-    _echo_table("where the time went", ("stage", "calls", "s", "share"), rows, left=1, stderr=True)
+    echo_table("where the time went", rows, left=1, stderr=True)
 
 
-def _echo_table(
-    title: str, heads: Sequence[str], rows: list[list[str]], *, left: int, stderr: bool = False
-) -> None:
-    """Print a table; the first ``left`` columns are text, the others numbers."""
+def echo_table(title: str, rows: Sequence[Cells], *, left: int, stderr: bool = False) -> None:
+    """Print a table without its empty columns; the first ``left`` columns are text, the others numbers."""
+    if is_quiet() and not stderr:
+        return
     with stage("loading"):
         from rich import box
         from rich.console import Console
@@ -159,28 +199,17 @@ def _echo_table(
     table = Table(
         title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
     )
-    for k, head in enumerate(heads):
-        table.add_column(head, justify="left" if k < left else "right", overflow="fold")
+    heads = list(rows[0]) if rows else []
+    filled = [head for head in heads if any(row[head] for row in rows)]
+    for head in filled:
+        is_text = heads.index(head) < left
+        table.add_column(head, justify="left" if is_text else "right", overflow="fold")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(row[head] for head in filled))
     console = Console(highlight=False, markup=False, stderr=stderr)
     if not console.is_terminal:
         console.width = max(console.width, WIDTH_OF_FILES)
     console.print(table)
-
-
-def _cells(row: Mapping[Hashable, Any]) -> list[str]:
-    """The cells of one frame."""
-    ratio = row["force_sum_N"] / row["load_N"] if row["load_N"] > 0 else float("nan")
-    return [
-        row["frame"],
-        row["status"],
-        _number(1e3 * row["load_N"]),
-        str(row["n_contacts"]) if isinstance(row["n_contacts"], int) else "",
-        _with_std(1e6 * row["area_m2"], 1e6 * row["area_std_m2"]),
-        _with_std(1e3 * row["force_sum_N"], 1e3 * row["force_sum_std_N"]),
-        _number(ratio, "{:.3f}"),
-    ]
 
 
 def _number(value: float, form: str = "{:g}") -> str:

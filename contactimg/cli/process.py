@@ -1,97 +1,53 @@
 """``contactimg process``: a folder of frames to contacts, forces and overlays."""
 
 from collections import Counter
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import click
 
-from contactimg.cli import shared_options as shared
-from contactimg.cli.printing import echo_first_run, echo_frames, progress
-from contactimg.cli.shared_options import SceneOptions
+from contactimg.cli import options as shared
+from contactimg.cli.printing import echo_first_run, echo_frames, progress, say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from contactimg.files import Experiment, OutputFolder, TableFormat
-    from contactimg.scene import Scene
+    from contactimg.files import TableFormat
 
 MOST_SHOWN = 1000
 """Frames of a run that are printed. Chosen: more than anybody reads there."""
-
 JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ProcessOptions(SceneOptions):
-    """Options of `process`, for each of its folders."""
-
-    tolerance: float | None
-    pictures: bool
-    numbers: bool
-    format: "TableFormat"
-    workers: int | None
-    quiet: bool
-
-
-@click.command(short_help="Measure the contacts on every frame of a folder.")
-@click.argument("folders", metavar="FOLDER...", nargs=-1, required=True, type=click.Path(exists=True))
-@shared.output("FOLDER")
+@shared.command()
 @shared.frames
-@click.option(
-    "--method",
-    type=click.Choice(["disk", "threshold"]),
-    help="disk: fit the image of a blurred disk to each contact. threshold: count the pixels above a grey "
-    "level, as the paper does.  [default: the scene's, else disk]",
+@shared.scene_options(
+    shared.SceneOption("--method", "measure", "method"),
+    shared.SceneOption("--shape", "measure", "shape"),
+    shared.SceneOption("--threshold", "measure", "threshold"),
+    shared.SceneOption(
+        "--tolerance",
+        "tolerance",
+        "relative",
+        "Each frame is measured by the fastest method whose estimated error is smaller.",
+        default="the method of the scene measures every frame",
+    ),
 )
-@click.option(
-    "--shape",
-    type=click.Choice(["auto", "disk", "ellipse", "free"]),
-    help="Shape of the contacts, for the method disk. auto: a disk, an ellipse or a free shape, as each "
-    "contact calls for.  [default: the scene's, else auto]",
-)
-@click.option(
-    "--threshold",
-    help='Grey level between contact and background, as a fraction of the contrast (0 to 1), or "auto".',
-)
-@click.option(
-    "--calibration",
-    type=click.Path(exists=True),
-    help="Take modulus, threshold and edge from this calibration.json (or its folder) of `calibrate`.",
-)
-@click.option(
-    "--tolerance",
-    type=shared.positive_number,
-    help="Relative error that is allowed, for example 0.05. Each frame is measured by the fastest method "
-    "whose estimated error is smaller.",
-)
-@click.option(
-    "--pictures/--no-pictures",
-    default=True,
-    help="Draw the contacts on each frame, in the folder overlays.  [default: pictures]",
-)
-@click.option(
-    "--numbers/--no-numbers",
-    default=False,
-    help="Write the label of each contact beside it on the pictures.  [default: no numbers]",
-)
-@click.option(
-    "--format",
-    type=click.Choice(["csv", "parquet"]),
-    default="csv",
-    show_default=True,
-    help="Format of the tables. parquet: smaller and faster for long series; needs pyarrow.",
-)
-@shared.workers
 @shared.cluster
-@shared.quiet
-@shared.verbose
-@shared.gather(ProcessOptions)
-def process(*, folders: tuple[str, ...], output: str | None, options: ProcessOptions) -> int:
+def process(
+    folders: Annotated[tuple[shared.Existing, ...], "FOLDER..."],
+    *,
+    scene: str | None,
+    stated: shared.Stated,
+    output: shared.Output = None,
+    calibration: shared.Existing | None = None,
+    pictures: Annotated[bool, "--pictures/--no-pictures"] = True,
+    numbers: Annotated[bool, "--numbers/--no-numbers"] = False,
+    table_format: Annotated[Literal["csv", "parquet"], "--format"] = "csv",
+    workers: shared.Workers = None,
+) -> int:
     """Measure every frame of FOLDER: contacts, local forces, and a picture of each frame.
 
     The scene.toml in FOLDER describes the experiment; an option given here replaces the key of the same name.
@@ -112,46 +68,55 @@ def process(*, folders: tuple[str, ...], output: str | None, options: ProcessOpt
       contactimg process sample_data/sa_plus -o results
       contactimg process my_frames --reference my_frames/no_contact.tif --pixel-size-um 6
       contactimg process sample_data/ra_plus --tolerance 0.05 -o quick
+
+    Parameters
+    ----------
+    calibration
+        Take modulus, threshold and edge from this calibration.json (or its folder) of `calibrate`.
+    pictures
+        Draw the contacts on each frame, in the folder overlays.
+    numbers
+        Write the label of each contact beside it on the pictures.
+    table_format
+        Format of the tables. parquet: smaller and faster for long series; needs pyarrow.
     """
-    if options.tolerance is not None and options.method is not None:
+    if "relative" in stated.get("tolerance", {}) and "method" in stated.get("measure", {}):
         raise click.UsageError("--tolerance chooses the method, --method names it; give only one of the two.")
+    measure = partial(
+        _process_folder,
+        stated=stated,
+        scene_file=scene,
+        calibration=calibration,
+        pictures=pictures,
+        numbers=numbers,
+        table_format=table_format,
+        workers=workers,
+    )
     if len(folders) == 1:
-        return _process_folder(folders[0], shared.output_path(output, folders[0]), options)
+        return measure(folders[0], output)
     if output is None:
         raise click.UsageError("with several folders, give the output folder: -o OUT.")
-    return _process_folders(folders, Path(output), options)
 
-
-def _process_folders(folders: tuple[str, ...], target: Path, options: ProcessOptions) -> int:
-    """Measure each folder into one of its own, and join the tables; a folder that fails loses nothing else.
-
-    Raises
-    ------
-    InputError
-        If two folders have the same name, or none can be measured.
-    """
     with stage("loading"):
         from contactimg.pipeline.measured_series import write_joined_tables
 
-    names = _distinct_names(folders)
+    target, names = Path(output), _distinct_names(folders)
     codes, errors = dict[str, int](), list[InputError]()
     for folder, name in zip(folders, names, strict=True):
         try:
-            codes[name] = _process_folder(folder, target / name, options)
-        except InputError as error:
+            codes[name] = measure(folder, target / name)
+        except InputError as error:  # a folder that fails loses nothing else
             errors.append(error)
             click.echo(f"contactimg: {folder} is left out: {error}", err=True)
     if not codes:
         raise InputError("none of the folders could be measured")
-    record = shared.command_line("process")
     write_joined_tables(
         {name: target / name for name in codes},
         target / JOINED_FOLDER,
-        command=record,
-        table_format=options.format,
+        command=shared.command_line(),
+        table_format=table_format,
     )
-    if not options.quiet:
-        click.echo(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
+    say(f"tables of all {len(codes)} folders in {target / JOINED_FOLDER}")
     return max(*codes.values(), int(bool(errors)))
 
 
@@ -166,80 +131,56 @@ def _distinct_names(folders: tuple[str, ...]) -> list[str]:
     return names
 
 
-def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
+def _process_folder(
+    folder: str,
+    output: str | Path | None,
+    *,
+    stated: shared.Stated,
+    scene_file: str | None,
+    calibration: str | None,
+    pictures: bool,
+    numbers: bool,
+    table_format: "TableFormat",
+    workers: int | None,
+) -> int:
     """Measure the frames of one folder; return the exit code."""
     with stage("loading"):
-        from contactimg.cli.scenes import calibration_record, scene_of_folder, with_tolerance
-        from contactimg.files import RUN_TABLES, OutputFolder, open_experiment, provenance, require_format
+        from contactimg.cli.scenes import describe_use, scene_of_folder
+        from contactimg.files import RUN_TABLES, open_experiment, read_calibration, require_format
         from contactimg.pipeline.edits import edits_record
-
-    scene = with_tolerance(scene_of_folder(folder, options), output=None, relative=options.tolerance)
-    require_format(options.format)
-    experiment = open_experiment(scene)
-    used = calibration_record(options.calibration, scene)
-    record = provenance(
-        command=shared.command_line("process"),
-        scene=scene,
-        options=used,
-        inputs=experiment.inputs,
-    )
-    echo_first_run(quiet=options.quiet)
-    with OutputFolder(target, record, main_files=RUN_TABLES) as out:
-        frames, facts = _measure(experiment, out, options)
-        out.record |= facts | edits_record(experiment.edits)
-    if not options.quiet:
-        title = f"{folder}, method {_method(scene, options.tolerance)}"
-        echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
-        calibration = used.get("calibration", {})
-        if calibration:
-            click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
-        for said in (facts.get("law"), facts.get("film_summary")):
-            if said:
-                click.echo(said)
-        click.echo(f"results in {target}")
-    return _exit_code(frames)
-
-
-def _measure(
-    experiment: "Experiment", out: "OutputFolder", options: ProcessOptions
-) -> "tuple[pd.DataFrame, dict[str, Any]]":
-    """Measure the frames, and write tables and pictures; the frames table, and facts for the provenance."""
-    with stage("loading"):
         from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
+        from contactimg.tables import FAILED
 
-    count = len(experiment.frames)
-    with progress("measuring frames", count, quiet=options.quiet) as advance:
-        series = measure_parts(
-            experiment,
-            relative=options.tolerance,
-            workers=options.workers,
-            advance=advance,
-            store=out.part_store(),
-        )
-    frames, facts = write_run(series, out.folder, options.format)
-    if options.pictures:
-        with progress("drawing overlays", count, quiet=options.quiet) as advance:
-            draw_overlays(
-                series,
-                experiment,
-                out.folder / "overlays",
-                workers=options.workers,
-                numbers=options.numbers,
-                advance=advance,
+    scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
+    relative = stated.get("tolerance", {}).get("relative")
+    require_format(table_format)
+    experiment = open_experiment(scene)
+    used, acts = {}, ""
+    if calibration is not None:
+        record = read_calibration(calibration)
+        acts = describe_use(record, method=scene.measure.method)
+        used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
+    echo_first_run()
+    with shared.results_in(
+        output, folder, scene=scene, options=used, inputs=experiment.inputs, main_files=RUN_TABLES
+    ) as out:
+        count = len(experiment.frames)
+        with progress("measuring frames", count) as advance:
+            series = measure_parts(
+                experiment, relative=relative, workers=workers, advance=advance, store=out.part_store()
             )
-    return frames, facts
-
-
-def _exit_code(frames: "pd.DataFrame") -> int:
-    """1 if a frame failed or none shows anything that can be measured, else 0."""
-    from contactimg.tables import FAILED
-
+        frames, facts = write_run(series, out.folder, table_format)
+        if pictures:
+            overlays = out.folder / "overlays"
+            with progress("drawing overlays", count) as advance:
+                draw_overlays(series, experiment, overlays, workers=workers, numbers=numbers, advance=advance)
+        out.record |= facts | edits_record(experiment.edits)
+        method = scene.measure.method if relative is None else f"chosen for {100 * relative:g} %"
+        title = f"{folder}, method {method}"
+        echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
+        law, film = (str(facts.get(name) or "") for name in ("law", "film_summary"))
+        say(acts and f"calibration {calibration}: {acts}", law, film)
     measurable = frames[["area_m2", "n_contacts"]].notna().any(axis=None)
     return int(not measurable or (frames["status"] == FAILED).any())
-
-
-def _method(scene: "Scene", tolerance: float | None) -> str:
-    """How the frames were measured, for the title."""
-    return scene.measure.method if tolerance is None else f"chosen for {100 * tolerance:g} %"

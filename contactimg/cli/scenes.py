@@ -1,12 +1,11 @@
-"""From a folder and options to a scene: options replace keys of the scene file."""
+"""The scene of a command: the scene file, what a calibration found, and what the options state."""
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from contactimg.cli.calibration_use import apply_calibration, describe_use, refuse_idle
-from contactimg.cli.shared_options import SceneOptions
+from contactimg.cli.options import Stated
 from contactimg.errors import InputError
 from contactimg.files import (
     SCENE_FILE,
@@ -21,30 +20,27 @@ from contactimg.files import (
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene, scene_from_dict
 
-SCENE_KEYS = {
-    "reference": ("images", "reference"),
-    "frames": ("images", "frames"),
-    "loads": ("images", "loads"),
-    "polarity": ("images", "polarity"),
-    "method": ("measure", "method"),
-    "shape": ("measure", "shape"),
-    "threshold": ("measure", "threshold"),
-    "pixel_size_m": ("camera", "pixel_size_m"),
-}
-"""Option -> section and key of the scene that it replaces."""
-
-PATHS = ("reference", "loads")
-"""Options that name files, relative to the working directory."""
+FILES = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")] + [
+    ("asperities", "file")
+]
+"""Section and key of the files that a scene names."""
 
 
-def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
+def scene_of_folder(
+    folder: str | Path, stated: Stated, *, scene_file: str | None = None, calibration: str | None = None
+) -> Scene:
     """The scene of a folder of frames.
 
     Parameters
     ----------
     folder : path-like
         With a ``scene.toml``, or with frames only.
-    options : SceneOptions
+    stated : Stated
+        Keys that replace those of the scene; files are relative to the working directory.
+    scene_file : path-like or None
+        Instead of the scene file in the folder; files that are missing in the folder are those beside it.
+    calibration : path-like or None
+        From `contactimg calibrate`; its results replace keys of the scene file.
 
     Raises
     ------
@@ -54,19 +50,31 @@ def scene_of_folder(folder: str | Path, options: SceneOptions) -> Scene:
     folder = Path(folder)
     if folder.is_file():
         raise InputError(f"{folder} is a file; give the folder that holds the frames")
-    stated = {field.name: getattr(options, field.name) for field in fields(SceneOptions)}
-    given = {key: value for key, value in stated.items() if value not in (None, ())}
-    data, base = _base_scene(folder, given.pop("scene", None))
-    if given.pop("calibration", None) is not None:
-        record = read_calibration(str(options.calibration))
-        apply_calibration(data, record, sets_method=options.method is None)
-        refuse_idle(data, record, str(options.calibration), options.method)
-    if options.pixel_size_um is not None:
-        given["pixel_size_m"] = given.pop("pixel_size_um") * 1e-6
-    for option, value in given.items():
-        section, key = SCENE_KEYS[option]
-        data.setdefault(section, {})[key] = _plain(option, value)
-    return plausible(scene_from_dict(data, name="the options and the scene", folder=str(base)))
+    if scene_file is not None:
+        data = _moved_to(folder, read_scene(scene_file))
+    elif (folder / SCENE_FILE).exists():
+        data = _copied(read_scene(folder))
+    else:
+        reference = [source.path for source in list_frames(folder) if is_reference(source.path)]
+        data = {"images": {"reference": reference[0].name}} if len(reference) == 1 else {}
+    if calibration is not None:
+        record, method = read_calibration(calibration), stated.get("measure", {}).get("method")
+        apply_calibration(data, record, sets_method=method is None)
+        refuse_idle(data, record, calibration, method)
+    return _plausible(data, stated | {"images": _absolute(stated.get("images", {}))}, folder)
+
+
+def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
+    """The scene of a model, with the keys that options state, and the files that a prediction depends on.
+
+    ``path`` is a scene file, or the folder that holds one.
+    """
+    read, path = read_scene(path), Path(path)
+    scene = _plausible(_copied(read), stated, read.folder)
+    files = [path / SCENE_FILE if path.is_dir() else path]
+    if scene.asperities is not None and scene.asperities.file is not None:
+        files.append(Path(scene.folder) / scene.asperities.file)
+    return scene, files
 
 
 def plausible(scene: Scene) -> Scene:
@@ -85,61 +93,37 @@ def plausible(scene: Scene) -> Scene:
     return scene
 
 
-def calibration_record(path: str | None, scene: Scene) -> dict[str, Any]:
-    """The calibration that a run used, for its provenance: the file, its contents and what acts on what."""
-    if path is None:
-        return {}
-    record = read_calibration(path)
-    acts = describe_use(record, method=scene.measure.method)
-    return {"calibration": {"file": path, "record": record, "acts": acts}}
+def _plausible(data: Stated, stated: Stated, folder: str | Path) -> Scene:
+    for section, keys in stated.items():
+        if keys:
+            data[section] = data.get(section, {}) | keys
+    return plausible(scene_from_dict(data, name="the options and the scene", folder=str(folder)))
 
 
-def model_inputs(path: str | Path, scene: Scene) -> list[Path]:
-    """The files that a prediction depends on: the scene file and its asperity table."""
-    path = Path(path)
-    files = [path / SCENE_FILE if path.is_dir() else path]
-    if scene.asperities is not None and scene.asperities.file is not None:
-        files.append(Path(scene.folder) / scene.asperities.file)
-    return files
+def _copied(scene: Scene) -> Stated:
+    return {section: dict(keys) for section, keys in scene.source.items()}
 
 
-def with_tolerance(scene: Scene, *, output: str | None, relative: float | None) -> Scene:
-    """The scene with the tolerance that the options give; None keeps that of the scene.
-
-    Raises
-    ------
-    InputError
-        If the tolerance breaks its rule.
-    """
-    given = {"output": output, "relative": relative}
-    given = {key: value for key, value in given.items() if value is not None}
-    data = scene.source | {"tolerance": scene.source.get("tolerance", {}) | given}
-    return scene_from_dict(data, name="the options and the scene", folder=scene.folder)
+def _absolute(images: dict[str, Any]) -> dict[str, Any]:
+    """Keys with the files that options name, as a scene in another folder finds them."""
+    found = dict(images)
+    for key in ("reference", "loads"):
+        if key in images:
+            names = [images[key]] if isinstance(images[key], str) else images[key]
+            paths = [str(Path(name).resolve()) for name in names]
+            found[key] = paths[0] if len(paths) == 1 else paths
+    return found
 
 
-def _base_scene(folder: Path, scene_file: str | None) -> tuple[dict[str, Any], Path]:
-    """The sections of the scene file and the folder its paths are relative to.
-
-    A folder without a scene file gets a scene with the reference only, if one of its images has that name.
-    """
-    if scene_file is not None:
-        return _moved_to(folder, read_scene(scene_file)), folder
-    if (folder / SCENE_FILE).exists():
-        return _copied(read_scene(folder)), folder
-    reference = [source.path for source in list_frames(folder) if is_reference(source.path)]
-    return {"images": {"reference": reference[0].name}} if len(reference) == 1 else {}, folder
-
-
-def _moved_to(folder: Path, scene: Scene) -> dict[str, Any]:
+def _moved_to(folder: Path, scene: Scene) -> Stated:
     """The sections of a scene file that lies elsewhere; files missing in the folder are those beside it."""
     data = _copied(scene)
-    keys = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")]
-    for section, key in (*keys, ("asperities", "file")):
+    for section, key in FILES:
         named = data.get(section, {}).get(key)
-        if named is not None and (isinstance(named, str) or key == "reference"):
-            entries = [named] if isinstance(named, str) else named
-            found = [_beside(name, folder, Path(scene.folder)) for name in entries]
-            data[section][key] = found[0] if isinstance(named, str) else found
+        if isinstance(named, str):
+            data[section][key] = _beside(named, folder, Path(scene.folder))
+        elif key == "reference" and named is not None:
+            data[section][key] = [_beside(name, folder, Path(scene.folder)) for name in named]
     return data
 
 
@@ -150,19 +134,85 @@ def _beside(name: str, folder: Path, scene_folder: Path) -> str:
     return name if there else str((scene_folder / name).resolve())
 
 
-def _copied(scene: Scene) -> dict[str, Any]:
-    """A copy of the sections as written."""
-    return {section: dict(keys) for section, keys in scene.source.items()}
+# --- what a calibration acts on
 
 
-def _plain(option: str, value: Any) -> Any:
-    """The value as a scene holds it: paths absolute, the threshold as a number unless it is a word."""
-    if option in PATHS:
-        paths = [str(Path(name).resolve()) for name in ([value] if isinstance(value, str) else value)]
-        return paths[0] if len(paths) == 1 else paths
-    if option != "threshold":
-        return value
-    try:
-        return float(value)
-    except ValueError:
-        return value
+def apply_calibration(data: Stated, record: Mapping[str, Any], *, sets_method: bool) -> None:
+    """Write the results of a calibration, and the method they are for, into the sections of a scene.
+
+    Parameters
+    ----------
+    data : dict
+        Sections of the scene; changed.
+    record : mapping
+        Contents of ``calibration.json``.
+    sets_method : bool
+        Whether a threshold chooses its method, unless the scene does.
+
+    Examples
+    --------
+    >>> data = {"elastic": {"young_modulus_Pa": 3e6}}
+    >>> apply_calibration(data, {"young_modulus": {"value": 2.9e6, "std": 1e4}}, sets_method=True)
+    >>> data["elastic"]
+    {'young_modulus_Pa': 2900000.0, 'young_modulus_std_Pa': 10000.0}
+    """
+    # a threshold holds at the modulus it was found with
+    modulus = _modulus(record)
+    if modulus is not None:
+        data.setdefault("elastic", {})["young_modulus_Pa"] = modulus["value"]
+        data["elastic"]["young_modulus_std_Pa"] = modulus.get("std") or 0.0
+    measure = data.setdefault("measure", {}) if {"threshold", "edge_shift"} & set(record) else {}
+    if "threshold" in record:
+        measure["threshold"] = record["threshold"]["value"]
+        measure["threshold_std"] = record["threshold"].get("std") or 0.0
+        correlation = record.get("correlation", {}).get("threshold, young_modulus")
+        measure["threshold_modulus_correlation"] = correlation or 0.0
+        if sets_method and record.get("method") != "disk":
+            measure.setdefault("method", "threshold")
+    if "edge_shift" in record:
+        measure["edge_shift_px"] = record["edge_shift"]["value"]
+        measure["edge_shift_std_px"] = record["edge_shift"].get("std") or 0.0
+
+
+def refuse_idle(data: Stated, record: Mapping[str, Any], path: str, method: str | None) -> None:
+    """Refuse a calibration of the threshold where disks are fitted: it would change nothing.
+
+    Raises
+    ------
+    InputError
+        If it can act on nothing.
+    """
+    chosen = method or data.get("measure", {}).get("method", "disk")
+    if record.get("kind") in ("threshold", "plateau") and record.get("method") != "disk" and chosen == "disk":
+        raise InputError(
+            f'{path}: a threshold acts on the method "threshold" only, and the method here is "disk"; take '
+            "--method threshold, or a calibration of the modulus"
+        )
+
+
+def describe_use(record: Mapping[str, Any], *, method: str) -> str:
+    """One sentence on which result of a calibration acts on which numbers of a run.
+
+    Examples
+    --------
+    >>> record = {"threshold": {"value": 0.45, "std": 0.01}, "fixed": {"young_modulus": {"value": 3e6}}}
+    >>> describe_use(record, method="threshold")
+    'modulus 3 +- 0 MPa on the forces; threshold 0.45 +- 0.01 on all radii'
+    >>> describe_use(record, method="disk")
+    'modulus 3 +- 0 MPa on the forces; threshold 0.45 +- 0.01 on nothing: the method is disk'
+    """
+    parts, modulus = [], _modulus(record)
+    if modulus is not None:
+        value, std = modulus["value"] * 1e-6, (modulus.get("std") or 0.0) * 1e-6
+        parts.append(f"modulus {value:.4g} +- {std:.2g} MPa on the forces")
+    for name, unit, acts_on in (("threshold", "", "threshold"), ("edge_shift", " px", "disk")):
+        if name in record:
+            value, std = record[name]["value"], record[name].get("std") or 0.0
+            where = "on all radii" if method == acts_on else f"on nothing: the method is {method}"
+            parts.append(f"{name.replace('_', ' ')} {value:.3g} +- {std:.2g}{unit} {where}")
+    return "; ".join(parts)
+
+
+def _modulus(record: Mapping[str, Any]) -> Any:
+    """The modulus that a calibration found, or was made at."""
+    return record.get("young_modulus") or record.get("fixed", {}).get("young_modulus")

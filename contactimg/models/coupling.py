@@ -11,11 +11,11 @@ from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import lapack
 
+from contactimg.compiled import njit
 from contactimg.mechanics import layer
 from contactimg.models.conjugate_gradients import (
     NewtonSystem,

@@ -16,9 +16,9 @@ several errors that partly cancel.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.mechanics import sphere
 from contactimg.models.asperity_laws import Caps, SphereLaw
 from contactimg.models.coupling import FIELD_NAMES, Fields

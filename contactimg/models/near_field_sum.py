@@ -8,10 +8,10 @@ import math
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from contactimg.compiled import njit
 from contactimg.models.coupling import (
     CUBIC,
     EXTENT_CURVATURE,

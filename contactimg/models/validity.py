@@ -8,10 +8,10 @@ loaded region. Beyond a certain overlap the equations have several solutions, wh
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from contactimg.compiled import njit
 from contactimg.tables import Flag
 
 Values = NDArray[np.float64]

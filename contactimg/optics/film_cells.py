@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.optics.coverage import sector_of
 
 

@@ -5,14 +5,12 @@ except pixel lengths (``_px``). An unknown key, a missing key or a value out of 
 sentence names the section, the key, the rule, the value and, for an unknown key, the allowed keys.
 
 Read in this order: `rules` (what sections share), `contact_sections` and `sections` (every section with its
-keys), `scene` (`Scene` and `scene_from_dict`), `messages` (the sentence for a broken rule), `template` (a
-first scene file with comments).
+keys), `scene` (`Scene`, `scene_from_dict` and the sentence for a broken rule).
 """
 
 from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load
-from contactimg.scene.scene import Scene, scene_from_dict
+from contactimg.scene.scene import Scene, scene_from_dict, section_keys
 from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
-from contactimg.scene.template import scene_template
 
 __all__ = [
     "Asperities",
@@ -28,5 +26,5 @@ __all__ = [
     "Simulate",
     "Tolerance",
     "scene_from_dict",
-    "scene_template",
+    "section_keys",
 ]

@@ -3,10 +3,11 @@
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, PlainSerializer, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from contactimg.errors import InputError
 from contactimg.scene.rules import (
+    Angle,
     Count,
     FilePath,
     Fraction,
@@ -16,25 +17,24 @@ from contactimg.scene.rules import (
     Point,
     Positive,
     Section,
+    Tilt,
 )
 
 
 class Indenter(Section):
     """The smooth sphere, or the textured lens."""
 
-    radius: Positive = Field(alias="radius_m", description="Radius of curvature, m.")
+    radius: Positive = Field(alias="radius_m", description="Radius of curvature of the lens, m.")
     apex: Point = Field(
         (0.0, 0.0), alias="apex_m", description="Sample point (x, y) below the apex of the indenter, m."
     )
-    tilt: Annotated[
-        Number, Field(ge=0, le=10), AfterValidator(math.radians), PlainSerializer(math.degrees)
-    ] = Field(
+    tilt: Tilt = Field(
         0.0,
         alias="tilt_deg",
         description="Tilt of the indenter about its apex, degrees; a sphere touches as if its apex were "
         "shifted by radius times tilt.",
     )
-    tilt_direction: Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)] = Field(
+    tilt_direction: Angle = Field(
         0.0,
         alias="tilt_direction_deg",
         description="Direction towards which the tilted indenter comes nearer to the sample, from +x "

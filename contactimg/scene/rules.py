@@ -1,8 +1,30 @@
 """What all sections of a scene share: the types of their keys and the rules of a section."""
 
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    WrapValidator,
+)
+
+
+def must_be(rule: str) -> WrapValidator:
+    """Say the whole rule of a key in one sentence, whichever part of it is broken."""
+
+    def check(value: Any, handler: Any) -> Any:
+        try:
+            return handler(value)
+        except ValidationError:
+            raise ValueError(f"must be {rule}, got {value!r}") from None
+
+    return WrapValidator(check)
+
 
 # strict: text and true/false are not numbers
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -14,7 +36,14 @@ NonNegative = Annotated[Number, Field(ge=0)]
 Fraction = Annotated[Number, Field(ge=0, le=1)]
 OpenFraction = Annotated[Number, Field(gt=0, lt=1)]
 Point = tuple[Number, Number]
+# an angle is written in degrees
+Angle = Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)]
+Tilt = Annotated[Number, Field(ge=0, le=10), AfterValidator(math.radians), PlainSerializer(math.degrees)]
 FilePath = Annotated[str, Field(min_length=1)]
+Frames = Annotated[
+    FilePath | Annotated[list[FilePath], Field(min_length=1)] | None,
+    must_be("a file, a glob or a list of these"),
+]
 MaskArea = FilePath | list[Annotated[list[Point], Field(min_length=3)]]
 Side = Annotated[int, Field(strict=True, ge=1, le=100_000)]
 Switch = Literal["auto", "on", "off"]

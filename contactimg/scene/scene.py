@@ -1,16 +1,20 @@
-"""The whole scene: its sections together, and what follows from more than one of them."""
+"""The whole scene: its sections together, and the sentence for a broken rule."""
 
+import difflib
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import PrivateAttr, ValidationError
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails
 
 from contactimg.errors import InputError
-from contactimg.pose import Pose
 from contactimg.scene.contact_sections import Asperities, Elastic, Indenter, Load, Sample
-from contactimg.scene.messages import broken_rule
 from contactimg.scene.rules import Section
 from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measure, Simulate, Tolerance
+
+if TYPE_CHECKING:
+    from contactimg.pose import Pose
 
 INCOMPRESSIBLE_POISSON_RATIO = 0.49
 """Poisson's ratio from which on a body counts as incompressible. Theory: 0.5; chosen: 2 % below it."""
@@ -88,8 +92,10 @@ class Scene(Section):
                 f'got {elastic.poisson_ratio:g}; leave the thickness out, or set [effects] layer = "off"'
             )
 
-    def pose(self, shape: tuple[int, int]) -> Pose:
+    def pose(self, shape: tuple[int, int]) -> "Pose":
         """The camera's pose for images of ``shape`` (rows, columns)."""
+        from contactimg.pose import Pose  # noqa: PLC0415 - a command's help needs the keys, not the arrays
+
         camera: Camera = self.need("camera", "turning pixels into metres")
         apex = self.indenter.apex if self.indenter is not None else (0.0, 0.0)
         return Pose(
@@ -127,7 +133,7 @@ def scene_from_dict(data: Mapping[str, Any], *, name: str = "scene", folder: str
         scene = Scene.model_validate(dict(data))
     except ValidationError as error:
         details = sorted(error.errors(), key=lambda detail: detail["type"] != "extra_forbidden")
-        raise InputError(broken_rule(details[0], name, Scene)) from None
+        raise InputError(_broken_rule(details[0], name)) from None
     scene = _with_one_light(scene, name)
     scene._source, scene._folder = dict(data), folder
     return scene
@@ -153,3 +159,51 @@ def _with_one_light(scene: Scene, name: str) -> Scene:
     light = scene.light.model_copy(update=stated)
     simulate = None if scene.simulate is None else scene.simulate.model_copy(update=stated)
     return scene.model_copy(update={"light": light, "simulate": simulate})
+
+
+def section_keys(section: str) -> dict[str, FieldInfo]:
+    """The keys of a section as written in the scene file, with their meaning, bounds and default."""
+    annotation = Scene.model_fields[section].annotation
+    options = [annotation, *getattr(annotation, "__args__", ())]
+    model = next(one for one in options if isinstance(one, type) and issubclass(one, Section))
+    return {field.alias or attribute: field for attribute, field in model.model_fields.items()}
+
+
+RULES = {
+    "model_type": "must be a section of keys",
+    "bool_type": "must be true or false",
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "string_type": "must be text in quotes",
+    "string_too_short": "must not be empty",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "too_long": "must have no more than {max_length} items",
+}
+"""Kind of a broken rule, as pydantic names it -> the rule; others are said in pydantic's words."""
+
+
+def _broken_rule(detail: ErrorDetails, name: str) -> str:
+    """One sentence for one validation error of the scene that is called ``name``."""
+    section, *keys = detail["loc"]
+    if detail["type"] == "extra_forbidden":
+        return _unknown_key(name, str(section), str(keys[0]) if keys else None)
+    places = (f"[{key}]" if isinstance(key, int) else f" {key}" for key in keys)
+    where = f"{name}: [{section}]{''.join(places)}"
+    if detail["type"] == "missing":
+        return f"{where} is missing; add it"
+    if detail["type"] == "value_error":
+        return f"{where}{'' if keys else ':'} {detail['msg'].removeprefix('Value error, ')}"
+    rule = RULES.get(detail["type"], "").format(**detail.get("ctx", {}))
+    return f"{where} {rule or detail['msg'].replace('Input should', 'must', 1)}, got {detail['input']!r}"
+
+
+def _unknown_key(name: str, section: str, key: str | None) -> str:
+    """The sentence for a key or section that does not exist, with the allowed ones."""
+    if key is None:
+        allowed, what = list(Scene.model_fields), f"{name}: unknown section [{section}]"
+    else:
+        allowed, what = list(section_keys(section)), f"{name}: [{section}] has no key {key!r}"
+    close = difflib.get_close_matches(key or section, allowed, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"{what}{hint} (allowed {'keys' if key else 'sections'}: {', '.join(allowed)})"

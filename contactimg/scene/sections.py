@@ -4,20 +4,15 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    PlainSerializer,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, field_validator, model_validator
 
 from contactimg.scene.rules import (
+    Angle,
     Count,
     CountFrom1,
     FilePath,
     Fraction,
+    Frames,
     MaskArea,
     NonNegative,
     Number,
@@ -28,6 +23,7 @@ from contactimg.scene.rules import (
     Side,
     Switch,
     YesNo,
+    must_be,
 )
 
 MAX_SIMULATED_PIXELS = 200_000_000
@@ -43,13 +39,13 @@ MIN_ELECTRONS_PER_LEVEL = 1e-3
 class Camera(Section):
     """How the camera sees the sample."""
 
-    pixel_size: Positive = Field(alias="pixel_size_m", description="Sample length per pixel, m.")
+    pixel_size: Positive = Field(alias="pixel_size_m", description="Length on the sample of one pixel, m.")
     centre: Point | None = Field(
         None,
         alias="centre_m",
         description="Sample point (x, y) at the centre of the image, m; the apex if not given.",
     )
-    rotation: Annotated[Number, AfterValidator(math.radians), PlainSerializer(math.degrees)] = Field(
+    rotation: Angle = Field(
         0.0, alias="rotation_deg", description="Rotation of the image, +x towards +y, degrees."
     )
     mirrored: YesNo = Field(default=False, description="Whether +y of the sample points up in the image.")
@@ -109,7 +105,7 @@ class FilmLight(Section):
 class Images(Section):
     """The frames of the experiment, by paths relative to the scene file."""
 
-    reference: str | list[str] | None = Field(
+    reference: Frames = Field(
         None,
         description="The non-contact frame, or several of them (a glob, a list, a multi-page file), which "
         "are averaged; if not given, the background is estimated from each frame.",
@@ -120,7 +116,7 @@ class Images(Section):
         'frames of the series together. "auto": pooled for the method "disk" and five frames or more, where '
         "that lowers the noise.",
     )
-    frames: str | list[str] | None = Field(
+    frames: Frames = Field(
         None,
         description="The frames: a glob, a list, or one multi-page TIFF or .seq file; if not given, frame_*, "
         "or else every image of the folder except the reference.",
@@ -133,7 +129,13 @@ class Images(Section):
     polarity: Literal["bright", "dark", "auto"] = Field(
         "bright", description="Whether contacts are brighter or darker than the background."
     )
-    mask: MaskArea | dict[str, MaskArea] | None = Field(
+    mask: Annotated[
+        MaskArea | dict[str, MaskArea] | None,
+        must_be(
+            "a file, a list of polygons (each a list of at least three points [x, y] in px), or these by "
+            "frame"
+        ),
+    ] = Field(
         None,
         description="What to leave out of every frame: an image (pixels other than 0 are left out), an "
         "ImageJ file of regions (.roi, .zip), or a list of polygons, each a list of [x, y] in px; or one of "
@@ -163,25 +165,6 @@ class Images(Section):
             return {}
         return self.mask if isinstance(self.mask, dict) else {"*": self.mask}
 
-    @field_validator("mask", mode="wrap")
-    @classmethod
-    def _mask(cls, value: Any, handler: Any) -> Any:
-        try:
-            return handler(value)
-        except ValidationError:
-            raise ValueError(
-                "must be a file, a list of polygons (each a list of at least three points [x, y] in px), or "
-                f"these by frame, got {value!r}"
-            ) from None
-
-    @field_validator("frames", "reference", mode="before")
-    @classmethod
-    def _frames(cls, value: Any) -> Any:
-        entries = value if isinstance(value, list) else [value]
-        if value is not None and not (entries and all(isinstance(entry, str) and entry for entry in entries)):
-            raise ValueError(f"must be a file, a glob or a list of these, got {value!r}")
-        return value
-
 
 class Measure(Section):
     """How contacts are measured."""
@@ -189,7 +172,9 @@ class Measure(Section):
     method: Literal["threshold", "disk"] = Field(
         "disk", description='"threshold": the pixel count of the paper; "disk": fit of blurred disks.'
     )
-    threshold: OpenFraction | Literal["auto"] = Field(
+    threshold: Annotated[
+        OpenFraction | Literal["auto"], must_be('a number between 0 and 1 (exclusive) or "auto"')
+    ] = Field(
         0.5, description='Threshold of the pixel count as a fraction of the contact contrast, or "auto".'
     )
     threshold_std: NonNegative = Field(0.0, description="Standard uncertainty of the threshold.")
@@ -219,16 +204,6 @@ class Measure(Section):
         "fit",
         description="Whether the pose of the camera is corrected with the asperities, or kept as given.",
     )
-
-    @field_validator("threshold", mode="wrap")
-    @classmethod
-    def _threshold(cls, value: Any, handler: Any) -> Any:
-        try:
-            return handler(value)
-        except ValidationError:
-            raise ValueError(
-                f'must be a number between 0 and 1 (exclusive) or "auto", got {value!r}'
-            ) from None
 
 
 class Tolerance(Section):
@@ -299,8 +274,8 @@ class Effects(Section):
         return frozenset(name for name in names if getattr(self, name) == "off")
 
 
-class Simulate(Section):
-    """Optics and sensor of synthetic frames.
+class Simulate(FilmLight):
+    """Optics and sensor of synthetic frames; the keys ``film_*`` are aliases of those of ``[light]``.
 
     An optical or sensor effect under ``"auto"`` is rendered if its parameter here is not zero, the air film
     only where it is switched on; ``contactimg simulate`` renders what the plan of the effects calls for. The
@@ -356,13 +331,6 @@ class Simulate(Section):
     bit_depth: Literal[8, 10, 12, 14, 16] = Field(8, description="Bits of a pixel.")
     supersampling: Annotated[CountFrom1, Field(le=16)] = Field(
         4, description="Subpixels per pixel in each direction when rendering."
-    )
-    film_index_indenter: Positive = Field(1.52, description="Alias of the key of [light].")
-    film_index_elastic: Positive = Field(1.41, description="Alias of the key of [light].")
-    film_wavelength_nm: Positive = Field(560.0, description="Alias of the key of [light].")
-    film_bandwidth_nm: Positive = Field(70.0, description="Alias of the key of [light].")
-    film_range_nm: tuple[Positive, Positive] = Field(
-        (450.0, 680.0), description="Alias of the key of [light]."
     )
     seed: Count = Field(0, description="Seed of the random numbers of the frames.")
 

@@ -5,9 +5,9 @@ from typing import Protocol
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.errors import InputError
 from contactimg.surfaces.asperity_table import LENGTH_RANGE_M, base_radius
 

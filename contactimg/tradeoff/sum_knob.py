@@ -3,9 +3,9 @@
 from functools import cache, partial
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.models.coupling import Kernel
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.tradeoff.case import Case

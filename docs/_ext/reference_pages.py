@@ -91,11 +91,11 @@ def command_page():
     """Lines for every command: usage, help, examples, options."""
     lines = []
     for command, name in _commands(cli.commands, "contactimg"):
-        context = click.Context(command, info_name=name)
+        context = click.Context(command, info_name=name, show_default=True)
         lines += [f"({name.replace(' ', '-')})=", f"## `{name}`", "", *_prose(command.help)]
         lines += ["```text", command.get_usage(context).removeprefix("Usage: "), "```", ""]
         records = [parameter.get_help_record(context) for parameter in command.get_params(context)]
-        rows = [(f"`{names}`", _plain(meaning)) for names, meaning in filter(None, records)]
+        rows = [(f"`{names}`", _plain(meaning)) for names, meaning in filter(None, records) if meaning]
         lines += markdown_table(["option", "meaning"], rows)
     return lines
 
@@ -104,8 +104,9 @@ def _commands(command, name):
     """The command and those under it, each with the words that call it."""
     yield command, name
     if isinstance(command, click.Group):
-        for word, below in command.commands.items():
-            yield from _commands(below, f"{name} {word}")
+        context = click.Context(command)
+        for word in command.list_commands(context):
+            yield from _commands(command.get_command(context, word), f"{name} {word}")
 
 
 def _prose(text):
@@ -117,7 +118,7 @@ def _prose(text):
             if title.startswith(" "):
                 title, code = "", [title, *code]
             lines += [
-                title,
+                _plain(title),
                 "",
                 "```text",
                 *(inspect.cleandoc("\n".join(["", *code])).splitlines()),
@@ -125,14 +126,17 @@ def _prose(text):
                 "",
             ]
         else:
-            lines += [paragraph, ""]
-    return [_plain(line) if not line.startswith(("`", " ")) else line for line in lines]
+            lines += [_plain(paragraph), ""]
+    return lines
 
 
 def _plain(text):
-    """Escape what Markdown would read as markup in a sentence of plain text."""
-    text = text.replace("*", r"\*").replace("[", r"\[").replace("<", r"\<").replace("$", r"\$")
-    return re.sub(r"(?<![\w`-])(--[a-z][\w-]*)", r"`\1`", text)
+    """Escape what Markdown would read as markup in a sentence of plain text, outside of its code."""
+    parts = text.split("`")
+    for k in range(0, len(parts), 2):
+        part = re.sub(r"([*\[<$])", r"\\\1", parts[k])
+        parts[k] = re.sub(r"(?<![\w-])(--[a-z][\w-]*)", r"`\1`", part)
+    return "`".join(parts)
 
 
 # --- scene

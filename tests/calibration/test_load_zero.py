@@ -6,7 +6,7 @@ import pytest
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.calibration.jkr import calibrate_jkr
 from contactimg.calibration.jkr_uncertainties import jkr_uncertainties, suggested_layer
-from contactimg.cli.calibration_use import apply_calibration, refuse_idle
+from contactimg.cli.scenes import apply_calibration, refuse_idle
 from contactimg.errors import InputError
 from contactimg.mechanics import jkr
 from contactimg.mechanics.layer_contact import layer_factors

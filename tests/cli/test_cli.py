@@ -1,11 +1,11 @@
 """The command line: what it writes, what it says, and that bad input costs one sentence and nothing else."""
 
 import json
+import logging
 import re
 import shlex
 import subprocess
 import sys
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,9 +14,8 @@ import pytest
 import tifffile
 from small_series import break_measurement, copy_of
 
-from contactimg.cli import main
-from contactimg.cli.printing import echo_first_run
-from contactimg.imaging.kernels import stored
+from contactimg.cli import COMMANDS, main
+from contactimg.cli.printing import echo_frames
 from contactimg.tables import CONTACTS, FRAMES, MATCHES, PROFILE, REJECTED, SCORES
 
 
@@ -208,11 +207,33 @@ def test_reference_as_a_frame_has_no_contacts_and_a_status(series, tmp_path):
     assert (row["n_contacts"], row["area_m2"], row["force_sum_N"]) == (0, 0, 0)
 
 
-def test_no_reference_is_said(series, tmp_path):
+def test_no_reference_is_said_once_for_all_frames(series, tmp_path, capsys):
     edit(series / "scene.toml", 'reference = "reference.tif"\n', "")
     (series / "reference.tif").unlink()
-    assert process(series, "-o", tmp_path / "out") == 0
+    words = ["process", str(series), "-o", str(tmp_path / "out"), "--workers", "1", "--no-pictures"]
+    assert main(words) == 0
     assert frames_of(tmp_path / "out")["message"].str.contains("background").all()
+    printed = capsys.readouterr().out
+    assert printed.count("no reference") == 1
+    assert re.search("^all frames: .*no reference", printed, re.MULTILINE)
+
+
+def test_a_frame_has_one_short_line_and_all_of_it_with_verbose(capsys):
+    shared, own = "the light changed", "a remark of this frame alone, " + 20 * "at length "
+    table = {"frame": ["a.tif", "b.tif", "c.tif"], "message": [f"{shared}; {own}", shared, ""]}
+    frames = FRAMES.conform({**table, "status": ["ok"] * 3})
+    echo_frames(frames, title="three frames")
+    lines = capsys.readouterr().out.splitlines()
+    assert lines.count(f"2 frames from a.tif on: {shared}") == 1
+    (line,) = [line for line in lines if line.startswith("a.tif: ")]
+    assert line.endswith("... (--verbose)")
+    assert len(line) <= 160
+    logging.getLogger("contactimg").setLevel(logging.INFO)
+    try:
+        echo_frames(frames, title="three frames")
+    finally:
+        logging.getLogger("contactimg").setLevel(logging.WARNING)
+    assert f"a.tif: {own}".strip() in capsys.readouterr().out
 
 
 # nothing done: one sentence, exit code 2, and an earlier run untouched
@@ -475,11 +496,59 @@ def test_frames_of_mixed_size_without_reference_name_the_odd_one(series, tmp_pat
     assert message == "frame_2.tif: has 30 x 20 pixels, the other frames 360 x 340"
 
 
-def test_the_first_run_says_that_it_compiles(monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(stored, "iterate", SimpleNamespace(stats=SimpleNamespace(cache_path=tmp_path)))
-    echo_first_run(quiet=True)
-    assert capsys.readouterr().err == ""
-    echo_first_run(quiet=False)
-    assert "compiling" in capsys.readouterr().err
-    (tmp_path / "gauss_newton.iterate-41.py312.nbi").touch()
-    assert stored.kernels_are_stored()
+FIRST_RUN = """
+from pathlib import Path
+from contactimg.cli.printing import echo_first_run
+print("nothing is stored")
+echo_first_run()
+folder = next(Path({!r}).glob("contactimg.imaging.kernels.*")) / "place"
+folder.mkdir()
+(folder / "some_kernel.py312.nbi").touch()
+print("something is stored")
+echo_first_run()
+"""
+
+
+def test_the_first_run_says_that_it_compiles(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    code = FIRST_RUN.format(str(tmp_path))
+    run = subprocess.run(  # noqa: S603 - this package
+        [sys.executable, "-u", "-c", code],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=True,
+    )
+    said = run.stdout.splitlines()
+    assert said[0::2] == ["nothing is stored", "something is stored"]
+    assert said[1].startswith("first run: compiling")
+    assert len(said) == 3
+
+
+ALL_COMMANDS = [[], *([name] for name in COMMANDS), *(["calibrate", kind] for kind in ("jkr", "threshold"))]
+HEAVY = ("numpy", "pandas", "scipy", "matplotlib", "numba", "cv2", "tifffile", "rich", "contactimg.files")
+
+
+@pytest.mark.parametrize("command", ALL_COMMANDS, ids=" ".join)
+def test_help_is_answered_without_what_a_command_needs(command):
+    code = (
+        f"import sys; from contactimg.cli import main; code = main({[*command, '--help']!r}); "
+        f"sys.exit(code or str([name for name in {HEAVY!r} if name in sys.modules] or ''))"
+    )
+    run = subprocess.run(  # noqa: S603 - this package
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert run.stderr.strip() == ""
+    assert "--help" in run.stdout
+    if not command:
+        assert all(re.search(rf"^  {name} +\w", run.stdout, re.MULTILINE) for name in COMMANDS)
+
+
+def test_an_option_for_a_key_of_the_scene_is_checked_by_the_rules_of_the_key(series, tmp_path, capsys):
+    options = ["-o", tmp_path / "out"]
+    sentence = failure(capsys, process(series, "--pixel-size-um", "-6", *options))
+    assert "[camera] pixel_size_m must be greater than 0, got -6e-06" in sentence
+    assert "must be a number" in failure(capsys, process(series, "--pixel-size-um", "six", *options))
+    assert 'or "auto"' in failure(capsys, process(series, "--threshold", "high", *options))
+    assert process(series, "--method", "area", *options) == 2
+    assert "'threshold', 'disk'" in capsys.readouterr().err

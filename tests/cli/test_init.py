@@ -10,7 +10,6 @@ from small_series import copy_of
 
 from contactimg.cli import main
 from contactimg.files import open_experiment, read_scene
-from contactimg.files.folder_guess import guess_folder
 from contactimg.files.pixel_size import stated_pixel_size
 
 FLAT_GREY = np.full((40, 50), 80, np.uint8)
@@ -78,17 +77,18 @@ def test_a_question_that_nobody_can_answer_names_the_option(frames, monkeypatch,
     assert not (frames / "scene.toml").exists()
 
 
-def test_names_say_what_an_image_is(tmp_path):
+def test_names_say_what_an_image_is(tmp_path, capsys):
     names = ("a_01", "a_02", "no contact", "Background_2", "dark_1", "dark_2", "flat", "mask_frame")
     for name in names:
         cv2.imwrite(str(tmp_path / f"{name}.png"), FLAT_GREY)
-    guess = guess_folder(tmp_path)
-    assert guess.frames == ("a_01.png", "a_02.png")
-    assert set(guess.references) == {"no contact.png", "Background_2.png"}
-    assert guess.darks == ("dark_1.png", "dark_2.png")
-    assert (guess.flats, guess.masks) == (("flat.png",), ("mask_frame.png",))
-    assert main(["init", str(tmp_path), "--no-input", "--quiet"]) == 0
-    experiment = open_experiment(read_scene(tmp_path))
+    assert main(["init", str(tmp_path), "--no-input"]) == 0
+    said = capsys.readouterr().out
+    assert "2 frames (a_01.png ... a_02.png)" in said
+    assert "dark frame: dark_1.png, dark_2.png" in said
+    scene = read_scene(tmp_path)
+    assert set(scene.images.reference) == {"no contact.png", "Background_2.png"}
+    assert (scene.images.flat, scene.images.mask) == ("flat.png", "mask_frame.png")
+    experiment = open_experiment(scene)
     assert [frame.name for frame in experiment.frames] == ["a_01.png", "a_02.png"]
     assert len(experiment.references) == len(experiment.corrections.dark) == 2
 

@@ -8,9 +8,9 @@ shows in the way the shift varies from tile to tile.
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import UNKNOWN, Alignment
 from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.resample import filter_rows_and_columns, shift_kernel

@@ -6,8 +6,8 @@ knows, and no check for a division by zero (which numba inserts by default).
 """
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.background.illumination import cubic
 
 TAPS = 9

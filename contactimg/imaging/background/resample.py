@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
+from contactimg.compiled import njit
 from contactimg.imaging.background.alignment import Alignment
 from contactimg.imaging.pixels.masks import Mask
 

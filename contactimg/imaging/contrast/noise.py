@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.blocks import sample_background, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, noise_std
 from contactimg.timings import stage

@@ -12,9 +12,9 @@ both (rms 0.16 px against 0.23 px here, with five more pairs), and it takes 60 m
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 from contactimg.imaging.shapes.components import COMPONENT, add_pixel, finish_component, label_runs
 from contactimg.imaging.shapes.inscribed_disks import select_inscribed

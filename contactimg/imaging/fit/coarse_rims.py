@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.contrast.noise import LEAST_PIXELS, Noise
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.problem import FitProblem

@@ -7,10 +7,10 @@ follows from D minus the halo of the present M, in turn with the fit that gives 
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import special
 
+from contactimg.compiled import njit
 from contactimg.imaging.fit.settings import (
     CORE_END_FRACTION,
     FEWEST_HALO_PARTS,

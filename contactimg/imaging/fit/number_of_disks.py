@@ -8,9 +8,9 @@ no more than two contacts can: otherwise it describes the ragged rim of the neig
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims, noise_near_contacts, rim_noise
 from contactimg.imaging.fit.covers import find_better_covers
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks

@@ -6,9 +6,10 @@ does not, as it displaces both neighbours the opposite way.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.ndimage import shift
+
+from contactimg.compiled import njit
 
 LEAST_DISPLACEMENT_PX = 0.5
 """Displacement that is none. Chosen: alternating by half of it, rows blur an edge by 0.25 px, 1.5 % of the

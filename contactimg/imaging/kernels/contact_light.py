@@ -5,8 +5,8 @@ region (out to where its blurred rim has ended) and a ring around the region.
 """
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import find_pairs, list_neighbours
 
 DIRECTIONS, DISTANCES = 24, 3

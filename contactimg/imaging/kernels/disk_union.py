@@ -14,8 +14,9 @@ that to matter.
 import math
 
 import numpy as np
-from numba import njit
 from scipy import special
+
+from contactimg.compiled import njit
 
 EDGE_REACH_BLUR_WIDTHS = 5.0  # theory: beyond, an edge is 0 or 1 to 3e-7
 EDGE_STEPS_PER_BLUR_WIDTH = 64  # theory: linear interpolation errs by (1/64)^2/8 x 0.24 = 7e-6

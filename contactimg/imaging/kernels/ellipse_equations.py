@@ -14,9 +14,9 @@ so that a few nodes are enough.
 import math
 
 import numpy as np
-from numba import njit
 from scipy.special import ndtr
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.normal_equations import LARGEST_TERM, OUTLIER_SIGMA, REACH_BLUR_WIDTHS
 
 NODE_REACH_BLUR_WIDTHS = 4.2

@@ -6,8 +6,8 @@ is solved block by block (`contactimg.imaging.kernels.solve`). The common blur i
 """
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.disk_union import EDGE_REACH_BLUR_WIDTHS, add_lens, lens_nodes, overlaps
 from contactimg.imaging.kernels.normal_equations import (
     CHI_SQUARE,

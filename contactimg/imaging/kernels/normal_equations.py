@@ -5,8 +5,8 @@ information on c only and are summed row by row; those about the rim are gathere
 """
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.rim_pixels import (
     BY_A,
     BY_C,

@@ -1,7 +1,8 @@
 """Which disks share pixels: pairs whose rims come close (compiled)."""
 
 import numpy as np
-from numba import njit
+
+from contactimg.compiled import njit
 
 
 @njit(cache=True)

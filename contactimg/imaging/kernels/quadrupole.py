@@ -1,8 +1,8 @@
 """How elongated the rims of isolated disks look: a cheap screen before any ellipse is fitted (compiled)."""
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import find_pairs
 
 HALF_WIDTH_BLUR_WIDTHS = 2.0

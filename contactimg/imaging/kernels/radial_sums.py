@@ -8,9 +8,9 @@ disk to ``inner``, then steps of a given length.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 
 INNER_NODES = 6

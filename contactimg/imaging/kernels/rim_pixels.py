@@ -6,8 +6,8 @@ number of rows, the step between them, its first column and its number of column
 """
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.profile.blurred_disk import (
     END_BLUR_WIDTHS,
     INNER_BLUR_WIDTHS,

@@ -1,8 +1,8 @@
 """The coupled normal equations of disks that share pixels (compiled)."""
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import list_neighbours
 
 LARGEST_INFLATION = 25.0  # of a variance by free neighbours; by hand: beyond, the two are not resolved

@@ -2,9 +2,9 @@
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask
 
 BLOCK = 8

@@ -1,8 +1,9 @@
 """Masks: which pixels of an image are used, and which fraction of a disk they leave visible."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from contactimg.compiled import njit
 
 Mask = NDArray[np.uint8] | None
 """One value for each pixel, 0 or 1; None where no pixel is masked."""

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, disk_table
 
 Values = NDArray[np.float64]

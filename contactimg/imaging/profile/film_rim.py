@@ -15,10 +15,10 @@ from functools import lru_cache
 from typing import Literal, Protocol
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from contactimg.compiled import njit
 from contactimg.errors import InputError
 from contactimg.imaging.profile.blurred_disk import (
     INNER_BLUR_WIDTHS,

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.plateau import BRIGHTER_RATIO
 from contactimg.imaging.pixels.binned_image import BinnedImage

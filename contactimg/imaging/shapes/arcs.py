@@ -10,9 +10,9 @@ import math
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.rim_pixels import FAST
 
 SMOOTHING_PX = 0.8

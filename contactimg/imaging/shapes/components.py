@@ -6,9 +6,9 @@ run; no label image is written. For 500 contacts on 1600 x 1200 pixels it takes 
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
 NONE, EIGHT = np.uint64(0), np.uint64(0x0101010101010101)

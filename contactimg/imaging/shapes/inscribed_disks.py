@@ -7,9 +7,9 @@ They include every contact that reaches half height, and both of two that touch.
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.shapes.components import label_components
 

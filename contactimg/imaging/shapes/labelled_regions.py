@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from contactimg.compiled import njit
 
 LENGTH_HALF_WIDTHS, LENGTH_MARGIN_PX = 6.0, 3.0
 """A long region is longer than ``6 (half width + 3 px)``: longer than a few small contacts that touch. By

@@ -1,8 +1,8 @@
 """Which disks touch, which lie inside one another, and how much of each rim is visible."""
 
 import numpy as np
-from numba import njit
 
+from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import find_pairs, list_neighbours
 
 DEEPEST = 0.35

@@ -1,9 +1,9 @@
 """Estimate the blur from the slope of the rims."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.imaging.pixels.robust import median
 from contactimg.imaging.shapes.components import label_components
 

@@ -1,0 +1,323 @@
+"""Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`."""
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import click
+
+from contactimg.cli import options as shared
+from contactimg.cli.printing import echo_frames, echo_plan, echo_tradeoff, progress, say
+from contactimg.timings import stage
+
+if TYPE_CHECKING:
+    from contactimg.scene import Scene
+
+# --- predict
+
+
+@shared.command()
+@shared.scene_options(
+    shared.SceneOption(
+        "--tolerance",
+        "tolerance",
+        "relative",
+        "Effects, coupling and solver accuracy are the cheapest that meet it.",
+        default="the scene's tolerance for the effects, rounding error for the solver",
+    )
+)
+@shared.no_plausibility
+@shared.cluster
+def predict(
+    scene: shared.Existing,
+    *,
+    stated: shared.Stated,
+    loads: Annotated[tuple[float, ...], "--load-N"] = (),
+    displacements_um: Annotated[tuple[float, ...], "--displacement-um"] = (),
+    output: shared.Output = None,
+    model: Literal["interacting", "gw", "gt"] = "interacting",
+    coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
+    patterns: shared.Count | None = None,
+    annulus_mm: shared.Annulus = 0.25,
+    workers: shared.OneWorker = 1,
+) -> int:
+    """Predict the contacts of SCENE, a scene.toml or the folder that holds one, at each load or displacement.
+
+    For each load a plan decides which mechanical effects are computed (see `contactimg effects`).
+
+    Writes contacts.csv (one row per predicted contact), frames.csv (one row per load), profile.csv (pressure
+    against distance from the apex) and provenance.json with the plans.
+
+    Exit codes: 0 done, 1 no solution at some of the loads (frames.csv says why), 2 nothing done.
+
+    \b
+    Examples:
+      contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
+      contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
+      contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
+      contactimg predict ensemble --load-N 0.05 --patterns 8000 --workers 4 -o average
+
+    Parameters
+    ----------
+    loads
+        Normal load in newtons; repeat the option for more loads.
+    displacements_um
+        Displacement of the stage from first touch, um, instead of a load: the indentation, or with [load]
+        stiffness_N_m in the scene what a load cell of this stiffness leaves of it. Can be repeated.
+    model
+        interacting: every asperity of the table. gw, gt: the averages of Greenwood and Williamson, or of
+        Greenwood and Tripp.
+    coupling
+        Elastic coupling between the asperities. auto: as the plan of the effects decides. Any other level:
+        the paper's model with this coupling; other effects only where the scene switches them on.
+    patterns
+        Average over this many random patterns like the one that [asperities] generates. A run that is ended
+        goes on when it is started again.
+    """
+    with stage("loading"):
+        from contactimg.cli.scenes import scene_at
+        from contactimg.errors import InputError
+        from contactimg.files import RUN_TABLES
+        from contactimg.pipeline.ensemble import predict_ensemble
+        from contactimg.pipeline.predict import (
+            choice_sentence,
+            error_records,
+            plan_records,
+            predict_loads,
+            prescriptions,
+            refuse_repeated,
+            solver_tolerance,
+            write_predictions,
+        )
+        from contactimg.tables import FAILED
+
+    if patterns is not None and model != "interacting":
+        raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
+    described, inputs = scene_at(scene, stated)
+    relative = stated.get("tolerance", {}).get("relative")
+    prescribed = prescriptions(described, loads, [displacement / 1e6 for displacement in displacements_um])
+    annulus = annulus_mm * 1e-3
+    with shared.results_in(
+        output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
+    ) as out:
+        if patterns is None:
+            predictions = predict_loads(
+                described,
+                prescribed,
+                model=model,
+                coupling=coupling,
+                annulus=annulus,
+                relative=relative,
+                workers=workers,
+            )
+        else:
+            refuse_repeated(prescribed)
+            with progress("solving patterns", patterns) as advance:
+                predictions = predict_ensemble(
+                    described,
+                    prescribed,
+                    patterns=patterns,
+                    coupling=coupling,
+                    annulus=annulus,
+                    tolerance=None if relative is None else solver_tolerance(relative),
+                    workers=workers,
+                    store=out.part_store(),
+                    advance=advance,
+                )
+        frames = write_predictions(predictions, described, out.folder)
+        out.record["plans"] = plan_records(predictions)
+        out.record["expected_errors"] = error_records(predictions)
+        level = f", coupling {coupling}" if model == "interacting" else ""
+        many = f", {patterns:,} patterns" if patterns else ""
+        echo_frames(frames, title=f"{scene}, model {model}{level}{many}")
+        say(*(choice_sentence(one, relative=relative) for one in predictions if one.plan is not None))
+    return int((frames["status"] == FAILED).any())
+
+
+# --- simulate
+
+
+@shared.command()
+@shared.no_plausibility
+@shared.cluster
+def simulate(
+    scene: shared.Existing,
+    *,
+    output: shared.Output = None,
+    optics: Annotated[bool, "--plan"] = False,
+    workers: shared.OneWorker = 1,
+) -> None:
+    """Make synthetic frames of SCENE, a scene.toml or the folder that holds one.
+
+    The section [simulate] of the scene describes loads, optics and sensor. Without a section [asperities] the
+    rubber is smooth, and each frame shows one circular JKR contact (input for `contactimg calibrate jkr`).
+
+    Optics and sensor are rendered as [simulate] states them, unless [effects] switches them off. A mechanical
+    effect that is "auto" is computed if leaving it out would change an output that [tolerance] requests by
+    more than allowed there; `contactimg effects SCENE` prints the numbers.
+
+    Writes reference.tif, frame_*.tif, loads.csv, asperities.csv, truth.csv (the contacts.csv that a perfect
+    measurement would give), provenance.json and scene.toml, which says for each effect whether the frames
+    show it. `contactimg process` reads this folder as it is.
+
+    Exit codes: 0 done, 2 nothing done.
+
+    \b
+    Examples:
+      contactimg simulate scene.toml -o frames
+      contactimg process frames
+
+    Parameters
+    ----------
+    optics
+        Render an effect of optics or sensor only if leaving it out would change a requested output by more
+        than allowed, instead of all that [simulate] states.
+    """
+    with stage("loading"):
+        from contactimg.cli.scenes import scene_at
+        from contactimg.pipeline.inputs import need_asperities
+        from contactimg.pipeline.simulate import plan_simulation, write_simulation
+        from contactimg.prediction import load_name
+
+    described, inputs = scene_at(scene, {})
+    smooth = described.asperities is None
+    asperities = None if smooth else need_asperities(described, "simulating frames")
+    count = 1 + len(described.need("simulate", "simulating frames").loads)
+    planned = plan_simulation(described, asperities, optics=optics)
+    main_files = ["truth.csv", "scene.toml"]
+    with shared.results_in(
+        output, described.folder, scene=described, inputs=inputs, main_files=main_files
+    ) as out:
+        out.record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
+        out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
+        out.record["effects"] = planned.scene.effects.switches()
+        with progress("making frames", count) as advance:
+            write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
+        say(*(plan.sentence() for plan in planned.plans), _shown(planned.scene))
+        say(f"{count - 1} frames and the true contacts")
+
+
+def _shown(scene: "Scene") -> str:
+    """One line: which effects the frames show and which were left out."""
+    switches = scene.effects.switches()
+    shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
+    sensor = {"shot_noise", "read_noise", "quantisation"}
+    ideal = "; the frames are floating-point numbers without noise" if sensor <= set(left_out) else ""
+    return f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
+
+
+# --- effects
+
+
+@shared.command()
+@shared.scene_options(
+    shared.SceneOption("--tolerance", "tolerance", "relative"),
+    shared.SceneOption("--output", "tolerance", "output"),
+)
+@shared.no_plausibility
+def effects(
+    scene: shared.Existing,
+    *,
+    stated: shared.Stated,
+    load: shared.Load = None,
+    folder: Annotated[str | None, click.Path(file_okay=False), "-o"] = None,
+) -> None:
+    """Decide which physical effects matter for SCENE, a scene.toml or the folder that holds one.
+
+    Prints for each effect of the mechanics, the optics and the sensor: the relative change of the output if
+    it were left out, whether it is computed, and how much longer the computation takes with it. All effects
+    that are left out change the output together by less than the tolerance. Effects that the section
+    [effects] of the scene switches "on" or "off" stay so.
+
+    Writes nothing, unless -o names a folder: then effects.csv and provenance.json.
+
+    Exit codes: 0 done, 2 nothing done.
+
+    \b
+    Examples:
+      contactimg effects sample_data/sa_plus --load-N 0.5
+      contactimg effects sample_data/sa_plus --output force --tolerance 0.0001 -o plan
+
+    Parameters
+    ----------
+    folder
+        Folder for effects.csv; without it nothing is written.
+    """
+    with stage("loading"):
+        from contactimg.cli.scenes import scene_at
+        from contactimg.files import write_table
+        from contactimg.pipeline.effects import plan_effects
+        from contactimg.tables import EFFECTS
+
+    described, inputs = scene_at(scene, stated)
+    plan = plan_effects(described, load=load)
+    echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
+    if folder is not None:
+        with shared.results_in(folder, described.folder, scene=described, inputs=inputs) as out:
+            write_table(plan.table(), EFFECTS, out.folder / "effects.csv")
+
+
+# --- tradeoff
+
+Knob = Literal["image", "model", "solver", "sums", "rings", "patterns", "supersampling"]
+
+
+@shared.command()
+@shared.scene_options(
+    shared.SceneOption(
+        "--tolerance", "tolerance", "relative", "The fastest setting that meets it is recommended."
+    )
+)
+@shared.no_plausibility
+def tradeoff(
+    scene: shared.Existing,
+    *,
+    stated: shared.Stated,
+    output: shared.Output = None,
+    load: shared.Load = None,
+    knobs: Annotated[tuple[Knob, ...], "--knob"] = (),
+    fine: bool = False,
+) -> None:
+    """Measure how much computing time accuracy costs for SCENE, a scene.toml or the folder that holds one.
+
+    Each choice is run with several settings, in turn, and the results are compared with a converged one. The
+    choices are: image (method that measures a frame), model (contact model), solver (its tolerance), sums
+    (accuracy of sums over many contacts), rings (of the Greenwood-Tripp model), patterns (number of random
+    surfaces that are averaged), supersampling (of rendered frames). The result that must be accurate is
+    "output" in the section [tolerance] of the scene.
+
+    Writes tradeoff.csv (one row per setting: error and time), tradeoff.png (.svg, .pdf) and provenance.json.
+
+    Exit codes: 0 done, 2 nothing done.
+
+    \b
+    Examples:
+      contactimg tradeoff sample_data/sa_plus -o tradeoff
+      contactimg tradeoff sample_data/sa_plus --knob model --load-N 0.1 -o tradeoff
+
+    Parameters
+    ----------
+    knobs
+        Measure only this choice; repeat the option for more.  [default: all that apply to the scene]
+    fine
+        Measure slow settings too (takes minutes).
+    """
+    with stage("loading"):
+        from contactimg.cli.scenes import scene_at
+        from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff, write_tradeoff
+        from contactimg.tradeoff.measure import run_knobs
+
+    described, inputs = scene_at(scene, stated)
+    chosen, left_out = prepare_tradeoff(described, load=load, knobs=knobs, fine=fine)
+    with shared.results_in(output, described.folder, scene=described, inputs=inputs) as out:
+        count = sum(len(knob.settings) for knob in chosen)
+        with progress("measuring settings", count) as advance, stage("settings"):
+            result = run_knobs(
+                chosen,
+                relative=described.tolerance.relative,
+                seconds=REPETITION_SECONDS[fine],
+                left_out=left_out,
+                advance=advance,
+            )
+        write_tradeoff(result, out.folder)
+        out.record["sentences"] = result.sentences
+        echo_tradeoff(result.table)
+        say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in left_out.items()))

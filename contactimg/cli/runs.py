@@ -1,0 +1,278 @@
+"""Commands on the output of `process`: `overlay`, `report`, `review`, `export` and `import-rois`."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import click
+
+from contactimg.cli import options as shared
+from contactimg.cli.printing import echo_scores, progress, say
+from contactimg.timings import stage
+
+
+@shared.command()
+@shared.no_plausibility
+def overlay(
+    run: shared.ExistingFolder,
+    *,
+    output: shared.Output = None,
+    min_radius_px: shared.NonNegative = 1.0,
+    workers: shared.Workers = None,
+) -> int:
+    """Compare the contacts of RUN, an output folder of `process`, with those that the model predicts.
+
+    The contacts are predicted at the load of each frame, once with elastic coupling between the asperities
+    and once without.
+
+    Writes scores.csv (precision and recall of each frame and model), matches.csv (pairs of a measured and a
+    predicted contact), provenance.json, and a picture of each frame in overlays/: measured contacts blue,
+    predicted ones dashed, orange with coupling and yellow without, the Hertz circle of the smooth lens white.
+
+    Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done.
+
+    \b
+    Example:
+      contactimg overlay results
+
+    Parameters
+    ----------
+    min_radius_px
+        Smallest contact radius that counts, in pixels: smaller predicted contacts need not be found on the
+        frame.
+    """
+    with stage("loading"):
+        from contactimg.cli.scenes import plausible
+        from contactimg.files import main_tables, open_experiment, read_run
+        from contactimg.pipeline.inputs import need_asperities
+        from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
+
+    measured = read_run(run)
+    measured.need_pose()
+    experiment = open_experiment(plausible(measured.scene))
+    asperities = need_asperities(measured.scene, "predicting contacts")
+    count = len(measured.frames)
+    with shared.results_in(
+        output,
+        run,
+        scene=measured.scene,
+        inputs=[*main_tables([Path(run)]), *experiment.inputs],
+        main_files=["scores.csv", "matches.csv"],
+    ) as out:
+        with progress("predicting contacts", count) as advance:
+            comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
+        write_comparison(comparison, out.folder)
+        out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
+        with progress("drawing overlays", count) as advance:
+            draw_comparison(
+                comparison, measured, experiment, out.folder / "overlays", workers=workers, advance=advance
+            )
+        echo_scores(comparison.scores, title=f"{run}: measured against predicted contacts")
+        say(*(f"{frame}: {plan.sentence()}" for frame, plan in comparison.plans.items()))
+    for frame, reason in comparison.left_out.items():
+        click.echo(f"contactimg: {frame}: no prediction, {reason}", err=True)
+    return 1 if comparison.left_out else 0
+
+
+@shared.command()
+def report(
+    run: shared.ExistingFolder,
+    *,
+    output: shared.NewFile | None = None,
+    others: Annotated[tuple[shared.ExistingFolder, ...], "--with"] = (),
+    max_pictures: shared.Count = 40,
+) -> None:
+    """Write an HTML page about RUN, an output folder of `process`, that needs no network and no other file.
+
+    It shows the summary of the run, contact area against load, the overlays (with zoom), the flags, failed
+    frames and the provenance; scores, analysis and calibration from folders inside RUN or named by --with.
+
+    Exit codes: 0 done, 2 nothing done.
+
+    \b
+    Examples:
+      contactimg report results
+      contactimg report results --with analysis --with jkr -o run.html
+
+    Parameters
+    ----------
+    output
+        HTML file to write.  [default: report.html in RUN]
+    others
+        Include this output folder of overlay, analyse or calibrate; repeat the option for more. Those inside
+        RUN are included anyway.
+    max_pictures
+        Largest number of frames to show; of a longer series, evenly spaced ones.
+    """
+    with stage("loading"):
+        from contactimg.files import remove_leftovers, write_text
+        from contactimg.report import build_report
+
+    target = Path(output) if output is not None else Path(run) / "report.html"
+    remove_leftovers(target)
+    write_text(build_report(run, others=others, max_pictures=max_pictures), target)
+    say(f"report in {target}")
+
+
+@shared.command()
+def review(
+    run: shared.ExistingFolder,
+    *,
+    port: Annotated[int | None, click.IntRange(0, 65535)] = None,
+    no_browser: bool = False,
+    origin: str = "",
+    workers: shared.Workers = None,
+) -> int:
+    """Open a page that shows the frames of RUN, an output folder of `process`, with contacts to correct.
+
+    The page is served to this machine only, under an address with a random token; Ctrl-C ends it. On another
+    machine, forward the port (ssh -L 8765:127.0.0.1:8765) and open the address there, or name the proxy
+    (--origin). Corrections go to edits.csv, each before the page says so; a threshold that is chosen goes to
+    scene.toml. Nothing else is written: run `contactimg process` again for tables and pictures with the
+    corrections.
+
+    \b
+    Examples:
+      contactimg review results
+      contactimg review results --port 8765 --no-browser
+
+    Parameters
+    ----------
+    port
+        Port of this machine to serve the page on.  [default: any that is free]
+    no_browser
+        Print the address of the page and open no browser.
+    origin
+        Scheme and host of a proxy through which the page is opened: https://hub.example.org.
+    """
+    with stage("loading"):
+        import webbrowser
+        from contextlib import closing
+        from threading import Thread
+
+        from contactimg.errors import InputError
+        from contactimg.review import ReviewServer, Session
+
+    with closing(Session(Path(run), workers=workers)) as session:
+        try:
+            server = ReviewServer(session, port or 0, origin=origin)
+        except OSError as error:
+            raise InputError(f"port {port} cannot be used ({error.strerror}); choose another one") from None
+        with server:
+            click.echo(f"review of {run}: {server.address}")
+            click.echo(f"edits go to {session.edits.path}; Ctrl-C ends the review")
+            if not no_browser:
+                # a browser in the terminal returns only when it is left
+                Thread(target=webbrowser.open, args=(server.address,), daemon=True).start()
+            try:
+                server.serve_forever()
+            except KeyboardInterrupt:
+                click.echo("review ended; run `contactimg process` again for tables with the edits")
+    return 0
+
+
+@shared.command()
+@shared.no_plausibility
+def export(
+    run: shared.ExistingFolder,
+    *,
+    output: shared.NewFolder | None = None,
+    fiji: bool = False,
+    napari: bool = False,
+    labels: bool = False,
+    xlsx: bool = False,
+    units: Literal["um", "mm", "m"] = "um",
+) -> int:
+    """Write RUN, an output folder of `process`, in the formats of ImageJ, napari and Excel.
+
+    Without a choice of formats all of them are written. Regions that were moved, deleted or added in ImageJ
+    come back with `contactimg import-rois`.
+
+    \b
+    Examples:
+      contactimg export results --fiji
+      contactimg export results --xlsx --units mm -o for_excel
+
+    Parameters
+    ----------
+    output
+        Folder for the files; created if needed.  [default: export inside RUN]
+    fiji
+        ImageJ: regions of each frame (.zip), frames with overlay (.tif).
+    napari
+        napari: a shapes and a points layer of each frame (.csv).
+    labels
+        Label images: the pixels of each contact hold its label (.tif).
+    xlsx
+        An Excel workbook with one sheet a table.
+    units
+        Lengths and areas of the workbook; forces are in mN, with m in N.
+    """
+    with stage("loading"):
+        from contactimg.files import main_tables, read_run
+        from contactimg.pipeline.export import export_run
+
+    chosen = {"fiji": fiji, "napari": napari, "labels": labels, "xlsx": xlsx}
+    formats = tuple(name for name, on in chosen.items() if on) or tuple(chosen)
+    source = read_run(run)
+    tables = main_tables([source.folder])
+    main_files = ["contacts.xlsx"] if "xlsx" in formats else []
+    with (
+        shared.results_in(
+            output or Path(run) / "export", run, scene=source.scene, inputs=tables, main_files=main_files
+        ) as out,
+        progress("exporting frames", len(source.frames)) as advance,
+    ):
+        export_run(source, out.folder, formats=formats, units=units, advance=advance)
+    return 0
+
+
+@shared.command()
+@shared.no_plausibility
+def import_rois(
+    run: shared.ExistingFolder,
+    file: shared.ExistingFile,
+    *,
+    frame: str | None = None,
+    output: shared.NewFile | None = None,
+    author: str = "",
+) -> int:
+    """Compare the ImageJ regions in FILE with the contacts of RUN and write the changes to edits.csv.
+
+    FILE is what `contactimg export --fiji` wrote for one frame and ImageJ saved again (ROI Manager, Save). A
+    region that was deleted excludes its contact, a new one adds a contact, a moved one does both. Then run
+    `contactimg process` again: it measures the contacts from the pixels.
+
+    \b
+    Examples:
+      contactimg import-rois results results/export/fiji/frame_1.tif.zip
+      contactimg process my_frames
+
+    Parameters
+    ----------
+    frame
+        The frame that the regions belong to.  [default: as the name of FILE says]
+    output
+        Table of edits; rows are added to what is there.  [default: the one that the scene of RUN uses,
+        edits.csv beside the frames]
+    author
+        For the column author.
+    """
+    with stage("loading"):
+        from datetime import UTC, datetime
+
+        import pandas as pd
+
+        from contactimg.files import edits_file, read_edits, read_run, write_edits
+        from contactimg.pipeline.export import edits_from_regions
+
+    source = read_run(run)
+    time = datetime.now(UTC).isoformat(timespec="seconds")
+    edits = edits_from_regions(source, Path(file), frame=frame, author=author, time=time)
+    target = Path(output) if output is not None else edits_file(source.scene, source.folder)
+    if len(edits):
+        present = [read_edits(target)] if target.is_file() else []
+        write_edits(pd.concat([*present, edits], ignore_index=True), target)
+    counts = edits["action"].value_counts()
+    told = ", ".join(f"{counts.get(action, 0)} {action}" for action in ("exclude", "add"))
+    say(f"{told} in {target}; run `contactimg process` again" if len(edits) else "nothing was changed")
+    return 0

@@ -1,0 +1,143 @@
+"""Machine code of compiled functions is that of the present sources, wherever the package lies."""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import contactimg
+from contactimg import compiled
+
+PACKAGE = Path(contactimg.__file__).parent
+
+CALLER = """
+from contactimg.compiled import njit
+from contactimg.factor import FACTOR, scaled
+
+@njit(cache=True)
+def value(x):
+    return scaled(x) + FACTOR
+"""
+
+CALLED = """
+from contactimg.compiled import njit
+
+FACTOR = {factor}
+
+@njit(cache=True)
+def scaled(x):
+    return FACTOR * x
+"""
+
+
+@pytest.fixture
+def package(tmp_path):
+    """A package of this name with two modules: `value` calls `scaled` and reads a constant of the other."""
+    folder = tmp_path / "installed" / "contactimg"
+    folder.mkdir(parents=True)
+    (folder / "__init__.py").touch()
+    (folder / "unrelated.py").touch()
+    (folder / "caller.py").write_text(CALLER)
+    (folder / "factor.py").write_text(CALLED.format(factor=2.0))
+    shutil.copy(PACKAGE / "compiled.py", folder)
+    return folder
+
+
+def run(package, code, **environment):
+    """What the code prints in a process of its own."""
+    usual = {name: text for name, text in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    given = {name: str(path) for name, path in environment.items()}
+    done = subprocess.run(  # noqa: S603 - this package
+        [sys.executable, "-B", "-c", code],
+        env=usual | given | {"PYTHONPATH": str(package.parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=package.parent,
+    )
+    return done.stdout.strip()
+
+
+VALUE = "from contactimg.caller import value; print(value(3.0), sum(value.stats.cache_hits.values()))"
+
+
+def test_a_change_of_what_a_function_calls_takes_effect_in_the_next_process(package, tmp_path):
+    cache = tmp_path / "cache"
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "8.0 0"
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "8.0 1"
+    (package / "factor.py").write_text(CALLED.format(factor=5.0))
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "20.0 0"
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "20.0 1"
+    (package / "unrelated.py").write_text("CHANGED = True\n")  # compiles nothing anew
+    assert run(package, VALUE, NUMBA_CACHE_DIR=cache) == "20.0 1"
+
+
+@pytest.mark.parametrize("home_is_writable", [True, False])
+def test_an_installation_that_cannot_be_written_stores_with_the_user(package, tmp_path, home_is_writable):
+    temporary, home = tmp_path / "temporary", tmp_path / "home"
+    temporary.mkdir()
+    if home_is_writable:
+        home.mkdir()
+    else:
+        home.touch()  # no folder can be made in a file, not even by an administrator
+    places = {"XDG_CACHE_HOME": home / "cache", "HOME": home, "TMPDIR": temporary}
+    for folder in (package, package.parent):
+        folder.chmod(0o555)
+    before = sorted(package.rglob("*"))
+    try:
+        assert run(package, VALUE, **places) == "8.0 0"
+        assert run(package, VALUE, **places) == "8.0 1"
+        assert sorted(package.rglob("*")) == before
+    finally:
+        for folder in (package.parent, package):
+            folder.chmod(0o755)
+    assert list(home.rglob("*.nbi")) if home_is_writable else list(temporary.rglob("*.nbi"))
+
+
+def test_where_nothing_can_be_written_each_process_compiles(package, tmp_path):
+    (tmp_path / "file").touch()
+    nowhere = f"import tempfile; tempfile.tempdir = {str(tmp_path / 'file')!r}\n{VALUE}"
+    places = {"XDG_CACHE_HOME": tmp_path / "file", "HOME": tmp_path / "file"}
+    code = nowhere.replace("value.stats.cache_hits.values()", "()")
+    assert run(package, code, **places) == "8.0 0"
+    assert not list(tmp_path.rglob("*.nbi"))
+
+
+def test_code_of_other_sources_is_removed_once_it_has_not_been_used_for_long(package, tmp_path):
+    cache = tmp_path / "cache"
+
+    def folders():
+        return set(cache.glob("contactimg.caller-*"))
+
+    run(package, VALUE, NUMBA_CACHE_DIR=cache)
+    (first,) = folders()
+    long_ago = time.time() - 2 * compiled.UNUSED_SECONDS
+    os.utime(first, (long_ago, long_ago))
+    (package / "factor.py").write_text(CALLED.format(factor=5.0))
+    run(package, VALUE, NUMBA_CACHE_DIR=cache)
+    (second,) = folders()
+    assert second != first
+    (package / "factor.py").write_text(CALLED.format(factor=6.0))
+    run(package, VALUE, NUMBA_CACHE_DIR=cache)  # the second was used a moment ago
+    assert len(folders()) == 2
+    assert second in folders()
+
+
+def test_no_module_stores_machine_code_in_another_way():
+    plain = [
+        path
+        for path in PACKAGE.rglob("*.py")
+        if path.name != "compiled.py"
+        and "import njit" in path.read_text().replace("compiled import njit", "")
+    ]
+    assert plain == []
+
+
+def test_the_user_s_own_functions_are_stored_where_numba_stores_them(package, tmp_path):
+    code = "import contactimg.caller, numba; print(repr(numba.config.CACHE_DIR))"
+    assert run(package, code, XDG_CACHE_HOME=tmp_path) == "''"
+    assert run(package, code, NUMBA_CACHE_DIR=tmp_path) == repr(str(tmp_path))
