@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.mechanics.mechanical_effects import estimate_mechanics
+from contactimg.effects.mechanics import estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, relative_change
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS

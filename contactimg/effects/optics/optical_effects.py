@@ -6,7 +6,6 @@ from functools import partial
 
 import pandas as pd
 
-from contactimg.effects.effect_estimate import EffectEstimate
 from contactimg.effects.optics.edge_effects import (
     blur_change,
     film_change,
@@ -25,7 +24,7 @@ from contactimg.effects.optics.sample_comparison import SampleComparison
 from contactimg.effects.optics.sample_image import arrange_sample
 from contactimg.effects.optics.sample_measurement import SampleMeasurer
 from contactimg.effects.optics.sensor_effects import noise_change, quantisation_change, saturation_change
-from contactimg.effects.output_change import OUTPUTS, POWER
+from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
 from contactimg.optics.render_settings import PARAMETER, read_render_settings
 from contactimg.scene import Scene
 
