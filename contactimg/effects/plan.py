@@ -19,7 +19,7 @@ from contactimg.effects.mechanics import (
     coupling_level,
     estimate_mechanics,
 )
-from contactimg.effects.optics.optical_effects import estimate_optics
+from contactimg.effects.optics import estimate_optics
 from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
 from contactimg.scene import Effects, Scene
 from contactimg.tables import CONTACTS, EFFECTS
