@@ -7,6 +7,7 @@ change together stays below the tolerance in each of these outputs.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from time import thread_time
 from typing import Any
 
 import pandas as pd
@@ -78,6 +79,8 @@ class Plan:
         Output -> estimated relative change by all mechanical effects that are left out.
     model_error : ModelError
         How well the complete model is known.
+    seconds : float
+        Time that the plan took.
     """
 
     decisions: tuple[Decision, ...]
@@ -88,6 +91,7 @@ class Plan:
     limits: tuple[str, ...] = ()
     expected_errors: Mapping[str, float] = field(default_factory=dict)
     model_error: ModelError = field(default_factory=ModelError)
+    seconds: float = 0.0
 
     def is_on(self, effect: str) -> bool:
         """Whether an effect is computed; False for an effect that is not in the plan."""
@@ -268,6 +272,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     >>> plan.coupling, plan.is_on("sphere_profile")
     ('asymptotic', False)
     """
+    began = thread_time()
     mechanics = estimate_mechanics(scene, asperities, load=load)
     optics: tuple[EffectEstimate, ...] = ()
     if scene.simulate is not None:
@@ -293,4 +298,5 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         limits=mechanics.limits,
         expected_errors=mechanics.together(dropped),
         model_error=mechanics.model_error,
+        seconds=thread_time() - began,
     )
