@@ -214,11 +214,9 @@ class Comparison:
         self.own_caps = "" if shapes is None else shapes.words
         if stated_profile(scene) is not None:
             self.own_caps = PROFILED
-        self.on = {"coupling", "layer", "adhesion"} - scene.effects.switched_off(*MECHANICAL_EFFECTS)
-        if "coupling" not in self.on or self.elastic.thickness is None:
-            self.on -= {"layer"}
-        if self.own_caps or not self.elastic.work_of_adhesion > 0:
-            self.on -= {"adhesion"}
+        off = scene.effects.switched_off(*MECHANICAL_EFFECTS)
+        self.on = {"coupling"} - off
+        self.on |= {name for name in ("adhesion", "layer") if name not in off and not self.lacks(name)}
         try:
             self.base = self.solve(self.on)
         except ConvergenceError:
@@ -285,8 +283,7 @@ class Comparison:
         else:
             other, reason = self.state(solution), REASONS[effect](self, solution)
             times = [self.seconds[frozenset(chosen)] for chosen in (others, self.on)]
-            if effect == "full_coupling":  # it has started from the base
-                times[0] += times[1]
+            times[0] += times[1] * (effect == "full_coupling")  # which has started from the base
             self.costs[effect] = max(times[effect in self.on] / times[effect not in self.on], 1.0)
         self.reasons[effect] = reason
         if effect in self.on:
@@ -356,7 +353,9 @@ class Comparison:
         scene = self.scene.model_copy(
             update={
                 "sample": None,
-                "indenter": self.scene.indenter.model_copy(update={"radius": FLAT_RADIUS_M, "tilt": 0.0}),
+                "indenter": self.scene.need("indenter", PURPOSE).model_copy(
+                    update={"radius": FLAT_RADIUS_M, "tilt": 0.0}
+                ),
                 "elastic": self.elastic.model_copy(update={"thickness": None}),
             }
         )
@@ -519,7 +518,7 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
             )
         )
         if source.reasons[name].startswith(UNSOLVED):
-            limits.append(f"{name} is left out: {source.reasons[name]}")
+            limits.append(f"{name} is not compared: {source.reasons[name]}")
     return MechanicalEstimates(tuple(estimates), tuple(limits), whole.base, compared, _model_error(near))
 
 

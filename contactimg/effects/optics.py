@@ -46,8 +46,8 @@ NOISE = ("shot_noise", "read_noise", "quantisation")
 SENSOR = frozenset((*NOISE, "saturation"))
 """Effects on the numbers of the sensor, after the light of the frame is known."""
 
-REALISATIONS = 2
-"""Realisations of the noise; each contact has noise of its own in addition. Chosen to bound the time."""
+REALISATIONS = 3
+"""Realisations of the noise. Chosen to bound the time."""
 
 MAX_PIXELS = 100_000
 """Pixels of the cropped frame from which only a quarter of it is rendered. Chosen to bound the time."""
@@ -236,12 +236,10 @@ class Camera:
         step, mean = value * step, value * complete.mean(axis=0)
         if output == "radius":
             size = float(np.sum(mean**2))
-            total, single = np.mean(step, axis=0) ** 2, np.mean(step**2, axis=0)
-            systematic, noise = float(total.sum()), float(single.sum())
+            systematic, noise = float(np.sum(step.mean(axis=0) ** 2)), float(np.sum(step**2)) / len(step)
         else:
-            size = float(mean.sum()) ** 2
-            systematic = float(step.sum(axis=1).mean()) ** 2
-            noise = max(float(np.mean(step.sum(axis=1) ** 2)), float(np.mean(step**2, axis=0).sum()))
+            total, size = step.sum(axis=1), float(mean.sum()) ** 2
+            systematic, noise = float(total.mean()) ** 2, float(np.mean(total**2))
         chance = float(step.var(axis=0, ddof=1).sum()) / len(step)
         square = noise if effect in NOISE else max(systematic - chance, 0.0)
         return float(np.sqrt(square / size)) if size > 0 else float(square > 0)

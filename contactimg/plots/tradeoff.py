@@ -23,15 +23,15 @@ MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
 """Value of the column ``pareto`` (-1 for empty), marker style, meaning."""
 
 # Layout, chosen by eye
-PANEL_INCHES = (4.0, 3.3)  # width and height of a panel: two are as wide as a page of 170 mm times 1.2
+PANEL_INCHES = (4.0, 3.9)  # width and height of a panel: two are as wide as a page of 170 mm times 1.2
 PANEL_COLUMNS = 2
 LABEL_FONT = 7.2  # pt, 6 pt on a page of 170 mm
 LABEL_CHARACTERS = 20  # in a line
-SENTENCE_CHARACTERS = 62  # in a line of a title
+SENTENCE_CHARACTERS = 66  # in a line of a title
 LINE_HEIGHT_FRACTION = 0.045  # of the height of a panel
 CHARACTER_WIDTH_FRACTION = 0.0185  # of the width of a panel
 MARK_FRACTION = 0.012  # half side of a mark
-LABEL_GAP_FRACTION = 0.025  # between a point and its label
+LABEL_GAP_FRACTION = 0.03  # between a point and its label
 LIFTS = (0.0, -0.7, 0.7, -1.4, 1.4, -2.1, 2.1, -3.0, 3.0)  # of a label, lines
 PLAIN_DECADES = 2.5  # time axes shorter than this are labelled at 1, 2 and 5, longer ones at powers of ten
 
@@ -67,7 +67,7 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
     chosen = None if relative is None else cheapest(front_of(table), relative)
     if chosen is not None:
         point = [chosen["time_s"]], y[x == chosen["time_s"]][:1]
-        ax.plot(*point, marker="*", markersize=13, color="tab:orange", linestyle="none", label="recommended")
+        ax.plot(*point, marker="*", markersize=11, color="tab:orange", linestyle="none", label="recommended")
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
     label = "largest relative error of an output" if output == "all" else f"relative error of the {output}"
     ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=label)

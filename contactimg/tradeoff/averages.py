@@ -45,7 +45,7 @@ def average_contacts(solution: InteractingSolution, *, centre: tuple[float, floa
         raise InputError("there is no contact to average; increase the load")
     r = np.hypot(solution.x[rows] - centre[0], solution.y[rows] - centre[1])
     ring = np.clip(np.searchsorted(edges, r, side="right") - 1, 0, edges.size - 2)
-    loads = np.bincount(ring, solution.force[rows], minlength=edges.size - 1)
+    loads = np.bincount(ring, solution.force[rows], minlength=edges.size - 1).astype(float)
     return Average(solution.area, loads, float(solution.radius[rows].mean()))
 
 
@@ -55,7 +55,7 @@ def average_rings(rings: RingSolution, *, edges: Values) -> Average:
     pressure, density, radius = (
         np.interp(r, rings.r, values) for values in (rings.pressure, rings.density, rings.mean_radius)
     )
-    inside = cumulative_trapezoid(2 * np.pi * r * pressure, r, initial=0.0)
+    inside = cumulative_trapezoid(2 * np.pi * r * pressure, r, initial=0)
     at_edges = np.interp(edges, r, inside)
     at_edges[-1] = inside[-1]
     mean_radius = trapezoid(r * density * radius, r) / trapezoid(r * density, r)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -216,7 +217,8 @@ def model_settings(case: Case) -> Iterator[Setting]:
     def stored_error(_: None) -> float:
         return BOUNDARY_ERROR[case.output]
 
-    for model, name in (("gw", "Greenwood-Williamson"), ("gt", "Greenwood-Tripp")):
+    models: dict[Literal["gw", "gt"], str] = {"gw": "Greenwood-Williamson", "gt": "Greenwood-Tripp"}
+    for model, name in models.items():
         yield Setting(
             name,
             partial(solve_average, case.scene, case.asperities, load=case.load, model=model),
