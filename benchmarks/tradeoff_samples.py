@@ -19,7 +19,7 @@ from imaging_scores import markdown, put_table
 
 from contactimg import read_scene
 from contactimg.files import write_figure
-from contactimg.pipeline.tradeoff import REPETITION_SECONDS, prepare_tradeoff
+from contactimg.pipeline.tradeoff import FIRST_PAGE, REPETITION_SECONDS, prepare_tradeoff
 from contactimg.plots.tradeoff import plot_tradeoff
 from contactimg.tradeoff.measure import run_knobs
 from contactimg.tradeoff.recommendations import error_text, time_text
@@ -30,7 +30,7 @@ HEADER = ("knob", "setting", "largest error", "time", "ratio", "against")
 
 
 def measure(name, *, fine):
-    """All knobs of a sample scene, its figures and its table."""
+    """Measure all knobs of a sample scene; write its figures and its table."""
     scene = read_scene(ROOT / "sample_data" / SCENES[name])
     knobs, _ = prepare_tradeoff(scene, fine=fine)
     found = run_knobs(
@@ -39,12 +39,13 @@ def measure(name, *, fine):
         seconds=2 * REPETITION_SECONDS[fine],
         clock=time.process_time,
     )
-    figures = ROOT / "docs" / "figures"
-    write_figure(plot_tradeoff(found.table, relative=found.relative), figures / f"tradeoff_{name}.png")
+    first = found.table["knob"].isin(FIRST_PAGE)
+    for pictured, ending in ((first, ""), (~first, "_settings")):
+        ax = plot_tradeoff(found.table[pictured], relative=found.relative)
+        write_figure(ax, ROOT / "docs" / "figures" / f"tradeoff_{name}{ending}.png")
     page = ROOT / "docs" / "tradeoff.md"
-    put_table(f"{name} settings", markdown(HEADER, rows(found.table)), page=page)
+    put_table(f"{name} settings", markdown(HEADER, rows(found.table[first])), page=page)
     put_table(f"{name} sentences", [f"- {text}" for text in found.sentences.values()], page=page)
-    return found
 
 
 def rows(table):
@@ -63,10 +64,8 @@ def rows(table):
 
 def main():
     cv2.setNumThreads(1)
-    found = {name: measure(name, fine="--fine" in sys.argv) for name in SCENES}
-    table = found["sa_plus"].table
-    two = table[table["knob"].isin(["image", "model"])]
-    write_figure(plot_tradeoff(two, relative=0.01), ROOT / "docs" / "figures" / "tradeoff.png")
+    for name in SCENES:
+        measure(name, fine="--fine" in sys.argv)
 
 
 if __name__ == "__main__":

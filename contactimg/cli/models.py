@@ -218,14 +218,16 @@ def effects(
     *,
     stated: shared.Stated,
     load: shared.Load = None,
+    auto: bool = False,
     folder: Annotated[str | None, click.Path(file_okay=False), "-o"] = None,
 ) -> None:
     """Decide which physical effects matter for SCENE, a scene.toml or the folder that holds one.
 
-    Prints for each effect of the mechanics, the optics and the sensor: the relative change of the output if
-    it were left out, whether it is computed, and how much longer the computation takes with it. All effects
+    Prints for each effect of the mechanics, the optics and the sensor: the number that decides, whether it is
+    computed, the relative change of the output if it were left out, and the computing time with it over that
+    without it; then the times of the plan and of solutions as planned and with everything on. All effects
     that are left out change the output together by less than the tolerance. Effects that the section
-    [effects] of the scene switches "on" or "off" stay so.
+    [effects] of the scene switches "on" or "off" stay so, unless --auto.
 
     Writes nothing, unless -o names a folder: then effects.csv and provenance.json.
 
@@ -233,23 +235,29 @@ def effects(
 
     \b
     Examples:
-      contactimg effects sample_data/sa_plus --load-N 0.5
+      contactimg effects sample_data/sa_plus --auto
       contactimg effects sample_data/sa_plus --output force --tolerance 0.0001 -o plan
 
     Parameters
     ----------
+    auto
+        Let the plan decide on every effect, whatever [effects] of the scene says.
     folder
         Folder for effects.csv; without it nothing is written.
     """
     with stage("loading"):
         from contactimg.cli.scenes import scene_at
         from contactimg.files import write_table
-        from contactimg.pipeline.effects import plan_effects
+        from contactimg.pipeline.effects import computing_times, plan_effects
+        from contactimg.scene import Effects
         from contactimg.tables import EFFECTS
 
     described, inputs = scene_at(scene, stated)
+    if auto:
+        described = described.model_copy(update={"effects": Effects()})
     plan = plan_effects(described, load=load)
     echo_plan(plan, title=f"{scene} at {plan.load:g} N: {plan.output} to {100 * plan.relative:g} %")
+    say(computing_times(described, plan))
     if folder is not None:
         with shared.results_in(folder, described.folder, scene=described, inputs=inputs) as out:
             write_table(plan.table(), EFFECTS, out.folder / "effects.csv")

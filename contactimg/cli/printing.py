@@ -138,14 +138,14 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
     rows = [
         {
             "effect": row["effect"],
-            "decision": row["decision"] + ("" if row["switch"] == "auto" else ", set by the scene"),
-            "if left out": f"{100 * row['change']:.3g} %",
-            "cost": f"{row['cost']:.3g} x",
-            "reason": row["reason"],
+            "number that decides": row["reason"],
+            "decision": row["decision"] + ("" if row["switch"] == "auto" else " (scene)"),
+            "if left out": f"{100 * row['change']:.2g} %",
+            "time": f"{row['cost']:.2g} x",
         }
         for row in plan.table().to_dict("records")
     ]
-    echo_table(title, rows, left=5)
+    echo_table(title, rows, left=3)
     say(*plan.limits, *plan.messages)
 
 

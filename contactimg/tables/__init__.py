@@ -11,7 +11,6 @@ from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
     ASPERITIES,
-    BOUNDARY_CONTACTS,
     CIRCLES,
     CONTACTS,
     EDITS,
@@ -42,7 +41,6 @@ from contactimg.tables.statuses import FAILED, Status
 __all__ = [
     "AREA",
     "ASPERITIES",
-    "BOUNDARY_CONTACTS",
     "CIRCLES",
     "CONTACTS",
     "EDITS",

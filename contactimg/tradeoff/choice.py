@@ -1,21 +1,33 @@
 """The cheapest measurement of a frame that meets a tolerance: the threshold if good enough, else the fit.
 
-The error of the threshold is estimated on the frame itself (`contactimg.imaging.count.expected_error`) and
-compared with the tolerance.
+The error of the threshold is found by fitting disks to a part of the frame, in which many contacts lie.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import hypot, inf
 
+import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.output_change import relative_change, stated_change
-from contactimg.imaging.count.expected_error import estimate_true_radii
+from contactimg.effects.output_change import stated_change
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.scene import Scene
+from contactimg.tradeoff.measured_disks import disk_change
+
+SAFETY_FACTOR = 1.1
+"""Factor on the error found in a part of the frame. Measured: on the sample frames the error there is 0.96 to
+1.13 of that of the frame."""
+
+FEWEST_CONTACTS = 20
+"""Contacts that a quarter holds at least if it stands for the whole. Chosen by hand."""
+
+MARGIN_PX = 30.0
+"""Background around the part of a frame to which disks are fitted. Chosen: four blocks of its estimate."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +94,6 @@ def measure_cheapest(
     """
     measure = partial(
         measure_image,
-        image,
-        reference,
         polarity=scene.images.polarity,
         threshold=scene.measure.threshold,
         threshold_std=scene.measure.threshold_std,
@@ -93,49 +103,83 @@ def measure_cheapest(
         absent=scene.effects.switched_off(*CORRECTIONS),
     )
     output = scene.tolerance.output
-    measurement, method = measure(method="threshold"), "threshold"
-    error = estimate_count_error(measurement, output=output, blur_px=scene.measure.blur_px)
+    fit = partial(measure, method="disk", film=film, shape=scene.measure.shape)
+    measurement, method = measure(image, reference, method="threshold"), "threshold"
+    error = count_error(measurement.disks, image, reference, fit=fit, output=output)
     if error > relative:
-        measurement, method = measure(method="disk", film=film, shape=scene.measure.shape), "disk"
+        measurement, method = fit(image, reference), "disk"
     disks = measurement.disks
     stated = stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"])
     return measurement, Choice(method, error, stated, relative, output)
 
 
-def estimate_count_error(
-    measurement: ImageMeasurement, *, output: str, blur_px: float | None = None
+def count_error(
+    counted: pd.DataFrame,
+    image: NDArray,
+    reference: NDArray | None,
+    *,
+    fit: Callable[..., ImageMeasurement],
+    output: str,
 ) -> float:
-    """Relative error of the output that a measurement by threshold leaves.
+    """Relative error of the output that disks counted by threshold leave.
 
     Parameters
     ----------
-    measurement : ImageMeasurement
-        By the method ``threshold``.
-    output : {"area", "force", "radius"}
+    counted : DataFrame
+        Disks counted on the frame.
+    image, reference : ndarray, shape (rows, columns)
+    fit : callable
+        Fits disks to an image with its reference.
+    output : str
         All contacts count as of one radius of curvature.
-    blur_px : float, optional
-        Standard deviation of the point spread function; default: from the slopes of the rims.
 
     Returns
     -------
     float
-        Infinite if nothing is counted, or the frame does not show its contrast.
+        Infinite if nothing is counted, or no contact is fitted in the part of the frame.
 
     Notes
     -----
-    Bias and scatter add in squares. Disks with sharp edges are assumed; an error of the contrast counts as
-    the measurement states it.
+    The difference to the fit and the stated uncertainty of the count add in squares. `SAFETY_FACTOR` allows
+    for a part with other contacts than the whole.
     """
-    disks = measurement.disks
-    if not len(disks) or not measurement.resolved:
+    if not len(counted):
         return inf
-    counted, true = estimate_true_radii(
-        measurement.foreground,
-        disks[["x_px", "y_px", "radius_px"]].to_numpy(float),
-        fraction=measurement.threshold,
-        plateau=abs(measurement.contrast),
-        noise=measurement.noise,
-        blur_px=blur_px,
+    part = _quarter(counted, image.shape)
+    rows, columns = part
+    fitted = fit(image[part], None if reference is None else reference[part]).disks
+    if not len(fitted):
+        return inf
+    fitted = fitted.assign(x_px=fitted["x_px"] + columns.start, y_px=fitted["y_px"] + rows.start)
+    counted_there, fitted = (_inside(table, rows, columns) for table in (counted, fitted))
+    if not (len(counted_there) and len(fitted)):
+        return inf
+    stated = stated_change(output, radius=counted["radius_px"], std=counted["radius_std_px"])
+    return SAFETY_FACTOR * hypot(disk_change(output, counted_there, fitted), stated)
+
+
+def _quarter(disks: pd.DataFrame, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of the quarter about the median place that holds the most disks, cropped to them.
+
+    It holds contacts from the middle of the loaded region to its rim, and so of all sizes; of few disks
+    the whole is taken.
+    """
+    x, y, a = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+    right, below = x >= np.median(x), y >= np.median(y)
+    quarters = [(right == one) & (below == other) for one in (True, False) for other in (True, False)]
+    chosen = max(quarters, key=np.count_nonzero)
+    if np.count_nonzero(chosen) < FEWEST_CONTACTS:
+        chosen = np.ones(x.size, bool)
+    around = float(a[chosen].max()) + MARGIN_PX
+    rows, columns = (
+        slice(int(max(v[chosen].min() - around, 0)), int(min(v[chosen].max() + around, length)) + 1)
+        for v, length in zip((y, x), shape, strict=True)
     )
-    bias = relative_change(output, without=(counted**3, counted), complete=(true**3, true))
-    return hypot(bias, stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"]))
+    return rows, columns
+
+
+def _inside(disks: pd.DataFrame, rows: slice, columns: slice) -> pd.DataFrame:
+    """Disks that lie wholly inside a part of a frame."""
+    x, y, a = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+    inside = (x - a > columns.start) & (x + a < columns.stop - 1) & (y - a > rows.start)
+    return disks[inside & (y + a < rows.stop - 1)]
