@@ -4,10 +4,10 @@ from . import plots as plots
 from .analysis.annuli import annulus_moments as annulus_moments
 from .analysis.annuli import sum_moments as sum_moments
 from .analysis.area_against_load import fit_area_law as fit_area_law
-from .analysis.broken_power_laws import fit_broken_law as fit_broken_law
+from .analysis.power_laws import fit_broken_law as fit_broken_law
 from .analysis.contacts_against_pressure import fit_contact_law as fit_contact_law
 from .analysis.contacts_against_pressure import pressure_points as pressure_points
-from .analysis.ensemble_annuli import gather_annuli as gather_annuli
+from .analysis.annuli import gather_annuli as gather_annuli
 from .analysis.estimates import Estimate as Estimate
 from .analysis.friction import compare_stress as compare_stress
 from .analysis.friction import fit_shear_stress as fit_shear_stress
@@ -18,8 +18,8 @@ from .analysis.radial_profiles import hertz_profile as hertz_profile
 from .analysis.radial_profiles import normalise_profile as normalise_profile
 from .analysis.radial_profiles import radial_profile as radial_profile
 from .analysis.radial_profiles import ring_profile as ring_profile
-from .analysis.sliding import compare_areas as compare_areas
-from .analysis.sliding import stress_by_velocity as stress_by_velocity
+from .analysis.friction import compare_areas as compare_areas
+from .analysis.friction import stress_by_velocity as stress_by_velocity
 from .analysis.spatial_order import choose_in_rings as choose_in_rings
 from .analysis.spatial_order import count_pairs as count_pairs
 from .analysis.spatial_order import nearest_distances as nearest_distances

@@ -19,6 +19,9 @@ Advance = Callable[[], None]
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
+VARIANTS = ("_here", "_another_surface", "_excess_scatter", "_p_value")
+"""Endings of quantities that are not printed."""
+
 
 @contextmanager
 def progress(text: str, total: int, *, quiet: bool) -> Iterator[Advance]:
@@ -74,22 +77,28 @@ def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
-    """Print the results of an analysis with their confidence intervals."""
+    """Print one row a quantity: that of the runs with its interval, and those of the models beside it.
+
+    Variants of a quantity and what its fit is judged by stay in results.csv.
+    """
     from contactimg.report.units import in_display_units
 
-    heads = ("quantity", "model", "value", "interval", "unit", "points")
-    rows = [
-        [
-            row["quantity"],
-            row["model"],
-            _brief(row["value"], row["std"]),
-            "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
-            row["unit"],
-            str(row["n_points"]),
-        ]
-        for row in in_display_units(results).to_dict("records")
-    ]
-    _echo_table(title, heads, rows, left=2)
+    table = in_display_units(results)
+    table = table[~table["quantity"].str.endswith(VARIANTS)]
+    own, *models = dict.fromkeys(table["model"])
+    rows = []
+    for quantity, part in table.groupby("quantity", sort=False):
+        by_model = {row["model"]: row for row in part.to_dict("records")}
+        row = by_model.get(own, {"low": float("nan")})
+        interval = "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}"
+        values = ["" if m not in by_model else _of_row(by_model[m]) for m in (own, *models)]
+        rows.append([str(quantity), values[0], interval, *values[1:], part["unit"].iloc[0]])
+    _echo_table(title, ("quantity", own, "interval", *models, "unit"), rows, left=1)
+
+
+def _of_row(row: Mapping[Hashable, Any]) -> str:
+    """The value of a row of results."""
+    return _brief(row["value"], row["std"])
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:

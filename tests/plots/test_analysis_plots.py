@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactimg.analysis.broken_power_laws import fit_broken_law
+from contactimg.analysis.power_laws import fit_broken_law
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import fit_shear_stress
 from contactimg.analysis.power_laws import fit_power_law

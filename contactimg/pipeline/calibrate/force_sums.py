@@ -58,21 +58,18 @@ class CommonErrors(TypedDict):
     zero_std: float
 
 
-def common_errors(experiment: Experiment, load: np.ndarray, *, relative: float = 0.0) -> CommonErrors:
+def common_errors(experiment: Experiment, *, relative: float = 0.0) -> CommonErrors:
     """Those of the load cell, and a relative one of the forces."""
     cell = LoadCell.stated(experiment.scene.load)
-    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_width(load)}
+    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
 
 
-def cell_notes(experiment: Experiment, load: np.ndarray) -> list[str]:
+def cell_notes(experiment: Experiment) -> list[str]:
     """What was assumed about the load cell because the scene does not state it."""
-    stated, cell = experiment.scene.load, LoadCell.stated(experiment.scene.load)
-    assumed = []
-    if stated.zero_std is None:
-        assumed.append(f"zero_std_N = {cell.zero_width(load):.2g}")
-    if stated.gain_std is None:
-        assumed.append(f"gain_std = {cell.gain_std:g}")
-    return [f"load cell: {' and '.join(assumed)} assumed; state them in [load]"] if assumed else []
+    if experiment.scene.load.gain_std is not None:
+        return []
+    gain = LoadCell.stated(experiment.scene.load).gain_std
+    return [f"load cell: gain_std = {gain:g} assumed; state it in [load]"]
 
 
 def disk_slope(

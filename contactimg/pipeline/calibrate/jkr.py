@@ -105,7 +105,7 @@ def _conditions(calibration: JkrCalibration, scene: Scene) -> dict[str, Any]:
     if problem.sphere.thickness is not None:
         fixed["thickness_m"] = problem.sphere.thickness
     assumed = {
-        "load_zero_std_N": problem.found.series.zero_std,
+        "load_zero_std_N": problem.series.zero_std,
         "load_gain_std": problem.cell.gain_std,
         "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
     }

@@ -55,7 +55,7 @@ def run_modulus(
     load = series.frames["load_N"].to_numpy(float)
     measured, steepness = stated_modulus(experiment), 0.0
     if threshold is None:
-        _, forces = disk_slope(experiment, series, common_errors(experiment, load), workers)
+        _, forces = disk_slope(experiment, series, common_errors(experiment), workers)
     else:
         forces = series.forces[1]
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
@@ -65,10 +65,10 @@ def run_modulus(
         load,
         young_modulus=measured.value,
         young_modulus_std=measured.std,
-        **common_errors(experiment, load, relative=0.0 if threshold is None else steepness * threshold.std),
+        **common_errors(experiment, relative=0.0 if threshold is None else steepness * threshold.std),
     )
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
-    notes = frame_messages(series) + cell_notes(experiment, load) + ([found.message] if found.message else [])
+    notes = frame_messages(series) + cell_notes(experiment) + ([found.message] if found.message else [])
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",

@@ -50,8 +50,8 @@ def run_threshold(
     scene.need("elastic", "calibrating the threshold")
     series = frames_with_load(measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance))
     load = series.frames["load_N"].to_numpy(float)
-    errors = common_errors(experiment, load, relative=relative)
-    notes = frame_messages(series) + cell_notes(experiment, load)
+    errors = common_errors(experiment, relative=relative)
+    notes = frame_messages(series) + cell_notes(experiment)
     record: dict[str, Any] = {
         "kind": "threshold",
         "method": scene.measure.method,
