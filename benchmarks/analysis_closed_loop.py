@@ -219,9 +219,7 @@ class Bank:
         together = pd.concat(self.areas).groupby("frame", as_index=False, sort=False)
         return together.mean(numeric_only=True).assign(place="all")
 
-    def fitted(
-        self, loads: list[dict[str, pd.DataFrame]], areas: pd.DataFrame
-    ) -> dict[str, PowerLaw]:
+    def fitted(self, loads: list[dict[str, pd.DataFrame]], areas: pd.DataFrame) -> dict[str, PowerLaw]:
         """Each law."""
         found = {"A(P)": fit_area_law(areas)}
         return found | {name: fit_contact_law(loads, quantity).single for name, quantity in LAWS.items()}
