@@ -23,10 +23,10 @@ from scipy import optimize, stats
 
 from contactimg.analysis.annuli import MOMENTS, SECTORS, annulus_moments, sum_moments
 from contactimg.analysis.area_against_load import fit_area_law, frame_areas
-from contactimg.analysis.broken_power_laws import BrokenLaw, fit_broken_law
-from contactimg.analysis.estimates import Estimate, of_another_surface
+from contactimg.analysis.contacts_against_pressure import fit_contact_law
+from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import fit_shear_stress
-from contactimg.analysis.pressure_exponents import fit_pressure_exponent
+from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, fit_broken_law
 from contactimg.analysis.radial_profiles import average_profile
 from contactimg.analysis.topography import describe_topography
 from contactimg.cli import main as contactimg
@@ -161,11 +161,6 @@ def half_width_68(estimate: Estimate) -> float:
     return float(estimate.std * stats.t.ppf(stats.norm.cdf(1.0), freedom))
 
 
-def pressure_exponent(loads: list[dict[str, pd.DataFrame]], quantity: str) -> Estimate:
-    """The exponent of `fit_contact_law` without the search for a break, which takes longer than all else."""
-    return fit_pressure_exponent(loads, quantity, reference=1e4).exponent
-
-
 def describe(estimates: list[Estimate], truth: float) -> dict[str, float]:
     """How intervals lie about the truth."""
     values = np.array([estimate.value for estimate in estimates])
@@ -224,16 +219,10 @@ class Bank:
         together = pd.concat(self.areas).groupby("frame", as_index=False, sort=False)
         return together.mean(numeric_only=True).assign(place="all")
 
-    def fitted(
-        self, loads: list[dict[str, pd.DataFrame]], areas: pd.DataFrame
-    ) -> dict[str, tuple[Estimate, Estimate]]:
-        """Each exponent: of this surface, and for another one of its kind."""
-        law = fit_area_law(areas)
-        found = {"A(P)": (law.exponent, law.another_surface or law.exponent)}
-        for name, quantity in LAWS.items():
-            own = pressure_exponent(loads, quantity)
-            found[name] = own, of_another_surface(own)
-        return found
+    def fitted(self, loads: list[dict[str, pd.DataFrame]], areas: pd.DataFrame) -> dict[str, PowerLaw]:
+        """Each law."""
+        found = {"A(P)": fit_area_law(areas)}
+        return found | {name: fit_contact_law(loads, quantity).single for name, quantity in LAWS.items()}
 
 
 def coverage_on_contacts(kind: str, counts: Sequence[int], given: argparse.Namespace) -> pd.DataFrame:
@@ -254,10 +243,10 @@ def coverage_on_contacts(kind: str, counts: Sequence[int], given: argparse.Names
             surfaces.append(bank.fitted(loads, areas))
             inside.append(profile_hits(loads, pressure))
         for name in truth:
-            found = [surface[name][0] for surface in surfaces]
-            others = [surface[name][1] for surface in surfaces]
+            found = [surface[name].exponent for surface in surfaces]
+            others = [surface[name].another_surface for surface in surfaces]
             next_one = np.roll([estimate.value for estimate in found], 1)
-            rows[f"{kind}, {name}, {count} places"] = describe(found, truth[name][0].value) | {
+            rows[f"{kind}, {name}, {count} places"] = describe(found, truth[name].exponent.value) | {
                 "another, std": np.mean([estimate.std for estimate in others]),
                 "another, 68 %": np.mean(
                     [abs(e.value - t) < half_width_68(e) for e, t in zip(others, next_one, strict=True)]

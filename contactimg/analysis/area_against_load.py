@@ -1,24 +1,18 @@
 """Real contact area against load: averages over places, and the exponent of A(P)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
-from contactimg.analysis.annuli import SECTORS, annulus_edges, annulus_moments
-from contactimg.analysis.estimates import (
-    Estimate,
-    infinitesimal_covariance,
-    of_another_surface,
-    student_estimate,
-)
-from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell, ZeroAverage, average_over_zeros
-from contactimg.analysis.power_laws import PowerLaw, exponential, fit_power_law
-from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
+from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS, annulus_edges, annulus_moments
+from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
+from contactimg.analysis.linear_fit import LinearFit, Points, fit_line
+from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
+from contactimg.analysis.power_laws import PowerLaw, logarithms, power_law
 from contactimg.errors import InputError
 from contactimg.tables import AREA
 
@@ -28,17 +22,18 @@ LEAST_LOAD_SHARE = 0.02
 """Share of the smallest load that a zero leaves of it at least. Chosen: the logarithm of the load stays
 finite; fits there are so bad that they have no weight."""
 
-LEAST_RELATIVE_VARIANCE = 1e-12
-"""Relative variance of an area below which it is exact. Chosen: rounding."""
+ZERO_REACH, ZERO_NODES = 5.0, 101
+"""Zeros that are tried: up to so many standard uncertainties, and how many. Chosen: a tenth of the standard
+uncertainty apart, so that the mean and the spread of smooth functions are exact to 1e-3 of it."""
+
+SAME_LOAD_TOLERANCE = 0.05
+"""Relative difference of loads up to which places share one sampling error. Chosen: over it that
+error falls by 2 %."""
 
 AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
 
 ONE_ANNULUS = 1.0
 """Width (m) of the annulus that holds all contacts. Chosen: wider than any sample."""
-
-SAME_LOAD_TOLERANCE = 0.05
-"""Relative difference of loads up to which places share one sampling error. Chosen: over it that
-error falls by 2 %."""
 
 
 def sampling_std(contacts: pd.DataFrame) -> float:
@@ -255,7 +250,7 @@ def fit_area_law(
     load_cell: LoadCell = EXACT_LOADS,
     confidence: float = 0.95,
 ) -> PowerLaw:
-    """Exponent of ``A ~ P^m`` with errors in both.
+    """Exponent of ``A ~ P^m``: a weighted straight line through the logarithms, with the errors of both.
 
     Parameters
     ----------
@@ -273,16 +268,20 @@ def fit_area_law(
     Returns
     -------
     PowerLaw
-        The interval applies to the surface: with several places it comes from the scatter between them, with
-        one from that between its sectors, or if forces or centre are not known from `sampling_std`. The zero
-        of the loads is averaged over (`contactimg.analysis.load_cell`): its mean is taken off the loads, and
-        what is not known of it is in the intervals; the gain is in that of the amplitude. ``here`` leaves out
-        the sampling of places; ``another_surface`` adds that of another surface's places.
+        The interval applies to the surface: that of a bootstrap over places, or over sectors of fewer than
+        four places; if forces or centre are not known, Student's interval of the line. A zero whose
+        uncertainty is stated is fitted, taken off the loads, and what is not known of it is in the intervals;
+        the gain is in that of the amplitude. ``here`` leaves out the sampling of places.
 
     Raises
     ------
     InputError
         If fewer than two different loads are left.
+
+    Notes
+    -----
+    In a replicate a sector counts with its weight, both with its contacts' area and with the load that they
+    bear: a sector that bears more than its share moves the point along the law, and only the rest counts.
 
     References
     ----------
@@ -294,56 +293,30 @@ def fit_area_law(
             "an exponent of A(P) needs two different loads with contacts at least, "
             f"got {good['load'].nunique()}"
         )
-    load, area = good["load"].to_numpy(float), good["area"].to_numpy(float)
-    errors = {
-        "x_std": np.hypot(load_relative_std * load, load_std),
-        "y_std": np.hypot(good["area_std"].to_numpy(float), _common_sampling_std(good)),
-        "places": good["place"].tolist(),
-        "confidence": confidence,
-    }
-    law = fit_power_law(load, area, **errors)
-    std = _measured_std(load, area, errors, law, good["area_std"].to_numpy(float))
-    law = _with_scatter_of_sectors(law, good, _weights(load, area, errors, law), std)
-    width = load_cell.zero_width(load)
-    if width > 0:
-        average = _zero_average(load, area, errors, law, width)
-        law = fit_power_law(load - average.zero, area, **errors)
-        law = replace(law, exponent=_widened(law.exponent, average.std[1], confidence), zero=average.zero)
-        law = replace(
-            law, amplitude=_widened(law.amplitude, average.std[0] * law.amplitude.value, confidence)
+    read, area, area_std = (good[name].to_numpy(float) for name in ("load", "area", "area_std"))
+    errors = np.hypot(load_relative_std * read, load_std), np.hypot(area_std, _common_sampling_std(good))
+    zero, zero_stds = _zero(read, area, errors, load_cell.zero_std)
+    load = read - zero
+    logs, reference = logarithms(load, area, *errors)
+    fit = fit_line(logs)
+    offset, exponent = (fit.estimate(k, confidence=confidence) for k in (0, 1))
+    here = np.hypot(_measured_std(logs, fit, area_std / area), zero_stds[1])
+    replicates, blocks = _replicates(good, logs)
+    if replicates is not None:
+        lines = fit_line(replicates, scatter=fit.scatter).parameters
+        offset, exponent = (
+            bootstrap_estimate(float(v), r, blocks=blocks, known_std=known, confidence=confidence)
+            for v, r, known in zip(fit.parameters, lines.T, (0.0, here), strict=True)
         )
-        std = float(np.hypot(std, average.std[1]))
-    value = law.exponent.value
-    law = replace(law, here=_widened(Estimate(value, 0.0, value, value), std, confidence))
-    another = of_another_surface(law.exponent, measured_std=std)
-    gain = load_cell.gain_std * law.exponent.value * law.amplitude.value
-    return replace(law, amplitude=_widened(law.amplitude, gain, confidence), another_surface=another)
-
-
-def _with_scatter_of_sectors(law: PowerLaw, areas: pd.DataFrame, weight: Values, measured: float) -> PowerLaw:
-    """The law of one place with the uncertainty that the scatter between its sectors tells, if there are any.
-
-    A sector that bears more than its share of the load changes the load along the law, and the area by what
-    is beyond. The errors of the measurement and the scatter about the law that they do not explain are added.
-    """
-    sectors = areas[[*AREA_SECTORS, *FORCE_SECTORS]].to_numpy(float) if AREA_SECTORS[0] in areas else np.nan
-    if law.n_places > 1 or law.freedom < 1 or not np.isfinite(sectors).all():
-        return law
-    a, p = np.split(sectors, 2, axis=1)
-    x, share = np.log(areas["load"].to_numpy(float) / law.reference), weight / weight.sum()
-    lever = share * (x - share @ x)
-    lever /= lever @ x
-    beyond = a / a.sum(axis=1, keepdims=True) - law.exponent.value * p / p.sum(axis=1, keepdims=True)
-    influences = np.column_stack([(share - share @ x * lever) @ beyond, lever @ beyond])
-    covariance = infinitesimal_covariance(influences)
-    excess = law.scatter**2 * np.array([share @ share + (share @ x) ** 2 * lever @ lever, lever @ lever])
-    std = np.sqrt(np.diag(covariance) + excess + [0.0, measured**2])
-    freedom = SECTORS - 1 if law.scatter == 0 else min(SECTORS - 1, law.freedom)
-    offset, exponent = (
-        student_estimate(float(value), float(s), freedom=freedom, confidence=law.confidence)
-        for value, s in zip((np.log(law.amplitude.value), law.exponent.value), std, strict=True)
-    )
-    return replace(law, exponent=exponent, amplitude=exponential(offset))
+    gain = load_cell.gain_std * exponent.value
+    offset = offset.widened(float(np.hypot(zero_stds[0], gain)), confidence=confidence)
+    if replicates is None:
+        exponent = exponent.widened(zero_stds[1], confidence=confidence)
+    places = good["place"].nunique()
+    found = {"reference": reference, "scatter": fit.scatter, "n_places": places}
+    law = power_law(exponent, offset, x=load, **found, confidence=confidence)
+    exact = Estimate(exponent.value, 0.0, exponent.value, exponent.value)
+    return replace(law, zero=zero, here=exact.widened(float(here), confidence=confidence))
 
 
 def _common_sampling_std(areas: pd.DataFrame) -> Values:
@@ -357,46 +330,52 @@ def _common_sampling_std(areas: pd.DataFrame) -> Values:
     return np.asarray(area * np.sqrt(relative.groupby(groups).transform("mean").to_numpy(float)), np.float64)
 
 
-def _weights(load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw) -> Values:
-    """Of the logarithms of the areas in the fit."""
-    variance = (errors["y_std"] / area) ** 2 + (law.exponent.value * errors["x_std"] / load) ** 2
-    return np.asarray(1 / np.maximum(variance + law.scatter**2, LEAST_RELATIVE_VARIANCE), np.float64)
+def _replicates(areas: pd.DataFrame, logs: Points) -> tuple[Points | None, int]:
+    """The points in each replicate of a bootstrap, and its number of blocks; None if there are no blocks."""
+    owner, places = pd.factorize(areas["place"])
+    known = AREA_SECTORS[0] in areas and bool(
+        np.isfinite(areas[[*AREA_SECTORS, *FORCE_SECTORS]]).all(axis=None)
+    )
+    if len(places) < MIN_PLACES_FOR_SCATTER and known:
+        weights = bootstrap_weights(len(places) * SECTORS).reshape(-1, len(places), SECTORS)[:, owner]
+        moved = []
+        for names in (FORCE_SECTORS, AREA_SECTORS):
+            share = areas[names].to_numpy(float) / areas[names].sum(axis=1).to_numpy(float)[:, None]
+            moved.append(np.log(np.sum(weights * share, axis=-1)))
+        x, y = np.asarray(logs.x) + moved[0], np.asarray(logs.y) + moved[1]
+        return replace(logs, x=x, y=y), len(places) * SECTORS
+    if len(places) < 2:
+        return None, 0
+    return replace(logs, weight=bootstrap_weights(len(places))[:, owner]), len(places)
 
 
-def _measured_std(
-    load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw, area_std: Values
-) -> float:
+def _measured_std(logs: Points, fit: LinearFit, area_relative_std: Values) -> float:
     """Standard deviation of the exponent by the errors of the measured areas and loads alone."""
-    weight, x = _weights(load, area, errors, law), np.log(load)
-    lever = weight * (x - weight @ x / weight.sum())
-    relative = np.hypot(area_std / area, law.exponent.value * errors["x_std"] / load)
+    x, weights = np.asarray(logs.x), fit.weights
+    lever = weights * (x - weights @ x / weights.sum())
+    relative = np.hypot(area_relative_std, fit.parameters[1] * np.asarray(logs.x_std))
     return float(np.sqrt(np.sum((lever * relative) ** 2)) / (lever @ x))
 
 
-def _zero_average(
-    load: Values, area: Values, errors: Mapping[str, Any], law: PowerLaw, width: float
-) -> ZeroAverage:
-    """Weighted lines through the logarithms for every zero: ln A at the reference, and the exponent."""
-    weight, y = _weights(load, area, errors, law), np.log(area)
+def _zero(
+    load: Values, area: Values, errors: tuple[Values, Values], zero_std: float
+) -> tuple[float, tuple[float, float]]:
+    """The zero of the loads (N), and what not knowing it adds to the line's parameters.
 
-    def line(zero: float) -> tuple[Values, float]:
-        x = np.log((load - zero) / law.reference)
-        middle, mean = weight @ x / weight.sum(), weight @ y / weight.sum()
-        slope = (weight * (x - middle)) @ (y - mean) / (weight @ (x - middle) ** 2)
-        rest = y - mean - slope * (x - middle)
-        misfit = float(weight @ rest**2)
-        # the scatter is estimated from the same residuals, unless stated errors explain them all
-        log = -0.5 * law.freedom * np.log(max(misfit, 1e-300)) if law.scatter > 0 else -0.5 * misfit
-        return np.array([mean - slope * middle, slope]), log
-
-    return average_over_zeros(line, width, largest=float(load.min()) * (1 - LEAST_LOAD_SHARE))
-
-
-def _widened(estimate: Estimate, std: float, confidence: float) -> Estimate:
-    """The estimate with one more standard uncertainty, in quadrature."""
-    reach = float(stats.norm.ppf((1 + confidence) / 2)) * std
-    low, high = (
-        estimate.value + sign * float(np.hypot(limit - estimate.value, reach))
-        for sign, limit in ((-1, estimate.low), (1, estimate.high))
-    )
-    return Estimate(estimate.value, float(np.hypot(estimate.std, std)), low, high)
+    The line is fitted with zeros over the range that is expected; each counts with its probability there
+    times the likelihood of the line.
+    """
+    if not zero_std:
+        return 0.0, (0.0, 0.0)
+    zeros = zero_std * np.linspace(-ZERO_REACH, ZERO_REACH, ZERO_NODES)
+    zeros = zeros[zeros < load.min() * (1 - LEAST_LOAD_SHARE)]
+    logs, reference = logarithms(load, area, *errors)
+    fit = fit_line(logs)
+    points = replace(logs, x=np.log((load - zeros[:, None]) / reference))
+    lines = fit_line(points, scatter=fit.scatter)
+    chi_square = np.maximum(lines.chi_square, np.finfo(float).tiny)
+    # a scatter that is estimated from the same residuals is not known beforehand
+    misfit = fit.freedom * np.log(chi_square) if fit.scatter > 0 else chi_square
+    weights = special.softmax(-0.5 * (misfit + (zeros / zero_std) ** 2))
+    spread = np.sqrt(weights @ (lines.parameters - weights @ lines.parameters) ** 2)
+    return float(weights @ zeros), (float(spread[0]), float(spread[1]))

@@ -1,36 +1,46 @@
-"""Density and radius of the contacts against the local pressure, and the two power laws they follow."""
+"""Density and radius of the contacts against the local pressure: their power laws, free of common errors.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import TypeVar
+Number and load of an annulus fluctuate together, less than those of independent contacts, and by how much
+depends on the surface: least squares with errors on both axes would need these covariances. The pressure of
+the annuli beside an annulus is known without its own contacts. With that as the instrument the errors of an
+annulus cancel on the average, whatever their covariance.
+"""
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import stats
 
-from contactimg.analysis.annuli import density_beside, sum_moments
-from contactimg.analysis.broken_power_laws import BrokenLaw, fit_broken_law
-from contactimg.analysis.estimates import (
-    Estimate,
-    jackknife_covariance,
-    of_another_surface,
-    student_estimate,
+from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, density_beside
+from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
+from contactimg.analysis.linear_fit import Basis, line, solve_moments, two_lines
+from contactimg.analysis.power_laws import (
+    BrokenLaw,
+    PowerLaw,
+    break_places,
+    davies_bound,
+    exponential,
+    open_ended,
+    power_law,
 )
-from contactimg.analysis.power_laws import PowerLaw, fit_power_law
-from contactimg.analysis.pressure_exponents import fit_pressure_exponent
-from contactimg.analysis.radial_profiles import MIN_PLACES_FOR_SCATTER
 from contactimg.errors import InputError
-
-Law = TypeVar("Law", PowerLaw, BrokenLaw)
 
 Values = NDArray[np.float64]
 
 QUANTITIES = ("density", "mean_radius")
-_ERRORS = ("pressure", *QUANTITIES)
 
-EXPECTED_COUNT_PASSES = 2
-"""Times that the numbers of contacts to expect are fitted. Measured: a third changes no exponent by a tenth
-of its uncertainty."""
+SUMS = ("area", "n", "n_forces", "a", "p")
+
+WEIGHT_POWER = 2
+"""Power of the expected number of contacts in the weight of an annulus. Theory: 1 has the least variance if
+the law is a power law. Chosen: laws of Gaussian heights are curved, and with 1 the outermost annuli, far away
+in ln p, decide by chance; with 2 the exponent of one place and that of 24 agree to 0.001 (RA-) and 0.009
+(RA+) instead of 0.015 and 0.035, for 5 % more scatter."""
+
+BREAK_REPLICATES = 200
+"""Replicates in which a break is looked for. Chosen: they know an interval to 7 %, in a fifth of a second."""
 
 
 def pressure_points(
@@ -111,162 +121,159 @@ def fit_contact_law(
     -------
     BrokenLaw
         The annuli of all loads are its points. Where they do not support a break (`BrokenLaw.supported`) its
-        ``single`` law is the one to read: exponent and amplitude of
-        `contactimg.analysis.pressure_exponents.fit_pressure_exponent`, the rest that of the least-squares
-        line. Intervals hold the exponent of this surface, whatever its places; ``single.another_surface`` the
-        one of another surface of the same kind at as many places. The exponents below and above a break have
-        uncertainties by leaving out one place at a time; of fewer than four places, one sector of a place.
-        All loads of a place are left out together. Of tables that are not in sectors, and where a place
-        without a sector has too few annuli, uncertainties are those of independent contacts.
+        ``single`` law is the one to read. Intervals hold the exponent of this surface, whatever its places.
+        Without four places, or sectors of places, nothing tells the uncertainty, and no break is supported.
 
     Raises
     ------
     InputError
-        If there is no such quantity, no load, or there are too few annuli with contacts.
+        If there is no such quantity, no load, there are too few annuli with contacts, or their pressures do
+        not follow those beside them.
+
+    Notes
+    -----
+    ``m = sum w (z - <z>) y / sum w (z - <z>) x`` with ``x = ln p``, ``y`` the logarithm of the quantity,
+    ``z`` that of the pressure beside (`contactimg.analysis.annuli.density_beside`) and ``w`` the square of
+    the number of contacts that the annuli beside let expect. Two laws that meet have the terms of two lines
+    in place of that of one; p* is where the weighted squares of the residuals are least. The uncertainties
+    are those of a bootstrap over places, or over sectors of fewer than four: all loads of a block change
+    their weight together, as the same asperities touch. A break is supported where the difference of the two
+    exponents over its standard deviation exceeds what chance gives at any of the breaks tried (Davies).
 
     References
     ----------
     Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, Fig. 7 and Appendix B: 2/5 and 1/5 for
-    uniform heights.
+    uniform heights; Durbin, Rev. Int. Stat. Inst. 22 (1954) 23, doi:10.2307/1401917, section 4: instrumental
+    variables where both axes have errors.
     """
     if quantity not in QUANTITIES:
         raise InputError(f"quantity must be one of {', '.join(map(repr, QUANTITIES))}, got {quantity!r}")
     if not loads:
         raise InputError("a contact law needs at least one load")
-    law = _fit(fit_broken_law, _pooled_points(loads, min_contacts), quantity, confidence)
-    law = replace(law, single=_single_law(law.single, loads, quantity, min_contacts))
-    rests = _without_one_place(loads) or _without_one_sector(loads)
-    if not (law.supported and rests):
-        return law
+    by_place = min(len(places) for places in loads) >= MIN_PLACES_FOR_SCATTER
+    tables, blocks = _sums_of_blocks(loads, by_place=by_place)
+    whole = [table.sum(axis=1, keepdims=True) for table in tables]
+    kept = [_kept(table, min_contacts) for table in whole]
+    own = _coordinates(whole, kept, quantity)
+    pressure = np.exp(own[0, 0])
+    _refuse_flat(own)
+    reference = float(np.exp(np.mean(own[0])))
+    own[[0, 2]] -= np.log(reference)
+    (value,) = _fitted(line, own)
+    rest = own[1, 0] - line(own[0, 0])[0] @ value
+    scatter = float(np.sqrt(np.average(rest**2, weights=own[3, 0])))
+    found = {"reference": reference, "scatter": scatter, "n_places": blocks if by_place else 1}
+    if blocks < MIN_PLACES_FOR_SCATTER:
+        offset, exponent = (Estimate(float(v), np.nan, -np.inf, np.inf) for v in value)
+        return _unbroken(power_law(exponent, offset, x=pressure, **found, confidence=confidence))
+    weights = bootstrap_weights(blocks)
+    many = _coordinates([weights @ table for table in tables], kept, quantity)
+    many[[0, 2]] -= np.log(reference)
+    offset, exponent = (
+        bootstrap_estimate(float(v), replicates, blocks=blocks, confidence=confidence)
+        for v, replicates in zip(value, _fitted(line, many).T, strict=True)
+    )
+    single = power_law(exponent, offset, x=pressure, **found, confidence=confidence)
+    return _broken(single, np.concatenate([own, many[:, :BREAK_REPLICATES]], axis=1), blocks)
+
+
+def _unbroken(single: PowerLaw) -> BrokenLaw:
+    """A law of which nothing tells whether it breaks."""
+    anywhere = Estimate(single.reference, np.nan, 0.0, np.inf)
+    return BrokenLaw(single.exponent, single.exponent, anywhere, single.amplitude.value, single, 1.0)
+
+
+def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
+    """Two laws that meet; the first row of coordinates is that of the whole, the others the replicates."""
     try:
-        points = [_pooled_points(rest, min_contacts * (1 - 1 / len(rests))) for rest in rests]
-        return _left_out(law, points, quantity, confidence)
+        breaks = break_places(rows[0, 0])
     except InputError:
-        return law
-
-
-def _single_law(
-    line: PowerLaw, loads: Sequence[Mapping[str, pd.DataFrame]], quantity: str, min_contacts: float
-) -> PowerLaw:
-    """The one power law without the bias of least squares; places or sectors tell its uncertainty."""
-    found = fit_pressure_exponent(
-        loads,
-        quantity,
-        reference=line.reference,
-        min_contacts=min_contacts,
-        confidence=line.confidence,
+        return _unbroken(single)
+    ends = np.sort(rows[[0, 2]], axis=-1)  # both laws need points in every row
+    breaks = breaks[(breaks > ends[..., 1].max()) & (breaks < ends[..., -2].min())]
+    if breaks.size < 2:
+        return _unbroken(single)
+    fits = np.array([_fitted(two_lines(place), rows) for place in breaks])
+    misfits = [_squares(two_lines(place), rows, fit) for place, fit in zip(breaks, fits, strict=True)]
+    best = np.argmin(misfits, axis=0)
+    chosen, where = fits[best, np.arange(len(best))], breaks[best]
+    confidence = single.confidence
+    below, above, place = (
+        bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=confidence)
+        for column in (chosen[:, 1], chosen[:, 2], where)
     )
-    exponent, amplitude = found.exponent, found.amplitude
-    if not np.isfinite(exponent.std):
-        exponent, amplitude = (
-            _moved(own, new.value)
-            for own, new in zip((line.exponent, line.amplitude), (exponent, amplitude), strict=True)
-        )
-    fewest = min(len(places) for places in loads)
-    return replace(
-        line,
-        exponent=exponent,
-        amplitude=amplitude,
-        n_places=found.n_blocks if fewest >= MIN_PLACES_FOR_SCATTER else 1,
-        another_surface=of_another_surface(exponent),
-    )
+    p_star = exponential(open_ended(place, breaks), factor=single.reference)
+    gain = _chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks)
+    return BrokenLaw(below, above, p_star, float(np.exp(chosen[0, 0])), single, davies_bound(gain))
 
 
-def _moved(estimate: Estimate, value: float) -> Estimate:
-    """The estimate with its interval about another value."""
-    away = value - estimate.value
-    return Estimate(value, estimate.std, estimate.low + away, estimate.high + away)
-
-
-Rests = list[list[dict[str, pd.DataFrame]]]
-
-
-def _without_one_place(loads: Sequence[Mapping[str, pd.DataFrame]]) -> Rests:
-    """The loads without each of the places in turn; empty for few places."""
-    if min(len(places) for places in loads) < MIN_PLACES_FOR_SCATTER:
-        return []
-    names = sorted({name for places in loads for name in places})
-    whole = [{name: sum_moments([table]) for name, table in places.items()} for places in loads]
-    return [[{k: v for k, v in places.items() if k != name} for places in whole] for name in names]
-
-
-def _without_one_sector(loads: Sequence[Mapping[str, pd.DataFrame]]) -> Rests:
-    """The loads without each sector of each place in turn; empty if the tables are not in sectors."""
-    tables = [(name, table) for places in loads for name, table in places.items() if "sector" in table]
-    blocks = sorted({(name, int(k)) for name, table in tables for k in table["sector"].unique()})
-    if len(blocks) < MIN_PLACES_FOR_SCATTER:
-        return []
-    return [
-        [{k: v[v["sector"] != sector] if k == name else v for k, v in places.items()} for places in loads]
-        for name, sector in blocks
+def _sums_of_blocks(
+    loads: Sequence[Mapping[str, pd.DataFrame]], *, by_place: bool
+) -> tuple[list[Values], int]:
+    """Of each load the sums over the annuli of each block, shape (sums, blocks, annuli); number of blocks."""
+    parts = [
+        table.assign(load=k, block=name) for k, places in enumerate(loads) for name, table in places.items()
     ]
+    together = pd.concat(parts, ignore_index=True)
+    if not by_place and "sector" in together:
+        together["block"] += ":" + together["sector"].astype(str)
+    blocks = np.unique(together["block"].to_numpy(str))
+    tables = []
+    for _, part in together.groupby("load", sort=True):
+        annulus = part.groupby(["inner", "outer"], sort=True).ngroup().to_numpy()
+        shape = len(blocks), int(annulus.max()) + 1
+        cell = np.searchsorted(blocks, part["block"]) * shape[1] + annulus
+        sums = [np.bincount(cell, part[name].to_numpy(float), shape[0] * shape[1]) for name in SUMS]
+        tables.append(np.reshape(sums, (len(SUMS), *shape)))
+    return tables, len(blocks)
 
 
-def _left_out(law: BrokenLaw, rests: list[pd.DataFrame], quantity: str, confidence: float) -> BrokenLaw:
-    """Exponents about a break with uncertainties from the remaining points, one block left out at a time."""
-
-    def renewed(whole: Estimate, values: list[Estimate]) -> Estimate:
-        std = float(np.sqrt(jackknife_covariance([[value.value] for value in values])[0, 0]))
-        return student_estimate(whole.value, std, freedom=len(values) - 1, confidence=confidence)
-
-    parts = [_fit(fit_broken_law, points, quantity, confidence) for points in rests]
-    return replace(
-        law,
-        low_exponent=renewed(law.low_exponent, [part.low_exponent for part in parts]),
-        high_exponent=renewed(law.high_exponent, [part.high_exponent for part in parts]),
-    )
+def _kept(sums: Values, min_contacts: float) -> NDArray[np.bool_]:
+    """The annuli whose neighbours let expect enough contacts, shape (annuli,)."""
+    area, n, n_forces, _, p = sums[:, 0]
+    enough = density_beside(n, area) * area >= min_contacts
+    return np.asarray(enough & (n_forces > 0) & (p > 0) & (area > 0) & (density_beside(p, area) > 0))
 
 
-def _pooled_points(loads: Sequence[Mapping[str, pd.DataFrame]], min_contacts: float) -> pd.DataFrame:
-    """The annuli of all loads, each pooled over the places."""
-    return pd.concat(
-        [
-            pressure_points(sum_moments(places.values()), min_contacts=min_contacts, by_those_beside=True)
-            for places in loads
-        ],
-        ignore_index=True,
-    )
+def _coordinates(sums: Sequence[Values], kept: Sequence[NDArray[np.bool_]], quantity: str) -> Values:
+    """Logarithms of pressure, quantity and pressure beside; weights; shape (4, rows, annuli of all loads)."""
+    columns = []
+    for table, chosen in zip(sums, kept, strict=True):
+        beside = [density_beside(table[SUMS.index(name)], table[0])[:, chosen] for name in ("n", "p")]
+        area, n, _, a, p = table[:, :, chosen]
+        y = np.log(n / area) if quantity == "density" else np.log(a / n)
+        columns.append([np.log(p / area), y, np.log(beside[1]), (beside[0] * area) ** WEIGHT_POWER])
+    return np.concatenate(columns, axis=-1)
 
 
-def _fit(law: Callable[..., Law], points: pd.DataFrame, quantity: str, confidence: float) -> Law:
-    """One or two power laws of a quantity, with the errors of both axes."""
-    expected = points
-    for _ in range(EXPECTED_COUNT_PASSES):
-        counted = _fit_axes(fit_power_law, expected, "density", confidence)
-        expected = _with_expected_errors(points, counted.value(points["pressure"]))
-    return _fit_axes(law, expected, quantity, confidence)
+def _refuse_flat(coordinates: Values) -> None:
+    """Raise if the pressures beside do not tell those of the annuli."""
+    x, _, z, w = coordinates[:, 0]
+    if x.size < 2 or not w @ ((z - w @ z / w.sum()) * x) > 0:
+        raise InputError(
+            "an exponent against the pressure needs annuli of different pressure beside others with enough "
+            f"contacts, got {x.size} of them; allow fewer contacts or wider annuli"
+        )
 
 
-def _fit_axes(law: Callable[..., Law], points: pd.DataFrame, quantity: str, confidence: float) -> Law:
-    return law(
-        points["pressure"],
-        points[quantity],
-        x_std=points["pressure_std"],
-        y_std=points[f"{quantity}_std"],
-        correlation=points[f"{quantity}_correlation"],
-        confidence=confidence,
-    )
+def _fitted(basis: Basis, coordinates: Values) -> Values:
+    """Parameters of each row of coordinates, with the pressure beside as the instrument."""
+    x, y, z, w = coordinates
+    return solve_moments(basis(z)[0], basis(x)[0], y, w / w.sum(axis=-1, keepdims=True))
 
 
-def _with_expected_errors(points: pd.DataFrame, density: Values) -> pd.DataFrame:
-    """The points with the counting errors of the contacts that a density (1/m^2) lets expect.
+def _squares(basis: Basis, coordinates: Values, parameters: Values) -> Values:
+    """Weighted squares of the residuals of each row."""
+    x, y, _, w = coordinates
+    rest = y - (basis(x)[0] @ parameters[..., None])[..., 0]
+    return np.asarray(np.sum(w * rest**2, axis=-1) / w.sum(axis=-1))
 
-    With those of the contacts that were counted, an annulus that has more by chance would weigh more than one
-    that has fewer, and exponents of one place would be too small by up to a stated uncertainty. The scatter
-    from contact to contact is that of all annuli.
+
+def _chi_square_of_breaks(difference: Values, blocks: int) -> Values:
+    """Squares of the exponents' difference over its spread, at each break, as if the spread were known.
+
+    The first column is that of the whole, the others are those of the replicates.
     """
-    n = points["n"].to_numpy(float)
-    expected = n / points["density"].to_numpy(float) * density
-
-    def per_contact(variance: Values) -> float:
-        return float(np.sum(n**2 * variance) / np.sum(n))
-
-    relative = {name: (points[f"{name}_std"] / points[name]).to_numpy(float) for name in _ERRORS}
-    variance = {name: per_contact(value**2) for name, value in relative.items()}
-    renewed = {f"{name}_std": points[name] * np.sqrt(variance[name] / expected) for name in _ERRORS}
-    for name in QUANTITIES:
-        product = relative["pressure"] * relative[name] * points[f"{name}_correlation"].to_numpy(float)
-        scale = np.sqrt(variance["pressure"] * variance[name])
-        correlation = per_contact(product) / scale if scale > 0 else 0.0
-        renewed[f"{name}_correlation"] = np.full(n.size, np.clip(correlation, -1.0, 1.0))
-    return points.assign(**renewed)
+    spread = [bootstrap_estimate(float(row[0]), row[1:], blocks=blocks).std for row in difference]
+    tail = stats.t.sf(np.abs(difference[:, 0]) / np.maximum(spread, np.finfo(float).tiny), blocks - 1)
+    return np.asarray(stats.norm.isf(np.maximum(tail, np.finfo(float).tiny)) ** 2)

@@ -1,4 +1,4 @@
-"""Numbers with their uncertainty: Student's intervals, and the scatter between places."""
+"""Numbers with their uncertainty: Student's intervals, and the bootstrap over places or sectors."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,16 @@ from scipy import stats
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
+
+REPLICATES = 1000
+"""Replicates of a bootstrap. Theory: they know a standard deviation to 1/sqrt(2 n) = 2.2 %."""
+
+SMOOTHNESS = 4
+"""Inverse variance of a block's weight in a replicate. Chosen: with 1 (exponential weights) two of eight
+sectors often decide, and logarithms of few contacts make the uncertainty of one place a quarter too large."""
+
+ONE_STD = (0.158655, 0.841345)
+"""Probabilities between which a normal distribution has one standard deviation on either side."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +39,18 @@ class Estimate:
     std: float
     low: float
     high: float
+
+    def widened(self, std: float, *, confidence: float = 0.95) -> "Estimate":
+        """The same value with one more standard uncertainty, in quadrature."""
+        reach = float(stats.norm.ppf((1 + confidence) / 2)) * std
+        low, high = self.value - np.hypot(self.value - self.low, reach), self.high - self.value
+        high = self.value + np.hypot(high, reach)
+        return Estimate(self.value, float(np.hypot(self.std, std)), float(low), float(high))
+
+    def scaled(self, factor: float) -> "Estimate":
+        """The same value with uncertainty and interval wider by a factor."""
+        low, high = (self.value + factor * (limit - self.value) for limit in (self.low, self.high))
+        return Estimate(self.value, factor * self.std, low, high)
 
 
 def student_estimate(value: float, std: float, *, freedom: float, confidence: float = 0.95) -> Estimate:
@@ -61,98 +83,58 @@ def student_estimate(value: float, std: float, *, freedom: float, confidence: fl
     return Estimate(value, std, value - reach, value + reach)
 
 
-def jackknife_covariance(without: ArrayLike) -> Values:
-    """Covariance of parameters from their values with one place left out at a time.
+def bootstrap_weights(blocks: int) -> Values:
+    """Weights of blocks (places, or sectors of places) in replicates of a bootstrap.
 
     Parameters
     ----------
-    without : array_like, shape (n, k)
-        Row ``j``: the ``k`` parameters fitted to all places but ``j``; two rows or more.
+    blocks : int
 
     Returns
     -------
-    ndarray, shape (k, k)
-        ``(n - 1)/n sum_j (t_j - mean)(t_j - mean)^T``, with ``n - 1`` degrees of freedom. Valid for any
-        correlation of the errors within a place.
+    ndarray, shape (`REPLICATES`, blocks)
+        Of a gamma distribution with mean 1 and variance 1/4: none is zero, so that no annulus that some block
+        shows is empty in a replicate. The same numbers at every call.
 
     References
     ----------
-    Efron, Stein, Ann. Statist. 9 (1981) 586, doi:10.1214/aos/1176345462, eq. (1.4).
-
-    Examples
-    --------
-    Of means it is the squared standard error: 1, 2, 3 have the variance 1 and the mean's is 1/3.
-
-    >>> float(jackknife_covariance([[2.5], [2.0], [1.5]])[0, 0])
-    0.333333
+    Rubin, Ann. Statist. 9 (1981) 130, doi:10.1214/aos/1176345338: the Bayesian bootstrap.
     """
-    table = np.asarray(without, dtype=np.float64)
-    if table.ndim != 2 or len(table) < 2:
-        raise InputError(f"leaving one out needs two places or more, got a table of shape {table.shape}")
-    away = table - table.mean(axis=0)
-    return (len(table) - 1) / len(table) * away.T @ away
+    weights = np.random.default_rng(0).gamma(SMOOTHNESS, size=(REPLICATES, blocks))
+    return np.asarray(weights / weights.mean(axis=1, keepdims=True))
 
 
-def infinitesimal_covariance(influences: ArrayLike) -> Values:
-    """Covariance of parameters from what each place changes of them when its weight changes a little.
+def bootstrap_estimate(
+    value: float, replicates: ArrayLike, *, blocks: int, known_std: float = 0.0, confidence: float = 0.95
+) -> Estimate:
+    """A number whose uncertainty is its spread over the replicates of a bootstrap.
 
     Parameters
     ----------
-    influences : array_like, shape (n, k)
-        Row ``j``: change of the ``k`` parameters per unit of weight taken from place ``j``; two rows or more.
+    value : float
+        From all blocks with equal weights.
+    replicates : array_like, shape (n,)
+        With the weights of `bootstrap_weights`.
+    blocks : int
+    known_std : float
+        Standard uncertainty that the blocks do not show, in quadrature.
+    confidence : float
 
-    Returns
-    -------
-    ndarray, shape (k, k)
-        ``n/(n - 1) sum_j (u_j - mean)(u_j - mean)^T``, with ``n - 1`` degrees of freedom: that of leaving out
-        one at a time to first order, so that few contacts do not decide what is left out with them.
-
-    References
-    ----------
-    Efron, Biometrika 68 (1981) 589, doi:10.1093/biomet/68.3.589, section 3: the infinitesimal jackknife.
-
-    Examples
-    --------
-    The mean of 1, 2, 3 changes by (2 - 1)/3 when weight is taken from the first; its variance is 1/3.
-
-    >>> float(infinitesimal_covariance([[1 / 3], [0.0], [-1 / 3]])[0, 0])
-    0.333333
-    """
-    table = np.asarray(influences, dtype=np.float64)
-    if table.ndim != 2 or len(table) < 2:
-        raise InputError(f"the scatter of influences needs two places or more, got shape {table.shape}")
-    away = table - table.mean(axis=0)
-    return len(table) / (len(table) - 1) * away.T @ away
-
-
-def of_another_surface(estimate: Estimate, *, measured_std: float = 0.0) -> Estimate:
-    """What another surface of the same kind gives, at as many places.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of this surface, with the uncertainty that its places were drawn by chance.
-    measured_std : float
-        The part of its standard uncertainty that comes from the errors of the measurement.
-
-    Returns
-    -------
-    Estimate
-        The same value; the variance of the places counts twice, once for the places of either surface, that
-        of the measurement once. The interval is widened in proportion.
+    Notes
+    -----
+    Half the range of the central 68 % of the replicates. Of a mean of ``n`` values such weights of variance
+    ``1/k`` give it the variance ``sum (x - <x>)^2/(n (k n + 1))``, which ``(k n + 1)/(n - 1)`` makes that of
+    the mean; the interval is Student's with ``n - 1`` degrees of freedom.
 
     Examples
     --------
-    The places of either surface add 0.04: 0.05^2 + 0.04^2 = 0.064^2.
+    The mean of 1, 2, 3 has the variance 1/3:
 
-    >>> round(of_another_surface(Estimate(1.0, 0.05, 0.9, 1.1), measured_std=0.03).std, 3)
-    0.064
+    >>> weights = bootstrap_weights(3)
+    >>> abs(bootstrap_estimate(2.0, weights @ [1.0, 2.0, 3.0] / 3, blocks=3).std - 3**-0.5) < 0.05
+    True
     """
-    if not estimate.std > 0:
-        return estimate
-    share = min(measured_std / estimate.std, 1.0)
-    factor = float(np.sqrt(2 - share**2))
-    low, high = (
-        estimate.value + factor * (limit - estimate.value) for limit in (estimate.low, estimate.high)
-    )
-    return Estimate(estimate.value, factor * estimate.std, low, high)
+    low, high = np.quantile(np.asarray(replicates, float), ONE_STD)
+    spread = (high - low) / 2 * np.sqrt((SMOOTHNESS * blocks + 1) / (blocks - 1))
+    std = float(np.hypot(spread, known_std))
+    return student_estimate(value, std, freedom=blocks - 1, confidence=confidence)

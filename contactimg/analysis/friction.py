@@ -1,13 +1,14 @@
-"""Friction in steady sliding: the shear stress of the real contact area."""
+"""Friction: the shear stress of the real contact area, against velocity too, and areas in two states."""
 
 from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from contactimg.analysis.curve_fit import CurveFit, Points, fit_proportional
 from contactimg.analysis.estimates import Estimate, student_estimate
+from contactimg.analysis.linear_fit import LinearFit, Points, fit_proportional
 from contactimg.errors import InputError
+from contactimg.matching import match_contacts
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ def fit_shear_stress(
     )
 
 
-def _effective_freedom(fit: CurveFit, points: Points) -> float:
+def _effective_freedom(fit: LinearFit, points: Points) -> float:
     """Degrees of freedom behind the variance, of which the stated errors explain a part."""
     if fit.freedom == 0:
         return 0.0
@@ -148,4 +149,153 @@ def compare_stress(stress: ShearStress, reference: Estimate) -> Estimate:
     relative = np.hypot(stress.stress.std / stress.stress.value, reference.std / reference.value)
     return student_estimate(
         ratio, float(ratio * relative), freedom=stress.freedom, confidence=stress.confidence
+    )
+
+
+def stress_by_velocity(
+    friction: pd.DataFrame, *, friction_std: float = 0.0, tolerance: float = 0.05
+) -> pd.DataFrame:
+    """Shear stress at each sliding velocity.
+
+    Parameters
+    ----------
+    friction : DataFrame
+        As for `contactimg.fit_shear_stress`, with ``velocity_m_s``, whose sign is that of the direction. Rows
+        without a velocity, or with a velocity of zero, are left out.
+    friction_std : float, N
+        Standard uncertainty of a friction force.
+    tolerance : float
+        Velocities that exceed the next lower one by no more than this fraction are taken as one.
+
+    Returns
+    -------
+    DataFrame
+        One row a velocity, rising: ``velocity_m_s`` (geometric mean), ``stress_Pa, stress_std_Pa, n_frames``.
+        The uncertainty is NaN where neither a stated error nor a second frame gives one.
+
+    Raises
+    ------
+    InputError
+        If no frame with friction, velocity and contacts is left.
+
+    Notes
+    -----
+    The stress at each velocity is that of ``Q = tau0 A``. `contactimg.fit_power_law` through the rows gives
+    an exponent; it is 0 where friction does not depend on velocity.
+
+    References
+    ----------
+    Yashima et al., Soft Matter 11 (2015) 871, doi:10.1039/C4SM02346C, section on friction.
+
+    Examples
+    --------
+    >>> table = pd.DataFrame({"friction_N": [0.1, 0.2, 0.11], "area_m2": [2e-7, 4e-7, 2e-7]})
+    >>> found = stress_by_velocity(table.assign(area_std_m2=0.0, velocity_m_s=[1e-5, 1e-5, 1e-3]))
+    >>> found["stress_Pa"].round().tolist(), found["n_frames"].tolist()
+    ([500000.0, 550000.0], [2, 1])
+    """
+    moving = friction[(friction["velocity_m_s"].abs() > 0) & friction["friction_N"].notna()]
+    moving = moving[moving["area_m2"] > 0]
+    if moving.empty:
+        raise InputError(
+            "friction against velocity needs frames with friction_N, velocity_m_s and contacts; "
+            "add these columns to the loads"
+        )
+    speed = moving["velocity_m_s"].abs().sort_values()
+    steps = np.diff(np.log(speed.to_numpy(float)), prepend=np.log(speed.iloc[0]))
+    group = pd.Series(np.cumsum(steps > np.log1p(tolerance)), index=speed.index)
+    rows = []
+    for _, part in moving.groupby(group, sort=True):
+        found = fit_shear_stress(part, friction_std=friction_std)
+        known = found.freedom > 0 or friction_std > 0 or (part["area_std_m2"] > 0).any()
+        rows.append(
+            {
+                "velocity_m_s": float(np.exp(np.log(part["velocity_m_s"].abs()).mean())),
+                "stress_Pa": found.stress.value,
+                "stress_std_Pa": found.stress.std if known else np.nan,
+                "n_frames": found.n_points,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+@dataclass(frozen=True)
+class AreaChange:
+    """Areas of the same contacts in two states, the second over the first.
+
+    Parameters
+    ----------
+    ratio : Estimate
+        Sum of the areas of the contacts that both states show, second over first. Its uncertainty is that
+        of the scatter between contacts.
+    total : float
+        The same of all contacts, with those that only one state shows.
+    n_pairs, n_lost, n_gained : int
+        Contacts in both states, in the first only, in the second only.
+    confidence : float
+        Of the interval.
+    """
+
+    ratio: Estimate
+    total: float
+    n_pairs: int
+    n_lost: int
+    n_gained: int
+    confidence: float
+
+
+def compare_areas(
+    first: pd.DataFrame, second: pd.DataFrame, *, max_distance: float | None = None, confidence: float = 0.95
+) -> AreaChange:
+    """How much larger or smaller the same contacts are in a second state: in sliding against at rest.
+
+    Parameters
+    ----------
+    first, second : DataFrame
+        Contacts tables of two frames under the same camera and load.
+    max_distance : float, optional
+        Largest distance of a pair, m; as for `contactimg.match_contacts`.
+    confidence : float
+        Of the interval.
+
+    Returns
+    -------
+    AreaChange
+
+    Raises
+    ------
+    InputError
+        If fewer than two contacts are in both states.
+
+    Notes
+    -----
+    The ratio ``sum a2^2/sum a1^2`` over pairs; its variance is ``n/(n - 1) sum (a2^2 - ratio a1^2)^2/(sum
+    a1^2)^2`` with n - 1 degrees of freedom. An error of the edge that both frames share cancels for the most
+    part; a difference of focus or of light between the frames does not, and is not part of the uncertainty.
+
+    Examples
+    --------
+    >>> at_rest = pd.DataFrame({"x_m": [0.0, 1e-4], "y_m": 0.0, "radius_m": [1e-5, 2e-5]})
+    >>> at_rest = at_rest.assign(frame="", label=[1, 2], asperity=-1, force_N=np.nan)
+    >>> change = compare_areas(at_rest, at_rest.assign(radius_m=[0.9e-5, 1.8e-5]))
+    >>> round(change.ratio.value, 3), change.n_pairs
+    (0.81, 2)
+    """
+    pairs = match_contacts(second, first, max_distance=max_distance)
+    if len(pairs) < 2:
+        raise InputError(
+            f"areas in two states need two contacts at least that both show, got {len(pairs)}; "
+            "check the loads and max_distance"
+        )
+    before, after = (pairs[f"radius_{side}_m"].to_numpy(float) ** 2 for side in ("predicted", "measured"))
+    ratio = float(after.sum() / before.sum())
+    n = len(pairs)
+    std = float(np.sqrt(n / (n - 1) * np.sum((after - ratio * before) ** 2)) / before.sum())
+    return AreaChange(
+        ratio=student_estimate(ratio, std, freedom=n - 1, confidence=confidence),
+        total=float(np.sum(second["radius_m"] ** 2) / np.sum(first["radius_m"] ** 2)),
+        n_pairs=n,
+        n_lost=len(first) - n,
+        n_gained=len(second) - n,
+        confidence=confidence,
     )

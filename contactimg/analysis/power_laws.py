@@ -1,16 +1,32 @@
-"""Power laws: one exponent over a range."""
+"""Power laws: one exponent over a range, or two that meet; straight lines through the logarithms."""
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy import optimize, stats
 
-from contactimg.analysis.curve_fit import Points, fit_line
-from contactimg.analysis.estimates import Estimate, jackknife_covariance, student_estimate
+from contactimg.analysis.estimates import (
+    Estimate,
+    bootstrap_estimate,
+    bootstrap_weights,
+    student_estimate,
+)
+from contactimg.analysis.linear_fit import LinearFit, Points, fit_line, fit_linear, two_lines
 from contactimg.errors import InputError
 
 Values = NDArray[np.float64]
+
+POINTS_PER_SIDE = 3
+"""Fewest points on each side of a break. Theory: two fix a line, one more leaves a degree of freedom."""
+
+RANGE_PER_SIDE = 0.1
+"""Least share of the range of ln x on each side of a break. Chosen by hand; sensitivity not measured."""
+
+BREAKS = 60
+"""Number of breaks tried over the range. Chosen by hand; the best one is refined."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +43,7 @@ class PowerLaw:
         Range of x that was fitted.
     scatter : float
         Relative scatter of y that the stated errors do not explain.
-    chi_square : float
-    freedom : int
-        Points minus two.
     n_points, n_places : int
-        With two places or more the uncertainties come from leaving out one place at a time.
     confidence : float
         Of the intervals.
     zero : float
@@ -39,9 +51,6 @@ class PowerLaw:
     here : Estimate or None
         The exponent with what the errors of the measurement alone leave open: of these very places, where the
         interval of ``exponent`` is that of the surface, whatever its places. None if not computed.
-    another_surface : Estimate or None
-        The exponent with the interval that holds the one of another surface of the same kind, of as many
-        places. None if not computed.
     """
 
     exponent: Estimate
@@ -50,20 +59,66 @@ class PowerLaw:
     low: float
     high: float
     scatter: float
-    chi_square: float
-    freedom: int
     n_points: int
     n_places: int
     confidence: float
     zero: float = 0.0
     here: Estimate | None = None
-    another_surface: Estimate | None = None
+
+    @property
+    def another_surface(self) -> Estimate:
+        """The exponent with the interval that holds the one of another surface, of as many places.
+
+        The variance of the places counts twice, once for those of either surface, that of the measurement
+        once.
+        """
+        if not self.exponent.std > 0:
+            return self.exponent
+        measured = 0.0 if self.here is None else min(self.here.std / self.exponent.std, 1.0)
+        return self.exponent.scaled(float(np.sqrt(2 - measured**2)))
 
     def value(self, x: ArrayLike) -> Values:
         """The law at x."""
         return self.amplitude.value * (np.asarray(x, dtype=np.float64) / self.reference) ** (
             self.exponent.value
         )
+
+
+@dataclass(frozen=True)
+class BrokenLaw:
+    """Two power laws that meet at a break.
+
+    Parameters
+    ----------
+    low_exponent, high_exponent : Estimate
+        Below and above the break.
+    break_x : Estimate
+        Where they meet; the interval extends to 0 or infinity where the points do not bound it.
+    break_y : float
+        y at the break.
+    single : PowerLaw
+        A single law through the same points.
+    p_value : float
+        Probability that points on a single law seem to break at least as much.
+    """
+
+    low_exponent: Estimate
+    high_exponent: Estimate
+    break_x: Estimate
+    break_y: float
+    single: PowerLaw
+    p_value: float
+
+    @property
+    def supported(self) -> bool:
+        """Whether a break is significant at the confidence of the intervals."""
+        return bool(self.p_value < 1 - self.single.confidence)
+
+    def value(self, x: ArrayLike) -> Values:
+        """The law at x."""
+        ratio = np.asarray(x, dtype=np.float64) / self.break_x.value
+        exponent = np.where(ratio < 1, self.low_exponent.value, self.high_exponent.value)
+        return self.break_y * ratio**exponent
 
 
 def fit_power_law(
@@ -87,7 +142,8 @@ def fit_power_law(
     correlation : array_like, shape (n,) or scalar
         Of the errors of x and y of a point.
     places : sequence, shape (n,), optional
-        Place on the sample where each point was measured. Errors within one place may be correlated.
+        Place on the sample where each point was measured. Errors within one place may be correlated: with two
+        places or more the uncertainties are those of a bootstrap over places.
     confidence : float
         Of the intervals.
 
@@ -102,9 +158,9 @@ def fit_power_law(
 
     Notes
     -----
-    A straight line through the logarithms (`contactimg.analysis.curve_fit.fit_curve`), with relative errors
-    as theirs: good for relative errors up to some 20 %. With one place the interval is Student's with n - 2
-    degrees of freedom, and infinite for two points; with N places it has N - 1.
+    A straight line through the logarithms (`contactimg.analysis.linear_fit`), with relative errors as theirs:
+    good for relative errors up to some 20 %. With one place the interval is Student's with n - 2 degrees of
+    freedom, and infinite for two points; with N places it has N - 1.
 
     Examples
     --------
@@ -114,34 +170,41 @@ def fit_power_law(
     """
     logs, reference = logarithms(x, y, x_std, y_std, correlation)
     fit = fit_line(logs)
-    exponent, offset = fit.estimate(1, confidence=confidence), fit.estimate(0, confidence=confidence)
-    labels = np.zeros(len(logs), int) if places is None else _numbered(places, len(logs))
-    n_places = int(labels.max()) + 1
-    without = _line_without(logs, labels)
-    if without is not None:
-        std = np.sqrt(np.diag(jackknife_covariance(without)))
+    offset, exponent = (fit.estimate(k, confidence=confidence) for k in (0, 1))
+    owner, names = pd.factorize(np.zeros(len(logs)) if places is None else pd.Series(list(places)))
+    if len(owner) != len(logs):
+        raise InputError(f"each of the {len(logs)} points needs its place, got {len(owner)}")
+    if len(names) > 1:
+        lines = fit_line(
+            replace(logs, weight=bootstrap_weights(len(names))[:, owner]), scatter=fit.scatter
+        ).parameters
         offset, exponent = (
-            student_estimate(float(value), float(s), freedom=n_places - 1, confidence=confidence)
-            for value, s in zip(fit.parameters, std, strict=True)
+            bootstrap_estimate(float(v), r, blocks=len(names), confidence=confidence)
+            for v, r in zip(fit.parameters, lines.T, strict=True)
         )
+    found = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
+    return power_law(exponent, offset, x=x, **found, confidence=confidence)
+
+
+def power_law(
+    exponent: Estimate,
+    offset: Estimate,
+    *,
+    x: ArrayLike,
+    reference: float,
+    scatter: float,
+    n_places: int,
+    confidence: float,
+) -> PowerLaw:
+    """The law of a line through the logarithms of points at ``x``."""
     x = np.asarray(x, dtype=np.float64)
-    return PowerLaw(
-        exponent=exponent,
-        amplitude=exponential(offset),
-        reference=reference,
-        low=float(x.min()),
-        high=float(x.max()),
-        scatter=fit.scatter,
-        chi_square=fit.chi_square,
-        freedom=fit.freedom,
-        n_points=len(logs),
-        n_places=n_places,
-        confidence=confidence,
-    )
+    low, high = float(x.min()), float(x.max())
+    amplitude = exponential(offset)
+    return PowerLaw(exponent, amplitude, reference, low, high, scatter, x.size, n_places, confidence)
 
 
 def logarithms(
-    x: ArrayLike, y: ArrayLike, x_std: ArrayLike, y_std: ArrayLike, correlation: ArrayLike
+    x: ArrayLike, y: ArrayLike, x_std: ArrayLike, y_std: ArrayLike, correlation: ArrayLike = 0.0
 ) -> tuple[Points, float]:
     """Logarithms of the points, x over its geometric mean, and that mean."""
     x, y = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (x, y))
@@ -153,31 +216,129 @@ def logarithms(
     return Points(np.log(x / reference), np.log(y), *relative, correlation), reference
 
 
-def _numbered(places: Sequence[Hashable], count: int) -> NDArray[np.intp]:
-    """Numbers from 0 for the places of the points."""
-    if len(places) != count:
-        raise InputError(f"each of the {count} points needs its place, got {len(places)}")
-    names = list(dict.fromkeys(places))
-    return np.array([names.index(place) for place in places])
-
-
-def _part(points: Points, keep: NDArray[np.bool_]) -> Points:
-    """Some of the points."""
-    names = ("x", "y", "x_std", "y_std", "correlation")
-    return Points(*(np.asarray(getattr(points, name))[keep] for name in names))
-
-
-def _line_without(logs: Points, labels: NDArray[np.intp]) -> Values | None:
-    """Line parameters with each place left out; None for one place or if only one x remains."""
-    rests = [_part(logs, labels != place) for place in range(int(labels.max()) + 1)]
-    if len(rests) < 2 or any(np.ptp(np.asarray(rest.x)) == 0 for rest in rests):
-        return None
-    return np.array([fit_line(rest).parameters for rest in rests])
-
-
 def exponential(logarithm: Estimate, *, factor: float = 1.0) -> Estimate:
     """Exponential of an estimated logarithm, times a factor; limits may overflow to 0 and infinity."""
     with np.errstate(over="ignore"):
         value = factor * float(np.exp(logarithm.value))
         low, high = (factor * float(np.exp(limit)) for limit in (logarithm.low, logarithm.high))
     return Estimate(value, value * logarithm.std, low, high)
+
+
+def fit_broken_law(
+    x: ArrayLike,
+    y: ArrayLike,
+    *,
+    x_std: ArrayLike = 0.0,
+    y_std: ArrayLike = 0.0,
+    correlation: ArrayLike = 0.0,
+    confidence: float = 0.95,
+) -> BrokenLaw:
+    """Fit two power laws and the break between them to points with errors on both axes.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (n,)
+        Positive; seven points at least, at six different x.
+    x_std, y_std : array_like, shape (n,) or scalar
+        Standard uncertainties, in the units of x and y.
+    correlation : array_like, shape (n,) or scalar
+        Of the errors of x and y of a point.
+    confidence : float
+        Of the intervals.
+
+    Returns
+    -------
+    BrokenLaw
+
+    Raises
+    ------
+    InputError
+        If a value is not positive or there are too few points, altogether or at one end.
+
+    Notes
+    -----
+    ``ln y = c + m (ln x - u)``, ``m`` the one exponent below ``u`` and the other above, continuous at ``u``:
+    the same fit with the terms of two lines that meet at each of sixty breaks, of which the best one is
+    refined. The interval of the break is the range where chi-square stays below ``1 + t^2/(n - 4)`` times its
+    minimum (a profile likelihood, not symmetric), or below its minimum plus ``t^2`` if the minimum is below
+    the degrees of freedom. Exponents have Student's intervals. ``p_value`` is Davies' bound for a parameter,
+    the break, that exists only under the alternative hypothesis.
+
+    References
+    ----------
+    Davies, Biometrika 74 (1987) 33, doi:10.1093/biomet/74.1.33, eq. (3.4).
+
+    Examples
+    --------
+    >>> x = np.geomspace(1.0, 1e4, 17)
+    >>> law = fit_broken_law(x, np.where(x < 50, (x / 50) ** 0.8, (x / 50) ** 0.4), y_std=1e-3 * x**0.4)
+    >>> [round(e.value, 3) for e in (law.low_exponent, law.high_exponent, law.break_x)], law.supported
+    ([0.8, 0.4, 50.0], True)
+    """
+    logs, reference = logarithms(x, y, x_std, y_std, correlation)
+    u = np.asarray(logs.x)
+    breaks = break_places(u)
+    single = fit_power_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation, confidence=confidence)
+
+    def fit(place: float, scatter: float | None) -> LinearFit:
+        return fit_linear(two_lines(place), logs, scatter=scatter)
+
+    def misfit(place: float) -> float:
+        return float(fit(place, scatter).chi_square)
+
+    first = min(breaks, key=lambda place: float(fit(place, 0.0).chi_square))
+    scatter = fit(first, None).scatter
+    profile = np.array([misfit(place) for place in breaks])
+    best, step = int(profile.argmin()), float(breaks[1] - breaks[0])
+    near = breaks[max(best - 1, 0)], breaks[min(best + 1, len(breaks) - 1)]
+    place = float(optimize.minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-9}).x)
+    found = fit(place, scatter)
+    terms, slopes = two_lines(place)(u)
+    gradient = np.column_stack([terms, -slopes @ found.parameters])
+    stds = np.sqrt(np.diag(np.linalg.pinv((gradient * found.weights[:, None]).T @ gradient, hermitian=True)))
+    freedom, chi_square = len(logs) - 4, float(found.chi_square)
+    quantile = float(stats.t.ppf((1 + confidence) / 2, freedom))
+    unit = max(chi_square / freedom, 1.0)
+    within = breaks[profile <= chi_square + unit * quantile**2]
+    low, high = min([place, *within]) - step, max([place, *within]) + step
+    gain = np.maximum(float(fit_line(logs, scatter=scatter).chi_square) - profile, 0.0)
+    below, above = (
+        student_estimate(float(found.parameters[k]), float(stds[k]), freedom=freedom, confidence=confidence)
+        for k in (1, 2)
+    )
+    where = Estimate(place, float(stds[3]), low, high)
+    where = exponential(open_ended(where, breaks), factor=reference)
+    return BrokenLaw(below, above, where, float(np.exp(found.parameters[0])), single, davies_bound(gain))
+
+
+def break_places(x: Values) -> Values:
+    """Breaks to try between points, with enough of them and of their range on either side."""
+    places = np.unique(x)
+    fewest = 2 * POINTS_PER_SIDE
+    if x.size < fewest + 1 or places.size < fewest:
+        raise InputError(
+            f"two power laws need {fewest + 1} points or more at {fewest} or more different x, "
+            f"got {x.size} at {places.size}"
+        )
+    margin = RANGE_PER_SIDE * (places[-1] - places[0])
+    low = max(places[POINTS_PER_SIDE - 1], places[0] + margin)
+    high = min(places[-POINTS_PER_SIDE], places[-1] - margin)
+    if low > high:
+        raise InputError(
+            f"two power laws need {POINTS_PER_SIDE} points in either part of the range; "
+            "the points crowd at one end"
+        )
+    return np.linspace(low, high, BREAKS)
+
+
+def open_ended(place: Estimate, breaks: Values) -> Estimate:
+    """A break whose interval is open where it reaches the end of those tried."""
+    low = place.low if place.low > breaks[0] else -np.inf
+    return replace(place, low=low, high=place.high if place.high < breaks[-1] else np.inf)
+
+
+def davies_bound(gain: Values) -> float:
+    """Bound on the probability of as large a gain in chi-square over the breaks tried without a break."""
+    variation, most = float(np.sum(np.abs(np.diff(np.sqrt(gain))))), float(gain.max())
+    bound = float(stats.chi2.sf(most, 1)) + variation * np.exp(-most / 2) / np.sqrt(2 * np.pi)
+    return min(bound, 1.0)

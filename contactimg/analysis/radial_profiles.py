@@ -7,9 +7,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from contactimg.analysis.annuli import FieldOfView, annulus_moments, sum_moments
-from contactimg.analysis.load_cell import NORMAL_95
-from contactimg.analysis.weighted_counts import weighted_count_interval
+from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, FieldOfView, annulus_moments, sum_moments
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
 from contactimg.tables import NORMALISED, PROFILE
@@ -17,15 +15,10 @@ from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 
-MIN_PLACES_FOR_SCATTER = 4
-"""Least number of places whose scatter gives the uncertainty. Theory: the relative uncertainty of a standard
-deviation of n values, 1/sqrt(2 (n - 1)), is then below the 45 % by which counting overestimates it on dense
-patterns."""
-
-
-MIN_SECTORS_FOR_SCATTER = 4
-"""Least number of sectors whose scatter tells how much less contacts fluctuate than independent ones. As that
-of places."""
+LEAST_EFFECTIVE_COUNT = 0.5
+"""Below this the interval is symmetric. Theory: positive weights leave (sum w)^2/sum w^2 >= 1, so that less
+comes from weights of both signs, for which no gamma distribution stands. Chosen: half of the bound leaves
+room for the estimate of the variance from few places."""
 
 EMPTY_CONTACTS = 1.53
 """Number of contacts that an annulus without any may well have elsewhere, as a standard uncertainty. Theory:
@@ -168,7 +161,7 @@ def _dispersion(places: Sequence[pd.DataFrame]) -> Values:
         share = place["area"] / rows["area"].transform("sum").where(lambda area: area > 0, 1.0)
         away = place["p"] - share * rows["p"].transform("sum")
         widened = away**2 * sectors / np.maximum(sectors - 1, 1.0)
-        told = np.where(sectors >= MIN_SECTORS_FOR_SCATTER, widened, place["pp"])
+        told = np.where(sectors >= MIN_PLACES_FOR_SCATTER, widened, place["pp"])
         scatter.append(place.assign(told=told).groupby(["inner", "outer"], sort=True)["told"].sum())
         independent.append(rows["pp"].sum())
     padded = [np.pad(np.sum(part, axis=0), 1) for part in (scatter, independent)]
@@ -196,7 +189,7 @@ def _load_interval(
     heaviest = dispersion * pp / np.where(p == 0, np.inf, np.abs(p))
     widened = variance
     if places >= MIN_PLACES_FOR_SCATTER:
-        widened = variance * (float(stats.t.ppf(0.975, places - 1)) / NORMAL_95) ** 2
+        widened = variance * (float(stats.t.ppf(0.975, places - 1)) / stats.norm.ppf(0.975)) ** 2
     return weighted_count_interval(p, widened, np.maximum(heaviest, _largest_beside(heaviest, sums)))
 
 
@@ -218,6 +211,54 @@ def _largest_beside(values: Values, sums: pd.DataFrame) -> Values:
     before, after = np.searchsorted(there, inner) - 1, np.searchsorted(there, inner, side="right")
     sides = [values[there[np.clip(k, 0, there.size - 1)]] for k in (before, after)]
     return np.maximum(*sides)
+
+
+def weighted_count_interval(
+    total: ArrayLike, variance: ArrayLike, one_more: ArrayLike, *, confidence: float = 0.95
+) -> tuple[Values, Values]:
+    """Interval of the mean of a sum ``sum w_i`` over a Poisson number of contacts.
+
+    Parameters
+    ----------
+    total : array_like, shape (n,)
+        The sums found.
+    variance : array_like, shape (n,)
+        Their variances: ``sum w_i^2`` of independent contacts, or from a scatter.
+    one_more : array_like, shape (n,)
+        Weight of the contact that may have been missed by chance; the largest weight is on the safe side.
+    confidence : float
+        Probability that the interval holds the mean.
+
+    Returns
+    -------
+    low, high : ndarray, shape (n,)
+        Of a sum without contacts from 0 to the upper limit ``-ln((1 - confidence)/2) one_more``; NaN for
+        the limit if ``one_more`` is not positive. Symmetric where weights of both signs all but cancel.
+
+    References
+    ----------
+    Fay, Feuer, Statist. Med. 16 (1997) 791, the gamma interval; for equal weights that of Garwood,
+    Biometrika 28 (1936) 437, which is exact.
+
+    Examples
+    --------
+    Three contacts, then none, of weight 1:
+
+    >>> low, high = weighted_count_interval([3.0, 0.0], [3.0, 0.0], [1.0, 1.0])
+    >>> low.round(3).tolist(), high.round(3).tolist()
+    ([0.619, 0.0], [8.767, 3.689])
+    """
+    y, v, w = np.broadcast_arrays(*(np.asarray(part, np.float64) for part in (total, variance, one_more)))
+    tail = (1 - confidence) / 2
+    few = (y**2 < LEAST_EFFECTIVE_COUNT * v) | (y < 0)
+    reach = float(stats.norm.ppf(1 - tail)) * np.sqrt(v)
+    positive = np.where(y > 0, y, np.nan)
+    scale = np.where(v > 0, v, np.nan) / positive
+    low = np.nan_to_num(scale * stats.gamma.ppf(tail, positive / scale), nan=0.0)
+    more, more_variance = y + w, v + w**2
+    upper = np.where(more_variance > 0, more_variance, np.nan) / np.where(more > 0, more, np.nan)
+    high = upper * stats.gamma.ppf(1 - tail, more / upper)
+    return np.where(few, y - reach, low), np.where(few, y + reach, high)
 
 
 def hertz_profile(

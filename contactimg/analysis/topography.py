@@ -7,8 +7,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import stats
 
-from contactimg.analysis.curve_fit import Points, fit_proportional
 from contactimg.analysis.estimates import Estimate
+from contactimg.analysis.linear_fit import Points, fit_proportional
 from contactimg.errors import InputError
 
 

@@ -6,21 +6,31 @@ The fit is repeated with each source changed: with an exact zero, with a drift, 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from contactimg.calibration.jkr import JkrCalibration, JkrEstimates, SmoothSphere, solve_series
-from contactimg.calibration.jkr_departures import Departure, ramp
-from contactimg.calibration.jkr_fit import average_noises
+from contactimg.calibration.jkr import (
+    JkrCalibration,
+    JkrEstimates,
+    JkrProblem,
+    is_asked_for,
+    ramp,
+    solve_series,
+)
 
 THICKNESS_STEP = 0.1
 """Relative change of a stated thickness in the table of uncertainties."""
 UNSTATED_RATIO = 0.1
 """Largest contact radius over the thickness of a layer of which nothing is stated, in the same table."""
 
+UNSTATED_ZERO = 0.005
+"""Zero of the loads over the largest of them where nothing is stated of it, in the same table. Chosen:
+typical data sheets state 0.1-1 % of the full scale for zero and creep together."""
+
 LAYER_RATIOS = (0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.5)
 """Largest contact radius over the thicknesses that are tried. Chosen: the loads cannot tell a thicker one."""
-LAYER_ODDS = 20.0
-"""Ratio of likelihoods from which a layer is suggested. Chosen: usual for strong evidence."""
+
+LAYER_FALSE_ALARM_RATE = 0.05
+"""Probability that a layer is suggested where there is none. Chosen: a hint costs a look at the sample; with
+1 % five loads would need one that they fit a hundred times better."""
 
 PIXEL_CHANGES, SPHERE_CHANGES, GAIN_CHANGES = (-3.0, 0.0), (1.0, -1.0), (1.0, 1.0)
 """Relative changes of modulus and adhesion per relative change of the pixel size, the sphere's radius and the
@@ -67,19 +77,20 @@ def jkr_uncertainties(calibration: JkrCalibration) -> tuple[UncertaintySource, .
         size.
     """
     problem = calibration.problem
-    found, used, sphere = problem.found, problem.used, problem.sphere
-    here = solve_series(found.series, used, sphere)
+    series, used, sphere = problem.series, problem.used, problem.sphere
+    here = solve_series(series, used, sphere)
     rows = [
         *_noise_and_zero(calibration, here),
         _proportional("gain of the load cell", problem.cell.gain_std, GAIN_CHANGES, ALLOWED),
         _proportional("curvature of the sphere, by direction", sphere.radius_std, SPHERE_CHANGES, ALLOWED),
     ]
-    if found.rival is not None:
-        change = here.change_to(solve_series(found.rival.series, used, sphere))
-        rows.append(UncertaintySource(f"{found.rival.name} instead", found.doubt, "1", *change, ALLOWED))
+    if problem.rival is not None:
+        name, rival = problem.rival
+        change = here.change_to(solve_series(rival, used, sphere))
+        rows.append(UncertaintySource(f"{name} instead", problem.doubt, "1", *change, ALLOWED))
     rows += [
-        _drift_source(found, used, sphere, here),
-        _thickness_source(found, used, sphere, here),
+        _drift_source(calibration, here),
+        _thickness_source(problem, here),
         _proportional("pixel size", 0.01, PIXEL_CHANGES, LEFT_OUT),
         _proportional("radius of the sphere", 0.01, SPHERE_CHANGES, LEFT_OUT),
     ]
@@ -87,18 +98,21 @@ def jkr_uncertainties(calibration: JkrCalibration) -> tuple[UncertaintySource, .
 
 
 def _noise_and_zero(calibration: JkrCalibration, here: JkrEstimates) -> list[UncertaintySource]:
-    """The noise of loads and radii alone, and what the zero of the loads adds to it."""
+    """The noise of loads and radii alone, and what the zero of the loads adds to it or would change."""
     problem = calibration.problem
-    series = problem.found.series
-    exact = solve_series(replace(series, zero_std=0.0), problem.used, problem.sphere)
-    E, w = here.modulus.value, max(here.work[0].value, np.finfo(float).tiny)
-    noise = np.minimum([exact.modulus.std, exact.work[0].std], [here.modulus.std, here.work[0].std])
-    zero = np.sqrt(np.array([here.modulus.std, here.work[0].std]) ** 2 - noise**2)
-    state = FITTED if calibration.load_zero_seen else ALLOWED
-    return [
-        UncertaintySource("noise of loads and radii", 1.0, "std", noise[0] / E, noise[1] / w, ALLOWED),
-        UncertaintySource("zero of the loads", series.zero_std, "N", zero[0] / E, zero[1] / w, state),
-    ]
+    series, sizes = problem.series, (here.modulus.value, max(here.work[0].value, np.finfo(float).tiny))
+    stds = np.array([here.modulus.std, here.work[0].std])
+    name, noise = "zero of the loads", stds
+    if series.zero_std:
+        exact = solve_series(replace(series, zero_std=0.0), problem.used, problem.sphere)
+        noise = np.minimum([exact.modulus.std, exact.work[0].std], stds)
+        state = FITTED if calibration.load_zero_seen else ALLOWED
+        zero = UncertaintySource(name, series.zero_std, "N", *(np.sqrt(stds**2 - noise**2) / sizes), state)
+    else:
+        size = UNSTATED_ZERO * float(np.abs(series.load).max())
+        moved = solve_series(replace(series, load=series.load - size), problem.used, problem.sphere)
+        zero = UncertaintySource(name, size, "N", *here.change_to(moved), LEFT_OUT)
+    return [UncertaintySource("noise of loads and radii", 1.0, "std", *(noise / sizes), ALLOWED), zero]
 
 
 def _proportional(source: str, size: float, changes: tuple[float, float], state: str) -> UncertaintySource:
@@ -106,35 +120,32 @@ def _proportional(source: str, size: float, changes: tuple[float, float], state:
     return UncertaintySource(source, size, "1", changes[0] * size, changes[1] * size, state)
 
 
-def _drift_source(
-    found: Departure, used: NDArray[np.bool_], sphere: SmoothSphere, here: JkrEstimates
-) -> UncertaintySource:
-    """A drift of the zero over the series by its own standard uncertainty."""
-    series = found.series
-    if here.drift is not None:
-        unit = "N" if found.name.endswith("zero") else "1"
-        plain = replace(series, drift=series.drift[:, :0])
+def _drift_source(calibration: JkrCalibration, here: JkrEstimates) -> UncertaintySource:
+    """The drift that was fitted, or one of the zero over the series as large as its uncertainty."""
+    problem = calibration.problem
+    series, used, sphere = problem.series, problem.used, problem.sphere
+    if calibration.drift is not None:
+        unit = "N" if calibration.departure.endswith("zero") else "1"
+        plain = replace(series, extra=series.extra[:, 1:])
         change = solve_series(plain, used, sphere).change_to(here)
-        return UncertaintySource(found.name, here.drift.value, unit, *change, FITTED)
-    size = series.zero_std
+        return UncertaintySource(calibration.departure, calibration.drift.value, unit, *change, FITTED)
+    size = series.zero_std or UNSTATED_ZERO * float(np.abs(series.load).max())
     drifted = replace(series, load=series.load + size * ramp(len(series.load)))
     change = here.change_to(solve_series(drifted, used, sphere))
     return UncertaintySource("drift of the zero over the series", size, "N", *change, LEFT_OUT)
 
 
-def _thickness_source(
-    found: Departure, used: NDArray[np.bool_], sphere: SmoothSphere, here: JkrEstimates
-) -> UncertaintySource:
+def _thickness_source(problem: JkrProblem, here: JkrEstimates) -> UncertaintySource:
     """A layer that is thinner than stated, or that is there although none is stated."""
-    series = found.series
+    series = problem.series
     if series.thickness is not None:
         name, size, unit = "thickness of the layer", -THICKNESS_STEP, "1"
         thinner = (1 - THICKNESS_STEP) * series.thickness
     else:
         thinner = float(series.radius.max()) / UNSTATED_RATIO
         name, size, unit = "layer of ten contact radii, not stated", thinner, "m"
-    change = here.change_to(solve_series(replace(series, thickness=thinner), used, sphere))
-    return UncertaintySource(name, size, unit, *change, LEFT_OUT)
+    other = solve_series(replace(series, thickness=thinner), problem.used, problem.sphere)
+    return UncertaintySource(name, size, unit, *here.change_to(other), LEFT_OUT)
 
 
 @dataclass(frozen=True)
@@ -153,7 +164,7 @@ class LayerHint:
 
 
 def suggested_layer(calibration: JkrCalibration) -> LayerHint | None:
-    """The layer that explains the frames far better than a half-space does.
+    """The layer that explains the frames where a half-space does not.
 
     Parameters
     ----------
@@ -162,17 +173,25 @@ def suggested_layer(calibration: JkrCalibration) -> LayerHint | None:
     Returns
     -------
     LayerHint or None
-        None where a thickness is stated, or the odds for a layer are below `LAYER_ODDS`.
+        None where a thickness is stated, or an F test at 5 % does not ask for a layer.
     """
     problem = calibration.problem
-    series, used, sphere = problem.found.series, problem.used, problem.sphere
+    series, used, sphere = problem.series, problem.used, problem.sphere
     if series.thickness is not None:
         return None
     layers = [replace(series, thickness=float(series.radius.max()) / ratio) for ratio in LAYER_RATIOS]
-    without, *logs = (average_noises(one.part(used)).evidence for one in (series, *layers))
-    best = int(np.argmax(logs))
-    if logs[best] - without < np.log(LAYER_ODDS):
+    best = min(layers, key=lambda one: one.part(used).misfit())
+    if not is_asked_for(series.part(used), best.part(used), more=1, false_alarm_rate=LAYER_FALSE_ALARM_RATE):
         return None
-    here, layered = (solve_series(one, used, sphere) for one in (series, layers[best]))
-    thickness = float(series.radius.max()) / LAYER_RATIOS[best]
-    return LayerHint(thickness, here.change_to(layered)[0])
+    here, layered = (solve_series(one, used, sphere) for one in (series, best))
+    return LayerHint(float(best.thickness or 0.0), here.change_to(layered)[0])
+
+
+def suggested_zero(calibration: JkrCalibration) -> float | None:
+    """The zero of the loads (N) that the frames ask for, by an F test at 1 %, although none is stated."""
+    problem = calibration.problem
+    series = problem.series.part(problem.used)
+    if series.zero_std:
+        return None
+    free = replace(series, zero_std=1.0)
+    return float(free.fit(prior=False).parameters[-1]) if is_asked_for(series, free) else None

@@ -25,6 +25,9 @@ QUIET = "contactimg.quiet"
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
+VARIANTS = ("_here", "_another_surface", "_excess_scatter", "_p_value")
+"""Endings of quantities that are not printed."""
+
 
 def is_quiet() -> bool:
     """Whether the command that runs prints nothing but warnings and errors."""
@@ -116,21 +119,29 @@ def echo_scores(scores: "pd.DataFrame", *, title: str) -> None:
 
 
 def echo_results(results: "pd.DataFrame", *, title: str) -> None:
-    """Print the results of an analysis with their confidence intervals."""
+    """Print one row a quantity: that of the runs with its interval, and those of the models beside it.
+
+    Variants of a quantity and what its fit is judged by stay in results.csv.
+    """
     from contactimg.report.units import in_display_units
 
-    rows = [
-        {
-            "quantity": row["quantity"],
-            "model": row["model"],
-            "value": _brief(row["value"], row["std"]),
-            "interval": "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}",
-            "unit": row["unit"],
-            "points": str(row["n_points"]),
-        }
-        for row in in_display_units(results).to_dict("records")
-    ]
-    echo_table(title, rows, left=2)
+    table = in_display_units(results)
+    table = table[~table["quantity"].str.endswith(VARIANTS)]
+    own, *models = dict.fromkeys(table["model"])
+    rows = []
+    for quantity, part in table.groupby("quantity", sort=False):
+        by_model = {row["model"]: row for row in part.to_dict("records")}
+        row = by_model.get(own, {"low": float("nan")})
+        interval = "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}"
+        values = {m: "" if m not in by_model else _of_row(by_model[m]) for m in (own, *models)}
+        found = {"quantity": str(quantity), own: values.pop(own), "interval": interval}
+        rows.append(found | values | {"unit": part["unit"].iloc[0]})
+    echo_table(title, rows, left=1)
+
+
+def _of_row(row: Mapping[Hashable, Any]) -> str:
+    """The value of a row of results."""
+    return _brief(row["value"], row["std"])
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.analysis.broken_power_laws import BrokenLaw
+from contactimg.analysis.power_laws import BrokenLaw
 from contactimg.analysis.topography import Topography
 from contactimg.plots.axes import add_legend, bar_lengths, label_plainly, new_axes, scale_by_decades
 from contactimg.plots.laws import MARKER_SIZE, STYLES
@@ -103,7 +103,7 @@ def plot_pressure_law(
         errors = bar_lengths(part[std], unit) if model in RUN_MODELS else None
         ax.errorbar(part["pressure_Pa"] * 1e-3, part[column] * unit, yerr=errors, **style)
         if law is not None:
-            p = np.geomspace(law.low, law.high, 100)
+            p = np.geomspace(law.single.low, law.single.high, 100)
             values = law.value(p) if law.supported else law.single.value(p)
             line = "-" if model in RUN_MODELS else "--"
             ax.plot(p * 1e-3, values * unit, line, color=style["color"], linewidth=1.2)
@@ -112,7 +112,9 @@ def plot_pressure_law(
     title: dict[str, Any] = {}
     single = [law for (name, _), law in laws.items() if name == quantity and not law.supported]
     if single:
-        title = {"title": f"power laws, exponent $m$ with its {100 * single[0].confidence:g} % interval:"}
+        title = {
+            "title": f"power laws, exponent $m$ with its {100 * single[0].single.confidence:g} % interval:"
+        }
     add_legend(ax, above=alone, **title)
     if quantity == "density" and "per mm²" not in label:
         right = _second_axis(ax, "right", 1e-6 / unit)

@@ -137,7 +137,7 @@ def _force_slope(run: Run) -> CoverageEstimate | None:
             good["force_sum_N"].to_numpy(float),
             load,
             relative_std=float(np.hypot(relative, cell.gain_std)),
-            zero_std=cell.zero_width(load),
+            zero_std=cell.zero_std,
         )
     except InputError:
         return None

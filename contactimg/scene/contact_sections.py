@@ -123,8 +123,8 @@ class Load(Section):
     zero_std: NonNegative | None = Field(
         None,
         alias="zero_std_N",
-        description="Standard uncertainty of what the load cell reads without load, N; 0 for an exact zero; "
-        "half a percent of the largest load of the series if not given.",
+        description="Standard uncertainty of what the load cell reads without load, N. A zero is fitted only "
+        "where this is given; else the loads are taken as they are.",
     )
     gain_std: Fraction | None = Field(
         None, description="Relative standard uncertainty of the gain of the load cell; 0.01 if not given."

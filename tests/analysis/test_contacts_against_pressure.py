@@ -240,7 +240,7 @@ def test_greenwood_williamson_is_found_in_contacts_that_obey_it():
         law = fit_contact_law(loads, quantity)
         assert law.single.exponent.value == pytest.approx(exponent, abs=1e-6)
         assert not law.supported
-        assert law.n_points == 12  # not the outermost of either load: no contact lies beyond it
+        assert law.single.n_points == 12  # not the outermost of either load: no contact lies beyond it
 
 
 def test_points_have_the_errors_of_counting():

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from contactimg import fit_power_law
-from contactimg.analysis.sliding import compare_areas, stress_by_velocity
+from contactimg.analysis.friction import compare_areas, stress_by_velocity
 from contactimg.errors import InputError
 
 

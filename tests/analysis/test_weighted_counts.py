@@ -5,8 +5,7 @@ import pytest
 from scipy import stats
 
 from contactimg.analysis.annuli import annulus_moments
-from contactimg.analysis.radial_profiles import average_profile
-from contactimg.analysis.weighted_counts import weighted_count_interval
+from contactimg.analysis.radial_profiles import average_profile, weighted_count_interval
 from contactimg.tables import CONTACTS
 
 

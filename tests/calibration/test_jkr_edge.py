@@ -41,7 +41,9 @@ def test_an_edge_where_it_seems_is_left_there():
     found = calibrated(0.0)
     assert not found.edge.seen
     assert abs(found.edge.shift.value) < 3 * found.edge.shift.std
-    assert found.problem.found.series.edge is None
+    assert found.young_modulus.value == pytest.approx(
+        MODULUS, rel=3e-3
+    )  # the shift is not among what is fitted
 
 
 def test_few_loads_do_not_tell():

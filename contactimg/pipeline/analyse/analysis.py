@@ -9,13 +9,11 @@ import numpy as np
 import pandas as pd
 
 from contactimg.analysis.area_against_load import area_by_load, fit_area_law, frame_areas
-from contactimg.analysis.broken_power_laws import BrokenLaw
 from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law
 from contactimg.analysis.estimates import Estimate
-from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress
+from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress, stress_by_velocity
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
-from contactimg.analysis.power_laws import PowerLaw, fit_power_law
-from contactimg.analysis.sliding import stress_by_velocity
+from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, fit_power_law
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
 from contactimg.pipeline.analyse.group_by_load import (

@@ -9,10 +9,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.analysis.broken_power_laws import BrokenLaw
-from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
-from contactimg.analysis.power_laws import PowerLaw
+from contactimg.analysis.power_laws import BrokenLaw, PowerLaw
 from contactimg.analysis.topography import Topography, describe_topography
 from contactimg.files import write_figures, write_table
 from contactimg.pipeline.analyse.analysis import Analysis
@@ -62,7 +60,7 @@ class _Fit:
     unit: str | float = np.nan
 
     @classmethod
-    def of_law(cls, law: PowerLaw | BrokenLaw, n_places: float, unit: str) -> "_Fit":
+    def of_law(cls, law: PowerLaw, n_places: float, unit: str) -> "_Fit":
         """Of a fitted law."""
         return cls(law.confidence, law.n_points, n_places, law.low, law.high, unit)
 
@@ -105,7 +103,7 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     note = f"A of that law at {law.reference:.6g} N, the geometric mean of the loads"
     yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
     if law.zero:
-        note = "mean zero of the load cell, taken off the loads; what is not known of it is in the intervals"
+        note = "zero of the load cell, fitted because the scene states zero_std_N, and taken off the loads"
         yield _row("area_load_zero", model, _without_interval(law.zero), "N", fit, note=note)
     note = "relative scatter of A about the law beyond the stated errors"
     yield _row("area_excess_scatter", model, _without_interval(law.scatter), "1", fit, note=note)
@@ -113,15 +111,13 @@ def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
 
 def _another_surface(name: str, model: str, law: PowerLaw, fit: _Fit) -> Iterator[Row]:
     """The exponent that another surface of the same kind would give."""
-    if law.another_surface is None:
-        return
     note = "the same exponent, interval of what another surface of the same kind gives at as many places"
     yield _row(f"{name}_another_surface", model, law.another_surface, "1", fit, note=note)
 
 
 def _contact_rows(quantity: str, model: str, law: BrokenLaw) -> Iterator[Row]:
     """Density or mean radius against the local pressure; two laws only where the points support a break."""
-    fit = _Fit.of_law(law, law.single.n_places, "Pa")
+    fit = _Fit.of_law(law.single, law.single.n_places, "Pa")
     name = f"{quantity}_exponent"
     note = f"{quantity} ~ p^m, one law; of this surface, whatever its places"
     yield _row(name, model, law.single.exponent, "1", fit, note=note)
@@ -132,7 +128,7 @@ def _contact_rows(quantity: str, model: str, law: BrokenLaw) -> Iterator[Row]:
         return
     yield _row(f"{name}_above", model, law.high_exponent, "1", fit, note="above p*")
     yield _row(f"{name}_below", model, law.low_exponent, "1", fit, note="below p*")
-    note = "p*, where the two laws meet; interval from the profile of chi-square"
+    note = "p*, where the two laws meet; interval from the bootstrap"
     yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", fit, note=note)
 
 

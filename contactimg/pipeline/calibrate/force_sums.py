@@ -64,21 +64,18 @@ class CommonErrors(TypedDict):
     zero_std: float
 
 
-def common_errors(experiment: Experiment, load: np.ndarray, *, relative: float = 0.0) -> CommonErrors:
+def common_errors(experiment: Experiment, *, relative: float = 0.0) -> CommonErrors:
     """Those of the load cell, and a relative one of the forces."""
     cell = LoadCell.stated(experiment.scene.load)
-    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_width(load)}
+    return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
 
 
-def cell_notes(experiment: Experiment, load: np.ndarray) -> list[str]:
+def cell_notes(experiment: Experiment) -> list[str]:
     """What was assumed about the load cell because the scene does not state it."""
-    stated, cell = experiment.scene.load, LoadCell.stated(experiment.scene.load)
-    assumed = []
-    if stated.zero_std is None:
-        assumed.append(f"zero_std_N = {cell.zero_width(load):.2g}")
-    if stated.gain_std is None:
-        assumed.append(f"gain_std = {cell.gain_std:g}")
-    return [f"load cell: {' and '.join(assumed)} assumed; state them in [load]"] if assumed else []
+    if experiment.scene.load.gain_std is not None:
+        return []
+    gain = LoadCell.stated(experiment.scene.load).gain_std
+    return [f"load cell: gain_std = {gain:g} assumed; state it in [load]"]
 
 
 def disk_slope(
@@ -149,8 +146,8 @@ def run_threshold(
     scene.need("elastic", "calibrating the threshold")
     series = frames_with_load(measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance))
     load = series.frames["load_N"].to_numpy(float)
-    errors = common_errors(experiment, load, relative=relative)
-    notes = frame_messages(series) + cell_notes(experiment, load)
+    errors = common_errors(experiment, relative=relative)
+    notes = frame_messages(series) + cell_notes(experiment)
     record: dict[str, Any] = {
         "kind": "threshold",
         "method": scene.measure.method,
@@ -235,7 +232,7 @@ def run_modulus(
     load = series.frames["load_N"].to_numpy(float)
     measured, steepness = stated_modulus(experiment), 0.0
     if threshold is None:
-        _, forces = disk_slope(experiment, series, common_errors(experiment, load), workers)
+        _, forces = disk_slope(experiment, series, common_errors(experiment), workers)
     else:
         forces = series.forces[1]
         low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
@@ -245,10 +242,10 @@ def run_modulus(
         load,
         young_modulus=measured.value,
         young_modulus_std=measured.std,
-        **common_errors(experiment, load, relative=0.0 if threshold is None else steepness * threshold.std),
+        **common_errors(experiment, relative=0.0 if threshold is None else steepness * threshold.std),
     )
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
-    notes = frame_messages(series) + cell_notes(experiment, load) + ([found.message] if found.message else [])
+    notes = frame_messages(series) + cell_notes(experiment) + ([found.message] if found.message else [])
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",

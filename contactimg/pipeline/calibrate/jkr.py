@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
-from contactimg.calibration.jkr_departures import HYSTERESIS
+from contactimg.calibration.jkr import HYSTERESIS, JkrCalibration, calibrate_jkr, check_loads
 from contactimg.calibration.jkr_uncertainties import (
     ALLOWED,
     UncertaintySource,
     jkr_uncertainties,
     suggested_layer,
+    suggested_zero,
 )
 from contactimg.files import Experiment
 from contactimg.mechanics import jkr
@@ -106,7 +106,7 @@ def _conditions(calibration: JkrCalibration, scene: Scene) -> dict[str, Any]:
     if problem.sphere.thickness is not None:
         fixed["thickness_m"] = problem.sphere.thickness
     assumed = {
-        "load_zero_std_N": problem.found.series.zero_std,
+        "load_zero_std_N": problem.series.zero_std,
         "load_gain_std": problem.cell.gain_std,
         "stated": scene.load.zero_std is not None and scene.load.gain_std is not None,
     }
@@ -282,15 +282,24 @@ def _edge_notes(calibration: JkrCalibration) -> list[str]:
 
 def _zero_notes(calibration: JkrCalibration) -> list[str]:
     """What to say of a zero of the loads that the frames show to be off."""
-    zero, stated = calibration.load_zero, calibration.problem.found.series.zero_std
-    if zero is None or not calibration.load_zero_seen:
+    zero, stated = calibration.load_zero, calibration.problem.series.zero_std
+    if zero is None:
+        asked = suggested_zero(calibration)
+        if asked is None:
+            return []
+        note = (
+            f"the frames ask for a zero of the loads of {1e3 * asked:.3g} mN, which was not fitted: state "
+            "zero_std_N in [load] if the load cell may be off so far, or correct the loads"
+        )
+        return [note]
+    if not calibration.load_zero_seen:
         return []
     note = (
         f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted and "
         "taken off; correct the loads of the other folders of this load cell too"
     )
     if abs(zero.value) > BEYOND_PRIOR * stated:
-        note += f". This is far more than the {1e3 * stated:.2g} mN expected: check the loads"
+        note += f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
     return [note]
 
 
@@ -373,12 +382,7 @@ def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
 
 def _cell_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
     """What was assumed about the load cell because the scene does not state it."""
-    problem, load = calibration.problem, scene.load
-    assumed = []
-    if load.zero_std is None:
-        assumed.append(
-            f"zero_std_N = {problem.found.series.zero_std:.2g} (half a percent of the largest load)"
-        )
-    if load.gain_std is None:
-        assumed.append(f"gain_std = {problem.cell.gain_std:g}, which goes into E and w in full")
-    return [f"load cell: {' and '.join(assumed)} assumed; state them in [load]"] if assumed else []
+    if scene.load.gain_std is not None:
+        return []
+    gain = calibration.problem.cell.gain_std
+    return [f"load cell: gain_std = {gain:g} assumed, which goes into E and w in full; state it in [load]"]

@@ -1,0 +1,294 @@
+"""Least squares with errors on both axes for any law that is linear in its parameters.
+
+The law is ``y = phi(x) c``: a straight line, a line through the origin, two lines that meet, JKR. A point's
+residual ``r`` has the variance ``V = s_y^2 + f'^2 s_x^2 - 2 f' cov(x, y) + s^2`` with the law's slope ``f'``
+there, and its most likely abscissa is ``X = x + (f' s_x^2 - cov(x, y)) r/V``. The parameters solve
+
+    sum phi(X) r/V = 0,
+
+repeated until they stay; for a straight line that is York's solution. The excess scatter ``s`` is zero if
+chi-square does not exceed the degrees of freedom without it; otherwise it makes the two equal.
+
+References
+----------
+York et al., Am. J. Phys. 72 (2004) 367, doi:10.1119/1.1632486, eqs. (13); Paule, Mandel, J. Res. NBS 87
+(1982) 377, doi:10.6028/jres.087.022, eq. (4).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
+
+from contactimg.analysis.estimates import Estimate, student_estimate
+from contactimg.errors import ConvergenceError, InputError
+
+Values = NDArray[np.float64]
+
+Basis = Callable[[Values], tuple[Values, Values]]
+"""``x``, shape (..., n) -> the terms ``phi`` and their derivatives by x, shape (..., n, k)."""
+
+ROUNDING = 1e-12
+"""Residuals below this fraction of the largest y are rounding errors. Theory: some thousand times 2.2e-16."""
+
+MOST_PASSES, DAMPED_FROM, PASS_TOLERANCE = 300, 40, 1e-10
+"""Passes of the solution, the pass from which steps are halved, so that none goes to and fro, and
+the relative change of the fitted values at which it has converged. Measured: York's data need 30 passes."""
+
+
+FARTHEST = 4.0
+"""Distance of the most likely x from the one that was read, in standard uncertainties, at most. Theory:
+farther by chance once in 16,000 points; without a limit a point far off may move others to and fro."""
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Points with standard uncertainties on both axes.
+
+    Parameters
+    ----------
+    x, y : array_like, shape (..., n)
+        Leading axes hold several sets of points, each with its own fit.
+    x_std, y_std : array_like
+    correlation : array_like
+        Of the errors of x and y of a point.
+    weight : array_like
+        How often a point counts.
+    spread : array_like
+        Size of the excess scatter of each point in units of that of the fit; 0 for points that have none.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, an uncertainty negative or a correlation outside -1..1.
+    """
+
+    x: ArrayLike
+    y: ArrayLike
+    x_std: ArrayLike = 0.0
+    y_std: ArrayLike = 0.0
+    correlation: ArrayLike = 0.0
+    weight: ArrayLike = 1.0
+    spread: ArrayLike = 1.0
+
+    def __post_init__(self) -> None:
+        names = ("x", "y", "x_std", "y_std", "correlation", "weight", "spread")
+        values = np.broadcast_arrays(*(np.atleast_1d(np.asarray(getattr(self, n), float)) for n in names))
+        for name, value in zip(names, values, strict=True):
+            if not np.isfinite(value).all():
+                raise InputError(f"the points of a fit must be finite, got {name} = {value.tolist()}")
+            if name.endswith("std") and (value < 0).any():
+                raise InputError(f"standard uncertainties must not be negative, got {name} = {value.min()}")
+            object.__setattr__(self, name, value)
+        if (np.abs(self.correlation) > 1 + 1e-9).any():
+            raise InputError("a correlation lies between -1 and 1")
+
+    def __len__(self) -> int:
+        return int(np.shape(self.x)[-1])
+
+    def variance(self, slope: Values) -> Values:
+        """Variance of the residual in y from a law of this slope."""
+        x_part, y_part = slope * np.asarray(self.x_std), np.asarray(self.y_std)
+        return np.maximum(x_part**2 + y_part**2 - 2 * np.asarray(self.correlation) * x_part * y_part, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """A fitted law.
+
+    Parameters
+    ----------
+    parameters : ndarray, shape (..., k)
+    covariance : ndarray, shape (..., k, k)
+        From the stated errors and the excess scatter.
+    weights : ndarray, shape (..., n)
+        One over the variance of each residual.
+    residuals : ndarray, shape (..., n)
+    scatter : float
+        Standard deviation in y that the stated errors do not explain.
+    freedom : float
+        Points minus parameters.
+    """
+
+    parameters: Values
+    covariance: Values
+    weights: Values
+    residuals: Values
+    scatter: float
+    freedom: float
+
+    @property
+    def chi_square(self) -> Values:
+        """Weighted sum of the squares of the residuals, shape (...)."""
+        return np.asarray(np.sum(self.weights * self.residuals**2, axis=-1))
+
+    def estimate(self, index: int, *, confidence: float = 0.95) -> Estimate:
+        """One parameter with its interval."""
+        std = float(np.sqrt(max(self.covariance[index, index], 0.0)))
+        value = float(self.parameters[index])
+        return student_estimate(value, std, freedom=self.freedom, confidence=confidence)
+
+
+def fit_linear(basis: Basis, points: Points, *, scatter: float | None = None) -> LinearFit:
+    """Fit a law that is linear in its parameters.
+
+    Parameters
+    ----------
+    basis : callable
+        The terms of the law.
+    points : Points
+        As many as parameters, or more. Several sets need a stated scatter.
+    scatter : float, optional
+        Excess scatter in y; default: estimated.
+
+    Raises
+    ------
+    InputError
+        If there are fewer points than parameters.
+    ConvergenceError
+        If the parameters do not settle.
+    """
+    x, y = np.asarray(points.x), np.asarray(points.y)
+    count = basis(x)[0].shape[-1]
+    freedom = len(points) - count
+    if freedom < 0:
+        raise InputError(f"a fit of {count} parameters needs as many points, got {len(points)}")
+    if scatter is not None:
+        return _solve(basis, points, scatter, freedom)
+    exact = _solve(basis, points, 0.0, freedom, settled=False)
+    stated = np.asarray(points.spread) == 0
+    plain = replace(points, x_std=0.0, y_std=np.where(stated, points.y_std, 0.0))
+    most = float(_solve(basis, plain, 1.0, freedom).chi_square) / max(freedom, 1)
+    if freedom == 0 or exact.chi_square <= freedom or most <= _floor(y):
+        return _solve(basis, points, 0.0, freedom)
+
+    def surplus(extra: float) -> float:
+        return float(_solve(basis, points, extra**0.5, freedom, settled=False).chi_square) - freedom
+
+    # with the variance `most` alone, chi-square of that fit is the freedom; more variance lowers it
+    if surplus(4 * most) >= 0:
+        return _solve(basis, points, 2 * most**0.5, freedom)
+    extra = optimize.brentq(surplus, 0.0, 4 * most, xtol=1e-8 * most)
+    return _solve(basis, points, float(extra) ** 0.5, freedom)
+
+
+def _floor(y: Values) -> float:
+    """Variance of rounding errors."""
+    return (ROUNDING * (float(np.abs(y).max()) or 1.0)) ** 2
+
+
+def solve_moments(instrument: Values, terms: Values, y: Values, weights: Values) -> Values:
+    """Parameters for which the weighted residuals do not vary with the instruments: ``sum w psi r = 0``."""
+    weighted = np.swapaxes(instrument * weights[..., None], -1, -2)
+    return np.asarray(np.linalg.solve(weighted @ terms, weighted @ y[..., None])[..., 0])
+
+
+def _solve(basis: Basis, points: Points, scatter: float, freedom: int, *, settled: bool = True) -> LinearFit:
+    """The fit with a given excess scatter; one that need not have settled bounds the scatter only."""
+    x, y, often = np.asarray(points.x), np.asarray(points.y), np.asarray(points.weight)
+    x_variance = np.asarray(points.x_std) ** 2
+    mixed = np.asarray(points.correlation) * np.asarray(points.x_std) * np.asarray(points.y_std)
+    farthest = FARTHEST * np.asarray(points.x_std)
+    terms, derivatives = basis(x)
+    size = float(np.abs(y).max()) or 1.0
+    fitted = np.zeros_like(y)
+    parameters = solve_moments(terms, terms, y, often)
+    for count in range(MOST_PASSES):
+        slope = (derivatives @ parameters[..., None])[..., 0]
+        before, fitted = fitted, (terms @ parameters[..., None])[..., 0]
+        weights = 1 / (points.variance(slope) + (scatter * np.asarray(points.spread)) ** 2 + _floor(y))
+        shift = (slope * x_variance - mixed) * (y - fitted) * weights
+        instrument = basis(x + np.clip(shift, -farthest, farthest))[0]
+        if np.abs(fitted - before).max() < PASS_TOLERANCE * size:
+            break
+        step = solve_moments(instrument, terms, y, often * weights) - parameters
+        parameters = parameters + (step if count < DAMPED_FROM else step / 2)
+    else:
+        if settled:
+            raise ConvergenceError(
+                f"the fit of a law did not converge in {MOST_PASSES} passes; "
+                "leave out outliers or narrow the range"
+            )
+    weights = often * weights
+    information = np.swapaxes(instrument * weights[..., None], -1, -2) @ instrument
+    unit = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), np.finfo(float).tiny))
+    unit = unit[..., None] * unit[..., None, :]
+    # degenerate parameters get the covariance of least norm
+    covariance = np.linalg.pinv(information / unit, rcond=1e-12, hermitian=True) / unit
+    return LinearFit(parameters, covariance, weights, y - fitted, scatter, freedom)
+
+
+def line(x: Values) -> tuple[Values, Values]:
+    """The terms 1 and x of a straight line."""
+    return np.stack([np.ones_like(x), x], -1), np.stack([np.zeros_like(x), np.ones_like(x)], -1)
+
+
+def proportion(x: Values) -> tuple[Values, Values]:
+    """The term x of a line through the origin."""
+    return x[..., None], np.ones_like(x)[..., None]
+
+
+def two_lines(place: float) -> Basis:
+    """The terms of two lines that meet at a place: their value there, and the slopes below and above."""
+
+    def terms(x: Values) -> tuple[Values, Values]:
+        away, below = x - place, x < place
+        columns = [np.ones_like(x), np.minimum(away, 0.0), np.maximum(away, 0.0)]
+        return np.stack(columns, -1), np.stack([np.zeros_like(x), below, ~below], -1).astype(float)
+
+    return terms
+
+
+def fit_line(points: Points, *, scatter: float | None = None) -> LinearFit:
+    """Fit ``y = c0 + c1 x`` with errors on both axes.
+
+    Parameters
+    ----------
+    points : Points
+        At least two different x.
+    scatter : float, optional
+        Excess scatter in y; default: estimated.
+
+    Raises
+    ------
+    InputError
+        If all x are equal.
+
+    Examples
+    --------
+    >>> fit = fit_line(Points([0.0, 1.0, 2.0], [1.0, 3.1, 4.9], x_std=0.05, y_std=0.1))
+    >>> round(float(fit.parameters[1]), 2), fit.scatter
+    (1.95, 0.0)
+    """
+    x = np.asarray(points.x)
+    if x.shape[-1] < 2 or (np.ptp(x, axis=-1) == 0).any():
+        place = f" at {x.flat[0]:g}" if x.size else ""
+        raise InputError(f"a line needs points at two or more different x, got {x.shape[-1]}{place}")
+    return fit_linear(line, points, scatter=scatter)
+
+
+def fit_proportional(points: Points, *, scatter: float | None = None) -> LinearFit:
+    """Fit ``y = c x`` with errors on both axes.
+
+    Parameters
+    ----------
+    points : Points
+        One x at least that is not zero.
+    scatter : float, optional
+        Excess scatter in y, the same at every x; default: estimated.
+
+    Raises
+    ------
+    InputError
+        If every x is zero.
+
+    Examples
+    --------
+    >>> float(fit_proportional(Points([1.0, 2.0], [2.0, 4.0])).parameters[0])
+    2.0
+    """
+    if not np.any(points.x):
+        raise InputError("a line through the origin needs a point away from it")
+    return fit_linear(proportion, points, scatter=scatter)
