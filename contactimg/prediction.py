@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import brentq
 from scipy.special import ellipe
 
 from contactimg.analysis.annuli import annulus_edges
@@ -15,11 +16,12 @@ from contactimg.effects.local_law import law_name
 from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, coupling_level, make_plan
-from contactimg.errors import InputError, ModelRangeError
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive_after
 from contactimg.models.asperity_laws import left_out_for
+from contactimg.models.base_gap import MAX_TOUCHING_SHARE
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
     RingSolution,
@@ -134,7 +136,8 @@ def predict_contacts(
     InputError
         If a section is missing, the load is negative, or the effects switched on do not go together.
     ModelRangeError
-        If the solution is not unique, or the indenter reaches the plane between the asperities.
+        If the solution is not unique, or most of the base within the nominal contact touches; less than that
+        is said in the message, with its place.
     ConvergenceError
         If the solver stops above its tolerance.
     """
@@ -145,13 +148,13 @@ def predict_contacts(
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
     solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance, history=history)
-    if solution.validity.planes_touch:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.validity.messages()[-1]}; lower the load")
+    refuse_touching_planes(solution)
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
     borne = solution.load if isinstance(load, LoadSpring) else load
     row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
+    row = row.assign(min_gap_m=solution.base_gap.least)
     row = row.assign(**_judgement(solution, scene), law=law_name(scene, shapes=solution.shapes))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
@@ -223,9 +226,16 @@ def _judgement(solution: InteractingSolution, scene: Scene) -> dict[str, str]:
     own = "" if solution.shapes is None else solution.shapes.words
     words = own if stated_profile(scene) is None else PROFILED
     notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    if solution.status == CONVERGED:
+    if solution.status == CONVERGED and not solution.validity.planes_touch:
         return {"status": Status.OK, "message": "; ".join(notes)}
-    return {"status": Status.APPROXIMATE, "message": "; ".join([solution.status, *notes])}
+    unproven = [] if solution.status == CONVERGED else [solution.status]
+    return {"status": Status.APPROXIMATE, "message": "; ".join([*unproven, *notes])}
+
+
+def refuse_touching_planes(solution: InteractingSolution) -> None:
+    """Raise `ModelRangeError` if most of the base within the nominal contact touches."""
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
 
 
 def predict_average(
@@ -273,8 +283,13 @@ def predict_average(
             f"at {load:g} N the contacts would have a mean radius of {widest * 1e6:.3g} um on asperities of "
             f"{radius * 1e6:.3g} um, outside every asperity model; lower the load"
         )
+    if rings.touching_share > MAX_TOUCHING_SHARE:
+        raise ModelRangeError(f"at {load:g} N {rings.limits()[-1]}; lower the load")
     row = _row(name, load, rings.area, rings.load, rings.indentation)
-    row = row.assign(message=_scatter_remark(rings), law="hertz")
+    remarks = [*rings.limits(), *([_scatter_remark(rings)] if _scatter_remark(rings) else [])]
+    row = row.assign(message="; ".join(remarks), law="hertz", min_gap_m=rings.base_gap)
+    if rings.base_gap < 0:
+        row = row.assign(status=Status.APPROXIMATE)
     return Prediction(CONTACTS.empty(), FRAMES.conform(row), profile)
 
 
@@ -450,6 +465,89 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
             f'[asperities] height_law = "{section.height_law}" needs {names[0]}_m and {names[1]}_m; add them'
         )
     return UniformHeights(first, second) if uniform else GaussianHeights(first, second)
+
+
+TRIAL_RATIO, MOST_TRIALS, LEAST_TRIAL = 4.0, 80, 1e-9
+"""Ratio of two loads in the search for touching planes, largest number of trials, and the load, over that of
+the first trial, below which the planes touch before the asperities do."""
+
+
+def find_touching_load(
+    scene: Scene,
+    asperities: pd.DataFrame | None,
+    *,
+    model: Model = "interacting",
+    coupling: Coupling = "auto",
+    relative: float = 1e-3,
+) -> float:
+    """The load at which the base planes of lens and rubber touch first, N.
+
+    Parameters
+    ----------
+    scene, asperities
+        As for `predict_contacts`; for ``"gw"`` and ``"gt"`` as for `predict_average`.
+    model : {"interacting", "gw", "gt"}
+    coupling : str
+        As for `predict_contacts`.
+    relative : float
+        Accuracy of the load.
+
+    Returns
+    -------
+    float
+        0 if the planes touch before the asperities do.
+
+    Raises
+    ------
+    ModelRangeError
+        If the model ends before the planes touch, with the smallest gap at the last load that it describes.
+    """
+    gap = partial(_base_gap, scene, asperities, model, coupling)
+    size = _mean_radius(scene.asperities or Asperities(), asperities)
+    first = trial = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
+    low, high = 0.0, np.inf
+    least, end = np.nan, ""
+    for _ in range(MOST_TRIALS):
+        try:
+            found = gap(trial)
+        except (ModelRangeError, ConvergenceError) as error:
+            high, end = trial, str(error)
+        else:
+            if found > 0:
+                low, least = trial, found
+            else:
+                high, end = trial, ""
+        if low > 0 and high < np.inf:
+            if not end:
+                return float(brentq(gap, low, high, rtol=relative))
+            if high < (1 + relative) * low:
+                break
+            trial = float(np.sqrt(low * high))
+        elif trial >= LEAST_TRIAL * first:
+            trial = trial * TRIAL_RATIO if high == np.inf else trial / TRIAL_RATIO
+        elif not end:
+            return 0.0
+        else:
+            break
+    raise ModelRangeError(
+        f"the model ends before the planes touch: at {low:.4g} N the smallest gap is {least * 1e6:.3g} um; "
+        f"beyond, {end}"
+    )
+
+
+def _base_gap(
+    scene: Scene, asperities: pd.DataFrame | None, model: Model, coupling: Coupling, load: float
+) -> float:
+    """Smallest gap between the base planes at a load, m."""
+    if model == "interacting":
+        table = _table(asperities, "a table")
+        row = predict_contacts(scene, table, load=load, coupling=coupling).frames
+    else:
+        row = predict_average(scene, asperities, load=load, model=model).frames
+    found = float(row["min_gap_m"].iloc[0])
+    if np.isnan(found):
+        raise InputError("the asperities cover all of the base: no planes are left that could touch")
+    return found
 
 
 def load_name(load: Prescribed) -> str:

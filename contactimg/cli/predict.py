@@ -24,6 +24,7 @@ class PredictOptions:
     tolerance: float | None
     annulus_mm: float
     displacements_um: tuple[float, ...] = ()
+    touching_load: bool = False
     patterns: int | None = None
 
     @property
@@ -55,6 +56,11 @@ class PredictOptions:
     multiple=True,
     help="Displacement of the stage from first touch, um, instead of a load: the indentation, or with "
     "[load] stiffness_N_m in the scene what a load cell of this stiffness leaves of it. Can be repeated.",
+)
+@click.option(
+    "--touching-load",
+    is_flag=True,
+    help="Also predict at the load at which the base planes of lens and rubber touch first, and print it.",
 )
 @shared.output("the folder of SCENE")
 @click.option(
@@ -114,6 +120,7 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
+      contactimg predict sample_data/ra_plus --touching-load -o limit
       contactimg predict ensemble --load-N 0.05 --patterns 8000 --workers 4 -o average
     """
     with stage("loading"):
@@ -124,6 +131,7 @@ def predict(
             error_records,
             plan_records,
             prescriptions,
+            touching_load,
             write_predictions,
         )
         from contactimg.tables import FAILED
@@ -136,6 +144,12 @@ def predict(
         options={"loads_N": list(loads)} | asdict(options),
         inputs=model_inputs(scene, description),
     )
+    touching = None
+    if options.touching_load:
+        touching = touching_load(description, model=options.model, coupling=options.coupling)
+        record |= {"touching_load_N": touching}
+        loads = (*loads, *([touching] if touching > 0 else []))
+        click.echo(f"the base planes touch from {touching:.4g} N on")
     prescribed = prescriptions(description, loads, options.displacements)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
         predictions = _predictions(description, prescribed, options, workers=workers, out=out, quiet=quiet)

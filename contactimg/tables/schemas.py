@@ -227,11 +227,15 @@ FRAMES = Schema(
             "str",
             "law of the local forces: hertz, sphere or profile; +ellipse, +modulus (unequal moduli), +jkr",
         ),
+        "min_gap_m": (
+            "float64",
+            "smallest gap between the base planes of lens and rubber in the model, m; touching below zero",
+        ),
     },
     "One row per frame or load, in order.",
     later=frozenset({
         "unseen_area_m2", "unseen_area_std_m2", "unseen_force_N", "unseen_force_std_N", "force_hertz_sum_N",
-        "law",
+        "law", "min_gap_m",
     }),
 )  # fmt: skip
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from contactimg.effects.mechanics.mechanical_effects import estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, relative_change
-from contactimg.errors import InputError, ModelRangeError
+from contactimg.errors import InputError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.greenwood_williamson import RingSolution
 from contactimg.models.solution import InteractingSolution
-from contactimg.prediction import pattern_sides, solve_average, solve_scene
+from contactimg.prediction import pattern_sides, refuse_touching_planes, solve_average, solve_scene
 from contactimg.surfaces import generate_asperities
 from contactimg.tradeoff.average_models import Average, average_change, average_contacts, average_rings
 from contactimg.tradeoff.boundary_elements import GRIDS, RESOLUTION, solve_boundary
@@ -159,9 +159,8 @@ def _asperities(case: Case) -> pd.DataFrame:
 
 
 def _in_range(solution: InteractingSolution) -> InteractingSolution:
-    """The solution; raise if the planes between the asperities touch."""
-    if solution.validity.planes_touch:
-        raise ModelRangeError(f"{solution.validity.messages()[-1]}; lower the load")
+    """The solution; raise if most of the planes between the asperities touch."""
+    refuse_touching_planes(solution)
     return solution
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.models.asperity_laws import AsperityLaw, Caps
-from contactimg.models.coarse_grid import CoarseGrid
+from contactimg.models.cells import Cells
 from contactimg.models.contact_solver import displacement_under_largest_force
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
 from contactimg.models.newton_iteration import (
@@ -68,6 +68,61 @@ class Response:
     contact_radius: Values
     penetration: Values
     indentation: float
+
+
+class CoarseGrid(Cells):
+    """Cells whose coupling and laws count a sample of the asperities."""
+
+    def coupling(self, kernel: Kernel, *, own: float | Values = 1.0) -> DenseCoupling:
+        """Coupling between cell centres; ``own``: share of a cell's force that acts on the cell itself."""
+        row, column = (
+            self.size * k.astype(np.float64) for k in np.unravel_index(np.arange(self.count), self.shape)
+        )
+        # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
+        uniform = 4 * np.arcsinh(1.0) / self.size
+        return DenseCoupling(column, row, kernel, own=own * uniform / np.pi)
+
+    def system(
+        self, problem: ScaledProblem, law: AsperityLaw, coupling: Coupling, *, weight: float = 1.0
+    ) -> ContactSystem:
+        """Equations of the cells, each as high as its highest asperity; every asperity counts ``weight``."""
+        highest = np.full(self.count, np.inf)
+        np.minimum.at(highest, self.cell, problem.gap)
+        numbers = np.arange(1.0, self.count + 1)
+        depth = problem.gap - highest[self.cell]
+        cells = _CellLaw(law, depth, problem.caps, self.cell, self.count, weight)
+        return ContactSystem(highest, Caps(numbers), cells, coupling, problem.load, problem.stiffness)
+
+
+@dataclass(frozen=True, eq=False)
+class _CellLaw:
+    """Sum of the asperity laws in each cell, as one law per cell.
+
+    A cell has no radius of curvature; ``respond`` gets the number of the cell, from one, in its place.
+    """
+
+    law: AsperityLaw
+    depth: Values
+    caps: Caps
+    cell: NDArray[np.intp]
+    count: int
+    weight: float
+
+    def respond(self, penetration: Values, caps: Caps) -> tuple[Values, Values]:
+        """Sums over each cell of the forces and of the contact radii (half the stiffness)."""
+        numbers = caps.radius.astype(np.intp) - 1
+        lowered = np.full(self.count, -np.inf)
+        lowered[numbers] = penetration
+        inside = lowered[self.cell] - self.depth
+        touching = np.flatnonzero(inside > 0)
+        responses = self.law.respond(inside[touching], self.caps[touching])
+        force, contact_radius = (self.weight * _sums(self.cell[touching], r, self.count) for r in responses)
+        return force[numbers], contact_radius[numbers]
+
+
+def _sums(cell: NDArray[np.intp], values: Values, count: int) -> Values:
+    """Sums over cells."""
+    return np.bincount(cell, values, count).astype(np.float64, copy=False)
 
 
 @dataclass(frozen=True, eq=False)

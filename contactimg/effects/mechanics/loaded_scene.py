@@ -28,12 +28,6 @@ Rows = NDArray[np.intp]
 
 PURPOSE = "planning the mechanical effects"
 
-PENETRATION_ERROR_FRACTION = 0.1
-"""Error of the penetrations as a fraction of the largest.
-
-Measured: below 6 % where cells replace neighbours.
-"""
-
 PULLED_DEPTH = 2.0
 """Indentation of an adhesive contact without load over ``(w^2 R/E*^2)^(1/3)``.
 
@@ -238,26 +232,6 @@ class LoadedScene:
                 "lower the load or merge them"
             )
 
-    @cached_property
-    def base_gap(self) -> float:
-        """Smallest distance between the indenter and the plane between the asperities, m."""
-        rows, depth = self.touching, self.problem.depth * self.all_candidates.penetration
-        return float(np.min(self.problem.height[self.sample.candidates.order[rows]] - depth[rows]))
-
-    @property
-    def base_gap_error(self) -> float:
-        """Error of `base_gap`, m."""
-        return PENETRATION_ERROR_FRACTION * self.problem.depth * float(self.all_candidates.penetration.max())
-
-    def check_plane_gap(self) -> None:
-        """Raise `ModelRangeError` if the indenter certainly reaches the plane between the asperities."""
-        if self.base_gap < -self.base_gap_error:
-            load = float(self.problem.load or 0.0) * self.problem.force_unit
-            raise ModelRangeError(
-                f"at {load:g} N the indenter lies about {-self.base_gap * 1e6:.3g} um below the plane "
-                "between the asperities: the planes touch, outside every asperity model; lower the load"
-            )
-
     def limits(self) -> Iterator[str]:
         """Sentences on the ranges of validity that are exceeded."""
         sentences = {
@@ -270,11 +244,6 @@ class LoadedScene:
                 yield f"about {count} of {self.flags.size} contacts {sentence}"
         if self.own_law:
             yield left_out_for(self.own_law)
-        if self.base_gap < self.base_gap_error:
-            yield (
-                f"the indenter comes within {self.base_gap * 1e6:.2g} +- {self.base_gap_error * 1e6:.2g} um "
-                "of the plane between the asperities; whether the planes touch, only the solution will show"
-            )
 
     @cached_property
     def field_terms(self) -> FieldTerms:

@@ -129,7 +129,6 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
         return MechanicalEstimates(none, (), CONTACTS.empty, _nothing, ModelError({}, ""))
     loaded = LoadedScene(scene, problem)
     loaded.check_engulfed()
-    loaded.check_plane_gap()
     answers = {name: _answer(loaded, name) for name in PAIRS}
     changes = EffectChanges.between(loaded, {name: pair for name, (pair, _) in answers.items()})
     estimates = _estimates(loaded, changes, {name: reason for name, (_, reason) in answers.items()})
