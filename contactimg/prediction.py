@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipe
 
@@ -34,11 +35,12 @@ from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
+from contactimg.models.surroundings import MeanField, rim_share
 from contactimg.pose import Pose
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius, equivalent_radii, refuse_own_caps
-from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
@@ -147,15 +149,26 @@ def predict_contacts(
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance, history=history)
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    solution = solve_scene(
+        scene,
+        asperities,
+        load=load,
+        coupling=level,
+        tolerance=tolerance,
+        history=history,
+        surroundings=field,
+    )
     refuse_touching_planes(solution)
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
     borne = solution.load if isinstance(load, LoadSpring) else load
-    row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
+    sunk = 0.0 if field is None else field.sinking(shaped_asperities(asperities, scene))
+    row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation + sunk)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
     row = row.assign(min_gap_m=solution.base_gap.least)
-    row = row.assign(**_judgement(solution, scene), law=law_name(scene, shapes=solution.shapes))
+    border = _around_the_table(scene, asperities, solution, field, borne)
+    row = row.assign(**_judgement(solution, scene, border), law=law_name(scene, shapes=solution.shapes))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -221,15 +234,106 @@ def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, sc
     return contacts.assign(force_hertz_N=forces)
 
 
-def _judgement(solution: InteractingSolution, scene: Scene) -> dict[str, str]:
+def _judgement(solution: InteractingSolution, scene: Scene, border: str) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution."""
     own = "" if solution.shapes is None else solution.shapes.words
     words = own if stated_profile(scene) is None else PROFILED
     notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    if solution.status == CONVERGED and not solution.validity.planes_touch:
+    notes += [border] if border else []
+    lost = "runs off the table" in border
+    if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
         return {"status": Status.OK, "message": "; ".join(notes)}
     unproven = [] if solution.status == CONVERGED else [solution.status]
     return {"status": Status.APPROXIMATE, "message": "; ".join([*unproven, *notes])}
+
+
+BORDER_SHARE = 2e-3
+"""Share of the load that a mean field outside the table would carry from which on a prediction says so."""
+
+
+def surrounding_field(
+    scene: Scene, asperities: pd.DataFrame, load: Prescribed, *, coupled: bool
+) -> MeanField | None:
+    """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
+    if scene.asperities is None or scene.asperities.surroundings == "none":
+        return None
+    if isinstance(load, LoadSpring) or scene.effects.adhesion == "on":
+        raise InputError(
+            '[asperities] surroundings = "mean_field" bears a share of a load, without adhesion; state loads '
+            'and [effects] adhesion = "off", or leave it out'
+        )
+    refused = _without_mean_field(scene, asperities)
+    if refused:
+        raise InputError(f'[asperities] surroundings = "mean_field" {refused}; leave it out')
+    return _mean_field(scene, asperities, load, coupled=coupled) if load > 0 else None
+
+
+def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
+    """Why a table has no mean field; empty if it has."""
+    section, indenter = scene.asperities or Asperities(), scene.indenter
+    if section.profiled or any(name in asperities for name in ASPERITIES.later):
+        return "takes spherical caps of one modulus"
+    if scene.shaped or indenter is None or not np.isfinite(indenter.radius):
+        return "takes a flat sample under an upright lens"
+    spans = np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
+    if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not spans.min() > 0:
+        return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle"
+    return ""
+
+
+def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField:
+    """The mean field of a table at a load."""
+    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
+    return MeanField.of(
+        asperities,
+        table_rectangle(scene.asperities or Asperities(), asperities),
+        load=load,
+        indenter_radius=indenter.radius,
+        contact_modulus=elastic.contact_modulus,
+        apex=indenter.apex,
+        thickness=elastic.thickness if scene.effects.layer == "on" and elastic.thickness else np.inf,
+        coupled=coupled,
+    )
+
+
+def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np.float64]:
+    """Limits in x and in y (m) of what a table describes: the generated square, or the caps' discs."""
+    if section.generate is not None:
+        return np.array([[0.0, section.side], [0.0, section.side]])
+    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
+    places = asperities[["x_m", "y_m"]].to_numpy(float).T
+    return np.stack([(places - base).min(axis=1), (places + base).max(axis=1)], axis=1)
+
+
+def _around_the_table(
+    scene: Scene,
+    asperities: pd.DataFrame,
+    solution: InteractingSolution,
+    field: MeanField | None,
+    load: float,
+) -> str:
+    """A sentence on what lies around the table; empty where the contact region ends inside it."""
+    if field is not None:
+        return (
+            f"around the table a mean field carries {field.load:.4g} N on {field.area * 1e6:.4g} mm2, which "
+            "are not in the sums"
+        )
+    if not load > 0 or _without_mean_field(scene, asperities):
+        return ""
+    rectangle = table_rectangle(scene.asperities or Asperities(), asperities)
+    spacing = float(np.sqrt(np.prod(np.ptp(rectangle, axis=1)) / len(asperities)))
+    rows, apex = solution.touching, np.array(scene.need("indenter", PURPOSE).apex)
+    rim = rim_share(solution.x[rows], solution.y[rows], solution.force[rows], rectangle, spacing)
+    if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
+        return ""
+    outside = _mean_field(scene, asperities, load, coupled=solution.coupling != "none").share
+    if outside < BORDER_SHARE:
+        return ""
+    return (
+        f"the contact region runs off the table: {100 * rim:.2g} % of the load is borne within one mean "
+        f"spacing of its rim, and a mean field outside would carry {100 * outside:.2g} % of the load; take a "
+        'larger table, or [asperities] surroundings = "mean_field"'
+    )
 
 
 def refuse_touching_planes(solution: InteractingSolution) -> None:
@@ -360,11 +464,13 @@ def solve_scene(
     coupling: str,
     tolerance: float | None = None,
     history: Sequence[Prescribed] = (),
+    surroundings: MeanField | None = None,
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
     Scene, table, load, tolerance, history and errors are those of `predict_contacts`; ``coupling`` is one of
     the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not enter there.
+    ``surroundings`` bear their share of the load.
     """
     scene.check_effects()
     indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
@@ -384,8 +490,11 @@ def solve_scene(
         solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
+    table = shaped_asperities(asperities, scene)
+    if surroundings is not None and not isinstance(load, LoadSpring):
+        table, load = surroundings.around(table), load - surroundings.load
     return solve(
-        shaped_asperities(asperities, scene),
+        table,
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,

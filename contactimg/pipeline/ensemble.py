@@ -29,6 +29,7 @@ from contactimg.prediction import (
     make_mechanical_plan,
     scene_level,
     solve_scene,
+    surrounding_field,
     with_coupling,
     with_memory,
 )
@@ -80,13 +81,15 @@ class Ensemble:
         """A pattern at one load."""
         scene = self.scenes[k]
         try:
+            load, level = self.loads[k], self.level[k]
             found = solve_scene(
                 scene,
                 asperities,
-                load=self.loads[k],
-                coupling=self.level[k],
+                load=load,
+                coupling=level,
                 tolerance=self.tolerance,
                 history=self.histories[k],
+                surroundings=surrounding_field(scene, asperities, load, coupled=level != "none"),
             )
         except ContactimgError as error:
             return str(error)
