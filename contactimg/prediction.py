@@ -7,6 +7,8 @@ from typing import Literal
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.optimize import brentq
 from scipy.special import ellipe
 
 from contactimg.analysis.annuli import annulus_edges
@@ -15,9 +17,10 @@ from contactimg.effects.local_law import law_name
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, solve_scene
 from contactimg.effects.output_change import ANNULUS
 from contactimg.effects.plan import Plan, make_plan
-from contactimg.errors import InputError, ModelRangeError
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics import hertz
 from contactimg.models.asperity_laws import left_out_for
+from contactimg.models.base_gap import MAX_TOUCHING_SHARE
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
     RingSolution,
@@ -29,10 +32,12 @@ from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
+from contactimg.models.surroundings import MeanField, rim_share
 from contactimg.pose import Pose
+from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius, equivalent_radii, refuse_own_caps
-from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
+from contactimg.tables import ASPERITIES, CONTACTS, FRAMES, PROFILE, Status
 
 Coupling = Literal["auto", "none", "asymptotic", "hertz", "full"]
 Model = Literal["interacting", "gw", "gt"]
@@ -130,7 +135,8 @@ def predict_contacts(
     InputError
         If a section is missing, the load is negative, or the effects switched on do not go together.
     ModelRangeError
-        If the solution is not unique, or the indenter reaches the plane between the asperities.
+        If the solution is not unique, or most of the base within the nominal contact touches; less than that
+        is said in the message, with its place.
     ConvergenceError
         If the solver stops above its tolerance.
     """
@@ -140,15 +146,26 @@ def predict_contacts(
         plan = make_mechanical_plan(scene, asperities, load=load)
         scene = plan.apply(scene)
     level = scene_level(scene, coupling)
-    solution = solve_scene(scene, asperities, load=load, coupling=level, tolerance=tolerance, history=history)
-    if solution.validity.planes_touch:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.validity.messages()[-1]}; lower the load")
+    field = surrounding_field(scene, asperities, load, coupled=level != "none")
+    solution = solve_scene(
+        scene,
+        asperities,
+        load=load,
+        coupling=level,
+        tolerance=tolerance,
+        history=history,
+        surroundings=field,
+    )
+    refuse_touching_planes(solution)
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
     contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
     borne = solution.load if isinstance(load, LoadSpring) else load
-    row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation)
+    sunk = 0.0 if field is None else field.sinking(shaped_asperities(asperities, scene))
+    row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation + sunk)
     row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
-    row = row.assign(**_judgement(solution, scene), law=law_name(scene, shapes=solution.shapes))
+    row = row.assign(min_gap_m=solution.base_gap.least)
+    border = _around_the_table(scene, asperities, solution, field, borne)
+    row = row.assign(**_judgement(solution, scene, border), law=law_name(scene, shapes=solution.shapes))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
@@ -214,14 +231,112 @@ def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, sc
     return contacts.assign(force_hertz_N=forces)
 
 
-def _judgement(solution: InteractingSolution, scene: Scene) -> dict[str, str]:
+def _judgement(solution: InteractingSolution, scene: Scene, border: str) -> dict[str, str]:
     """Status and message of the row, from what the solver says of its solution."""
     own = "" if solution.shapes is None else solution.shapes.words
     words = own if stated_profile(scene) is None else PROFILED
     notes = [*solution.validity.messages(), *([left_out_for(words)] if words else [])]
-    if solution.status == CONVERGED:
+    notes += [border] if border else []
+    lost = "runs off the table" in border
+    if solution.status == CONVERGED and not solution.validity.planes_touch and not lost:
         return {"status": Status.OK, "message": "; ".join(notes)}
-    return {"status": Status.APPROXIMATE, "message": "; ".join([solution.status, *notes])}
+    unproven = [] if solution.status == CONVERGED else [solution.status]
+    return {"status": Status.APPROXIMATE, "message": "; ".join([*unproven, *notes])}
+
+
+BORDER_SHARE = 2e-3
+"""Share of the load that a mean field outside the table would carry from which on a prediction says so."""
+
+
+def surrounding_field(
+    scene: Scene, asperities: pd.DataFrame, load: Prescribed, *, coupled: bool
+) -> MeanField | None:
+    """The mean field around a table, if ``[asperities] surroundings`` asks for it."""
+    if scene.asperities is None or scene.asperities.surroundings == "none":
+        return None
+    if isinstance(load, LoadSpring) or scene.effects.adhesion == "on":
+        raise InputError(
+            '[asperities] surroundings = "mean_field" bears a share of a load, without adhesion; state loads '
+            'and [effects] adhesion = "off", or leave it out'
+        )
+    refused = _without_mean_field(scene, asperities)
+    if refused:
+        raise InputError(f'[asperities] surroundings = "mean_field" {refused}; leave it out')
+    return _mean_field(scene, asperities, load, coupled=coupled) if load > 0 else None
+
+
+def _without_mean_field(scene: Scene, asperities: pd.DataFrame) -> str:
+    """Why a table has no mean field; empty if it has."""
+    section, indenter = scene.asperities or Asperities(), scene.indenter
+    if section.profiled or any(name in asperities for name in ASPERITIES.later):
+        return "takes spherical caps of one modulus"
+    if scene.shaped or indenter is None or not np.isfinite(indenter.radius):
+        return "takes a flat sample under an upright lens"
+    spans = np.ptp(asperities[["x_m", "y_m"]].to_numpy(float), axis=0) if len(asperities) else np.zeros(2)
+    if len(asperities) < MIN_ASPERITIES_FOR_SIDES or not spans.min() > 0:
+        return f"needs at least {MIN_ASPERITIES_FOR_SIDES} asperities spread over a rectangle"
+    return ""
+
+
+def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled: bool) -> MeanField:
+    """The mean field of a table at a load."""
+    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
+    return MeanField.of(
+        asperities,
+        table_rectangle(scene.asperities or Asperities(), asperities),
+        load=load,
+        indenter_radius=indenter.radius,
+        contact_modulus=elastic.contact_modulus,
+        apex=indenter.apex,
+        thickness=elastic.thickness if scene.effects.layer == "on" and elastic.thickness else np.inf,
+        coupled=coupled,
+    )
+
+
+def table_rectangle(section: Asperities, asperities: pd.DataFrame) -> NDArray[np.float64]:
+    """Limits in x and in y (m) of what a table describes: the generated square, or the caps' discs."""
+    if section.generate is not None:
+        return np.array([[0.0, section.side], [0.0, section.side]])
+    base = base_radius(asperities["height_m"], equivalent_radii(asperities))
+    places = asperities[["x_m", "y_m"]].to_numpy(float).T
+    return np.stack([(places - base).min(axis=1), (places + base).max(axis=1)], axis=1)
+
+
+def _around_the_table(
+    scene: Scene,
+    asperities: pd.DataFrame,
+    solution: InteractingSolution,
+    field: MeanField | None,
+    load: float,
+) -> str:
+    """A sentence on what lies around the table; empty where the contact region ends inside it."""
+    if field is not None:
+        return (
+            f"around the table a mean field carries {field.load:.4g} N on {field.area * 1e6:.4g} mm2, which "
+            "are not in the sums"
+        )
+    if not load > 0 or _without_mean_field(scene, asperities):
+        return ""
+    rectangle = table_rectangle(scene.asperities or Asperities(), asperities)
+    spacing = float(np.sqrt(np.prod(np.ptp(rectangle, axis=1)) / len(asperities)))
+    rows, apex = solution.touching, np.array(scene.need("indenter", PURPOSE).apex)
+    rim = rim_share(solution.x[rows], solution.y[rows], solution.force[rows], rectangle, spacing)
+    if rim == 0 and np.all((apex > rectangle[:, 0]) & (apex < rectangle[:, 1])):
+        return ""
+    outside = _mean_field(scene, asperities, load, coupled=solution.coupling != "none").share
+    if outside < BORDER_SHARE:
+        return ""
+    return (
+        f"the contact region runs off the table: {100 * rim:.2g} % of the load is borne within one mean "
+        f"spacing of its rim, and a mean field outside would carry {100 * outside:.2g} % of the load; take a "
+        'larger table, or [asperities] surroundings = "mean_field"'
+    )
+
+
+def refuse_touching_planes(solution: InteractingSolution) -> None:
+    """Raise `ModelRangeError` if most of the base within the nominal contact touches."""
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
 
 
 def predict_average(
@@ -269,8 +384,13 @@ def predict_average(
             f"at {load:g} N the contacts would have a mean radius of {widest * 1e6:.3g} um on asperities of "
             f"{radius * 1e6:.3g} um, outside every asperity model; lower the load"
         )
+    if rings.touching_share > MAX_TOUCHING_SHARE:
+        raise ModelRangeError(f"at {load:g} N {rings.limits()[-1]}; lower the load")
     row = _row(name, load, rings.area, rings.load, rings.indentation)
-    row = row.assign(message=_scatter_remark(rings), law="hertz")
+    remarks = [*rings.limits(), *([_scatter_remark(rings)] if _scatter_remark(rings) else [])]
+    row = row.assign(message="; ".join(remarks), law="hertz", min_gap_m=rings.base_gap)
+    if rings.base_gap < 0:
+        row = row.assign(status=Status.APPROXIMATE)
     return Prediction(CONTACTS.empty(), FRAMES.conform(row), profile)
 
 
@@ -402,6 +522,89 @@ def _height_law(section: Asperities, asperities: pd.DataFrame | None) -> HeightL
             f'[asperities] height_law = "{section.height_law}" needs {names[0]}_m and {names[1]}_m; add them'
         )
     return UniformHeights(first, second) if uniform else GaussianHeights(first, second)
+
+
+TRIAL_RATIO, MOST_TRIALS, LEAST_TRIAL = 4.0, 80, 1e-9
+"""Ratio of two loads in the search for touching planes, largest number of trials, and the load, over that of
+the first trial, below which the planes touch before the asperities do."""
+
+
+def find_touching_load(
+    scene: Scene,
+    asperities: pd.DataFrame | None,
+    *,
+    model: Model = "interacting",
+    coupling: Coupling = "auto",
+    relative: float = 1e-3,
+) -> float:
+    """The load at which the base planes of lens and rubber touch first, N.
+
+    Parameters
+    ----------
+    scene, asperities
+        As for `predict_contacts`; for ``"gw"`` and ``"gt"`` as for `predict_average`.
+    model : {"interacting", "gw", "gt"}
+    coupling : str
+        As for `predict_contacts`.
+    relative : float
+        Accuracy of the load.
+
+    Returns
+    -------
+    float
+        0 if the planes touch before the asperities do.
+
+    Raises
+    ------
+    ModelRangeError
+        If the model ends before the planes touch, with the smallest gap at the last load that it describes.
+    """
+    gap = partial(_base_gap, scene, asperities, model, coupling)
+    size = _mean_radius(scene.asperities or Asperities(), asperities)
+    first = trial = 1e-2 * scene.need("elastic", PURPOSE).contact_modulus * size**2
+    low, high = 0.0, np.inf
+    least, end = np.nan, ""
+    for _ in range(MOST_TRIALS):
+        try:
+            found = gap(trial)
+        except (ModelRangeError, ConvergenceError) as error:
+            high, end = trial, str(error)
+        else:
+            if found > 0:
+                low, least = trial, found
+            else:
+                high, end = trial, ""
+        if low > 0 and high < np.inf:
+            if not end:
+                return float(brentq(gap, low, high, rtol=relative))
+            if high < (1 + relative) * low:
+                break
+            trial = float(np.sqrt(low * high))
+        elif trial >= LEAST_TRIAL * first:
+            trial = trial * TRIAL_RATIO if high == np.inf else trial / TRIAL_RATIO
+        elif not end:
+            return 0.0
+        else:
+            break
+    raise ModelRangeError(
+        f"the model ends before the planes touch: at {low:.4g} N the smallest gap is {least * 1e6:.3g} um; "
+        f"beyond, {end}"
+    )
+
+
+def _base_gap(
+    scene: Scene, asperities: pd.DataFrame | None, model: Model, coupling: Coupling, load: float
+) -> float:
+    """Smallest gap between the base planes at a load, m."""
+    if model == "interacting":
+        table = _table(asperities, "a table")
+        row = predict_contacts(scene, table, load=load, coupling=coupling).frames
+    else:
+        row = predict_average(scene, asperities, load=load, model=model).frames
+    found = float(row["min_gap_m"].iloc[0])
+    if np.isnan(found):
+        raise InputError("the asperities cover all of the base: no planes are left that could touch")
+    return found
 
 
 def load_name(load: Prescribed) -> str:

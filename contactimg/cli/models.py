@@ -32,6 +32,7 @@ def predict(
     stated: shared.Stated,
     loads: Annotated[tuple[float, ...], "--load-N"] = (),
     displacements_um: Annotated[tuple[float, ...], "--displacement-um"] = (),
+    touching_load: bool = False,
     output: shared.Output = None,
     model: Literal["interacting", "gw", "gt"] = "interacting",
     coupling: Literal["auto", "none", "asymptotic", "hertz", "full"] = "auto",
@@ -53,6 +54,7 @@ def predict(
       contactimg predict sample_data/sa_plus --load-N 0.1 --load-N 0.5 -o coupled
       contactimg predict sample_data/sa_plus --load-N 0.5 --model gt -o averages
       contactimg predict sample_data/sa_plus --load-N 0.5 --tolerance 0.05 -o quick
+      contactimg predict sample_data/ra_plus --touching-load -o limit
       contactimg predict ensemble --load-N 0.05 --patterns 8000 --workers 4 -o average
 
     Parameters
@@ -62,6 +64,8 @@ def predict(
     displacements_um
         Displacement of the stage from first touch, um, instead of a load: the indentation, or with [load]
         stiffness_N_m in the scene what a load cell of this stiffness leaves of it. Can be repeated.
+    touching_load
+        Also predict at the load at which the base planes of lens and rubber touch first, and print it.
     model
         interacting: every asperity of the table. gw, gt: the averages of Greenwood and Williamson, or of
         Greenwood and Tripp.
@@ -87,12 +91,20 @@ def predict(
             solver_tolerance,
             write_predictions,
         )
+        from contactimg.pipeline.predict import (
+            touching_load as touching_load_of,
+        )
         from contactimg.tables import FAILED
 
     if patterns is not None and model != "interacting":
         raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
     described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
+    planes_touch_at = None
+    if touching_load:
+        planes_touch_at = touching_load_of(described, model=model, coupling=coupling)
+        loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
+        say(f"the base planes touch from {planes_touch_at:.4g} N on")
     prescribed = prescriptions(described, loads, [displacement / 1e6 for displacement in displacements_um])
     annulus = annulus_mm * 1e-3
     with shared.results_in(
@@ -124,6 +136,8 @@ def predict(
                 )
         frames = write_predictions(predictions, described, out.folder)
         out.record["plans"] = plan_records(predictions)
+        if planes_touch_at is not None:
+            out.record["touching_load_N"] = planes_touch_at
         out.record["expected_errors"] = error_records(predictions)
         level = f", coupling {coupling}" if model == "interacting" else ""
         many = f", {patterns:,} patterns" if patterns else ""

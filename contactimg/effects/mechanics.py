@@ -38,6 +38,7 @@ from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.solution import InteractingSolution
+from contactimg.models.surroundings import MeanField
 from contactimg.models.validity import close_pairs
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Scene
@@ -62,9 +63,6 @@ RESIDUAL, RESIDUAL_FRACTION = 1e-4, 1e-2
 """Residual of the compared solutions: this, or this fraction of the tolerance where that is smaller. Chosen
 below the smallest changes that decide."""
 
-BASE_GAP_ERROR = 0.1
-"""Error of the gap between the base planes over the largest penetration. Measured: full coupling and the
-sphere's profile change the penetrations by less than 0.06 of it."""
 
 FLAT_RADIUS_M = 1e6
 """Radius of the flat that presses the part of a scene."""
@@ -110,12 +108,14 @@ def solve_scene(
     tolerance: float | None = None,
     history: Sequence[float | LoadSpring] = (),
     start: InteractingSolution | None = None,
+    surroundings: MeanField | None = None,
 ) -> InteractingSolution:
     """Solve the interacting model with the effects that the scene switches on.
 
     Scene, table, load, tolerance, history and errors are those of `contactimg.prediction.predict_contacts`;
     ``coupling`` is one of the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not
     enter there. ``start`` is a solution of the same table, from which contacts without adhesion start.
+    ``surroundings`` bear their share of the load.
     """
     scene.check_effects()
     indenter, elastic = scene.need("indenter", "a contact model"), scene.need("elastic", "a contact model")
@@ -135,8 +135,11 @@ def solve_scene(
         solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
+    table = shaped_asperities(asperities, scene)
+    if surroundings is not None and not isinstance(load, LoadSpring):
+        table, load = surroundings.around(table), load - surroundings.load
     return solve(
-        shaped_asperities(asperities, scene),
+        table,
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,
@@ -220,7 +223,8 @@ class Comparison:
         try:
             self.base = self.solve(self.on)
         except ConvergenceError:
-            refuse_touching_planes(self.alone, load, error=0.0)
+            if self.alone.base_gap.beyond_models:
+                raise ModelRangeError(f"at {load:g} N {self.alone.base_gap.sentence}; lower the load") from None
             refuse_engulfed(self.alone)
             raise
         # adhesive solutions do not tell the gaps of asperities out of contact
@@ -522,16 +526,6 @@ def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -
     return MechanicalEstimates(tuple(estimates), tuple(limits), whole.base, compared, _model_error(near))
 
 
-def refuse_touching_planes(solution: InteractingSolution, load: float, *, error: float) -> None:
-    """Raise `ModelRangeError` if the base planes touch by more than an error (m)."""
-    gap = solution.validity.base_gap
-    if gap < -error:
-        raise ModelRangeError(
-            f"at {load:g} N the indenter lies about {-gap * 1e6:.3g} um below the plane between the "
-            "asperities: the planes touch, outside every asperity model; lower the load"
-        )
-
-
 def refuse_engulfed(alone: InteractingSolution) -> None:
     """Raise `ModelRangeError` if uncoupled contacts lie far inside each other."""
     rows = alone.touching
@@ -545,17 +539,13 @@ def refuse_engulfed(alone: InteractingSolution) -> None:
 
 
 def _limits(whole: Comparison, load: float) -> list[str]:
-    """Sentences on the ranges of validity that are exceeded; an error if the base planes certainly touch."""
-    validity, error = whole.base.validity, BASE_GAP_ERROR * float(np.max(whole.base.penetration))
-    refuse_touching_planes(whole.base, load, error=error)
-    limits = [text for text in validity.messages() if "planes touch" not in text]
+    """Sentences on the ranges of validity that are exceeded; an error if most of the base planes touch."""
+    gap = whole.base.base_gap
+    if gap.beyond_models:
+        raise ModelRangeError(f"at {load:g} N {gap.sentence}; lower the load")
+    limits = list(whole.base.validity.messages())
     if whole.own_caps:
         limits.append(left_out_for(whole.own_caps))
-    if validity.base_gap < error:
-        limits.append(
-            f"the indenter comes within {validity.base_gap * 1e6:.2g} +- {error * 1e6:.2g} um of the plane "
-            "between the asperities; whether the planes touch, only the solution will show"
-        )
     return limits
 
 

@@ -22,10 +22,10 @@ from contactimg.models.adhesive_proof import AdhesiveProof
 from contactimg.models.asperity_laws import LAWS
 from contactimg.models.coupling import Kernel
 from contactimg.models.interacting import solve_interacting
-from contactimg.models.load_spring import LoadSpring, prescribed
+from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.proof import ADHESION_RANGE_J_M2, check_range, refuse_beyond_floats
-from contactimg.models.scaled_problem import ContactConditions, check_choice, scale_problem
-from contactimg.models.solution import InteractingSolution, Outcome
+from contactimg.models.scaled_problem import check_choice, scale_problem
+from contactimg.models.solution import InteractingSolution
 
 COUPLINGS = ("none", "asymptotic", "full")
 
@@ -161,7 +161,10 @@ def solve_adhesive(
         path, state, steps = path.refined(state, steps)
     solution = problem.record(
         *state.scattered(problem.order.size),
-        Outcome(state.indentation * problem.depth, coupling, float(thickness), steps, state.residual),
+        indentation=state.indentation,
+        coupling=coupling,
+        iterations=steps,
+        residual=state.residual,
     )
     law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect=1.0 if law == "sphere" else 0.0)
     return AdhesiveProof(path, state, law_in_si, conditions, start).judge(solution)

@@ -10,9 +10,8 @@ from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.adhesive_path import AdhesivePath, AdhesiveState
 from contactimg.models.asperity_laws import Caps
 from contactimg.models.coupling import DenseCoupling, Kernel
-from contactimg.models.load_spring import LoadSpring
+from contactimg.models.load_spring import ContactConditions, LoadSpring
 from contactimg.models.proof import MAX_RELATIVE_ERROR, check_finite, judge, relative_error
-from contactimg.models.scaled_problem import ContactConditions
 from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]
@@ -76,7 +75,7 @@ class AdhesiveProof:
     def _penetration_size(self, solution: InteractingSolution) -> float:
         """Largest depth of the indenter below the apex of a contact, or the unit of height, m."""
         p = self.path.problem
-        depths = np.abs(solution.indentation - p.base_gap[self.state.rows])
+        depths = np.abs(solution.indentation - p.depths[self.state.rows])
         return max(float(depths.max(initial=0.0)), p.depth)
 
     def _penetration(self, solution: InteractingSolution, force: Values) -> Values:
@@ -86,7 +85,7 @@ class AdhesiveProof:
         if contacts is not None:
             displacement = contacts.matrix @ (force / p.force_unit)
         correction = (self.path.field_gap(rows) + displacement) * p.depth
-        return solution.indentation - p.base_gap[rows] - correction
+        return solution.indentation - p.depths[rows] - correction
 
     def _force_size(self, solution: InteractingSolution) -> float:
         """Sum of the magnitudes of the forces and of their flat-punch parts, N."""

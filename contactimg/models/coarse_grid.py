@@ -5,14 +5,13 @@ small dense problem gives the displacement of the pattern without its variation 
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from contactimg.models.asperity_laws import AsperityLaw, Caps
-from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
+from contactimg.models.cells import Cells
+from contactimg.models.coupling import DenseCoupling, Kernel, NoCoupling
 from contactimg.models.newton_iteration import (
     ContactSystem,
     Iterate,
@@ -44,7 +43,7 @@ class GridStart:
     ----------
     problem : ScaledProblem
     law : AsperityLaw
-    cells : CoarseGrid
+    cells : Cells
     coupling : DenseCoupling
         Of the cells.
     force, penetration : ndarray
@@ -54,7 +53,7 @@ class GridStart:
 
     problem: ScaledProblem
     law: AsperityLaw
-    cells: "CoarseGrid"
+    cells: Cells
     coupling: DenseCoupling
     force: Values
     penetration: Values
@@ -68,15 +67,15 @@ class GridStart:
 
         ``force`` and ``indentation`` are those without coupling.
         """
-        cells = CoarseGrid.over(problem.x, problem.y, GRID_CELLS)
+        cells = Cells.over(problem.x, problem.y, GRID_CELLS)
         start = cls(problem, law, cells, cells.coupling(kernel), force, force, indentation)
-        system = cells.system(problem, law, start.coupling)
+        system = start._system(problem)
         state = _solve_cells(system, initial_iterate(system, cells.sums(force), indentation))
         return start._lowered(cells.interpolated(state.displacement), state.indentation)
 
     def part(self, kept: NDArray[np.bool_]) -> "GridStart":
         """The same for some of the asperities."""
-        cells = CoarseGrid(self.cells.places[:, kept], self.cells.shape, self.cells.size)
+        cells = Cells(self.cells.places[:, kept], self.cells.shape, self.cells.size)
         values = self.force[kept], self.penetration[kept], self.indentation
         return GridStart(self.problem.part(kept), self.law, cells, self.coupling, *values)
 
@@ -89,10 +88,20 @@ class GridStart:
         force = cells.sums(self.force)
         before = self.coupling.displacement(force)
         within = replace(self.problem, gap=self.problem.gap + displacement - before[cells.cell])
-        system = cells.system(within, self.law, self.coupling)
+        system = self._system(within)
         state = _solve_cells(system, evaluate_iterate(system, force, self.indentation, before))
         change = cells.interpolated(state.displacement - before)
         return self._lowered(displacement + change, state.indentation)
+
+    def _system(self, problem: ScaledProblem) -> ContactSystem:
+        """Equations of the cells, each as high as its highest asperity."""
+        cells = self.cells
+        highest = np.full(cells.count, np.inf)
+        np.minimum.at(highest, cells.cell, problem.gap)
+        numbers = np.arange(1.0, cells.count + 1)
+        depth = problem.gap - highest[cells.cell]
+        law = _CellLaw(self.law, depth, problem.caps, cells)
+        return ContactSystem(highest, Caps(numbers), law, self.coupling, problem.load, problem.stiffness)
 
     def _lowered(self, displacement: Values, guess: float) -> "GridStart":
         """The start with the response to a displacement; ``guess`` is near its indentation."""
@@ -116,69 +125,6 @@ def _solve_cells(system: ContactSystem, state: Iterate) -> Iterate:
 
 
 @dataclass(frozen=True, eq=False)
-class CoarseGrid:
-    """Square cells over a pattern.
-
-    Parameters
-    ----------
-    places : ndarray, shape (2, n)
-        Row and column of each asperity, in cells, from the pattern's corner.
-    shape : (int, int)
-    size : float
-        Side of a cell.
-    """
-
-    places: Values
-    shape: tuple[int, ...]
-    size: float
-
-    @classmethod
-    def over(cls, x: Values, y: Values, number: int) -> "CoarseGrid":
-        """``number`` cells along the longer side of the asperities' bounding box."""
-        size = max(float(np.ptp(x)), float(np.ptp(y))) / number
-        places = np.stack([(v - v.min()) / size for v in (y, x)])
-        return cls(places, tuple(int(p.max()) + 1 for p in places), size)
-
-    @cached_property
-    def cell(self) -> NDArray[np.intp]:
-        """The cell of each asperity."""
-        return np.ravel_multi_index(tuple(self.places.astype(np.intp)), self.shape)
-
-    @property
-    def count(self) -> int:
-        """How many cells there are, empty ones included."""
-        return int(np.prod(self.shape))
-
-    def interpolated(self, values: Values) -> Values:
-        """Values of the cells at the asperities."""
-        return map_coordinates(values.reshape(self.shape), self.places - 0.5, order=1, mode="nearest")
-
-    def sums(self, values: Values) -> Values:
-        """Sums over cells."""
-        return _sums(self.cell, values, self.count)
-
-    def coupling(self, kernel: Kernel, *, own: float | Values = 1.0) -> DenseCoupling:
-        """Coupling between cell centres; ``own``: share of a cell's force that acts on the cell itself."""
-        row, column = (
-            self.size * k.astype(np.float64) for k in np.unravel_index(np.arange(self.count), self.shape)
-        )
-        # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
-        uniform = 4 * np.arcsinh(1.0) / self.size
-        return DenseCoupling(column, row, kernel, own=own * uniform / np.pi)
-
-    def system(
-        self, problem: ScaledProblem, law: AsperityLaw, coupling: Coupling, *, weight: float = 1.0
-    ) -> ContactSystem:
-        """Equations of the cells, each as high as its highest asperity; every asperity counts ``weight``."""
-        highest = np.full(self.count, np.inf)
-        np.minimum.at(highest, self.cell, problem.gap)
-        numbers = np.arange(1.0, self.count + 1)
-        depth = problem.gap - highest[self.cell]
-        cells = _CellLaw(law, depth, problem.caps, self.cell, self.count, weight)
-        return ContactSystem(highest, Caps(numbers), cells, coupling, problem.load, problem.stiffness)
-
-
-@dataclass(frozen=True, eq=False)
 class _CellLaw:
     """Sum of the asperity laws in each cell, as one law per cell.
 
@@ -188,22 +134,18 @@ class _CellLaw:
     law: AsperityLaw
     depth: Values
     caps: Caps
-    cell: NDArray[np.intp]
-    count: int
-    weight: float
+    cells: Cells
 
     def respond(self, penetration: Values, caps: Caps) -> tuple[Values, Values]:
         """Sums over each cell of the forces and of the contact radii (half the stiffness)."""
         numbers = caps.radius.astype(np.intp) - 1
-        lowered = np.full(self.count, -np.inf)
+        lowered = np.full(self.cells.count, -np.inf)
         lowered[numbers] = penetration
-        inside = lowered[self.cell] - self.depth
+        inside = lowered[self.cells.cell] - self.depth
         touching = np.flatnonzero(inside > 0)
         responses = self.law.respond(inside[touching], self.caps[touching])
-        force, contact_radius = (self.weight * _sums(self.cell[touching], r, self.count) for r in responses)
+        cell, count = self.cells.cell[touching], self.cells.count
+        force, contact_radius = (
+            np.bincount(cell, r, count).astype(np.float64, copy=False) for r in responses
+        )
         return force[numbers], contact_radius[numbers]
-
-
-def _sums(cell: NDArray[np.intp], values: Values, count: int) -> Values:
-    """Sums over cells."""
-    return np.bincount(cell, values, count).astype(np.float64, copy=False)

@@ -9,7 +9,13 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.models.cap_shapes import CapShapes
-from contactimg.surfaces import MODULUS_COLUMN, composite_columns
+from contactimg.surfaces import (
+    BASE_COLUMN,
+    MODULUS_COLUMN,
+    base_radius,
+    composite_columns,
+    equivalent_radii,
+)
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -29,6 +35,10 @@ class CompositeSummits:
         Heights above the plane they stand on, in the order of the table.
     shapes : CapShapes or None
         Of caps that are not spheres of one modulus, in the order of the table.
+    discs : ndarray, shape (3, n), m
+        Position of each cap on the base and radius of the disc that it covers there.
+    base : ndarray or None, m
+        Height of the base below each summit, on a curved sample or under a tilted lens.
     place : tuple
         Radius of the lens and position of its apex, m.
     """
@@ -36,6 +46,8 @@ class CompositeSummits:
     apexes: dict[str, Values]
     height: Values
     shapes: CapShapes | None
+    discs: Values
+    base: Values | None
     place: tuple[float, tuple[float, float]]
 
     @classmethod
@@ -59,7 +71,12 @@ class CompositeSummits:
             return asperities
         _refuse_moduli(asperities)
         apexes = composite_columns(asperities, indenter_radius=indenter_radius, apex=apex)
-        return cls(apexes, asperities["height_m"].to_numpy(dtype=np.float64), CapShapes.of(apexes), place)
+        x, y, height, base = (
+            asperities[name].to_numpy(dtype=np.float64) if name in asperities else None
+            for name in ("x_m", "y_m", "height_m", BASE_COLUMN)
+        )
+        discs = np.stack([x, y, base_radius(height, equivalent_radii(asperities))])
+        return cls(apexes, height, CapShapes.of(apexes), discs, base, place)
 
     def __len__(self) -> int:
         return self.height.size

@@ -16,7 +16,7 @@ from scipy.fft import dctn, next_fast_len
 from scipy.special import erf, erfc, erfcinv
 
 from contactimg.errors import InputError
-from contactimg.models.cell_preconditioner import CellPreconditioner
+from contactimg.models.cells import CellPreconditioner
 from contactimg.models.conjugate_gradients import NewtonSystem, conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Fields, Kernel, direct_sum
 from contactimg.models.near_field_sum import NearFieldSum

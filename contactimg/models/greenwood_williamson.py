@@ -23,6 +23,7 @@ from contactimg.models.proof import (
     refuse_beyond_floats,
     relative_error,
 )
+from contactimg.models.validity import HERTZ_LIMIT
 from contactimg.surfaces import LENGTH_RANGE_M
 from contactimg.tables import PROFILE
 from contactimg.timings import stage
@@ -97,6 +98,11 @@ class AsperityLayer:
         total = np.sqrt(self.radius) * self.heights.moment(depth, 0.5)
         return np.where(touching > 0, total / np.where(touching > 0, touching, 1.0), np.nan)
 
+    def strain(self, depth: float) -> float:
+        """Mean ``a/R`` of the contacts at a depth, weighted with their forces: ``F_2/(F_{3/2} sqrt(R))``."""
+        force = float(self.heights.moment(depth, 1.5))
+        return float(self.heights.moment(depth, 2)) / (force * np.sqrt(self.radius)) if force > 0 else 0.0
+
     def depth(self, pressure: ArrayLike) -> Values:
         """Depth (m) at which the layer bears a positive pressure (Pa), the inverse of `pressure`."""
         return depth_of(self.heights, np.asarray(pressure, dtype=np.float64) / self.strength, 1.5)
@@ -148,6 +154,10 @@ class RingSolution:
     residual : float
         Largest error of a depth over the largest depth, or relative error of the load; 0 for ``"gw"``, a
         closed form.
+    base_gap : float, m
+        Smallest distance of the sphere from the plane that heights count from; below zero the planes touch.
+    strain : float
+        Mean ``a/R`` of the contacts, weighted with their forces, at the axis.
     status : str
         ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
         sentence that says what does not hold.
@@ -166,7 +176,32 @@ class RingSolution:
     displacement: Values
     iterations: int
     residual: float
+    base_gap: float
+    strain: float
     status: str = CONVERGED
+
+    def limits(self) -> list[str]:
+        """One sentence for each assumption of the model that does not hold."""
+        sentences = []
+        if self.strain > HERTZ_LIMIT:
+            sentences.append(
+                f"at the axis the load is borne at a mean a/R of {self.strain:.2f}, above {HERTZ_LIMIT}: "
+                "beyond Hertz's law"
+            )
+        if self.base_gap < 0:
+            sentences.append(
+                f"the planes touch: at the axis the lens lies {-self.base_gap * 1e6:.3g} um below the plane "
+                f"of the asperities, and on {self.touching_share:.2g} of the base within the nominal contact"
+                "; the load that they carry is left out"
+            )
+        return sentences
+
+    @property
+    def touching_share(self) -> float:
+        """Share of the base within the loaded region that touches."""
+        touching = self.r[self.depth > self.depth.max() + self.base_gap]
+        loaded = self.r[self.pressure > 0]
+        return float((touching.max(initial=0.0) / loaded.max(initial=self.r[-1] * 1e-9)) ** 2)
 
     def profile(self, frame: str = "") -> pd.DataFrame:
         """The rings as a table of the schema `PROFILE`."""
@@ -273,6 +308,8 @@ def ring_solution(
         displacement=displacement,
         iterations=0,
         residual=0.0,
+        base_gap=layer.heights.top - float(depth.max()),
+        strain=layer.strain(float(depth.max())),
     )
 
 

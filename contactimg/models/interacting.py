@@ -20,12 +20,12 @@ from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
-from contactimg.models.load_spring import LoadSpring, prescribed
+from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.newton_iteration import ContactSystem
 from contactimg.models.profile_law import ProfileLaw
 from contactimg.models.proof import check_finite, judge, refuse_beyond_floats, relative_error
-from contactimg.models.scaled_problem import ContactConditions, ScaledProblem, check_choice, scale_problem
-from contactimg.models.solution import InteractingSolution, Outcome
+from contactimg.models.scaled_problem import ScaledProblem, check_choice, scale_problem
+from contactimg.models.solution import InteractingSolution
 
 Values = NDArray[np.float64]
 
@@ -140,7 +140,7 @@ def solve_interacting(
     )
     problem = scale_problem(asperities, conditions)
     if not problem.touches:
-        return problem.untouched(coupling=coupling, thickness=float(thickness))
+        return problem.untouched(coupling=coupling)
     if start is not None and start.force.size != len(asperities):
         raise InputError(
             f"start must be a solution of the same table of {len(asperities)} asperities, "
@@ -166,7 +166,10 @@ def solve_interacting(
         iterate.carried,
         iterate.contact_radius,
         iterate.penetration(system),
-        Outcome(iterate.indentation * problem.depth, coupling, float(thickness), steps, iterate.residual),
+        indentation=iterate.indentation,
+        coupling=coupling,
+        iterations=steps,
+        residual=iterate.residual,
     )
     forces = forces_from_indentation(solution, problem, system, _local_law(law, conditions, 1.0, 1.0))
     if isinstance(profile, ProfileLaw):
@@ -221,7 +224,7 @@ def forces_from_indentation(
     """
     force = solution.force[problem.order] / problem.force_unit
     correction = (system.gap - problem.gap + system.coupling.displacement(force)) * problem.depth
-    penetration = solution.indentation - problem.base_gap - correction
+    penetration = solution.indentation - problem.depths - correction
     return law.respond(penetration, problem.caps_in_metres(system.caps))[0]
 
 

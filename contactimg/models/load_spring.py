@@ -1,11 +1,12 @@
-"""A load cell of finite stiffness between the stage and the indenter."""
+"""What is prescribed: lens, elastic body, and a load, an indentation or a stage behind a load cell."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from contactimg.errors import InputError
-from contactimg.models.proof import INDENTATION_RANGE_M, check_range
+from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
+from contactimg.surfaces import LENGTH_RANGE_M
 
 STIFFNESS_RANGE_N_M = (1e-40, 1e30)
 """Range of the stiffness. Theory: products with lengths stay within floating-point numbers."""
@@ -65,3 +66,61 @@ def prescribed(
     if isinstance(load, LoadSpring) and load.rigid and indentation is None:
         return None, load.displacement
     return load, indentation
+
+
+@dataclass(frozen=True)
+class ContactConditions:
+    """Indenter, elastic body and prescribed load or indentation, in SI units.
+
+    Parameters
+    ----------
+    indenter_radius : float, m
+    contact_modulus : float, Pa
+    apex : (float, float), m
+    thickness : float, m
+        Infinite for a half-space.
+    load : float, LoadSpring or None
+    indentation : float or None
+        Exactly one of the two is given.
+    """
+
+    indenter_radius: float
+    contact_modulus: float
+    apex: tuple[float, float]
+    thickness: float
+    load: float | LoadSpring | None
+    indentation: float | None
+
+    @property
+    def spring(self) -> LoadSpring | None:
+        """The load cell, if there is one."""
+        return self.load if isinstance(self.load, LoadSpring) else None
+
+    @property
+    def force(self) -> float | None:
+        """The prescribed load, N; with a load cell that at zero indentation, or None."""
+        return self.load.load_at(0.0) if isinstance(self.load, LoadSpring) else self.load
+
+    @property
+    def depth(self) -> float | None:
+        """The prescribed indentation, m; with a load cell the displacement, or None."""
+        return self.load.displacement if isinstance(self.load, LoadSpring) else self.indentation
+
+    def check(self) -> None:
+        """Refuse values that define no contact problem."""
+        if not (np.isfinite(self.contact_modulus) and self.contact_modulus > 0):
+            raise InputError(f"contact_modulus must be a positive modulus, got {self.contact_modulus!r} Pa")
+        if not self.thickness > 0:
+            raise InputError(f"thickness must be positive (inf for a half-space), got {self.thickness!r} m")
+        if (self.load is None) == (self.indentation is None):
+            raise InputError(
+                f"give exactly one of load and indentation, got load={self.load!r} "
+                f"and indentation={self.indentation!r}"
+            )
+        for name, value in (("load", self.force), ("indentation", self.indentation)):
+            if value is not None and not np.isfinite(value):
+                raise InputError(f"{name} must be finite, got {value!r}")
+        check_range("contact_modulus", self.contact_modulus, MODULUS_RANGE_PA, "Pa")
+        check_range("thickness", self.thickness, LENGTH_RANGE_M, "m")
+        check_range("load", self.force, LOAD_RANGE_N, "N")
+        check_range("indentation", self.indentation, INDENTATION_RANGE_M, "m")

@@ -160,37 +160,43 @@ def initial_iterate(system: ContactSystem, force: Values, indentation: float) ->
     """First iterate from uncoupled forces, or from the forces of a solution at a similar load.
 
     At prescribed load the displacement by these forces is kept fixed and the indentation adjusted to bear the
-    load. At prescribed indentation the forces are scaled until they agree with the penetrations in their sum.
-    The start is the mean of these forces and those that follow from the resulting penetrations.
+    load. At prescribed indentation, or behind a load cell, the forces are scaled until they agree with the
+    penetrations in their sum. The start is the mean of these forces and those that follow from the resulting
+    penetrations.
     """
-    displacement = system.coupling.displacement(force)
-    if system.load is None:
-        factor = _self_consistent_factor(system, force, displacement, indentation)
-        force, displacement = factor * force, factor * displacement
-    else:
+    displacement, loaded = system.coupling.displacement(force), None if system.stiffness else system.load
+    if loaded is not None:
         guess = indentation + float(force @ displacement) / float(force.sum())
-        indentation = solve_uncoupled(system, displacement, system.load, guess=guess, accuracy=START_ACCURACY)
+        indentation = solve_uncoupled(system, displacement, loaded, guess=guess, accuracy=START_ACCURACY)
+    else:
+        factor, indentation = _self_consistent_factor(system, force, displacement, indentation)
+        force, displacement = factor * force, factor * displacement
     mixed = 0.5 * (force + system.response(indentation - system.gap - displacement)[0])
-    if system.load is not None and not system.stiffness:
-        mixed *= system.load / mixed.sum()
+    if loaded is not None:
+        mixed *= loaded / mixed.sum()
     displacement = system.coupling.displacement(mixed)
-    if system.load is not None:
+    if loaded is not None:
         indentation = solve_uncoupled(
-            system, displacement, system.load, guess=indentation, accuracy=START_ACCURACY
+            system, displacement, loaded, guess=indentation, accuracy=START_ACCURACY
         )
     return evaluate_iterate(system, mixed, indentation, displacement)
 
 
 def _self_consistent_factor(
     system: ContactSystem, force: Values, displacement: Values, indentation: float
-) -> float:
-    """Factor by which to scale the forces so that their sum agrees with the penetrations, by bisection."""
+) -> tuple[float, float]:
+    """Factor by which to scale the forces so that their sum agrees with the penetrations, by bisection.
+
+    With the indentation there, which a load cell lowers as the forces grow.
+    """
     low, high, total = 0.0, 1.0, float(force.sum())
     for _ in range(30):
         middle = 0.5 * (low + high)
+        if system.load is not None:
+            indentation = (system.load - middle * total) / system.stiffness
         bears_more = _bearing(system, indentation - system.gap - middle * displacement)[0] > middle * total
         low, high = (middle, high) if bears_more else (low, middle)
-    return 0.5 * (low + high)
+    return 0.5 * (low + high), indentation
 
 
 def take_step(system: ContactSystem, at: Iterate, tolerance: float) -> Iterate | None:

@@ -11,71 +11,12 @@ from contactimg.errors import InputError, ModelRangeError
 from contactimg.models.asperity_laws import Caps
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.composite_summits import CompositeSummits
-from contactimg.models.load_spring import LoadSpring
-from contactimg.models.proof import INDENTATION_RANGE_M, LOAD_RANGE_N, MODULUS_RANGE_PA, check_range
-from contactimg.models.solution import InteractingSolution, Outcome
-from contactimg.surfaces import LENGTH_RANGE_M
+from contactimg.models.load_spring import ContactConditions
+from contactimg.models.proof import CONVERGED
+from contactimg.models.solution import InteractingSolution
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ContactConditions:
-    """Indenter, elastic body and prescribed load or indentation, in SI units.
-
-    Parameters
-    ----------
-    indenter_radius : float, m
-    contact_modulus : float, Pa
-    apex : (float, float), m
-    thickness : float, m
-        Infinite for a half-space.
-    load : float, LoadSpring or None
-    indentation : float or None
-        Exactly one of the two is given.
-    """
-
-    indenter_radius: float
-    contact_modulus: float
-    apex: tuple[float, float]
-    thickness: float
-    load: float | LoadSpring | None
-    indentation: float | None
-
-    @property
-    def spring(self) -> LoadSpring | None:
-        """The load cell, if there is one."""
-        return self.load if isinstance(self.load, LoadSpring) else None
-
-    @property
-    def force(self) -> float | None:
-        """The prescribed load, N; with a load cell that at zero indentation, or None."""
-        return self.load.load_at(0.0) if isinstance(self.load, LoadSpring) else self.load
-
-    @property
-    def depth(self) -> float | None:
-        """The prescribed indentation, m; with a load cell the displacement, or None."""
-        return self.load.displacement if isinstance(self.load, LoadSpring) else self.indentation
-
-    def check(self) -> None:
-        """Refuse values that define no contact problem."""
-        if not (np.isfinite(self.contact_modulus) and self.contact_modulus > 0):
-            raise InputError(f"contact_modulus must be a positive modulus, got {self.contact_modulus!r} Pa")
-        if not self.thickness > 0:
-            raise InputError(f"thickness must be positive (inf for a half-space), got {self.thickness!r} m")
-        if (self.load is None) == (self.indentation is None):
-            raise InputError(
-                f"give exactly one of load and indentation, got load={self.load!r} "
-                f"and indentation={self.indentation!r}"
-            )
-        for name, value in (("load", self.force), ("indentation", self.indentation)):
-            if value is not None and not np.isfinite(value):
-                raise InputError(f"{name} must be finite, got {value!r}")
-        check_range("contact_modulus", self.contact_modulus, MODULUS_RANGE_PA, "Pa")
-        check_range("thickness", self.thickness, LENGTH_RANGE_M, "m")
-        check_range("load", self.force, LOAD_RANGE_N, "N")
-        check_range("indentation", self.indentation, INDENTATION_RANGE_M, "m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,10 +37,9 @@ class ScaledProblem:
     order : ndarray
         Rows of the asperities in the table.
     length, depth, force_unit : float
-    apexes : dict
-        Columns of the composite apexes in the order of the table, m.
-    height : ndarray, m
-        Heights above the plane they stand on, in the order of the table.
+    summits : CompositeSummits
+        In the order of the table, m.
+    conditions : ContactConditions
     stiffness : float
         Of the load cell; 0 without one.
     shapes : CapShapes or None
@@ -121,8 +61,8 @@ class ScaledProblem:
     length: float
     depth: float
     force_unit: float
-    apexes: dict[str, Values]
-    height: Values
+    summits: CompositeSummits
+    conditions: ContactConditions
     stiffness: float = 0.0
     shapes: CapShapes | None = None
     bases: Values | None = None
@@ -134,9 +74,14 @@ class ScaledProblem:
         return Caps(self.radius, self.bases, self.bends)
 
     @property
-    def base_gap(self) -> Values:
+    def height(self) -> Values:
+        """Heights above the plane they stand on, in the order of the table, m."""
+        return self.summits.height
+
+    @property
+    def depths(self) -> Values:
         """Depth of each apex below the highest of the table, m."""
-        height = self.apexes["height_m"]
+        height = self.summits.apexes["height_m"]
         return height.max() - height[self.order]
 
     @property
@@ -160,15 +105,11 @@ class ScaledProblem:
             return True
         return bool(self.order.size) and self.indentation > 0
 
-    def untouched(self, *, coupling: str, thickness: float) -> InteractingSolution:
+    def untouched(self, *, coupling: str) -> InteractingSolution:
         """The solution without contacts."""
         nothing = np.zeros(self.order.size)
-        return self.record(
-            nothing,
-            nothing,
-            self.indentation - self.gap,
-            Outcome(self.indentation * self.depth, coupling, thickness, iterations=0, residual=0.0),
-        )
+        gaps = self.indentation - self.gap
+        return self.record(nothing, nothing, gaps, indentation=self.indentation, coupling=coupling)
 
     def part(self, rows: NDArray[np.bool_] | slice) -> "ScaledProblem":
         """The same problem with a selection of its asperities."""
@@ -206,14 +147,22 @@ class ScaledProblem:
 
     def scattered(self, values: Values, *, fill: float = 0.0) -> Values:
         """Values in the order of the table, with ``fill`` for asperities that are not part of the problem."""
-        result = np.full(self.height.size, fill)
+        result = np.full(len(self.summits), fill)
         result[self.order] = values
         return result
 
     def record(
-        self, force: Values, contact_radius: Values, penetration: Values, outcome: Outcome
+        self,
+        force: Values,
+        contact_radius: Values,
+        penetration: Values,
+        *,
+        indentation: float,
+        coupling: str,
+        iterations: int = 0,
+        residual: float = 0.0,
     ) -> InteractingSolution:
-        """The solution in SI units, from dimensionless arrays."""
+        """The solution in SI units, from dimensionless numbers."""
         radius = self.scattered(contact_radius * self.length)
         if self.shapes is not None:
             radius = self.shapes.contact_radius(self.scattered(force * self.length * self.depth))
@@ -221,20 +170,15 @@ class ScaledProblem:
         return InteractingSolution(
             force=self.scattered(force * self.force_unit),
             radius=radius,
-            x=self.apexes["x_m"],
-            y=self.apexes["y_m"],
-            composite_radius=self.apexes["radius_m"],
-            height=self.height,
+            summits=self.summits,
+            conditions=self.conditions,
             penetration=self.scattered(penetration * self.depth, fill=-np.inf),
             load=float(np.sum(force)) * self.force_unit,
-            indentation=outcome.indentation,
-            coupling=outcome.coupling,
-            thickness=outcome.thickness,
-            status=outcome.status,
-            iterations=outcome.iterations,
-            residual=outcome.residual,
-            branch=outcome.branch,
-            shapes=self.shapes,
+            indentation=indentation * self.depth,
+            coupling=coupling,
+            status=CONVERGED,
+            iterations=iterations,
+            residual=residual,
         )
 
 
@@ -273,8 +217,8 @@ def scale_problem(
         length=length,
         depth=depth,
         force_unit=unit,
-        apexes=summits.apexes,
-        height=summits.height,
+        summits=summits,
+        conditions=setting,
         stiffness=0.0 if setting.spring is None else setting.spring.stiffness * depth / unit,
         shapes=shapes,
         bases=None if bases is None else bases[order] * [length, 1 / length],

@@ -8,25 +8,14 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.models.base_gap import BaseGap, GapField
 from contactimg.models.cap_shapes import CapShapes
-from contactimg.models.proof import CONVERGED
+from contactimg.models.composite_summits import CompositeSummits
+from contactimg.models.load_spring import ContactConditions
 from contactimg.models.validity import Validity, assess, contact_flags
 from contactimg.tables import CONTACTS
 
 Values = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a solution was reached: the fields of `InteractingSolution` beside its arrays."""
-
-    indentation: float
-    coupling: str
-    thickness: float
-    iterations: int
-    residual: float
-    status: str = CONVERGED
-    branch: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +28,6 @@ class InteractingSolution:
         One value an asperity, in the order of the table; zero out of contact.
     radius : ndarray, shape (n,), m
         Contact radii ``a``, of ellipses ``sqrt(a b)``; zero out of contact.
-    x, y : ndarray, shape (n,), m
-        Composite apexes: where a contact lies.
-    composite_radius : ndarray, shape (n,), m
-        The radius of curvature in the contact's law; of ellipsoidal caps the geometric mean of the two.
-    height : ndarray, shape (n,), m
-        Height of the summit above the plane it stands on.
     penetration : ndarray, shape (n,), m
         ``delta``: indentation of each asperity; where it is negative, the gap that remains; -inf for an
         asperity too far from contact to be solved for.
@@ -54,8 +37,10 @@ class InteractingSolution:
         Sum of the forces.
     coupling : str
         Level of elastic coupling.
-    thickness : float, m
-        Thickness of the layer; infinite for a half-space.
+    summits : CompositeSummits
+        Asperities and lens combined.
+    conditions : ContactConditions
+        Lens, elastic body and what was prescribed.
     status : str
         ``"converged"`` if the final numbers have passed every check of `contactimg.models.proof`; otherwise a
         sentence that says what does not hold.
@@ -69,27 +54,71 @@ class InteractingSolution:
         ``"held"``, from the previous load or indentation to this one; empty without adhesion.
     stability_check : callable, optional
         Evaluates ``stability`` of coupled adhesive contacts.
-    shapes : CapShapes or None
-        Of caps that are not spheres of one modulus.
     """
 
     force: Values
     radius: Values
-    x: Values
-    y: Values
-    composite_radius: Values
-    height: Values
     penetration: Values
     indentation: float
     load: float
     coupling: str
-    thickness: float
+    summits: CompositeSummits
+    conditions: ContactConditions
     status: str
     iterations: int
     residual: float
     branch: str = ""
     stability_check: Callable[[], str] | None = None
-    shapes: CapShapes | None = None
+
+    @property
+    def x(self) -> Values:
+        """Composite apexes, m: where a contact lies."""
+        return self.summits.apexes["x_m"]
+
+    @property
+    def y(self) -> Values:
+        """Composite apexes, m."""
+        return self.summits.apexes["y_m"]
+
+    @property
+    def composite_radius(self) -> Values:
+        """The radius of curvature (m) in the contact's law; of ellipsoids the geometric mean of the two."""
+        return self.summits.apexes["radius_m"]
+
+    @property
+    def height(self) -> Values:
+        """Height of each summit above the plane it stands on, m."""
+        return self.summits.height
+
+    @property
+    def thickness(self) -> float:
+        """Thickness of the layer, m; infinite for a half-space."""
+        return self.conditions.thickness
+
+    @property
+    def shapes(self) -> CapShapes | None:
+        """Shapes of caps that are not spheres of one modulus."""
+        return self.summits.shapes
+
+    @cached_property
+    def base_gap(self) -> BaseGap:
+        """The smallest gap between the lens and the plane between the caps, and where it is.
+
+        Without coupling the contacts are independent, and none displaces the plane beside it.
+        """
+        discs, rows = self.summits.discs, self.touching
+        pressing = self.force if self.coupling != "none" else np.zeros_like(self.force)
+        heights = self.summits.apexes["height_m"]
+        field = GapField(
+            self.conditions,
+            self.indentation,
+            float(heights.max()) if heights.size else 0.0,
+            discs,
+            rows,
+            np.stack([self.x[rows], self.y[rows], pressing[rows], self.radius[rows]]),
+            self.summits.base,
+        )
+        return field.smallest()
 
     @cached_property
     def stability(self) -> str:
@@ -132,7 +161,7 @@ class InteractingSolution:
             self.y[rows],
             half_width[rows],
             radius=radius[rows],
-            base_gap=self.height[rows] - self.penetration[rows],
+            planes=self.base_gap,
             thickness=self.thickness,
         )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from contactimg.compiled import njit
+from contactimg.models.base_gap import BaseGap
 from contactimg.tables import Flag
 
 Values = NDArray[np.float64]
@@ -40,9 +41,8 @@ class Validity:
         Contacts closer to a neighbour than the sum of the two radii.
     spacing_ratio : float
         ``L/a``: mean distance of a contact to its nearest neighbour over the mean contact radius.
-    base_gap : float, m
-        Least distance between the indenter and the plane the touched caps stand on, at their summits
-        (height minus penetration); below zero the planes touch, outside every asperity model.
+    planes : BaseGap
+        Smallest gap between the lens and the plane between the caps.
     thickness_ratio : float
         Radius of the loaded region over the thickness of the layer; 0 for a half-space.
     """
@@ -52,13 +52,18 @@ class Validity:
     n_beyond_hertz: int
     n_overlapping: int
     spacing_ratio: float
-    base_gap: float
+    planes: BaseGap
     thickness_ratio: float
+
+    @property
+    def base_gap(self) -> float:
+        """Smallest gap between the lens and the plane between the caps, m; below zero the planes touch."""
+        return self.planes.least
 
     @property
     def planes_touch(self) -> bool:
         """Whether the indenter reaches the plane between the asperities."""
-        return bool(self.base_gap < 0)
+        return self.base_gap < 0
 
     def messages(self) -> list[str]:
         """One sentence for each assumption that does not hold."""
@@ -73,10 +78,7 @@ class Validity:
                 f"{self.n_overlapping} of {self.n_contacts} contacts overlap a neighbour: they would merge"
             )
         if self.planes_touch:
-            sentences.append(
-                f"the indenter lies {-self.base_gap * 1e6:.3g} um below the plane between the asperities: "
-                "the planes touch, outside every asperity model"
-            )
+            sentences.append(self.planes.sentence)
         return sentences
 
 
@@ -203,7 +205,7 @@ def assess(
     contact_radius: Values,
     *,
     radius: Values,
-    base_gap: Values,
+    planes: BaseGap,
     thickness: float,
 ) -> Validity:
     """Summarise a solution from arrays over its contacts, in m."""
@@ -216,7 +218,7 @@ def assess(
         n_beyond_hertz=int(np.sum(strain > HERTZ_LIMIT)),
         n_overlapping=int(np.sum(overlapping(x, y, contact_radius))),
         spacing_ratio=_spacing(x, y) / float(contact_radius.mean()) if count > 1 else np.nan,
-        base_gap=float(base_gap.min()) if count else np.nan,
+        planes=planes,
         thickness_ratio=(extent + float(contact_radius.max())) / thickness if count else 0.0,
     )
 

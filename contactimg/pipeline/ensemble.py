@@ -26,6 +26,7 @@ from contactimg.prediction import (
     make_mechanical_plan,
     scene_level,
     solve_scene,
+    surrounding_field,
     with_coupling,
     with_memory,
 )
@@ -38,8 +39,8 @@ GROUPS = 32
 """Groups of patterns whose scatter gives the uncertainty of the profile. Theory: 32 know a standard deviation
 to 1/sqrt(2 31) = 13 %."""
 
-SCALARS = ("area", "area^2", "force", "contacts", "indentation", "load")
-"""Sums over patterns, SI units."""
+SCALARS = ("area", "area^2", "force", "contacts", "indentation", "load", "gap", "touching", "approximate")
+"""Sums over patterns, SI units; the last two are counts of patterns."""
 
 
 @dataclass(frozen=True)
@@ -77,18 +78,20 @@ class Ensemble:
         """A pattern at one load."""
         scene = self.scenes[k]
         try:
+            load, level = self.loads[k], self.level[k]
             found = solve_scene(
                 scene,
                 asperities,
-                load=self.loads[k],
-                coupling=self.level[k],
+                load=load,
+                coupling=level,
                 tolerance=self.tolerance,
                 history=self.histories[k],
+                surroundings=surrounding_field(scene, asperities, load, coupled=level != "none"),
             )
         except ContactimgError as error:
             return str(error)
-        if found.status != CONVERGED or found.validity.planes_touch:
-            return found.validity.messages()[-1] if found.status == CONVERGED else found.status
+        if found.base_gap.beyond_models:
+            return found.base_gap.sentence
         rows = found.touching
         contacts = pd.DataFrame(
             {
@@ -102,7 +105,9 @@ class Ensemble:
         moments = annulus_moments(contacts, centre=centre, edges=self.edges)
         area = float(np.pi * np.sum(contacts["radius_m"].to_numpy() ** 2))
         force, count = float(contacts["force_N"].sum()), float(len(contacts))
-        scalars = np.array([area, area**2, force, count, found.indentation, found.load])
+        gap, converged = found.base_gap.least, found.status == CONVERGED
+        doubts = float(gap < 0), float(not converged)
+        scalars = np.array([area, area**2, force, count, found.indentation, found.load, gap, *doubts])
         return PatternSums(scalars, moments[list(MOMENTS)].to_numpy(float))
 
 
@@ -112,7 +117,7 @@ class PatternSums:
 
     Parameters
     ----------
-    scalars : ndarray, shape (6,)
+    scalars : ndarray, shape (9,)
         `SCALARS`.
     moments : ndarray, shape (annuli, 8)
         `contactimg.analysis.annuli.MOMENTS` of each annulus.
@@ -194,27 +199,40 @@ def predict_ensemble(
     if patterns < 1:
         raise InputError(f"an ensemble needs one pattern at least, got {patterns}")
     typical, scene = need_asperities(scene, "an ensemble"), with_coupling(scene, coupling)
-    histories = tuple(loads_before(scene, load, loads) for load in loads)
-    plain = [with_memory(scene, history) for history in histories]
-    pairs = list(zip(plain, loads, strict=True))
-    plans = [make_mechanical_plan(one, typical, load=load) for one, load in pairs]
-    scenes = tuple(plan.apply(one) for plan, one in zip(plans, plain, strict=True))
+    planned: dict[int, tuple[Scene, Plan]] = {}
+    failed: dict[int, ContactimgError] = {}
+    histories = [loads_before(scene, load, loads) for load in loads]
+    for k, load in enumerate(loads):
+        remembering = with_memory(scene, histories[k])
+        try:
+            plan = make_mechanical_plan(remembering, typical, load=load)
+        except ContactimgError as error:
+            failed[k] = error
+        else:
+            planned[k] = plan.apply(remembering), plan
+    if not planned:
+        raise failed[0]
     level = "hertz" if coupling == "hertz" else "auto"
     ensemble = Ensemble(
-        scenes,
-        tuple(loads),
-        histories,
-        tuple(scene_level(one, level) for one in scenes),
+        tuple(one for one, _ in planned.values()),
+        tuple(loads[k] for k in planned),
+        tuple(histories[k] for k in planned),
+        tuple(scene_level(one, level) for one, _ in planned.values()),
         _edges(scene, section.side, annulus),
         tolerance,
     )
-    sums = [LoadSums() for _ in loads]
+    sums = [LoadSums() for _ in planned]
     for index, found in enumerate(_solved(ensemble, patterns, workers=workers, store=store)):
         for one, part in zip(sums, found, strict=True):
             one.add(index, part)
         if advance is not None:
             advance()
-    return [_average(one, ensemble, k, plan) for k, (one, plan) in enumerate(zip(sums, plans, strict=True))]
+    plans = [plan for _, plan in planned.values()]
+    averages = iter([_average(one, ensemble, k, plans[k]) for k, one in enumerate(sums)])
+    return [
+        next(averages) if k in planned else Prediction.failed(load, f"no plan of the effects: {failed[k]}")
+        for k, load in enumerate(loads)
+    ]
 
 
 def _edges(scene: Scene, side: float, width: float) -> tuple[float, ...]:
@@ -251,19 +269,25 @@ def _average(sums: LoadSums, ensemble: Ensemble, k: int, plan: Plan) -> Predicti
     if not sums.patterns:
         return Prediction.failed(load, f"no pattern has a solution; the first: {sums.failures[0]}")
     name, n = load_name(load), sums.patterns
-    area, square, force, contacts, indentation, borne = (sums.scalars / n).tolist()
+    area, square, force, contacts, indentation, borne, gap, _, _ = (sums.scalars / n).tolist()
+    touching, approximate = (round(count) for count in sums.scalars[-2:])
     spread = np.sqrt(max(square - area**2, 0.0) / (n - 1)) if n > 1 else np.nan
     notes = [f"average over {n:,} random patterns, {contacts:.4g} contacts each", *plan.messages]
+    if touching:
+        notes.append(f"in {touching:,} of them the planes touch; the load that they carry is left out")
+    if approximate:
+        notes.append(f"in {approximate:,} of them the solution is approximate only")
     if sums.failures:
         notes.append(f"{len(sums.failures):,} patterns without a solution are left out: {sums.failures[0]}")
     row = {
         "frame": name,
-        "status": Status.APPROXIMATE if sums.failures else Status.OK,
+        "status": Status.APPROXIMATE if sums.failures or approximate or touching else Status.OK,
         "load_N": borne if isinstance(load, LoadSpring) else load,
         "area_m2": area,
         "area_std_m2": spread,
         "force_sum_N": force,
         "indentation_m": indentation,
+        "min_gap_m": gap,
         "law": law_name(scene),
         "message": "; ".join(notes),
     }

@@ -18,6 +18,7 @@ from contactimg.prediction import (
     Model,
     Prediction,
     Prescribed,
+    find_touching_load,
     load_name,
     make_mechanical_plan,
     predict_average,
@@ -108,6 +109,17 @@ def predict_loads(
         Prediction.failed(load, str(one)) if isinstance(one, ContactimgError) else one
         for load, one in zip(loads, found, strict=True)
     ]
+
+
+def touching_load(scene: Scene, *, model: Model, coupling: Coupling) -> float:
+    """`contactimg.prediction.find_touching_load` for the asperities of a scene."""
+    asperities = need_asperities(scene, "predicting contacts") if model == "interacting" else None
+    return find_touching_load(
+        scene,
+        asperities if model == "interacting" else scene_asperities(scene),
+        model=model,
+        coupling=coupling,
+    )
 
 
 def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: str, coupling: str) -> None:

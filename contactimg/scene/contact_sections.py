@@ -191,6 +191,12 @@ class Asperities(Section):
         None, alias="height_std_m", description="Standard deviation of the Gaussian distribution, m."
     )
 
+    surroundings: Literal["none", "mean_field"] = Field(
+        "none",
+        description="What lies around the table: nothing, or the mean field (gt) of the same asperities, "
+        "which bears its share of the load and displaces the surface.",
+    )
+
     profile_exponent: Positive | None = Field(
         None,
         description="Asperities of the profile drop = profile_drop_m "

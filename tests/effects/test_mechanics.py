@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern
-from scipy.optimize import brentq
 
-from contactimg import ConvergenceError, InputError, ModelRangeError, solve_interacting
+from contactimg import ConvergenceError, InputError, ModelRangeError
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, PART_CONTACTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
 from contactimg.effects.plan import make_plan
@@ -221,26 +220,6 @@ def test_nothing_in_range():
     # one asperity under the apex, the others far beyond the lens's reach: as if it were alone
     far = pd.concat([caps([0.0], [0.0]), caps([0.02, 0.03], [0.0, 0.0])], ignore_index=True)
     assert changes(plan_of(far, 1e-4)) == pytest.approx(changes(plan_of(caps([0.0], [0.0]), 1e-4)), abs=1e-12)
-
-
-def test_touching_planes_stop_the_plan():
-    with pytest.raises(ModelRangeError, match="the planes touch, outside every asperity model"):
-        plan_of(pattern("SA", side=3e-3), 20.0)
-
-
-def test_what_the_estimate_cannot_tell_is_left_to_the_solution():
-    table = pattern("SA", side=3e-3)
-    where = {"indenter_radius": SA_LENS, "contact_modulus": 4e6, "coupling": "full", "law": "sphere"}
-
-    def gap(load):
-        return solve_interacting(table, load=load, **where).validity.base_gap
-
-    limit = brentq(gap, 0.5, 5.0, rtol=1e-3)
-    assert not any("come" in sentence for sentence in plan_of(table, 0.3 * limit).limits)
-    close = plan_of(table, limit)
-    assert any(
-        "whether the planes touch, only the solution will show" in sentence for sentence in close.limits
-    )
 
 
 @pytest.mark.parametrize("r", [0.0, 1e-12, 1e-9, 1e-6])

@@ -251,7 +251,6 @@ def test_effects_prints_the_numbers_and_writes_them(folder, capsys):
         ([], "states no load"),
         (["--load-N", "0.1", "--tolerance", "0"], "relative must be greater than 0"),
         (["--load-N", "-1"], "positive unless the contacts adhere"),
-        (["--load-N", "50"], "the planes touch"),
     ],
 )
 def test_effects_that_cannot_be_planned_are_one_sentence(folder, capsys, options, sentence):
@@ -276,10 +275,10 @@ def test_an_impossible_load_does_not_lose_the_others(folder, capsys):
         str(out),
     ]
     assert main(arguments) == 1
-    assert "the planes touch" in capsys.readouterr().out
+    assert "did not converge" in capsys.readouterr().out.replace("\n", " ")
     frames = pd.read_csv(out / "frames.csv")
     assert list(frames["status"]) == ["ok", "failed", "ok"]
-    assert "the planes touch" in frames["message"][1]
+    assert "did not converge" in frames["message"][1]
     plans = json.loads((out / "provenance.json").read_text())["plans"]
     assert set(plans) == {"load_0.05N", "load_1e-05N"}
     decisions = {name: {e["effect"]: e["decision"] for e in plan} for name, plan in plans.items()}

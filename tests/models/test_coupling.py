@@ -8,7 +8,7 @@ import pytest
 from contactimg import generate_asperities, solve_interacting
 from contactimg.models import contact_solver
 from contactimg.models.asperity_laws import HertzLaw
-from contactimg.models.cell_preconditioner import CellPreconditioner
+from contactimg.models.cells import CellPreconditioner
 from contactimg.models.coarse_grid import GridStart
 from contactimg.models.conjugate_gradients import NewtonSystem, NotPositiveDefinite, conjugate_gradients
 from contactimg.models.coupling import DenseCoupling, Kernel

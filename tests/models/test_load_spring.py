@@ -110,3 +110,16 @@ def jkr_curve(a):
     return 4 * E * a**3 / (3 * R) - np.sqrt(8 * np.pi * w * E * a**3), a**2 / R - np.sqrt(
         2 * np.pi * w * a / E
     )
+
+
+@pytest.mark.parametrize("side", [0.004, 0.01])
+def test_stiff_cells_lead_to_the_prescribed_indentation(side):
+    table = generate_asperities("RA-", side=side, rng=np.random.default_rng(2))
+    where = {"indenter_radius": 0.013, "contact_modulus": 4e6, "apex": (side / 2, side / 2)}
+    rigid = solve(table, indentation=2e-5, **where)
+    for stiffness in (1e4, 1e6, 1e8, 1e12):
+        solution = solve(table, load=LoadSpring(stiffness, 2e-5), **where)
+        assert solution.status == "converged"
+        assert solution.load == pytest.approx(stiffness * (2e-5 - solution.indentation), abs=1e-9 * stiffness)
+        # dP/dD < 1e4 N/m, so that the cell gives way by less than P/k and loses less than 1e4 P/k
+        assert 0 <= rigid.load - solution.load < 1e4 * rigid.load / stiffness + 1e-9

@@ -239,8 +239,8 @@ def test_a_wrong_number_is_noticed(monkeypatch, quantity):
     """Change one number of the record: the recomputation must disagree."""
     record = ScaledProblem.record
 
-    def wrong(self, *args):
-        solution = record(self, *args)
+    def wrong(self, *args, **keywords):
+        solution = record(self, *args, **keywords)
         value = getattr(solution, quantity)
         if quantity == "radius":
             return replace(solution, radius=np.where(np.arange(value.size) == value.argmax(), 0.0, value))

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from contactimg.analysis.contacts_against_pressure import QUANTITIES
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw
 from contactimg.analysis.topography import Topography, describe_topography

@@ -1,0 +1,152 @@
+"""What lies around a table of asperities: the mean field of a pattern that goes on beyond its rim.
+
+A contact region that runs off the table lacks the contacts beyond. Greenwood and Tripp's model of the same
+asperities at the same load says what they would carry on average. As surroundings of the table they are mean
+asperities on a square lattice outside its rectangle, each with the force of its cell; they bear their share
+of the load and displace the surface below the asperities of the table.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.models.coupling import Kernel, direct_sum
+from contactimg.models.greenwood_tripp import solve_greenwood_tripp
+from contactimg.models.greenwood_williamson import RingSolution, solve_greenwood_williamson
+from contactimg.models.height_distributions import SampleHeights
+from contactimg.surfaces import BASE_COLUMN, composite_apexes
+
+Values = NDArray[np.float64]
+
+HEIGHTS = 300
+"""Heights that stand for those of the table, at even quantiles. Chosen: the mean field is smooth."""
+
+CELLS_PER_SPACING = 2.0
+"""Cells of the lattice outside along one mean spacing, for the load that they carry."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeanField:
+    """The mean field of the asperities of a table around it.
+
+    Parameters
+    ----------
+    rings : RingSolution
+        The averages at the whole load.
+    rectangle : ndarray, shape (2, 2), m
+        Limits of the table in x and in y.
+    spacing : float, m
+        Mean distance of the asperities.
+    indenter_radius : float, m
+    apex : (float, float), m
+    contact_modulus : float, Pa
+    thickness : float, m
+    """
+
+    rings: RingSolution
+    rectangle: Values
+    spacing: float
+    indenter_radius: float
+    apex: tuple[float, float]
+    contact_modulus: float
+    thickness: float
+
+    @classmethod
+    def of(
+        cls,
+        asperities: pd.DataFrame,
+        rectangle: Values,
+        *,
+        load: float,
+        indenter_radius: float,
+        contact_modulus: float,
+        apex: tuple[float, float],
+        thickness: float = np.inf,
+        coupled: bool = True,
+    ) -> "MeanField":
+        """The mean field of a table that fills a rectangle, under a lens at a load (N)."""
+        area = float(np.prod(np.ptp(rectangle, axis=1)))
+        radius = float(asperities["radius_m"].mean())
+        heights = np.quantile(asperities["height_m"], (np.arange(HEIGHTS) + 0.5) / HEIGHTS)
+        solve = solve_greenwood_tripp if coupled else solve_greenwood_williamson
+        rings = solve(
+            SampleHeights(heights),
+            density=len(asperities) / area,
+            radius=radius * indenter_radius / (radius + indenter_radius),
+            indenter_radius=indenter_radius,
+            contact_modulus=contact_modulus,
+            load=load,
+        )
+        spacing = float(np.sqrt(area / len(asperities)))
+        return cls(rings, rectangle, spacing, indenter_radius, apex, contact_modulus, thickness)
+
+    @cached_property
+    def _cells(self) -> tuple[Values, Values, float]:
+        """Centres of the cells outside the rectangle and in reach of the lens, distance from the apex."""
+        sides = np.ptp(self.rectangle, axis=1)
+        step = sides / np.ceil(CELLS_PER_SPACING * sides / self.spacing)
+        centres = []
+        for (low, _), size, at in zip(self.rectangle, step, self.apex, strict=True):
+            reach = np.floor((at - low + np.array([-1, 1]) * self.rings.r[-1]) / size)
+            centres.append(low + size * (np.arange(reach[0], reach[1] + 1) + 0.5))
+        x, y = (v.ravel() for v in np.meshgrid(*centres))
+        inside = np.ones(x.size, dtype=bool)
+        for v, (low, high) in zip((x, y), self.rectangle, strict=True):
+            inside &= (v > low) & (v < high)
+        places = np.stack([x, y])[:, ~inside]
+        return places, np.hypot(*(places - np.array(self.apex)[:, None])), float(np.prod(step))
+
+    def _over_cells(self, values: Values) -> Values:
+        """Values of the rings times the area of each cell outside."""
+        _, r, area = self._cells
+        return np.interp(r, self.rings.r, values, right=0.0) * area
+
+    @cached_property
+    def load(self) -> float:
+        """Load that the asperities outside carry, N."""
+        return min(float(self._over_cells(self.rings.pressure).sum()), self.rings.load)
+
+    @cached_property
+    def area(self) -> float:
+        """Contact area outside, m^2."""
+        return float(self._over_cells(self.rings.area_fraction).sum())
+
+    @property
+    def share(self) -> float:
+        """Share of the load that is carried outside."""
+        return self.load / self.rings.load
+
+    def displacement(self, x: Values, y: Values) -> Values:
+        """Displacement of the surface at places in the rectangle by the forces outside, m."""
+        places, _, _ = self._cells
+        force = self._over_cells(self.rings.pressure) / self.contact_modulus
+        loaded = np.flatnonzero(force)
+        kernel, unit = Kernel.of_thickness(self.thickness), float(np.ptp(self.rectangle))
+        layer = kernel.thinness * unit, kernel.value, kernel.slope
+        return direct_sum(x / unit, y / unit, places[:, loaded] / unit, force[loaded] / unit, *layer)
+
+    def around(self, asperities: pd.DataFrame) -> pd.DataFrame:
+        """The table on the surface as the forces outside have displaced it."""
+        sunk = self.displacement(*asperities[["x_m", "y_m"]].to_numpy(float).T)
+        base = asperities[BASE_COLUMN].to_numpy(float) if BASE_COLUMN in asperities else np.zeros(sunk.size)
+        return asperities.assign(**{BASE_COLUMN: base - sunk})
+
+    def sinking(self, asperities: pd.DataFrame) -> float:
+        """By how much (m) the indentation from first touch is larger than that of the table `around`."""
+        where = {"indenter_radius": self.indenter_radius, "apex": self.apex}
+        alone, sunk = (composite_apexes(one, **where) for one in (asperities, self.around(asperities)))
+        return float(alone["height_m"].max() - sunk["height_m"].max())
+
+
+def rim_share(x: Values, y: Values, force: Values, rectangle: Values, spacing: float) -> float:
+    """Share of the load on contacts within one mean spacing of the rim of a rectangle."""
+    total = float(force.sum())
+    if not total > 0:
+        return 0.0
+    depth = np.full(x.size, np.inf)
+    for v, (low, high) in zip((x, y), rectangle, strict=True):
+        depth = np.minimum(depth, np.minimum(v - low, high - v))
+    return float(force[depth < spacing].sum()) / total
