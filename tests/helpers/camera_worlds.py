@@ -26,6 +26,8 @@ BLUR = 2
 """Points of the blurred grid in a pixel, each way."""
 MARGIN = 24
 """Pixels rendered beyond the frame."""
+BORDER = 30
+"""Width of a black border, px."""
 SHAPES = {25: (300, 400), 140: (600, 800), 450: (900, 1200)}
 """Rows and columns for a number of contacts."""
 SMALLEST_PX, SMALLEST_PART, FAINTEST = 1.2, 0.5, 8.0
@@ -400,7 +402,7 @@ def blurred_cover(fine, psf):
 # ------------------------------------------------------------------------------- surface and light
 
 
-def surface(shape, rms, rng):
+def surface(shape, rms, rng, *, dusty=True):
     """Texture in two sizes and dark dust, as a function that gives it moved by (dx, dy) px."""
     rows, columns = (scipy.fft.next_fast_len(n + 16, real=True) for n in shape)
     frequency = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.rfftfreq(columns)).astype(np.float32)
@@ -410,7 +412,8 @@ def surface(shape, rms, rng):
         power = power + share / (part.mean()) * part
     noise = rng.standard_normal((rows, columns), np.float32)
     waves = scipy.fft.rfft2(noise) * np.sqrt(power) * np.float32(rms)
-    dust = random_spots(shape, rng, round(shape[0] * shape[1] / 25_000), (0.8, 2.5), (-0.3, -0.05))
+    number = round(shape[0] * shape[1] / 25_000) if dusty else 0
+    dust = random_spots(shape, rng, number, (0.8, 2.5), (-0.3, -0.05))
 
     def moved(dx, dy):
         phase = np.fft.rfftfreq(columns) * dx + np.fft.fftfreq(rows)[:, None] * dy
@@ -489,13 +492,13 @@ def in_stop(x, y, a, shape):
 
 
 def black_border(u, v, shape):
-    inside = (np.abs(u) < 0.88) & (np.abs(v) < 0.84)
-    return vignetting(u, v, shape) * np.where(inside, 1.0, 0.01)
+    left, top = ((1 - np.abs(w)) * n / 2 for w, n in ((u, shape[1]), (v, shape[0])))
+    return vignetting(u, v, shape) * np.where(np.minimum(left, top) > BORDER, 1.0, 0.01)
 
 
 def in_border(x, y, a, shape):
-    left, top = 0.06 * shape[1] + a + 5, 0.08 * shape[0] + a + 5
-    return (x > left) & (x < shape[1] - left) & (y > top) & (y < shape[0] - top)
+    gap = BORDER + a + 5
+    return (x > gap) & (x < shape[1] - gap) & (y > gap) & (y < shape[0] - gap)
 
 
 def black_band(u, v, shape):
@@ -508,6 +511,10 @@ def under_band(x, y, a, shape):
 
 def step(u, v, shape):
     return np.where(u + 0.2 * v > 0.1, 1.12, 1.0)
+
+
+def gradient(u, v, shape):
+    return 1 + 0.12 * u + 0.05 * v**2
 
 
 def patch(u, v, shape):
@@ -582,8 +589,10 @@ class World:
     light, own_light : function(u, v, shape) -> factor
         Of frame and reference; of the frame alone.
     specks : function(shape, rng) -> relative light added to the frame alone, or None
-    texture : float
-        Of the surface, rms; it moves with the sample.
+    texture, dusty, moves : float, bool, float
+        Of the surface, rms; dark dust on it; both move with the sample, by up to ``moves`` px in x and y.
+    same_surface : bool
+        The reference shows the same part of the surface.
     level, contrast : float
         Background; plateau minus background (None: 45 to 80).
     electrons, read, noise_blur : float
@@ -608,6 +617,9 @@ class World:
     own_light: Callable | None = None
     specks: Callable | None = None
     texture: float = 0.02
+    dusty: bool = True
+    moves: float = 0.5
+    same_surface: bool = True
     level: float = 80.0
     contrast: float | None = None
     electrons: float = 20.0
@@ -633,13 +645,15 @@ class World:
         cover = blurred_cover(paint_contacts(truth, shape, self, rng), self.psf)
         v, u = (np.linspace(-1, 1, n, dtype=np.float32) for n in shape)
         light = np.asarray(self.light(u[None, :], v[:, None], shape), np.float32) * self.level
-        texture = surface(shape, self.texture, rng)
+        texture = surface(shape, self.texture, rng, dusty=self.dusty)
         frame = light * (1 + texture(0, 0)) * (1 + contrast / self.level * cover)
         if self.own_light:
             frame *= np.asarray(self.own_light(u[None, :], v[:, None], shape), np.float32)
         if self.specks:
             frame *= 1 + self.specks(shape, rng)
-        reference = 0.98 * light * (1 + texture(*rng.uniform(-0.5, 0.5, 2)))
+        if not self.same_surface:
+            texture = surface(shape, self.texture, rng, dusty=self.dusty)
+        reference = 0.98 * light * (1 + texture(*rng.uniform(-self.moves, self.moves, 2)))
         self._judge_visibility(truth, contrast)
         return Scene(
             self.expose(frame, rng),
@@ -712,6 +726,7 @@ WORLDS: dict[str, Callable] = {
     "crowd, no ref": World(
         layout=Layout(radii=(1.5, 30), pairs=0.1, covered=0.49, space=0.7), reference=False
     ),
+    "contrast 14": World(level=190.0, contrast=14.0, electrons=150.0, read=16.0, texture=0.005),
     "few wide": World(layout=Layout(radii=(12, 24), pairs=0)),
     # light that ends
     "field stop": World(layout=Layout(region=in_stop), light=field_stop),
@@ -745,6 +760,7 @@ WORLDS: dict[str, Callable] = {
         psf=mixed((0.5, 1.0), (0.2, 1.2, 1.0), (0.15, 1.6, 2.0), (0.1, 2.1, 3.2), (0.05, 2.6, 4.5))
     ),
     "heavy tails": World(psf=moffat(1.6, 1.6)),
+    "heavier tails": World(psf=moffat(1.0, 1.25)),
     "blur 1 to 3": World(psf=across(1.0, 3.0)),
     # contacts
     "dome": World(interior=dome),
@@ -769,7 +785,11 @@ WORLDS: dict[str, Callable] = {
     # background of the frame alone
     "step": World(own_light=step),
     "patch": World(own_light=patch),
+    "gradient": World(own_light=gradient),
+    "gradient, no ref": World(own_light=gradient, reference=False),
     "moved dust": World(specks=moved_dust),
+    "sample moved 12 px": World(moves=12.0),
+    "other surface": World(same_surface=False),
     # pictures of other things
     "dots": World(
         layout=sparse(radii=(5, 6), lattice=20.0),
@@ -793,7 +813,7 @@ WORLDS: dict[str, Callable] = {
     "white": flat(255),
     "reference itself": flat(80, same=True),
     "noise only": no_contact(PLAIN),
-    "noise only, no ref": no_contact(World(reference=False)),
+    "noise only, no ref": no_contact(World(reference=False, dusty=False)),
 }
 for _light in ("laser", "20 nm", "white"):
     for _pixel_um in (1.0, 3.0):
