@@ -4,8 +4,9 @@
     python benchmarks/imaging_battery.py --worlds "plain*,odd*" --tree . --tree ../base --csv battery.csv
 
 Each frame is measured by the method under test, by the method "threshold", and by Otsu's threshold and
-`regionprops` on the measurement's own difference image. Several trees (checkouts of contactimg) see the same
-frames, each in processes of its own. A frame is
+`regionprops` on the measurement's own difference image (otsu) and on frame minus reference (raw, in the
+better of both signs). Several trees (checkouts of contactimg) see the same frames, each in processes of its
+own. A frame is
 
     right   sum of areas within 3 of its stated standard uncertainties, 85 % of the radii within 2 of theirs,
             recall and precision at least 0.95 (and the odd contact, if there is one, within 3.3)
@@ -129,10 +130,17 @@ def unseen_rms(result):
         return 0.0
 
 
-def otsu(result):
-    """Otsu's threshold and `regionprops` on the measurement's own difference image."""
-    sign = -1.0 if result.polarity == "dark" else 1.0
-    image = np.nan_to_num(np.asarray(result.difference, np.float32) * sign)
+def raw_difference(scene):
+    """Frame minus reference at the same median level, or minus its own median."""
+    frame = scene.frame.astype(np.float32)
+    if scene.reference is None:
+        return frame - np.median(frame)
+    return frame - scene.reference * (np.median(frame) / max(np.median(scene.reference), 1.0))
+
+
+def otsu(image):
+    """Otsu's threshold and `regionprops`."""
+    image = np.nan_to_num(np.asarray(image, np.float32))
     if np.ptp(image) == 0:
         return pd.DataFrame(columns=["x_px", "y_px", "radius_px"], dtype=float)
     regions = label(image > threshold_otsu(image))
@@ -161,7 +169,10 @@ def score(scene, result, counted):
         "contrast": result.contrast, "blur": getattr(result, "blur_px", np.nan),
         "noise": result.noise, "limit": getattr(result, "smallest_px", np.nan),
     }  # fmt: skip
-    row["f1_otsu"], row["area_otsu"] = counted_error(truth, otsu(result), expected, shape)
+    sign = -1.0 if result.polarity == "dark" else 1.0
+    row["f1_otsu"], row["area_otsu"] = counted_error(truth, otsu(sign * result.difference), expected, shape)
+    raw = [counted_error(truth, otsu(s * raw_difference(scene)), expected, shape) for s in (1, -1)]
+    row["f1_raw"], row["area_raw"] = max(raw)
     if counted is not None:
         row["f1_threshold"], row["area_threshold"] = counted_error(truth, counted.disks, expected, shape)
     visible = areas(disks, shape)[1] if len(disks) else np.zeros(0)
@@ -193,9 +204,10 @@ def verdict(row):
         and not abs(row["odd_z"]) > STD_OF_ODD
     )
     ok = row["status"] == "ok"
-    counting = [name for name in ("threshold", "otsu") if f"f1_{name}" in row]
-    below = row["f1"] < max(row[f"f1_{name}"] for name in counting) - BELOW
-    worse = abs(row["area"]) > min(abs(row[f"area_{name}"]) for name in counting) and abs(row["area_z"]) > 2
+    f1 = [row[name] for name in ("f1_threshold", "f1_otsu", "f1_raw") if name in row]
+    area = [abs(row[name]) for name in ("area_threshold", "area_otsu") if name in row]
+    below = row["f1"] < max(f1) - BELOW
+    worse = abs(row["area"]) > min(area) and abs(row["area_z"]) > 2
     notes = [word for word, true in (("BELOW", below), ("AREA", ok and worse)) if true]
     if right and not ok and row["true"]:
         notes.append("DOUBT")
@@ -327,9 +339,9 @@ def worst(group):
         notes.append(odd_note(group.odd_z))
     number = {
         "F1": group.f1.min(), "recall": group.recall.min(), "prec": group.precision.min(),
-        "F1 thr": group.get("f1_threshold", group.f1).max(), "F1 otsu": group.f1_otsu.max(),
-        "area %": 100 * furthest.area, "/std": furthest.area_z, "1 std": group.cover1.min(),
-        "2 std": group.cover2.min(), "rms": group.rms.max(), "F": group.F.median(),
+        "thr": group.get("f1_threshold", group.f1).max(), "otsu": group.f1_otsu.max(),
+        "raw": group.f1_raw.max(), "area %": 100 * furthest.area, "/std": furthest.area_z,
+        "1 std": group.cover1.min(), "2 std": group.cover2.min(), "rms": group.rms.max(), "F": group.F.median(),
     }  # fmt: skip
     digits = {"area %": 1, "/std": 1, "F": 1, "rms": 3}
     line |= {name: f"{value:.{digits.get(name, 2)}f}" for name, value in number.items()}
@@ -358,7 +370,7 @@ def report(rows):
         notes = ", ".join(
             f"{part.notes.str.contains(name).sum()} {name}" for name in ("BELOW", "AREA", "DOUBT")
         )
-        means = {"F1": "f1", "threshold": "f1_threshold", "Otsu": "f1_otsu"}
+        means = {"F1": "f1", "threshold": "f1_threshold", "Otsu": "f1_otsu", "raw Otsu": "f1_raw"}
         mean = ", ".join(f"{k} {good[v].mean():.3f}" for k, v in means.items() if v in good)
         text.append(
             f"\n{tree}: {len(part)} frames: {counts}; {notes}; mean F1: {mean}; {good.F.median():.1f} F"
