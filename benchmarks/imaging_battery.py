@@ -341,7 +341,8 @@ def worst(group):
         "F1": group.f1.min(), "recall": group.recall.min(), "prec": group.precision.min(),
         "thr": group.get("f1_threshold", group.f1).max(), "otsu": group.f1_otsu.max(),
         "raw": group.f1_raw.max(), "area %": 100 * furthest.area, "/std": furthest.area_z,
-        "1 std": group.cover1.min(), "2 std": group.cover2.min(), "rms": group.rms.max(), "F": group.F.median(),
+        "1 std": group.cover1.min(), "2 std": group.cover2.min(), "rms": group.rms.max(),
+        "F": group.F.median(),
     }  # fmt: skip
     digits = {"area %": 1, "/std": 1, "F": 1, "rms": 3}
     line |= {name: f"{value:.{digits.get(name, 2)}f}" for name, value in number.items()}
