@@ -43,8 +43,8 @@ from contactimg.imaging.fit.problem import FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.reject.foreign_objects import NO_FOREIGN_OBJECTS
-from contactimg.imaging.shapes.components import label_components
-from contactimg.imaging.shapes.peaks import find_peaks
+from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.detect.peaks import find_peaks
 
 ROOMS = ("pipeline.", "tradeoff.")  # names within these rooms of the package; all others lie in the imaging
 

@@ -13,7 +13,7 @@ from contactimg.frame import Frame
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.shapes.hand_edits import HandEdit
+from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from contactimg.calibration.plateau import find_plateau
 from contactimg.errors import InputError
 from contactimg.imaging.measure import count_again
-from contactimg.imaging.shapes.hand_edits import HandEdit
+from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, count_at
 from contactimg.review.frame_light import FrameLight
 

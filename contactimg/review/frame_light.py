@@ -10,8 +10,8 @@ from contactimg.frame import Frame
 from contactimg.imaging.count.threshold import DEFAULT_FRACTION
 from contactimg.imaging.measure import ImageMeasurement, PreparedImage, count_again
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.shapes.hand_edits import HandEdit
-from contactimg.imaging.shapes.rim_blur import estimate_blur
+from contactimg.imaging.detect.hand_edits import HandEdit
+from contactimg.imaging.detect.rim_blur import estimate_blur
 from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, measure_prepared, measure_scene_frame

@@ -36,6 +36,10 @@ class Flag(enum.IntFlag):
     more than the errors; its uncertainty covers both."""
     MANUAL = enum.auto()
     """Added, split or merged by hand (edits.csv), then measured from the pixels like the others."""
+    BRIGHTNESS = enum.auto()
+    """Its plateau disagrees with the contrast of the frame: it is measured with its own."""
+    COUNTED = enum.auto()
+    """No model describes it: its area is that of its pixels above half of its own plateau."""
 
 
 def flag_names(flags: Iterable[int]) -> list[str]:

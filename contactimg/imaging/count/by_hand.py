@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.reject.detections import PLACE, Columns
-from contactimg.imaging.shapes.hand_edits import HandEdit, edit_disks
+from contactimg.imaging.detect.hand_edits import HandEdit, edit_disks
 from contactimg.tables import Flag, Reason
 
 ROUNDS = 8

@@ -14,8 +14,8 @@ from contactimg.imaging.count.method import count_at_fraction
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.threshold_radius import disk_radius
 from contactimg.imaging.reject.detections import PLACE
-from contactimg.imaging.shapes.inscribed_disks import find_inscribed
-from contactimg.imaging.shapes.rim_blur import estimate_blur
+from contactimg.imaging.detect.inscribed_disks import find_inscribed
+from contactimg.imaging.detect.rim_blur import estimate_blur
 
 Values = NDArray[np.float64]
 

@@ -40,10 +40,13 @@ from contactimg.imaging.fit.settings import (
     SMALLEST_ARC_BLUR_WIDTHS,
     UNSETTLED_CHI_SQUARE_RATIO,
 )
-from contactimg.imaging.fit.work import TooMuchWork
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.shapes.arcs import cover_outline
-from contactimg.imaging.shapes.overlap import hidden
+from contactimg.imaging.detect.arcs import cover_outline
+from contactimg.imaging.detect.overlap import hidden
+
+MOST_WINDOW_SHARE = 1.5
+"""Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By hand:
+a crowd of which half is covered takes 0.7."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""
@@ -84,30 +87,24 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
-    coarse = _no_finer_than_shapes(problem)
+    coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
     groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
-    deep = problem.work.deep
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
         usual_single = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
         if usual_single:
             continue
-        if len(members) > LARGEST_GROUP or problem.work.no_more_covers:
-            problem.work.unresolved_groups += 1
-            continue
-        window = GroupWindow.about(coarse, fit, members)
+        window = GroupWindow.about(coarse, fit, members) if len(members) <= LARGEST_GROUP else None
         if window is None:
             continue
+        left -= window.pixels
+        if left < 0.0:
+            break
         disks = fit.disks[members] - window.offset
-        try:
-            better = _find_cover(window, disks, usual)
-        except TooMuchWork:
-            problem.work.unresolved_groups += 1
-            continue
+        better = _find_cover(window, disks, usual)
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
-    problem.work.deep = deep  # covers overlap on trial, and their share was chosen with that
     return Replacement(replaced, np.vstack(new))
 
 
@@ -141,7 +138,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     best = disks
     unsettled = first < UNSETTLED_CHI_SQUARE_RATIO * expected
     for number in range(-1 if unsettled else 0, COVER_ROUNDS):
-        if chi_square < expected + slack or window.problem.work.no_more_covers:
+        if chi_square < expected + slack:
             break
         covers = list(_other_covers(window, best, number, expected + slack))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
@@ -188,11 +185,7 @@ def _completed(window: GroupWindow, disks: NDArray) -> Cover:
     fitted, chi_square = window.fit(disks, disks[:, RADIUS] + margin)
     for _ in range(LARGEST_GROUP):
         peak = window.highest_residual(fitted)
-        if (
-            window.problem.work.no_more_covers
-            or peak is None
-            or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast
-        ):
+        if peak is None or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast:
             break
         more = np.vstack([fitted, window.small_disk(peak[0], peak[1])])
         candidate, value = window.fit(more, np.append(fitted[:, RADIUS] + margin, np.inf))

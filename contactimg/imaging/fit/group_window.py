@@ -11,7 +11,7 @@ from contactimg.imaging.fit.settings import (
     GROUP_REACH_BLUR_WIDTHS,
 )
 from contactimg.imaging.fit.significance import find_insignificant
-from contactimg.imaging.shapes.peaks import find_peaks_near
+from contactimg.imaging.detect.peaks import find_peaks_near
 
 CONTROL = FitControl(free_blur=False, robust=False, iterations=GROUP_ITERATIONS)
 
@@ -62,8 +62,8 @@ class GroupWindow:
         """
         while True:
             fit = fit_disks(self.problem, disks, blur=self.blur, control=CONTROL, largest=largest)
-            kept = ~find_insignificant(fit, self.problem.contrast, final=True)
-            if kept.all() or not kept.any() or self.problem.work.is_done:
+            kept = ~find_insignificant(fit, self.problem, final=True)
+            if kept.all() or not kept.any():
                 return fit.disks, self.chi_square(fit.disks)
             disks, largest = fit.disks[kept], largest[kept]
 

@@ -23,9 +23,6 @@ class LearnedEdge:
         That take part, keys of `contactimg.imaging.profile.edge_shape.FAMILIES`; empty for a plain edge.
     std : ndarray
         Standard uncertainties of the parameters of the edge; 0 for those that take no part.
-    undecided : ndarray, shape (n,), px
-        Change of the radii by one standard uncertainty of what the frame does not decide about its edges;
-        empty where it was not looked at.
     knowledge : EdgeKnowledge or None
         What the frame alone says of its edges, for others.
     """
@@ -33,7 +30,6 @@ class LearnedEdge:
     edge: Edge
     families: tuple[str, ...] = ()
     std: Values = field(default_factory=lambda: np.zeros(0))
-    undecided: Values = field(default_factory=lambda: np.zeros(0))
     knowledge: EdgeKnowledge | None = None
 
     @property

@@ -28,8 +28,8 @@ from contactimg.imaging.fit.settings import (
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.normal_equations import REACH_BLUR_WIDTHS
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.shapes.inscribed_disks import find_inscribed
-from contactimg.imaging.shapes.peaks import FALSE_ALARM_SIGMA, find_peaks
+from contactimg.imaging.detect.inscribed_disks import find_inscribed
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.timings import stage
 
 ADDING_ITERATIONS = 5

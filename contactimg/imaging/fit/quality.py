@@ -22,8 +22,8 @@ from contactimg.imaging.profile.optics import EdgeKnowledge, Halo, KnownEdge, Sh
 from contactimg.imaging.reject.detections import PLACE, Columns, Detections
 from contactimg.imaging.reject.foreground import Foreground
 from contactimg.imaging.reject.implausible_disks import reject_disks
-from contactimg.imaging.shapes.hand_edits import EditedDisks, HandEdit
-from contactimg.imaging.shapes.overlap import count_touching
+from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit
+from contactimg.imaging.detect.overlap import count_touching
 from contactimg.tables import Flag, Reason, Status
 
 

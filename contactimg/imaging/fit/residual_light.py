@@ -26,7 +26,6 @@ from contactimg.imaging.fit.settings import (
     LEAST_SCATTER_FRACTION,
     LEAST_UNTOUCHED_SHARE,
     LONGEST_SECANT_RATIO,
-    PASSES_AFTER_HALO,
     UNTOUCHED_FRACTION,
 )
 from contactimg.imaging.fit.significance import find_insignificant
@@ -67,8 +66,6 @@ def remove_halo(
     dropped = [np.empty((0, 3))]
     given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
     for turn in range(HALO_ROUNDS):
-        if problem.work.is_done or (turn and not problem.work.suffices_for(PASSES_AFTER_HALO)):
-            break
         halo = prior_optics.halo
         if not given:
             halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
@@ -78,7 +75,7 @@ def remove_halo(
             break
         fraction, removed = halo.fraction, halo
         image = subtract_halo(problem.image, fit.model, halo)
-        insignificant = find_insignificant(fit, problem.contrast, final=True)
+        insignificant = find_insignificant(fit, problem, final=True)
         insignificant &= not insignificant.all()
         dropped.append(fit.disks[insignificant, :3])
         fit = _refit(replace(problem, image=image), fit, ~insignificant, free_blur=free_blur)
@@ -93,7 +90,7 @@ def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, fr
     return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
 
 
-def remove_illumination(
+def remove_background(
     problem: FitProblem, fit: FittedDisks, means: BlockMeans, *, free_blur: bool
 ) -> tuple[FitProblem, FittedDisks]:
     """Remove what is left of the illumination from the image; in a crowd, in turn with the fit.
@@ -132,7 +129,7 @@ def remove_illumination(
         if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
             break
         problem = problem.without_background(factor * illumination.coefficients)
-        if not crowded or problem.work.is_done or abs(removed) < FLAT_FRACTION * problem.contrast:
+        if not crowded or abs(removed) < FLAT_FRACTION * problem.contrast:
             break
         problem = problem.with_contrast(problem.contrast - removed)
         fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)

@@ -7,7 +7,7 @@ from contactimg.imaging.fit.quality import FittedDetections, FrameFit
 from contactimg.imaging.fit.settings import FEWEST_COMMON_CHI_SQUARE, LARGEST_USUAL_CHI_SQUARE
 from contactimg.imaging.kernels.quadrupole import screen_quadrupoles
 from contactimg.imaging.reject.scratches import find_chains
-from contactimg.imaging.shapes.overlap import find_overlaps
+from contactimg.imaging.detect.overlap import find_overlaps
 from contactimg.tables import Flag
 
 FALSE_CLIMB = 1e-4

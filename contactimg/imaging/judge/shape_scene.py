@@ -23,7 +23,7 @@ from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS
 from contactimg.imaging.reject.scratches import find_chains
-from contactimg.imaging.shapes.overlap import find_overlaps
+from contactimg.imaging.detect.overlap import find_overlaps
 
 WINDOW_MARGIN_BLUR_WIDTHS = 4.0
 """Of a window about what it shows. Theory: a blurred edge is 3e-5 there."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ellipe
 
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.shapes.hand_edits import HandEdit
+from contactimg.imaging.detect.hand_edits import HandEdit
 
 Columns = dict[str, NDArray]
 """Columns of a table, arrays of the same length."""

@@ -20,7 +20,7 @@ from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.reject.detections import Columns
 from contactimg.imaging.reject.reference_dust import find_reference_dust
-from contactimg.imaging.shapes.components import label_components
+from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.shapes.labelled_regions import (
     LENGTH_HALF_WIDTHS,
     LENGTH_MARGIN_PX,

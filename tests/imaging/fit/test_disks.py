@@ -14,7 +14,7 @@ from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.solve import invert_4x4
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.blocks import BlockMeans
-from contactimg.imaging.shapes.overlap import overlapping
+from contactimg.imaging.detect.overlap import overlapping
 from contactimg.tables import Flag
 
 

@@ -5,7 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from contactimg.imaging.pixels.robust import median
-from contactimg.imaging.shapes.components import label_components
+from contactimg.imaging.detect.components import label_components
 
 MOST_SLOPES = 8000
 """Pixels at half height that are read: their median is good to 1.4 % of the scatter."""
