@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +12,9 @@ from contactimg.imaging.detect.candidates import Contrast, measure_contrast
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
 
+HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
+"""Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead lines, not
+masks."""
 CONTRADICTION_RATIO = 1.3
 """Ratio of measured to prior contrast above which the frame contradicts the prior. By hand: blur can only make
 a frame show less than its contrast."""
@@ -23,7 +27,7 @@ class Foreground:
     Parameters
     ----------
     image : ndarray of float32, shape (rows, columns)
-        0 in holes.
+        Holes filled from the pixels next to them.
     sign : int
         1 for contacts brighter than the background, else -1.
     frame_pair : FramePair
@@ -62,13 +66,23 @@ class Foreground:
         return self.frame_pair.shown_contrast(self.difference.level, self.sign)
 
 
+def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The image with holes filled from the pixels next to them, so that a dead line does not cut a contact."""
+    side = (2 * HOLE_REACH_PX + 1,) * 2
+    seen = valid.astype(np.float32)
+    weight = cv2.blur(seen, side, borderType=cv2.BORDER_REPLICATE)
+    around = cv2.blur(image * seen, side, borderType=cv2.BORDER_REPLICATE)
+    fill = np.where(weight > LEAST_WEIGHT, around / np.maximum(weight, np.float32(LEAST_WEIGHT)), np.float32(0.0))
+    return np.where(valid > 0, image, fill)
+
+
 def find_foreground(
     frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics
 ) -> Foreground:
     """Measure noise and contrast of a difference image; ``sign`` makes contacts positive."""
     image = difference.image if sign > 0 else -difference.image
     if frame_pair.valid is not None:
-        image = np.where(frame_pair.valid > 0, image, np.float32(0.0))
+        image = _filled(image, frame_pair.valid)
     noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
     shown, refused = Contrast(0.0, resolved=False), float("nan")
     if not frame_pair.trivial:

@@ -16,10 +16,12 @@ from contactimg.imaging.detect.components import label_runs
 from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
-from contactimg.imaging.pixels.robust import median, quantile
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 
 SUPPORT_SIGMA = 5.0
 """Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
+LOWER_RATIO = 0.6
+"""Level, over half of the common contrast, at which a region is outlined again before it is split. By hand."""
 LIGHT_SIGMA = 8.0
 """Light of a faint region in standard deviations of the noise. As for counted components: noise stays below 6."""
 CORE_FRACTION = 0.75
@@ -72,11 +74,14 @@ class Candidates:
         Of the region that each lies in, grey levels.
     own : ndarray of bool, shape (n,)
         Whether the region was outlined at half of its own plateau, not of the common one.
+    whole : ndarray of bool, shape (n,)
+        Whether the region is no disk, but one ellipse as a whole.
     """
 
     places: NDArray[np.float64]
     plateau: NDArray[np.float64]
     own: NDArray[np.bool_]
+    whole: NDArray[np.bool_]
 
 
 def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = None) -> Contrast:
@@ -91,7 +96,7 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
     """
     for side in (2, 4, 8):
         coarse = _coarse(image, valid, side)
-        floor = max(SUPPORT_SIGMA * noise / side, 1e-6)
+        floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / side), 1e-6)
         regions, runs = label_runs(coarse, floor)
         regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
         wide = half_area * side**2 > WIDE_PX2
@@ -139,35 +144,61 @@ def find_candidates(
     regions, runs = label_runs(smooth, level)
     regions, plateau, half_area = _with_plateaus(smooth, regions, runs)
     bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2)
-    places, plateaus, own = [np.empty((0, 3))], [np.empty(0)], [np.empty(0, np.bool_)]
+    places, others = [np.empty((0, 3))], [np.empty((0, 3))]
 
-    def add(disks: NDArray, height: NDArray, own_level: bool) -> None:
+    def add(disks: NDArray, height: NDArray | float, *, own_level: bool, whole: bool = False) -> None:
         places.append(disks)
-        plateaus.append(np.broadcast_to(height, len(disks)))
-        own.append(np.full(len(disks), own_level))
+        heights = np.broadcast_to(height, len(disks))
+        others.append(np.column_stack([heights, np.full(len(disks), own_level), np.full(len(disks), whole)]))
 
     one = is_round(regions, smooth.shape) & ~bright
     add(_disks_of(regions[one]), plateau[one], own_level=False)
     for k in np.flatnonzero(~one & ~bright & (regions["area"] > 4)):
-        add(disks_in_region(regions[k], smooth, level), plateau[k], own_level=False)
+        disks, whole = disks_in_region(regions[k], smooth, level)
+        lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
+        if lower is not None:
+            add(lower, plateau[k], own_level=True, whole=True)
+        else:
+            add(disks, plateau[k], own_level=False, whole=whole)
     for k in np.flatnonzero(bright):
-        for height, disks in _at_own_half(regions[k], smooth, level, float(plateau[k])):
-            add(disks, np.array(height), own_level=True)
+        for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
+            add(disks, height, own_level=True, whole=whole)
     for region, height, corner, window in _faint_regions(image, valid, noise, level, regions):
-        disks = disks_in_region(region, window, 0.5 * height)
-        add(disks + np.array([*corner, 0.0]), np.array(height), own_level=True)
-    disks, height, flags = np.vstack(places), np.concatenate(plateaus), np.concatenate(own)
-    if valid is not None and len(disks):
-        seen = visible_fraction(disks, image.shape, valid) > LEAST_VISIBLE
-        disks, height, flags = disks[seen], height[seen], flags[seen]
+        disks, whole = disks_in_region(region, window, 0.5 * height)
+        add(disks + np.array([*corner, 0.0]), height, own_level=True, whole=whole)
+    disks, other = np.vstack(places), np.vstack(others)
     order = np.argsort(-disks[:, 2], kind="stable")
-    return Candidates(disks[order], height[order], flags[order])
+    if valid is not None and len(disks):
+        order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
+    return Candidates(disks[order], other[order, 0], other[order, 1] > 0, other[order, 2] > 0)
+
+
+def _whole_at_lower_level(
+    region: np.void, image: NDArray[np.float32], level: float
+) -> NDArray[np.float64] | None:
+    """The disk of a region that is one ellipse at a lower level, which mottling does not cut up; None if none is."""
+    margin = 4
+    top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
+    window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
+    parts, runs = label_runs(window, LOWER_RATIO * level)
+    at = _component_at(runs, np.array([region["peak_x"] - left]), np.array([region["peak_y"] - top]))
+    if len(at) != 1:
+        return None
+    disks, whole = disks_in_region(parts[at[0]], window, LOWER_RATIO * level)
+    return disks + np.array([left, top, 0.0]) if whole and len(disks) == 1 else None
 
 
 def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.float32]:
     """Means over squares; 0 where no pixel is seen."""
     means = block_means(image, valid, side=side)
     return means if valid is None else np.where(np.isfinite(means), means, np.float32(0.0))
+
+
+def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
+    """Scatter of means over squares about a background of 0, from the negative ones, which no contact is among."""
+    below = coarse[::3, ::2]
+    below = below[below < 0.0]
+    return max(-MAD_TO_STD * median(below), least) if below.size > 100 else least
 
 
 def _weighted_median(values: NDArray, weights: NDArray) -> float:
@@ -213,7 +244,7 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
 
 def _at_own_half(
     region: np.void, image: NDArray[np.float32], level: float, plateau: float
-) -> list[tuple[float, NDArray[np.float64]]]:
+) -> list[tuple[float, NDArray[np.float64], bool]]:
     """Disks of a bright region at half of its own plateau, and of what was beside it at half of the rest's."""
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
@@ -222,14 +253,15 @@ def _at_own_half(
     inner, _ = label_runs(window, 0.5 * plateau)
     found, covered = [], np.zeros(window.shape, np.uint8)
     for part in inner:
-        disks = disks_in_region(part, window, 0.5 * plateau)
-        found.append((plateau, disks + corner))
+        disks, whole = disks_in_region(part, window, 0.5 * plateau)
+        found.append((plateau, disks + corner, whole))
         for x, y, a in disks:
             cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
     rest = np.where(covered > 0, np.float32(0.0), window)
     for part in label_runs(rest, level)[0]:
         if part["area"] > WIDE_PX2:
-            found.append((2.0 * level, disks_in_region(part, rest, level) + corner))
+            disks, whole = disks_in_region(part, rest, level)
+            found.append((2.0 * level, disks + corner, whole))
     return found
 
 
@@ -239,7 +271,8 @@ def _faint_regions(image, valid, noise, level, regions):
     Yields the region, its plateau, the corner of the window and the window.
     """
     coarse = _coarse(image, valid, 2)
-    floor = np.float32(max(SUPPORT_SIGMA * noise / 2.0, 1e-6))
+    coarse_noise = _coarse_noise(coarse, noise / 2.0)
+    floor = np.float32(max(SUPPORT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
         return
     support, runs = label_runs(coarse, float(floor))
@@ -247,7 +280,7 @@ def _faint_regions(image, valid, noise, level, regions):
     taken = np.zeros(len(support), np.bool_)
     if len(regions):
         taken[_component_at(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)] = True
-    light = support["flux"] * 4.0 > LIGHT_SIGMA * noise * np.sqrt(support["area"] * 4.0)
+    light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
     shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
     for k in np.flatnonzero(shown):
         top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)

@@ -22,6 +22,12 @@ ROUND_WIDTH_EXCESS_PX = 1.7
 """... and its sides exceed the diameter by less than this. Both chosen by hand; sensitivity not measured."""
 LARGEST_HOLE_SHARE = 0.1
 """Area of a hole over that of its region up to which it is filled. By hand: mottling, not a ring."""
+ONE_SHAPE_LACK = 0.03
+"""Share of its area that a region lacks against the ellipse of its second moments, below which it is one contact.
+Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any ellipse."""
+LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
+"""Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make smaller
+regions look like anything."""
 PENETRATION = 0.7
 """Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
 CELL_PX = 32.0
@@ -48,21 +54,34 @@ def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bo
     )
 
 
-def disks_in_region(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
-    """Disks inscribed in one region above a level, x, y, radius (px); one of its area where none fits.
+def disks_in_region(
+    region: np.void, image: NDArray[np.float32], level: float
+) -> tuple[NDArray[np.float64], bool]:
+    """Disks inscribed in one region above a level, x, y, radius (px), and whether it is one ellipse as a whole.
 
-    Holes that are small against the region, which noise or mottling makes, are filled.
+    Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
+    ellipse when all its holes are is one contact, the disk of its area.
     """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
     own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
-    _fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))
     cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
+    corner = np.array([left, top, 0.0])
+    if not any(cut):
+        whole = own.copy()
+        _fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
+        moments = cv2.moments(whole, binaryImage=True)
+        area = moments["m00"]
+        spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (moments["mu11"] / area) ** 2
+        if area > LEAST_WHOLE_PX2 and 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9))) < ONE_SHAPE_LACK:
+            disk = np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
+            return disk + corner, True
+    _fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))
     disks = _inscribed(own, cut)
     if not len(disks):
         disks = np.array([[region["x"] - left, region["y"] - top, np.sqrt(region["area"] / np.pi)]])
-    return disks + np.array([left, top, 0.0])
+    return disks + corner, False
 
 
 def _fill_small_holes(mask: NDArray[np.uint8], largest: float) -> None:

@@ -155,9 +155,9 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     poor = (fit.chi_square > POOR_CHI_SQUARE) & (looked.rim_chi_square > POOR_CHI_SQUARE)
     undescribed = poor & (np.minimum(fit.chi_square, looked.rim_chi_square) > UNDESCRIBED_CHI_SQUARE)
     plateau = np.where(np.isfinite(looked.plateau), looked.plateau, contrast)
-    if undescribed.any() or free:
-        half = np.where(undescribed | free, 0.5 * plateau, 0.5 * contrast)
-        looked = look_at_pixels(problem, complete, half=half)
+    again = np.flatnonzero(undescribed | free)
+    if len(again):  # at half of their own plateau
+        looked = looked.updated(again, look_at_pixels(problem, complete, half=0.5 * plateau, rows=again))
     slope = np.maximum(contrast, 1e-9) / (blur * np.sqrt(2.0 * np.pi))
     place = COUNT_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
     count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)
@@ -169,10 +169,13 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     # counted pixels of small contacts say little about their area
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
-    use_count = (undescribed & ~ellipse & (np.abs(count_z) > 2.0) & resolved) | (free & (looked.area > 0))
+    hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
+    use_count = ((undescribed & ~ellipse & (np.abs(count_z) > 2.0)) | hollow) & resolved
+    use_count |= free & (looked.area > 0)
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
     reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
     gap = _gap_to_border(disks, problem.image.shape)
+    cut = (gap < reach) | touches(problem.valid, 0, disks, reach)
     return {
         "radius": radius,
         "radius_std": std,
@@ -181,7 +184,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
         / np.maximum(contrast, 1e-9),
         "own_rise": own_rise(foreground, problem.in_frame(disks[:, [X, Y]]), radius * problem.binning, blur),
-        "visible": np.where(gap > -radius, looked.visible, 0.0),
+        "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "undescribed": undescribed,
         "rim_chi_square": looked.rim_chi_square,
@@ -200,7 +203,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "odd": rows >= 0,
         "ellipse": ellipse,
         "touching": count_touching(disks, blur),
-        "cut": (gap < reach) | touches(problem.valid, 0, disks, reach),
+        "cut": cut,
         "saturated": touches(problem.saturated, 1, disks, radius),
         "excluded": np.zeros(n, np.bool_) if edited is None else edited.excluded,
         "manual": np.zeros(n, np.bool_) if edited is None else edited.new,
@@ -217,13 +220,30 @@ def own_rise(
     pair = foreground.frame_pair
     if pair.reference is None or not len(places):
         return np.ones(len(places))
-    disks = np.column_stack([places, radius])
+    share = np.ones(len(places))
+    # most contacts lie where the reference shows nothing: a few pixels of it tell
+    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, radius + 4.0 * blur)
+    rows = np.flatnonzero(dip > max(0.2 * foreground.contrast.plateau, 4.0 * foreground.noise))
+    disks = np.column_stack([places, radius])[rows]
     own, other = (foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference))
-    # where the reference has no object of the opposite sign there, the frame shows the contact itself
     both = own - other
-    share = np.divide(own, both, out=np.ones(len(own)), where=np.isfinite(both) & (both > 1e-9))
-    noise = 4.0 * foreground.noise / np.sqrt(np.maximum(np.pi * radius**2, 1.0))
-    return np.where(np.isfinite(share) & (-other > noise), share, 1.0)
+    known = np.isfinite(both) & (both > 1e-9)
+    share[rows[known]] = own[known] / both[known]
+    return share
+
+
+def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
+    """Mean of five pixels at each place minus the median of eight around it."""
+    rows, columns = image.shape
+
+    def at(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+        i, j = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((y, rows), (x, columns)))
+        return np.asarray(image[i, j], float)
+
+    (x, y), angles = places.T[:, :, None], np.arange(8) * np.pi / 4
+    near = at(x + np.array([0, 1, -1, 0, 0]), y + np.array([0, 0, 0, 1, -1])).mean(axis=1)
+    around = at(x + distance[:, None] * np.cos(angles), y + distance[:, None] * np.sin(angles))
+    return near - np.median(around, axis=1)
 
 
 def _columns(result: FrameFit, e: Columns) -> Columns:

@@ -15,6 +15,7 @@ from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.imaging.fit.covers import find_better_covers
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
+from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.timings import stage
@@ -33,6 +34,9 @@ RIM_BLUR_WIDTHS = 5.0
 """Distance that counts as near a rim, where imperfect edges leave light. By hand."""
 LEAST_RIM_PEAK = 0.12
 """Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
+ROUGH_RATIO = 1.5
+"""Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter. By hand:
+compression and sharpening ring beside contacts."""
 ODD_PLATEAU_RATIO = 1.15
 """Plateau over the common contrast, or its inverse, from which a wide candidate starts with its own. By hand."""
 
@@ -51,6 +55,8 @@ class Assembled:
         Radius of the smallest isolated disk that stands out of the noise.
     limited : bool
         Whether there were more candidates than are fitted.
+    ellipses : Ellipses
+        Disks that stand for ellipses in the image of the problem.
     """
 
     problem: FitProblem
@@ -58,10 +64,11 @@ class Assembled:
     dropped: NDArray[np.float64]
     smallest: float
     limited: bool
+    ellipses: Ellipses
 
 
 @stage("detection")
-def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool) -> Assembled:
+def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: str) -> Assembled:
     """Find and fit the disks of an image, with a loose prior of the contrasts.
 
     Parameters
@@ -71,13 +78,17 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool) -> Asse
         To start from, pixel included.
     free_blur : bool
         Fit the blur as well.
+    shape : {"auto", "disk", "ellipse", "free"}
+        Whether ellipses are looked for.
     """
     contrast, noise = problem.contrast, problem.pixel_noise
     found = find_candidates(problem.image, contrast, noise, problem.valid, blur=blur)
     most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
     limited = len(found.places) > most
     problem, disks, largest = _start(problem, found, blur, most)
-    work = _Assembly(problem, disks, largest, blur=blur, free_blur=free_blur)
+    work = _Assembly(problem, disks, largest, found.whole[:most], blur=blur, free_blur=free_blur)
+    if shape == "auto":
+        work.find_ellipses(found.whole[:most])
     work.drop_insignificant()
     work.add_wide_residuals()
     fit = work.fit
@@ -87,6 +98,11 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool) -> Asse
     smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
     at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
     peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
+    scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
+    # behind the filter white noise is smaller by this; rests of compression are less so
+    behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
+    rough = scatter > ROUGH_RATIO * noise
+    peaks = peaks[~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter)]
     limited |= len(peaks) > most - len(fit.disks)
     peaks = peaks[: max(most - len(fit.disks), 0)]
     if len(peaks):
@@ -95,7 +111,7 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool) -> Asse
         work.fit_blur()
     work.improve_covers()
     work.drop_insignificant(final=True)
-    return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited)
+    return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
 
 
 def _start(
@@ -122,22 +138,27 @@ class _Assembly:
     fit : FittedDisks
     largest : ndarray, shape (n,), px
         Upper bounds of the radii.
+    whole : ndarray of bool, shape (n,)
+        Disks that stand for a region that is no disk, but one contact.
     dropped : list of ndarray, shape (m, 3)
         x, y, radius of the disks dropped so far.
+    ellipses : Ellipses
     """
 
     def __init__(
-        self, problem: FitProblem, disks: NDArray, largest: NDArray, *, blur: float, free_blur: bool
-    ):
+        self, problem: FitProblem, disks: NDArray, largest: NDArray, whole: NDArray[np.bool_],
+        *, blur: float, free_blur: bool,
+    ):  # fmt: skip
         control = FitControl(free_blur and len(disks) > 0, robust=False, iterations=3)
-        self.problem, self.largest = problem, largest
+        self.problem, self.largest, self.whole, self.ellipses = problem, largest, whole, NO_ELLIPSES
         self.fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
         self.dropped = [np.empty((0, 3))]
 
     def add(self, disks: NDArray[np.float64]) -> None:
         """Add disks, which are free to grow, and drop those near them that are not significant."""
         rows = np.concatenate([np.arange(len(self.fit.disks)), np.full(len(disks), -1)])
-        self.largest = np.concatenate([self.largest, np.full(len(disks), np.inf)])
+        self.largest = np.concatenate([self.largest, 2.0 * disks[:, RADIUS] + 4.0 * self.fit.blur])
+        self.whole = np.concatenate([self.whole, np.zeros(len(disks), np.bool_)])
         active = self._refit(np.vstack([self.fit.disks, disks]), rows, 5)
         self.drop_insignificant(active)
 
@@ -168,8 +189,20 @@ class _Assembly:
         self.dropped.append(self.fit.disks[dropped, :3])
         erase_disks(self.problem, self.fit, dropped)
         active = _near(self.fit.disks, dropped, self.fit.blur)[~dropped]
-        self.largest = self.largest[~dropped]
+        self.largest, self.whole = self.largest[~dropped], self.whole[~dropped]
+        self.ellipses = self.ellipses.kept(~dropped)
         self._refit(self.fit.disks[~dropped], np.flatnonzero(~dropped), 4, active)
+
+    def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
+        """Replace the regions that are ellipses by disks of equal area in the image."""
+        nothing = np.diag([1e-8, 1e-8])
+        found = find_ellipses(self.problem, self.fit, self.problem.prior, nothing, among=tried)
+        if not len(found.rows):
+            return
+        self.problem, disks = made_round(self.problem, self.fit, found)
+        self.ellipses = found
+        control = FitControl(free_blur=False, robust=False, iterations=3)
+        self.fit = fit_disks(self.problem, disks, blur=self.fit.blur, control=control)
 
     def fit_blur(self) -> None:
         """Fit the blur too, after a start without wide disks, if that explains far more."""
@@ -184,11 +217,13 @@ class _Assembly:
 
     def improve_covers(self) -> None:
         """Replace the disks of groups that fit badly by better covers of the same pixels."""
-        covers = find_better_covers(self.problem, self.fit)
+        covers = find_better_covers(self.problem, self.fit, self.whole)
         if not covers.replaced.any():
             return
         erase_disks(self.problem, self.fit, covers.replaced)
         kept, new = np.flatnonzero(~covers.replaced), covers.new
+        self.ellipses = self.ellipses.kept(~covers.replaced)
+        self.whole = np.concatenate([self.whole[kept], np.zeros(len(new), np.bool_)])
         self.largest = np.concatenate([self.largest[kept], COVER_GROWTH_RATIO * new[:, RADIUS]])
         rows = np.concatenate([kept, np.full(len(new), -1)])
         self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)
@@ -218,6 +253,26 @@ class _Assembly:
         chi_square[fixed] = old.chi_square[source]
         self.fit = replace(fit, std=std, chi_square=chi_square, pixels=pixels)
         return active
+
+
+@njit(cache=True)
+def _scatter_around(image, model, peaks, blur):
+    """Root mean square residual around each peak, the peak itself left out."""
+    rows, columns = image.shape
+    inner, outer = 2.0 * blur + 1.0, 4.0 * blur + 6.0
+    out = np.zeros(len(peaks))
+    for i in range(len(peaks)):
+        x, y = peaks[i, 0], peaks[i, 1]
+        total, count = 0.0, 0
+        for row in range(max(int(y - outer), 0), min(int(y + outer) + 1, rows)):
+            for column in range(max(int(x - outer), 0), min(int(x + outer) + 1, columns)):
+                r = np.hypot(column - x, row - y)
+                if inner < r < outer:
+                    rest = image[row, column] - model[row, column]
+                    total += rest * rest
+                    count += 1
+        out[i] = np.sqrt(total / max(count, 1))
+    return out
 
 
 def _near_rims(places: NDArray, disks: NDArray, reach: float) -> NDArray[np.bool_]:

@@ -16,6 +16,7 @@ from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, STEPS_PER_BLUR_WIDTH, EdgeTable
 
 CORE_BLUR_WIDTHS = 2.0  # inside the rim, where a contact shows its plateau; theory: 98 % of it
+INNER_REACH_BLUR_WIDTHS = 4.0  # inside the rim, where a disk is at its plateau; theory: to 3e-5
 RIM_BLUR_WIDTHS = 3.0  # about the rim; theory: 0.1 % of the edge is left
 RING_BLUR_WIDTHS = (3.0, 6.0)  # outside the rim: the surroundings
 OTHER_SHARE = 0.05  # light of other disks, of the contrast, up to which a pixel is surroundings; by hand
@@ -69,9 +70,20 @@ class ContactPixels:
     elongation: NDArray[np.float64]
     visible: NDArray[np.float64]
 
+    def updated(self, rows: NDArray[np.intp], other: "ContactPixels") -> "ContactPixels":
+        """With the values of some rows replaced by those of another look at them."""
+        values = {name: value.copy() for name, value in vars(self).items()}
+        for name, value in vars(other).items():
+            values[name][rows] = value
+        return ContactPixels(**values)
+
 
 def look_at_pixels(
-    problem: FitProblem, fit: FittedDisks, *, half: NDArray[np.float64] | None = None
+    problem: FitProblem,
+    fit: FittedDisks,
+    *,
+    half: NDArray[np.float64] | None = None,
+    rows: NDArray[np.intp] | None = None,
 ) -> ContactPixels:
     """Look at the pixels about the disks of a fit.
 
@@ -82,15 +94,18 @@ def look_at_pixels(
         With all its disks in the model image.
     half : ndarray or None, shape (n,)
         Level above which pixels are counted; None: half of each contrast.
+    rows : ndarray of int or None
+        Disks that are looked at; None: all.
     """
-    disks = np.ascontiguousarray(fit.disks)
+    chosen = np.arange(len(fit.disks)) if rows is None else rows
+    disks = np.ascontiguousarray(fit.disks[chosen])
     n = len(disks)
-    level = 0.5 * disks[:, CONTRAST] if half is None else half
-    variance = problem.noise.variance / fit.brightness
+    level = 0.5 * disks[:, CONTRAST] if half is None else half[chosen]
+    variance = problem.noise.variance / fit.brightness[chosen]
     slope = problem.noise.slope / problem.contrast
     out = np.zeros((n, len(COLUMNS)))
     _look(
-        problem.image, fit.model, for_kernel(problem.valid), disks, fit.blur, variance, slope,
+        problem.image, fit.model, for_kernel(problem.valid), disks, fit.blur, variance, float(slope),
         np.ascontiguousarray(level, float), _values(problem.profile), problem.profile.outer, out,
     )  # fmt: skip
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -133,77 +148,119 @@ def _summarise(out: NDArray, disks: NDArray, problem: FitProblem) -> ContactPixe
     )
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
 def _look(image, model, valid, disks, s, variance, slope, half, heights, outer, out):
     """Sums over the pixels about each disk; see `COLUMNS`."""
     rows, columns = image.shape
     masked = valid.shape == image.shape
-    last = heights.shape[1] - 1
+    last = heights.shape[1] - 2
+    profile = np.empty(heights.shape[1], np.float32)
     for i in range(len(disks)):
         x, y, a, c = disks[i]
         q = out[i]
         reach = a + RING_BLUR_WIDTHS[1] * s
         line = s / (s + a) * (heights.shape[0] - 1)
         k = min(int(line), heights.shape[0] - 2)
-        f = line - k
+        f = np.float32(line - k)
+        for j in range(len(profile)):
+            profile[j] = heights[k, j] + f * (heights[k + 1, j] - heights[k, j])
+        height, level, plain = np.float32(c), np.float32(half[i]), np.float32(1.0 / variance[i])
+        growth = np.float32(slope)
+        ring_low, ring_high = a + RING_BLUR_WIDTHS[0] * s, reach
+        core, low, high = a - CORE_BLUR_WIDTHS * s, a - RIM_BLUR_WIDTHS * s, a + RIM_BLUR_WIDTHS * s
+        counted = a + COUNT_BLUR_WIDTHS * s
+        scale, start = STEPS_PER_BLUR_WIDTH / s, (INNER_BLUR_WIDTHS - a / s) * STEPS_PER_BLUR_WIDTH
+        other_most, other_half = np.float32(OTHER_SHARE * c), np.float32(0.5 * c)
+        inner = a - INNER_REACH_BLUR_WIDTHS * s
         for row in range(max(int(np.ceil(y - reach)), 0), min(int(y + reach), rows - 1) + 1):
             dy = row - y
             wide = np.sqrt(max(reach * reach - dy * dy, 0.0))
-            for column in range(max(int(np.ceil(x - wide)), 0), min(int(x + wide), columns - 1) + 1):
-                if masked and valid[row, column] == 0:
+            first, end = max(int(np.ceil(x - wide)), 0), min(int(x + wide), columns - 1) + 1
+            left = right = end
+            if not masked and inner > abs(dy) and 0 < row < rows - 1:
+                chord = np.sqrt(inner * inner - dy * dy)
+                left, right = max(int(np.ceil(x - chord)), 1), min(int(x + chord) + 1, columns - 1)
+                if right - left < 16:
+                    left = right = end
+                else:
+                    _add_inside(image[row, left:right], model[row, left:right], height, level, plain, growth, q)
+                    n = right - left
+                    middle = 0.5 * (left + right - 1) - x
+                    q[10] += n * middle
+                    q[11] += n * dy
+                    q[12] += n * middle * middle + n * (n * n - 1.0) / 12.0
+                    q[13] += n * middle * dy
+                    q[14] += n * dy * dy
+            edge_row = row == 0 or row == rows - 1
+            for column in range(first, end):
+                if left <= column < right or (masked and valid[row, column] == 0):
                     continue
                 dx = column - x
                 r = np.sqrt(dx * dx + dy * dy)
-                u = (r - a) / s
-                place = (u + INNER_BLUR_WIDTHS) * STEPS_PER_BLUR_WIDTH
+                place = r * scale + start
                 if place <= 0.0:
-                    p = 1.0
+                    own = height
                 elif place >= last:
-                    p = 0.0
+                    own = np.float32(0.0)
                 else:
                     j = int(place)
-                    g = place - j
-                    p = (1 - f) * (heights[k, j] + g * (heights[k, j + 1] - heights[k, j])) + f * (
-                        heights[k + 1, j] + g * (heights[k + 1, j + 1] - heights[k + 1, j])
-                    )
-                rest = image[row, column] - model[row, column]
-                others = model[row, column] - c * p
-                value = rest + c * p
-                if u < 0.0:
-                    q[16] += 1.0
-                z = rest * rest / (variance[i] * (1.0 + slope * max(model[row, column], 0.0)))
-                if u < -CORE_BLUR_WIDTHS:
-                    q[0] += 1.0
-                    q[1] += value
-                    q[2] += value * value
-                    q[17] += min(z, 100.0)
-                if abs(u) < RIM_BLUR_WIDTHS:
-                    q[6] += 1.0
-                    q[7] += min(z, 100.0)
-                alone = others < OTHER_SHARE * c
-                if RING_BLUR_WIDTHS[0] < u < RING_BLUR_WIDTHS[1] and alone:
+                    own = height * (profile[j] + np.float32(place - j) * (profile[j + 1] - profile[j]))
+                modelled = model[row, column]
+                rest, others = image[row, column] - modelled, modelled - own
+                value = rest + own
+                if r < high:
+                    z = min(rest * rest * plain / (np.float32(1.0) + growth * max(modelled, np.float32(0.0))), 100.0)
+                    if r < a:
+                        q[16] += 1.0
+                    if r < core:
+                        q[0] += 1.0
+                        q[1] += value
+                        q[2] += value * value
+                        q[17] += z
+                    if r > low:
+                        q[6] += 1.0
+                        q[7] += z
+                if ring_low < r < ring_high and others < other_most:
                     q[3] += 1.0
                     q[4] += value
                     q[5] += value * value
-                if u < COUNT_BLUR_WIDTHS and others < 0.5 * c:
+                if r < counted and others < other_half:
                     q[8] += value
-                    q[15] += c * p > half[i]
-                    if value > half[i]:
+                    if own > level:
+                        q[15] += 1.0
+                    if value > level:
                         q[9] += 1.0
-                        q[10] += column
-                        q[11] += row
-                        q[12] += column * column
-                        q[13] += column * row
-                        q[14] += row * row
-                        edge = row == 0 or column == 0 or row == rows - 1 or column == columns - 1
-                        q[18] += edge
-        # second moments about the centre lose fewer digits
-        if q[9] > 0.0:
-            q[12] -= 2.0 * x * q[10] - x * x * q[9]
-            q[14] -= 2.0 * y * q[11] - y * y * q[9]
-            q[13] -= x * q[11] + y * q[10] - x * y * q[9]
-            q[10] -= x * q[9]
-            q[11] -= y * q[9]
+                        q[10] += dx
+                        q[11] += dy
+                        q[12] += dx * dx
+                        q[13] += dx * dy
+                        q[14] += dy * dy
+                        if edge_row or column == 0 or column == columns - 1:
+                            q[18] += 1.0
+
+
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+def _add_inside(line, modelled, height, level, plain, growth, q):
+    """Add a row of pixels well inside a disk, all of which count as lying above the level in the moments."""
+    one, zero, most = np.float32(1.0), np.float32(0.0), np.float32(100.0)
+    total = squares = chi = above = expected = zero
+    for i in range(len(line)):
+        rest = line[i] - modelled[i]
+        value = rest + height
+        total += value
+        squares += value * value
+        chi += min(rest * rest * plain / (one + growth * max(modelled[i], zero)), most)
+        above += one if value > level else zero
+        expected += one
+    n = float(len(line))
+    q[0] += n
+    q[1] += total
+    q[2] += squares
+    q[8] += total
+    q[9] += above
+    q[15] += expected if height > level else zero
+    q[16] += n
+    q[17] += chi
 
 
 @njit(cache=True, error_model="numpy")

@@ -67,7 +67,7 @@ class Replacement:
     new: NDArray[np.float64]
 
 
-def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
+def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.bool_]) -> Replacement:
     """Better covers of the groups that fit badly.
 
     Parameters
@@ -76,6 +76,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
         With a loose prior of the contrasts.
     fit : FittedDisks
         With all its disks in the model image.
+    whole : ndarray of bool, shape (n,)
+        Disks that stand for one contact of another shape: alone, they are not cut up.
 
     Returns
     -------
@@ -91,7 +93,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
-        usual_single = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
+        usual_single = len(members) == 1 and whole[members[0]]
+        usual_single |= len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
         if usual_single:
             continue
         window = GroupWindow.about(coarse, fit, members) if len(members) <= LARGEST_GROUP else None

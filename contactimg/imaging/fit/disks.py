@@ -24,6 +24,8 @@ from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.imaging.detect.overlap import visible_share
 from contactimg.timings import stage
 
+GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
+"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further off."""
 BRIGHTEST_RATIO = 5.0
 """Largest contrast of a contact over the expected one. By hand."""
 RADIUS_TOLERANCE_SIGMA = 0.1
@@ -219,7 +221,7 @@ def fit_disks(
         start.model,
         start.drawn.copy(),
         start.complete,
-        np.full(n, np.inf) if largest is None else largest,
+        _largest_radii(problem, disks, blur) if largest is None else largest,
         np.inf,
         np.inf,
     )
@@ -228,6 +230,13 @@ def fit_disks(
     return FittedDisks(
         fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, brightness
     )
+
+
+def _largest_radii(problem: FitProblem, disks: NDArray, blur: float) -> NDArray[np.float64]:
+    """Upper bounds of the radii of disks that are about right; none for those cut by the border."""
+    (x, y, a), (rows, columns) = disks[:, :3].T, problem.image.shape
+    cut = np.minimum.reduce([x, y, columns - 1 - x, rows - 1 - y]) < a + blur
+    return np.where(cut, np.inf, GROWTH_RATIO * a + GROWTH_BLUR_WIDTHS * blur)
 
 
 def _contrast_bounds(

@@ -31,7 +31,7 @@ from contactimg.imaging.fit.film_edge import FilmEdge
 from contactimg.imaging.fit.learned_edge import LearnedEdge
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
-from contactimg.imaging.fit.shapes import Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
     FEWEST_WIDE_DISKS,
     JointFit,
@@ -65,7 +65,6 @@ CONTRAST_CHANGE_LOG = 0.15
 """Change of ln contrast after which disks are assembled anew. By hand."""
 FEWEST_COMMON_CHI_SQUARE = 10
 """Contacts needed to ascribe their median chi-square to the noise model. By hand."""
-NO_ELLIPSES = Ellipses(np.zeros(0, np.intp), [])
 ELLIPSES_THAT_MATTER = 0.1
 """Share of ellipses among the contacts above which contrast and blur are settled on them again. By hand."""
 ELLIPSE_ROUNDS = 2
@@ -141,7 +140,7 @@ def measure_by_fit(
     shape : {"auto", "disk", "ellipse", "free"}
         "auto": an ellipse where no disk describes a contact; "ellipse": for every isolated contact.
     """
-    frame = _Frame.of(foreground, film, edits)
+    frame = _Frame.of(foreground, film, edits, shape)
     problem, blur = frame.problem, frame.blur
     best = frame.settle(problem, blur, frame.prior)
     for _ in range(MOST_ATTEMPTS - 1):
@@ -171,9 +170,12 @@ class _Frame:
     level: float
     film: FilmSetting | None
     edits: Sequence[HandEdit]
+    shape: str
 
     @classmethod
-    def of(cls, foreground: Foreground, film: FilmSetting | None, edits: Sequence[HandEdit]) -> "_Frame":
+    def of(
+        cls, foreground: Foreground, film: FilmSetting | None, edits: Sequence[HandEdit], shape: str
+    ) -> "_Frame":
         """The problem, binned where the blur is wide, a first guess of the blur, and the priors."""
         image, contrast = foreground.image, foreground.contrast.plateau
         given = foreground.prior_optics.blur_px
@@ -191,7 +193,7 @@ class _Frame:
         # shot noise, and texture that a contact makes brighter, go with the light
         problem = replace(problem, noise=Noise(noise**2, contrast / level))
         prior = OpticsPrior.of(foreground.prior_optics, problem, blur=blur)
-        return cls(foreground, problem, blur, free, prior, level, film, edits)
+        return cls(foreground, problem, blur, free, prior, level, film, edits, shape)
 
     def settle(
         self, problem: FitProblem, blur: float, prior: OpticsPrior, *, has_film: bool = False
@@ -201,7 +203,7 @@ class _Frame:
         With a film, whose fringes look like one, no halo is looked for.
         """
         known, free = self.foreground.prior_optics, self.free_blur and not has_film
-        found = assemble_disks(problem, blur=blur, free_blur=free)
+        found = assemble_disks(problem, blur=blur, free_blur=free, shape=self.shape)
         problem, fit, dropped, edited, halo = found.problem, found.fit, found.dropped, None, None
         if self.edits and not len(fit.disks):
             fit, edited = fit_edited(problem, fit, self.edits)
@@ -218,6 +220,7 @@ class _Frame:
         joint = self.refine(problem, fit, prior, free_blur=free)
         return FrameFit(
             problem, joint.fit, dropped, found.smallest, found.limited, halo, joint, edited,
+            ellipses=found.ellipses if len(joint.fit.disks) == len(found.fit.disks) else NO_ELLIPSES,
             ratio=max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO),
         )  # fmt: skip
 
@@ -254,25 +257,24 @@ class _Frame:
         """The fit with ellipses where no disk describes a contact."""
         best = plain
         for _ in range(ELLIPSE_ROUNDS):
-            if plain.joint is None or best.joint is None:
+            if best.joint is None or self.problem.image.shape != best.problem.image.shape:
                 break
-            # the original image, with what the present disks make of it
-            shown = replace(best.joint, fit=replace(best.fit, model=self._model(plain, best)))
-            found = find_ellipses(plain.problem, shown, everywhere=everywhere)
-            if not len(found.rows):
+            model = render_disks(best.fit.disks, best.fit.blur, best.problem.image.shape)
+            shown = replace(best.fit, model=model)
+            more = find_ellipses(
+                best.problem, shown, best.joint.prior, best.joint.covariance, everywhere=everywhere
+            )
+            rows = np.union1d(best.ellipses.rows, more.rows).astype(np.intp)
+            if not len(rows):
                 break
-            problem, disks = made_round(plain.problem, best.fit, found)
-            fit = replace(best.fit, disks=disks, model=best.fit.model.copy())
-            joint = self.refine(problem, fit, self.prior)
+            original, _ = made_round(best.problem, shown, best.ellipses, -1.0)
+            found = find_ellipses(original, shown, best.joint.prior, best.joint.covariance, rows=rows)
+            problem, disks = made_round(original, shown, found)
+            joint = self.refine(problem, replace(shown, disks=disks), self.prior)
             best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)
-            if everywhere or len(found.rows) < ELLIPSES_THAT_MATTER * len(disks):
+            if len(rows) < ELLIPSES_THAT_MATTER * len(disks):
                 break
         return best
-
-    @staticmethod
-    def _model(plain: FrameFit, best: FrameFit) -> NDArray[np.float32]:
-        """Image of the present disks, without edges learned."""
-        return render_disks(best.fit.disks, best.fit.blur, plain.problem.image.shape)
 
     def with_edge(self, plain: FrameFit) -> FrameFit:
         """The fit with the edge that describes the contacts best: plain, learned, or that of a film."""

@@ -14,8 +14,7 @@ from contactimg.imaging.detect.overlap import count_touching
 from contactimg.imaging.fit.contact_pixels import look_at_pixels
 from contactimg.imaging.fit.disks import FittedDisks, render_disks
 from contactimg.imaging.fit.ellipse import CommonOptics, FittedEllipse, Window, fit_ellipse, render_ellipse
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem, X, Y
-from contactimg.imaging.fit.shared_optics import JointFit
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem, X, Y
 
 POOR_CHI_SQUARE = 1.5
 """Mean chi-square about the rim above which a disk does not describe a contact. By hand."""
@@ -43,31 +42,55 @@ class Ellipses:
     rows : ndarray of int, shape (m,)
         Row of each among the disks.
     fitted : list of FittedEllipse, m
+    blur : float, px
+        At which they were fitted, pixel included.
     """
 
     rows: NDArray[np.intp]
     fitted: list[FittedEllipse]
+    blur: float = 1.0
+
+    def kept(self, kept: NDArray[np.bool_]) -> "Ellipses":
+        """Those of the disks that stay, in their new rows."""
+        new = np.cumsum(kept) - 1
+        stay = [k for k, row in enumerate(self.rows) if kept[row]]
+        return Ellipses(new[self.rows[stay]].astype(np.intp), [self.fitted[k] for k in stay], self.blur)
 
 
-def find_ellipses(problem: FitProblem, joint: JointFit, *, everywhere: bool) -> Ellipses:
-    """Ellipses among the contacts: of those that no disk describes, or of all isolated ones."""
-    fit = joint.fit
-    alone = count_touching(fit.disks, fit.blur) == 0
-    alone &= (fit.disks[:, RADIUS] > fit.blur) & (fit.disks[:, RADIUS] < LARGEST_RADIUS_PX)
-    tried = alone
-    if not everywhere:
-        looked = look_at_pixels(problem, fit)
-        poor = (fit.chi_square > POOR_CHI_SQUARE) | (looked.rim_chi_square > POOR_CHI_SQUARE)
-        tried = alone & poor & (looked.elongation > LEAST_ELONGATION) & (looked.border == 0.0)
-    rows = np.flatnonzero(tried)
-    rows = rows[np.argsort(-fit.disks[rows, RADIUS], kind="stable")][:MOST_ELLIPSES]
+NO_ELLIPSES = Ellipses(np.zeros(0, np.intp), [])
+
+
+def find_ellipses(
+    problem: FitProblem,
+    fit: FittedDisks,
+    prior: ContrastPrior,
+    covariance: NDArray[np.float64],
+    *,
+    everywhere: bool = False,
+    among: NDArray[np.bool_] | None = None,
+    rows: NDArray[np.intp] | None = None,
+) -> Ellipses:
+    """Ellipses among the disks of a fit: where no disk describes a contact, ``everywhere``, or of some ``rows``.
+
+    ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses.
+    """
+    chosen = rows
+    if chosen is None:
+        tried = count_touching(fit.disks, fit.blur) == 0
+        tried &= (fit.disks[:, RADIUS] > fit.blur) & (fit.disks[:, RADIUS] < LARGEST_RADIUS_PX)
+        tried = tried if among is None else tried & among
+        chosen = np.flatnonzero(tried if everywhere else tried & (fit.chi_square > POOR_CHI_SQUARE))
+        if not everywhere and len(chosen):
+            looked = look_at_pixels(problem, fit, rows=chosen)
+            chosen = chosen[(looked.elongation > LEAST_ELONGATION) & (looked.border == 0.0)]
+    chosen = chosen[np.argsort(-fit.disks[chosen, RADIUS], kind="stable")][:MOST_ELLIPSES]
     kept, fitted = [], []
-    for row in rows:
-        ellipse = _fit_one(problem, joint, int(row))
-        if ellipse is not None and (everywhere or _is_better(ellipse, float(fit.chi_square[row]))):
+    for row in chosen:
+        ellipse = _fit_one(problem, fit, prior, covariance, int(row))
+        if ellipse is not None and (everywhere or rows is not None or _is_better(ellipse, float(fit.chi_square[row]))):
             kept.append(int(row))
             fitted.append(ellipse)
-    return Ellipses(np.array(kept, np.intp), fitted)
+    return Ellipses(np.array(kept, np.intp), fitted, fit.blur)
 
 
 def _is_better(ellipse: FittedEllipse, disk_chi_square: float) -> bool:
@@ -77,9 +100,10 @@ def _is_better(ellipse: FittedEllipse, disk_chi_square: float) -> bool:
     return bool(better and ellipse.significance > ELLIPSE_SIGNIFICANCE)
 
 
-def _fit_one(problem: FitProblem, joint: JointFit, row: int) -> FittedEllipse | None:
+def _fit_one(
+    problem: FitProblem, fit: FittedDisks, prior: ContrastPrior, covariance: NDArray[np.float64], row: int
+) -> FittedEllipse | None:
     """An ellipse in the place of one disk, all others subtracted."""
-    fit = joint.fit
     x, y, a, c = fit.disks[row]
     reach = 1.5 * a + REACH_BLUR_WIDTHS * fit.blur
     rows, columns = problem.image.shape
@@ -95,21 +119,26 @@ def _fit_one(problem: FitProblem, joint: JointFit, row: int) -> FittedEllipse | 
     moments = cv2.moments((window.image > 0.5 * c).astype(np.uint8), binaryImage=True)
     angle = 0.5 * np.arctan2(2 * moments["mu11"], moments["mu20"] - moments["mu02"])
     start = np.array([x, y, a, 0.1 * np.cos(2 * angle), 0.1 * np.sin(2 * angle), c])
-    (mean,), (spread,) = joint.prior.of_disks(fit.disks[[row]], fit.blur)
-    optics = CommonOptics(float(mean), float(spread), fit.blur, joint.covariance)
-    ellipse = fit_ellipse(window, start, optics, inflation=_inflation(joint, row))
+    (mean,), (spread,) = prior.of_disks(fit.disks[[row]], fit.blur)
+    optics = CommonOptics(float(mean), float(spread), fit.blur, covariance)
+    ellipse = fit_ellipse(window, start, optics, inflation=_inflation(fit, row))
     return ellipse if np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all() else None
 
 
-def _inflation(joint: JointFit, row: int) -> float:
+def _inflation(fit: FittedDisks, row: int) -> float:
     """Factor of the variances of one contact for noise that pixels share."""
-    chi_square = max(float(joint.fit.chi_square[row]), 1.0)
-    bare = float(np.linalg.pinv(joint.fit.information[row, :4, :4])[RADIUS, RADIUS])
-    return max(float(joint.fit.std[row, RADIUS] ** 2) / max(bare * chi_square, 1e-300), 1.0)
+    chi_square = max(float(fit.chi_square[row]), 1.0)
+    bare = float(np.linalg.pinv(fit.information[row, :4, :4])[RADIUS, RADIUS])
+    return max(float(fit.std[row, RADIUS] ** 2) / max(bare * chi_square, 1e-300), 1.0)
 
 
-def made_round(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> tuple[FitProblem, NDArray]:
-    """The image with each ellipse replaced by the disk of equal area, and the disks to start from."""
+def made_round(
+    problem: FitProblem, fit: FittedDisks, ellipses: Ellipses, sign: float = 1.0
+) -> tuple[FitProblem, NDArray[np.float64]]:
+    """The image with each ellipse replaced by the disk of equal area, and the disks to start from.
+
+    With ``sign`` -1 the disks are replaced by the ellipses again.
+    """
     image, disks = problem.image.copy(), fit.disks.copy()
     for row, ellipse in zip(ellipses.rows, ellipses.fitted, strict=True):
         x, y, a, _, _, c = ellipse.parameters
@@ -119,7 +148,7 @@ def made_round(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> tup
         if not part.size:
             continue
         corner = np.array([left, top, 0.0, 0.0, 0.0, 0.0])
-        part += render_disks(np.array([[x - left, y - top, a, c]]), fit.blur, part.shape)
-        part -= render_ellipse(ellipse.parameters - corner, fit.blur, part.shape)
+        disk = render_disks(np.array([[x - left, y - top, a, c]]), ellipses.blur, part.shape)
+        part += np.float32(sign) * (disk - render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape))
         disks[row, [X, Y, RADIUS, CONTRAST]] = x, y, a, c
     return replace(problem, image=image), disks

@@ -20,7 +20,7 @@ MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corre
 MOSAIC_SIGMA = 8.0  # the same in its standard error; false-alarm rate below 1e-14
 DEAD_SIGMA = 10.0  # distance of a dead line from its neighbours in robust standard deviations; by hand
 DEAD_SHARE = 0.02  # of the lines that may be dead; by hand: more are a pattern, not defects
-SAMPLED = 250_000  # pixels that gains of a mosaic are read from; accuracy
+SAMPLED = 20_000  # pixels that gains of a mosaic are read from; accuracy
 
 
 def find_unlit(image: NDArray, valid: Mask) -> Mask:
@@ -78,7 +78,9 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     phases = np.stack(
         [np.asarray(image[y:rows:2, x:columns:2][::every, ::every], np.float32) for y in (0, 1) for x in (0, 1)]
     )
-    mean = phases.mean(axis=0)
+    mean, levels = phases.mean(axis=0), phases.mean(axis=(1, 2))
+    if np.ptp(levels) < 0.5 * MOSAIC_STEP * levels.mean():
+        return None
     bright = mean > max(0.2 * quantile(mean, 0.9), 1e-6)
     if np.count_nonzero(bright) < 1000:
         return None
