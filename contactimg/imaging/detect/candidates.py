@@ -36,6 +36,8 @@ NOISY_RATIO = 12.0
 """Contrast over noise below which the image is smoothed before it is outlined. Theory: twice six sigma."""
 LARGEST_LIGHT_RATIO = 0.35
 """Peak over the common contrast below which small faint regions are left to the matched filter. By hand."""
+LEAST_AREA_PX2 = 4
+"""Area above which a region that is not round is a candidate. By hand: less is noise, or left to the filter."""
 LEAST_VISIBLE = 0.2
 """Share of a disk outside holes, below which it is no candidate. By hand."""
 WEIGHT_CAP = 8.0
@@ -153,7 +155,7 @@ def find_candidates(
 
     one = is_round(regions, smooth.shape) & ~bright
     add(_disks_of(regions[one]), plateau[one], own_level=False)
-    for k in np.flatnonzero(~one & ~bright & (regions["area"] > 4)):
+    for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
         disks, whole = disks_in_region(regions[k], smooth, level)
         lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
         if lower is not None:
@@ -278,8 +280,10 @@ def _faint_regions(image, valid, noise, level, regions):
     support, runs = label_runs(coarse, float(floor))
     support, plateau, half_area = _with_plateaus(coarse, support, runs)
     taken = np.zeros(len(support), np.bool_)
-    if len(regions):
-        taken[_component_at(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)] = True
+    # a few pixels of noise on a faint plateau reach the level as well
+    outlined = regions[regions["area"] > LEAST_AREA_PX2]
+    if len(outlined):
+        taken[_component_at(runs, outlined["peak_x"] // 2, outlined["peak_y"] // 2)] = True
     light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
     shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
     for k in np.flatnonzero(shown):

@@ -253,7 +253,9 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
     radius, std = disks[:, RADIUS].copy(), np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
     shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
     film = np.zeros(n) if result.film is None else result.film.errors(radius)
-    edge = np.hypot(LINEARITY * blur * np.sqrt(2.0 * np.pi), film)
+    edge = np.sqrt((LINEARITY * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
+    if result.edge is not None and len(result.edge.undecided) == n:
+        edge = np.hypot(edge, result.edge.undecided)
     x, y, area = disks[:, X].copy(), disks[:, Y].copy(), np.pi * radius**2
     major, minor, angle = radius.copy(), radius.copy(), np.full(n, np.nan)
     shape = np.full(n, "disk", object)
@@ -302,6 +304,19 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
         "angle_std_rad": spread[2],
         "perimeter_px": perimeter * binning,
     }
+
+
+def _common_shift(e: Columns) -> float:
+    """Mean distance between the edges of the fit and of the counted pixels, with its standard error, px.
+
+    The count knows no model of the edge: by what both agree, the edge assumed is the one that is there.
+    """
+    used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
+    if not used.any():
+        return 0.0
+    rims = 2.0 * np.pi * e["radius"][used]
+    apart = float(np.sum(e["counted"][used] - e["expected"][used]) / rims.sum())
+    return float(np.hypot(apart, np.sqrt(np.sum(e["count_std"][used] ** 2)) / rims.sum()))
 
 
 def _gap_to_border(disks: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -307,8 +307,36 @@ class _Search:
         step = scores.step(parameters_of(families), self.prior(current))
         std = np.zeros(SHARED + len(current.learned.edge.shape))
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
-        learned = replace(current.learned, std=std[SHARED:], knowledge=knowledge)
+        undecided = self._undecided(current, joint, scores, families)
+        learned = replace(current.learned, std=std[SHARED:], knowledge=knowledge, undecided=undecided)
         return EdgeFit(current.problem, joint, learned)
+
+    def _undecided(
+        self, current: EdgeFit, joint: JointFit, scores: EdgeScores, families: tuple[str, ...]
+    ) -> Values:
+        """Shift of the radii by the other family of edges that would change the areas most, px.
+
+        Each at the size that the residuals and its prior make most probable: where they exclude a family that is
+        next to nothing, where they cannot tell it is what the family may be.
+        """
+        disks, prior = joint.fit.disks, self.prior(current)
+        most, shift = 0.0, np.zeros(len(disks))
+        if len(scores.score) < FEWEST_SCORES:
+            return shift
+        response, _ = EdgeScores.response_to(
+            np.arange(SHARED + len(current.learned.edge.shape)), self._with_prior(joint), disks,
+            current.learned.edge, self.placement,
+        )  # fmt: skip
+        for name in FAMILIES:
+            if name in families or any({name, *families} >= pair for pair in INDISTINCT):
+                continue
+            step = scores.step(parameters_of((*families, name)), prior)
+            if name in POSITIVE and step.delta[-1] <= 0.0:
+                continue
+            moved = response[:, step.chosen] @ step.delta
+            if abs(float(disks[:, RADIUS] @ moved)) > most:
+                most, shift = abs(float(disks[:, RADIUS] @ moved)), moved
+        return shift
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
         """What the frame alone says of its edges, whatever contrast and blur."""

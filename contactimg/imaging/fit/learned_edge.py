@@ -23,6 +23,8 @@ class LearnedEdge:
         That take part, keys of `contactimg.imaging.profile.edge_shape.FAMILIES`; empty for a plain edge.
     std : ndarray
         Standard uncertainties of the parameters of the edge; 0 for those that take no part.
+    undecided : ndarray, shape (n,), px
+        Change of the radii by the other edge that would change the areas most.
     knowledge : EdgeKnowledge or None
         What the frame alone says of its edges, for others.
     """
@@ -30,6 +32,7 @@ class LearnedEdge:
     edge: Edge
     families: tuple[str, ...] = ()
     std: Values = field(default_factory=lambda: np.zeros(0))
+    undecided: Values = field(default_factory=lambda: np.zeros(0))
     knowledge: EdgeKnowledge | None = None
 
     @property
