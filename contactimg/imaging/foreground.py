@@ -72,7 +72,9 @@ def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.
     seen = valid.astype(np.float32)
     weight = cv2.blur(seen, side, borderType=cv2.BORDER_REPLICATE)
     around = cv2.blur(image * seen, side, borderType=cv2.BORDER_REPLICATE)
-    fill = np.where(weight > LEAST_WEIGHT, around / np.maximum(weight, np.float32(LEAST_WEIGHT)), np.float32(0.0))
+    fill = np.where(
+        weight > LEAST_WEIGHT, around / np.maximum(weight, np.float32(LEAST_WEIGHT)), np.float32(0.0)
+    )
     return np.where(valid > 0, image, fill)
 
 

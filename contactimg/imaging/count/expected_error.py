@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.count.method import count_at_fraction
-from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.threshold_radius import disk_radius
-from contactimg.imaging.reject.detections import PLACE
 from contactimg.imaging.detect.inscribed_disks import find_inscribed
 from contactimg.imaging.detect.rim_blur import estimate_blur
+from contactimg.imaging.evidence.rules import PLACE
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.threshold_radius import disk_radius
 
 Values = NDArray[np.float64]
 

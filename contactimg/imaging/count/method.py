@@ -112,7 +112,6 @@ def measure_by_count(
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
     crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
     contacts |= _uncertainties(contacts, crossing)
-    disks = np.column_stack([contacts[name] for name in ("x_px", "y_px", "radius_px")])
     # of a contact cut by the border the pixels counted are those that are seen
     contacts["visible_area_px2"] = np.pi * contacts["radius_px"] ** 2
     return Counted(

@@ -15,10 +15,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.masks import Mask, for_kernel
 from contactimg.imaging.detect.components import COMPONENT, add_pixel, finish_component, label_runs
 from contactimg.imaging.detect.inscribed_disks import select_inscribed
 from contactimg.imaging.detect.overlap import hidden
+from contactimg.imaging.pixels.masks import Mask, for_kernel
 
 ELONGATION = 1.015
 """Second moment of a component over that of a disk of its area above which it may be several contacts.

@@ -10,7 +10,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-
 SMALLEST_INSCRIBED = 2.0
 """Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
 SMALLEST_ROUND = 1.6
@@ -73,8 +72,13 @@ def disks_in_region(
         _fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
         moments = cv2.moments(whole, binaryImage=True)
         area = moments["m00"]
-        spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (moments["mu11"] / area) ** 2
-        if area > LEAST_WHOLE_PX2 and 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9))) < ONE_SHAPE_LACK:
+        spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
+            moments["mu11"] / area
+        ) ** 2
+        if (
+            area > LEAST_WHOLE_PX2
+            and 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9))) < ONE_SHAPE_LACK
+        ):
             disk = np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
             return disk + corner, True
     _fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))

@@ -4,8 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.pixels.robust import median, quantile
 
 MOST_SLOPES = 8000
 """Pixels at half height that are read: their median is good to 1.4 % of the scatter."""

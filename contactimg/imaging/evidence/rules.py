@@ -25,6 +25,8 @@ from contactimg.tables import Flag, Reason
 Columns = dict[str, NDArray]
 """Columns of a table, arrays of the same length."""
 
+PLACE = ("x_px", "y_px", "radius_px")
+"""Columns that say where a candidate is."""
 POOR_CHI_SQUARE = 1.5
 """Mean chi-square about the rim above which a contact has the flag POOR_FIT. By hand."""
 UNDESCRIBED_CHI_SQUARE = 3.0
@@ -109,16 +111,14 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
 """Flags of the contacts that are kept."""
 
 
-def judge_contacts(
-    foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True
-) -> Judged:
+def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True) -> Judged:
     """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds."""
     problem, fit, binning = result.problem, result.fit, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
     if not dust:
         e["own_rise"] = np.ones(len(fit.disks))
     table = _columns(result, e)
-    finite = np.isfinite(np.stack([table[name] for name in ("x_px", "y_px", "radius_px")])).all(axis=0)
+    finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
     reason = np.full(len(finite), "", object)
     reason[~finite] = Reason.NOISE
     for name, holds in RULES:
@@ -131,8 +131,10 @@ def judge_contacts(
     kept = np.flatnonzero(reason == "")
     kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
     bad = reason != ""
-    dropped = np.column_stack([problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning])
-    places = np.column_stack([table[name] for name in ("x_px", "y_px", "radius_px")])
+    dropped = np.column_stack(
+        [problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning]
+    )
+    places = np.column_stack([table[name] for name in PLACE])
     every = np.vstack([dropped, places[bad]])
     rejected = {"x_px": every[:, 0], "y_px": every[:, 1], "radius_px": every[:, 2]}
     rejected["reason"] = np.append(np.full(len(dropped), Reason.UNNECESSARY), reason[bad].astype(str))
@@ -210,9 +212,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     }
 
 
-def own_rise(
-    foreground: Foreground, places: NDArray, radius: NDArray, blur: float
-) -> NDArray[np.float64]:
+def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
     """Rise in the frame alone over that in frame and reference together; 1 without a reference.
 
     Dust that darkened the reference and has gone looks like a bright contact in the difference.
@@ -225,7 +225,9 @@ def own_rise(
     dip = -foreground.sign * _rise_of_pixels(pair.reference, places, radius + 4.0 * blur)
     rows = np.flatnonzero(dip > max(0.2 * foreground.contrast.plateau, 4.0 * foreground.noise))
     disks = np.column_stack([places, radius])[rows]
-    own, other = (foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference))
+    own, other = (
+        foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)
+    )
     both = own - other
     known = np.isfinite(both) & (both > 1e-9)
     share[rows[known]] = own[known] / both[known]

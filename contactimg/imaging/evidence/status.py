@@ -155,7 +155,9 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
                 "leave free: it changed in a way that was not followed",
             )
         if left.uneven > UNEVENNESS:
-            text = f"the background is uneven by {100 * left.uneven:.3g} % of the contrast after all corrections"
+            text = (
+                f"the background is uneven by {100 * left.uneven:.3g} % of the contrast after all corrections"
+            )
             yield Status.LIGHT_NOT_FOLLOWED, text
     if seen.noise:
         yield Status.FILTERED, seen.noise
@@ -175,10 +177,14 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         text = f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of another place?"
         yield Status.WRONG_REFERENCE, text
     if false >= FEWEST_FALSE and false > FALSE_SHARE * total:
-        text = f"{false} of {total} candidates proved to be no contacts; others may be left among the contacts"
+        text = (
+            f"{false} of {total} candidates proved to be no contacts; others may be left among the contacts"
+        )
         yield Status.FALSE_CANDIDATES, text
     if seen.unexplained > UNEXPLAINED_SHARE:
-        text = f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
+        text = (
+            f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
+        )
         yield Status.UNRESOLVED, text
     if n := seen.spoiled(Flag.SATURATED):
         yield (
@@ -246,8 +252,10 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
         )
     if seen.count and seen.contrast_relative_std > RESOLVED:
         source = "given" if np.isfinite(foreground.prior_optics.contrast) else "estimated from their light"
-        contrast = foreground.contrast.plateau if seen.fit is None or seen.fit.joint is None else (
-            seen.fit.joint.contrast
+        contrast = (
+            foreground.contrast.plateau
+            if seen.fit is None or seen.fit.joint is None
+            else (seen.fit.joint.contrast)
         )
         yield (
             "the contacts are too small to show their brightness: the radii depend on a contrast of "

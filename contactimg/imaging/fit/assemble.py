@@ -14,7 +14,7 @@ from contactimg.imaging.detect.candidates import Candidates, find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.imaging.fit.covers import find_better_covers
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.pairs import find_pairs

@@ -183,7 +183,9 @@ def _look(image, model, valid, disks, s, variance, slope, half, heights, outer, 
                 if right - left < 16:
                     left = right = end
                 else:
-                    _add_inside(image[row, left:right], model[row, left:right], height, level, plain, growth, q)
+                    _add_inside(
+                        image[row, left:right], model[row, left:right], height, level, plain, growth, q
+                    )
                     n = right - left
                     middle = 0.5 * (left + right - 1) - x
                     q[10] += n * middle
@@ -209,7 +211,10 @@ def _look(image, model, valid, disks, s, variance, slope, half, heights, outer, 
                 rest, others = image[row, column] - modelled, modelled - own
                 value = rest + own
                 if r < high:
-                    z = min(rest * rest * plain / (np.float32(1.0) + growth * max(modelled, np.float32(0.0))), 100.0)
+                    z = min(
+                        rest * rest * plain / (np.float32(1.0) + growth * max(modelled, np.float32(0.0))),
+                        100.0,
+                    )
                     if r < a:
                         q[16] += 1.0
                     if r < core:

@@ -16,33 +16,52 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from contactimg.imaging.detect.arcs import cover_outline
+from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.group_window import GroupWindow
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
-from contactimg.imaging.fit.settings import (
-    ARC_GROWTH_BLUR_WIDTHS,
-    ARC_GROWTH_RATIO,
-    BAD_FIT_RATIO,
-    BAD_FIT_SIGMA,
-    CHI_SQUARE_SLACK_SIGMA,
-    COVER_ROUNDS,
-    DISK_PRICE,
-    EXCESS_LEFT_FRACTION,
-    GROUP_GAP_BLUR_WIDTHS,
-    LARGEST_GROUP,
-    LARGEST_USUAL_CHI_SQUARE,
-    LEAST_GAIN,
-    LEAST_NOISE_FRACTION,
-    MISSING_DISK_PEAK_FRACTION,
-    MOST_ARCS,
-    NECK_LEVEL_FRACTION,
-    NECK_SHRINKAGE_BLUR_WIDTHS,
-    SMALLEST_ARC_BLUR_WIDTHS,
-    UNSETTLED_CHI_SQUARE_RATIO,
-)
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.detect.arcs import cover_outline
-from contactimg.imaging.detect.overlap import hidden
+
+ARC_GROWTH_BLUR_WIDTHS = 0.3
+"""... and an additional margin. By hand."""
+ARC_GROWTH_RATIO = 1.1
+"""Largest fitted radius of a disk over that of its arc, ... By hand."""
+BAD_FIT_RATIO = 1.3
+"""Chi-square over its usual value above which a fit is bad, ... By hand."""
+BAD_FIT_SIGMA = 6.0
+"""... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
+CHI_SQUARE_SLACK_SIGMA = 3.0
+"""Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
+COVER_ROUNDS = 5
+"""Rounds of trying covers at most. By hand."""
+DISK_PRICE = 40.0
+"""Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
+EXCESS_LEFT_FRACTION = 0.35
+"""Fraction of the excess chi-square that a new cover may leave. By hand."""
+GROUP_GAP_BLUR_WIDTHS = 2.0
+"""Gap between rims within one group. By hand."""
+LARGEST_GROUP = 20
+"""Disks of the largest group for which covers are tried. By hand, for time."""
+LARGEST_USUAL_CHI_SQUARE = 2.0
+"""Largest mean chi-square ascribed to the noise model. By hand."""
+LEAST_GAIN = 1.0
+"""Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
+uncertainty of one parameter."""
+LEAST_NOISE_FRACTION = 5e-3
+"""Smallest noise assumed. By hand: no contact is a perfect disk."""
+MISSING_DISK_PEAK_FRACTION = 0.3
+"""Height of a residual peak at which a disk is added to those of an outline. By hand."""
+MOST_ARCS = 60
+"""Arcs of the outline of a group at most. By hand: three a disk; more belong to no disks."""
+NECK_LEVEL_FRACTION = 0.75
+"""Level of a second outline, at which necks between touching contacts open. By hand."""
+NECK_SHRINKAGE_BLUR_WIDTHS = 0.67
+"""Distance of that outline from the rim. Theory: Phi(0.67) = 0.75."""
+SMALLEST_ARC_BLUR_WIDTHS = 0.7
+"""Smallest radius of an arc. By hand."""
+UNSETTLED_CHI_SQUARE_RATIO = 1.5
+"""Chi-square over its expectation below which the same disks are refitted first. By hand."""
 
 MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By hand:

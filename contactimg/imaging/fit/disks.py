@@ -12,6 +12,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.detect.overlap import visible_share
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem
 from contactimg.imaging.kernels.gauss_newton import (
     WELL_FITTED_CHI_SQUARE,
@@ -21,7 +22,6 @@ from contactimg.imaging.kernels.gauss_newton import (
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.masks import for_kernel
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
-from contactimg.imaging.detect.overlap import visible_share
 from contactimg.timings import stage
 
 GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0

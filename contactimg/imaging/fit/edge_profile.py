@@ -86,7 +86,6 @@ class EdgeFit:
     learned: LearnedEdge
 
 
-
 @stage("edge")
 def learn_edge(
     problem: FitProblem,

@@ -211,7 +211,9 @@ class _Frame:
             return FrameFit(problem, fit, dropped, found.smallest, found.limited, edited=edited)
         means = BlockMeans(problem.image, fit.model)
         if not has_film:
-            problem, fit, halo, vanished = remove_halo(problem, fit, means, prior_optics=known, free_blur=free)
+            problem, fit, halo, vanished = remove_halo(
+                problem, fit, means, prior_optics=known, free_blur=free
+            )
             dropped = np.vstack([dropped, vanished])
             means = means if halo is None else BlockMeans(problem.image, fit.model)
         problem, fit = remove_background(problem, fit, means, free_blur=free)
@@ -323,7 +325,9 @@ class _Frame:
         image = edge.without_film(result.problem.image, result.fit.disks)
         problem = replace(result.problem, image=image, profile=self.problem.profile)
         joint = self.refine(problem, result.fit, exact)
-        placement = Placement(image.shape, max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO))
+        placement = Placement(
+            image.shape, max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO)
+        )
         known = replace(problem, prior=joint.prior)
         rims, bare = (
             EdgeScores.expected(known, joint.fit.disks, each, placement)

@@ -10,10 +10,10 @@ from scipy.spatial import cKDTree
 
 from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.contrast.noise import Noise
+from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
-from contactimg.imaging.foreground import Foreground
 
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk: x, y, radius (px), contrast (grey levels)."""

@@ -13,25 +13,37 @@ from contactimg.imaging.background.illumination import Illumination, fit_illumin
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
 from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import CONTRAST, FitProblem
-from contactimg.imaging.fit.settings import (
-    FLAT_FRACTION,
-    GAP_BLOCK_PX,
-    GAP_SHARE,
-    GIVEN_HALO_ROUNDS,
-    HALO_ROUNDS,
-    HALO_SETTLED_FRACTION,
-    ILLUMINATION_ROUNDS,
-    LARGEST_BACKGROUND_FRACTION,
-    LARGEST_GAP_FRACTION,
-    LEAST_SCATTER_FRACTION,
-    LEAST_UNTOUCHED_SHARE,
-    LONGEST_SECANT_RATIO,
-    UNTOUCHED_FRACTION,
-)
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.optics import Halo, SharedOptics
+
+FLAT_FRACTION = 3e-3
+"""Remaining illumination that ends the iteration. Accuracy."""
+GAP_BLOCK_PX = 2
+"""Side of the blocks then. By hand."""
+GAP_SHARE = 0.05
+"""Share of the blocks used then, those with the least light of contacts. By hand."""
+GIVEN_HALO_ROUNDS = 3
+"""Rounds for a halo that is given. By hand."""
+HALO_ROUNDS = 5
+"""Rounds of halo and fit at most. By hand: each leaves about a fifth of the error."""
+HALO_SETTLED_FRACTION = 2e-3
+"""Change of the halo that ends the iteration, of the light. Accuracy."""
+ILLUMINATION_ROUNDS = 8
+"""Rounds of illumination and fit at most. Accuracy."""
+LARGEST_BACKGROUND_FRACTION = 0.5
+"""Largest remaining illumination that is removed. By hand: more would remove contacts."""
+LARGEST_GAP_FRACTION = 0.2
+"""Light of contacts above which no block is used. By hand."""
+LEAST_SCATTER_FRACTION = 1e-3
+"""Smallest scatter of the blocks. Accuracy: below `FLAT_FRACTION`; an image without noise has none."""
+LEAST_UNTOUCHED_SHARE = 0.05
+"""Share of such blocks below which gaps between contacts are used instead. By hand."""
+LONGEST_SECANT_RATIO = 4.0
+"""Longest secant step over the remaining illumination. By hand."""
+UNTOUCHED_FRACTION = 1e-4
+"""Light of contacts below which a block is background. Accuracy."""
 
 
 def remove_halo(

@@ -87,7 +87,9 @@ def find_ellipses(
     kept, fitted = [], []
     for row in chosen:
         ellipse = _fit_one(problem, fit, prior, covariance, int(row))
-        if ellipse is not None and (everywhere or rows is not None or _is_better(ellipse, float(fit.chi_square[row]))):
+        if ellipse is not None and (
+            everywhere or rows is not None or _is_better(ellipse, float(fit.chi_square[row]))
+        ):
             kept.append(int(row))
             fitted.append(ellipse)
     return Ellipses(np.array(kept, np.intp), fitted, fit.blur)
@@ -96,7 +98,9 @@ def find_ellipses(
 def _is_better(ellipse: FittedEllipse, disk_chi_square: float) -> bool:
     """Whether an ellipse describes a contact that its disk does not."""
     chi_square = float(ellipse.chi_square[0])
-    better = chi_square < max(BETTER_RATIO * disk_chi_square, POOR_CHI_SQUARE) and chi_square < disk_chi_square
+    better = (
+        chi_square < max(BETTER_RATIO * disk_chi_square, POOR_CHI_SQUARE) and chi_square < disk_chi_square
+    )
     return bool(better and ellipse.significance > ELLIPSE_SIGNIFICANCE)
 
 
@@ -122,7 +126,9 @@ def _fit_one(
     (mean,), (spread,) = prior.of_disks(fit.disks[[row]], fit.blur)
     optics = CommonOptics(float(mean), float(spread), fit.blur, covariance)
     ellipse = fit_ellipse(window, start, optics, inflation=_inflation(fit, row))
-    return ellipse if np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all() else None
+    return (
+        ellipse if np.isfinite(ellipse.parameters).all() and np.isfinite(ellipse.covariance).all() else None
+    )
 
 
 def _inflation(fit: FittedDisks, row: int) -> float:
@@ -149,6 +155,8 @@ def made_round(
             continue
         corner = np.array([left, top, 0.0, 0.0, 0.0, 0.0])
         disk = render_disks(np.array([[x - left, y - top, a, c]]), ellipses.blur, part.shape)
-        part += np.float32(sign) * (disk - render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape))
+        part += np.float32(sign) * (
+            disk - render_ellipse(ellipse.parameters - corner, ellipses.blur, part.shape)
+        )
         disks[row, [X, Y, RADIUS, CONTRAST]] = x, y, a, c
     return replace(problem, image=image), disks

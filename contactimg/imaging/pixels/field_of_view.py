@@ -76,7 +76,11 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     rows, columns = (size // 2 * 2 for size in image.shape)
     every = max(int(np.sqrt(rows * columns / 4 / SAMPLED)), 1)
     phases = np.stack(
-        [np.asarray(image[y:rows:2, x:columns:2][::every, ::every], np.float32) for y in (0, 1) for x in (0, 1)]
+        [
+            np.asarray(image[y:rows:2, x:columns:2][::every, ::every], np.float32)
+            for y in (0, 1)
+            for x in (0, 1)
+        ]
     )
     mean, levels = phases.mean(axis=0), phases.mean(axis=(1, 2))
     if np.ptp(levels) < 0.5 * MOSAIC_STEP * levels.mean():
@@ -87,7 +91,10 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     ratio = phases[:, bright] / mean[bright]
     gains = np.array([median(part) for part in ratio], float)
     error = np.array([robust_std(part) for part in ratio]) / np.sqrt(ratio.shape[1])
-    if np.max(np.abs(gains - 1.0)) < MOSAIC_STEP or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < MOSAIC_SIGMA:
+    if (
+        np.max(np.abs(gains - 1.0)) < MOSAIC_STEP
+        or np.max(np.abs(gains - 1.0) / (error + 1e-9)) < MOSAIC_SIGMA
+    ):
         return None
     return gains.reshape(2, 2)
 
