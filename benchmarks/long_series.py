@@ -15,17 +15,15 @@ import importlib
 import os
 import shutil
 import signal
-import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
-from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from contactimg.cli import main
-from contactimg.files.frame_store import STORE_FILE, STORE_FOLDER
+from contactimg.files.part_store import PARTS_FOLDER
 from contactimg.pipeline import series
 
 FILES = 200
@@ -123,21 +121,15 @@ def run(folder: Path, out: Path, peak: Peak, *, stored: bool, until: int | None)
     child = subprocess.Popen(words)  # noqa: S603
     while child.poll() is None:
         peak.look(child.pid)
-        if until is not None and _stored_frames(out / STORE_FOLDER / STORE_FILE) >= until:
+        if until is not None and _stored_frames(out / PARTS_FOLDER) >= until:
             child.send_signal(signal.SIGKILL)
         time.sleep(LOOK_EVERY_SECONDS)
     return child.returncode
 
 
 def _stored_frames(store: Path) -> int:
-    """Results that a store holds, with two records each."""
-    if not store.is_file():
-        return 0
-    try:
-        with closing(sqlite3.connect(f"file:{store}?mode=ro", uri=True)) as database:
-            return (database.execute("SELECT max(rowid) FROM results").fetchone()[0] or 0) // 2
-    except sqlite3.OperationalError:  # it is being made
-        return 0
+    """Part files in a store."""
+    return sum(1 for _ in store.iterdir()) if store.is_dir() else 0
 
 
 def process(folder: str, out: str, *, stored: bool) -> int:
@@ -151,9 +143,8 @@ def process(folder: str, out: str, *, stored: bool) -> int:
             if "stored_part" not in known:
                 known["stored_part"] = measure(frame, reference, optics, options=options)
             part = known["stored_part"]
-            return replace(
-                part, row=part.row | {"frame": frame.name}, contacts=part.contacts.assign(frame=frame.name)
-            )
+            renamed = part.with_contacts(part.contacts.assign(frame=frame.name))
+            return replace(renamed, row=part.row | {"frame": frame.name})
 
         series.measure_scene_frame = measure_once
     return main(["process", folder, "-o", out, "--workers", "2", "--no-pictures", "--quiet"])

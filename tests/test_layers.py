@@ -62,17 +62,14 @@ INNER_ROOMS = {
     ],
     "pipeline": [
         "inputs",
-        "loading_path",
         "parallel",
         "measured_frame",
         "edits",
         "effects",
         "frame",
-        "run",
         "pose_and_forces",
         "background",
         "measured_series",
-        "written_run",
         "series",
         "pictures",
         "calibrate",
@@ -83,7 +80,6 @@ INNER_ROOMS = {
         "analyse",
         "tradeoff",
         "export",
-        "import_regions",
     ],
 }
 

@@ -6,7 +6,7 @@ import pytest
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
-from contactimg.pipeline.loading_path import loads_before
+from contactimg.pipeline.inputs import loads_before
 from contactimg.pipeline.predict import predict_loads, prescriptions
 from contactimg.pose import Pose
 from contactimg.prediction import (

@@ -26,8 +26,8 @@ from contactimg.cli.report import report
 from contactimg.cli.review import review
 from contactimg.cli.simulate import simulate
 from contactimg.cli.tradeoff import tradeoff
+from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError
-from contactimg.files.signals import ending_cleanly
 
 __all__ = ["main"]
 

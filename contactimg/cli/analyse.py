@@ -166,9 +166,8 @@ def analyse(
     """
     with stage("loading"):
         from contactimg.files import OutputFolder, provenance, read_topography
-        from contactimg.pipeline.analyse.comparable import differences
-        from contactimg.pipeline.analyse.places import open_place, read_centre
-        from contactimg.pipeline.analyse.write import write_results
+        from contactimg.pipeline.analyse.places import differences, open_place, read_centre
+        from contactimg.pipeline.analyse.results_table import write_results
 
     if not runs and topography is None:
         raise click.UsageError("Missing argument 'RUN': give the output folder of `contactimg process`.")
@@ -206,8 +205,8 @@ def _write_analysis(
     import pandas as pd
 
     from contactimg.pipeline.analyse.analysis import analyse_places
-    from contactimg.pipeline.analyse.predicted_places import count_solutions
-    from contactimg.pipeline.analyse.write import write_analysis, write_topography
+    from contactimg.pipeline.analyse.group_by_load import count_solutions
+    from contactimg.pipeline.analyse.results_table import write_analysis, write_topography
     from contactimg.prediction import COMPARED_MODELS
 
     results: list[pd.DataFrame] = []

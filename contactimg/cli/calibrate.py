@@ -135,7 +135,7 @@ def threshold(*, folder: str, options: ElasticOptions) -> int:
     """
     with stage("loading"):
         from contactimg.files import read_calibration, shares_frames
-        from contactimg.pipeline.calibrate.threshold import run_threshold
+        from contactimg.pipeline.calibrate.force_sums import run_threshold
 
     experiment = _open(folder, options, _modulus(options))
     record = read_calibration(options.jkr) if options.jkr else {}
@@ -169,7 +169,7 @@ def modulus(*, folder: str, options: ThresholdOptions) -> int:
     """
     with stage("loading"):
         from contactimg.files import read_calibration, shares_frames
-        from contactimg.pipeline.calibrate.modulus import run_modulus
+        from contactimg.pipeline.calibrate.force_sums import run_modulus
 
     experiment = _open(folder, options, _modulus(options))
     record = read_calibration(options.calibration) if options.calibration else {}
@@ -199,7 +199,7 @@ def plateau(*, folder: str, options: CalibrationOptions) -> int:
       contactimg calibrate plateau sample_data/ra_plus
     """
     with stage("loading"):
-        from contactimg.pipeline.calibrate.plateau import run_plateau
+        from contactimg.pipeline.calibrate.force_sums import run_plateau
 
     return _calibrate("plateau", folder, options, _open(folder, options, {}), run_plateau)
 

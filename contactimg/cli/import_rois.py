@@ -40,7 +40,7 @@ def import_rois(
         import pandas as pd
 
         from contactimg.files import edits_file, read_edits, read_run, write_edits
-        from contactimg.pipeline.import_regions import edits_from_regions
+        from contactimg.pipeline.export import edits_from_regions
 
     source = read_run(run)
     time = datetime.now(UTC).isoformat(timespec="seconds")

@@ -37,9 +37,9 @@ def overlay(*, run: str, output: str | None, min_radius_px: float, workers: int 
         from contactimg.files import OutputFolder, main_tables, open_experiment, provenance, read_run
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
-        from contactimg.pipeline.run import run_of_folder
 
-    measured = run_of_folder(read_run(run))
+    measured = read_run(run)
+    measured.need_pose()
     experiment = open_experiment(plausible(measured.scene))
     asperities = need_asperities(measured.scene, "predicting contacts")
     target = shared.output_path(output, run)

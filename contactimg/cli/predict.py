@@ -163,7 +163,7 @@ def _predictions(
     """The predictions at each load: of the scene's own pattern, or averaged over many."""
     with stage("loading"):
         from contactimg.errors import InputError
-        from contactimg.pipeline.ensemble import Calls, predict_ensemble
+        from contactimg.pipeline.ensemble import predict_ensemble
         from contactimg.pipeline.predict import predict_loads, refuse_repeated, solver_tolerance
     annulus = options.annulus_mm * 1e-3
     if options.patterns is None:
@@ -187,5 +187,7 @@ def _predictions(
             coupling=options.coupling,
             annulus=annulus,
             tolerance=None if options.tolerance is None else solver_tolerance(options.tolerance),
-            calls=Calls(workers, out.frame_store(), advance),
+            workers=workers,
+            store=out.part_store(),
+            advance=advance,
         )

@@ -1,5 +1,6 @@
 """``contactimg process``: a folder of frames to contacts, forces and overlays."""
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,9 +14,13 @@ from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from contactimg.files import Experiment, OutputFolder, TableFormat
-    from contactimg.pipeline.written_run import WrittenRun
     from contactimg.scene import Scene
+
+MOST_SHOWN = 1000
+"""Frames of a run that are printed. Chosen: more than anybody reads there."""
 
 JOINED_FOLDER = "combined"
 """Inside the output folder of several folders: their tables as one."""
@@ -126,7 +131,7 @@ def _process_folders(folders: tuple[str, ...], target: Path, options: ProcessOpt
         If two folders have the same name, or none can be measured.
     """
     with stage("loading"):
-        from contactimg.pipeline.joined_runs import write_joined_tables
+        from contactimg.pipeline.measured_series import write_joined_tables
 
     names = _distinct_names(folders)
     codes, errors = dict[str, int](), list[InputError]()
@@ -180,22 +185,29 @@ def _process_folder(folder: str, target: Path, options: ProcessOptions) -> int:
     )
     echo_first_run(quiet=options.quiet)
     with OutputFolder(target, record, main_files=RUN_TABLES) as out:
-        run = _measure(experiment, out, options)
-        out.record |= run.record | edits_record(experiment.edits)
+        frames, facts = _measure(experiment, out, options)
+        out.record |= facts | edits_record(experiment.edits)
     if not options.quiet:
         title = f"{folder}, method {_method(scene, options.tolerance)}"
-        echo_frames(run.frames, title=title, statuses=run.statuses)
-        _echo_run(run, used.get("calibration", {}))
+        echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
+        calibration = used.get("calibration", {})
+        if calibration:
+            click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
+        for said in (facts.get("law"), facts.get("film_summary")):
+            if said:
+                click.echo(said)
         click.echo(f"results in {target}")
-    return _exit_code(run)
+    return _exit_code(frames)
 
 
-def _measure(experiment: "Experiment", out: "OutputFolder", options: ProcessOptions) -> "WrittenRun":
-    """Measure the frames, and write tables and pictures."""
+def _measure(
+    experiment: "Experiment", out: "OutputFolder", options: ProcessOptions
+) -> "tuple[pd.DataFrame, dict[str, Any]]":
+    """Measure the frames, and write tables and pictures; the frames table, and facts for the provenance."""
     with stage("loading"):
+        from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
-        from contactimg.pipeline.written_run import write_run
 
     count = len(experiment.frames)
     with progress("measuring frames", count, quiet=options.quiet) as advance:
@@ -204,9 +216,9 @@ def _measure(experiment: "Experiment", out: "OutputFolder", options: ProcessOpti
             relative=options.tolerance,
             workers=options.workers,
             advance=advance,
-            store=out.frame_store(),
+            store=out.part_store(),
         )
-    run = write_run(series, out.folder, options.format)
+    frames, facts = write_run(series, out.folder, options.format)
     if options.pictures:
         with progress("drawing overlays", count, quiet=options.quiet) as advance:
             draw_overlays(
@@ -217,24 +229,15 @@ def _measure(experiment: "Experiment", out: "OutputFolder", options: ProcessOpti
                 numbers=options.numbers,
                 advance=advance,
             )
-    return run
+    return frames, facts
 
 
-def _echo_run(run: "WrittenRun", calibration: dict[str, Any]) -> None:
-    """Print what the calibration acts on, which law the forces follow, and what the rims say of a film."""
-    if calibration:
-        click.echo(f"calibration {calibration['file']}: {calibration['acts']}")
-    if run.law is not None:
-        click.echo(run.law.sentence())
-    if run.film:
-        click.echo(run.film)
-
-
-def _exit_code(run: "WrittenRun") -> int:
+def _exit_code(frames: "pd.DataFrame") -> int:
     """1 if a frame failed or none shows anything that can be measured, else 0."""
     from contactimg.tables import FAILED
 
-    return int(not run.measurable or run.statuses[FAILED] > 0)
+    measurable = frames[["area_m2", "n_contacts"]].notna().any(axis=None)
+    return int(not measurable or (frames["status"] == FAILED).any())
 
 
 def _method(scene: "Scene", tolerance: float | None) -> str:

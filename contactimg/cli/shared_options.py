@@ -129,8 +129,8 @@ workers = click.option(
     "--workers",
     type=click.IntRange(min=1),
     default=None,
-    help="Number of processes that work in parallel.  [default: one per CPU core; one for fewer than 4 "
-    "frames]",
+    help="Number of processes that work in parallel.  [default: one, and one per CPU core as soon as that "
+    "saves time]",
 )
 
 

@@ -1,22 +1,59 @@
-"""Calls of one function, in several processes or on the cluster in use, with the results in order."""
+"""Calls of one function in this process, in several of this machine or on a cluster; results in order."""
 
+import os
+import pickle
+import tempfile
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from concurrent.futures import Future, wait
+from contextlib import contextmanager
+from functools import lru_cache, partial
+from itertools import islice
 from multiprocessing import parent_process
+from pathlib import Path
+from time import perf_counter
 from typing import Any, TypeVar
 
-from loky import cpu_count
+import cloudpickle
+from loky import cpu_count, get_reusable_executor
+from loky.backend import resource_tracker
+from loky.process_executor import BrokenProcessPool
 
-from contactimg.engine.cluster import cluster_in_use
-from contactimg.engine.local import call_in_processes
+from contactimg.engine.cluster import WorkerEndedError, cluster_in_use
+from contactimg.engine.processes import end_workers, keep_workers, live_with_parent, workers_wait
 from contactimg.errors import ContactimgError
 from contactimg.timings import collect_call, gather, is_collecting
 
 Result = TypeVar("Result")
 
-FEW_CALLS = 4
-"""Below this number of calls starting processes costs more than it gains. Chosen by hand; sensitivity not
-measured."""
+START_SECONDS = 6.0
+"""Time that calls must save before processes are started for them without being asked for. Measured: each
+process needs about 3 s of processor time to import the package and to load its compiled functions; twice that
+leaves room for an estimate from one call."""
+
+HANDING_SECONDS = 0.5
+"""Time that calls must save before they are handed to processes that wait. Chosen: several times what
+it takes to write their function to a file and to read it."""
+
+IDLE_SECONDS = 300
+"""After which a process without work ends. Chosen: longer than a command works alone between two passes."""
+
+AHEAD = 8
+"""Calls for each process that are made before the oldest result is taken. Chosen: a call that takes as long
+as eight others keeps no process waiting, and that many results fit into memory."""
+
+MOST_FAILURES = 8
+"""Calls in a row, each of which ended its process alone, after which no other is made. Chosen: then it is not
+the calls, and each failure costs seconds, in which processes start."""
+
+_THREADS = (
+    "BLIS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
 
 
 def in_parallel(
@@ -38,7 +75,8 @@ def in_parallel(
     count : int
         Number of calls.
     workers : int or None
-        Processes; None for one per core, or only this one for fewer than `FEW_CALLS` calls. On a cluster
+        Processes. None: this process makes the first calls, and one process per core makes the others as soon
+        as that saves more time than the start of processes takes. On a cluster
         (`contactimg.engine.cluster.on_cluster`) its workers take the calls instead.
     lost : callable, optional
         Called with the error and the arguments of a call that ended its worker among others and again alone:
@@ -52,29 +90,182 @@ def in_parallel(
 
     Notes
     -----
-    Local workers end with this process, whatever ends it (`contactimg.engine.worker_life`).
+    Local workers end with this process, whatever ends it (`contactimg.engine.processes`).
     """
-    cluster = cluster_in_use()
-    processes = _processes(count, workers) if cluster is None else cluster.processes()
-    if cluster is None and processes == 1:
-        return (function(*item) for item in arguments)
-    call = partial(call_in_processes, processes=processes) if cluster is None else cluster.call
-    if not is_collecting():
-        return call(function, arguments, lost)
-
-    def lost_in_time(error: ContactimgError, _function: object, *item: Any) -> Any:
-        if lost is None:
-            raise error
-        return collect_call(lost, error, *item)
-
-    jobs = ((function, *item) for item in arguments)
-    return gather(call(collect_call, jobs, lost_in_time), processes=processes)
+    cluster, items = cluster_in_use(), iter(arguments)
+    if cluster is not None:
+        return _shared(cluster.holding, cluster.processes(), function, items, lost)
+    processes = _processes(workers)
+    if workers is not None and processes > 1:
+        return _shared(partial(_local, processes), processes, function, items, lost)
+    return _begun_alone(function, items, count, processes, lost)
 
 
-def _processes(count: int, workers: int | None) -> int:
-    """Processes of this machine that share calls; a process that was started for calls starts none itself."""
+def _processes(workers: int | None) -> int:
+    """Processes of this machine that may share calls; a process that was started for calls starts none."""
     if parent_process() is not None:
         return 1
     if workers is None:
-        workers = 1 if count < FEW_CALLS else -1
+        return int(cpu_count())
     return workers if workers > 0 else max(1, cpu_count() + 1 + workers)
+
+
+def _begun_alone(
+    function: Callable[..., Result],
+    items: Iterator[tuple[Any, ...]],
+    count: int,
+    processes: int,
+    lost: Callable[..., Result] | None,
+) -> Iterator[Result]:
+    """Results from this process, until several processes are the faster ones for what is left."""
+    for done, item in enumerate(items, start=1):
+        begin = perf_counter()
+        result = function(*item)
+        saved = (count - done) * (perf_counter() - begin) * (1 - 1 / processes)
+        yield result
+        # the first call may have loaded compiled functions, so that its time is not that of the others
+        if done > 1 and saved > (HANDING_SECONDS if workers_wait() else START_SECONDS):
+            yield from _shared(partial(_local, processes), processes, function, items, lost)
+            return
+
+
+def _shared(
+    pool_of: Callable[[Callable[..., Any]], Any],
+    processes: int,
+    function: Callable[..., Result],
+    items: Iterator[tuple[Any, ...]],
+    lost: Callable[..., Result] | None,
+) -> Iterator[Result]:
+    """Results from a pool; where stages are timed, those of its processes are as well."""
+    if not is_collecting():
+        return _in_order(pool_of, function, items, lost)
+    lost_in_time = None if lost is None else partial(collect_call, lost)
+    return gather(
+        _in_order(pool_of, partial(collect_call, function), items, lost_in_time), processes=processes
+    )
+
+
+def _in_order(
+    pool_of: Callable[[Callable[..., Any]], Any],
+    function: Callable[..., Result],
+    items: Iterator[tuple[Any, ...]],
+    lost: Callable[..., Result] | None,
+) -> Iterator[Result]:
+    """Results of a pool in order.
+
+    A caller that is slower than the processes holds them up: no more results than the pool has room for wait
+    in memory. If the caller stops, the calls that still run are dropped.
+    """
+    calls, failures = deque[tuple[tuple[Any, ...], Any]](), 0
+    with pool_of(function) as pool:
+        try:
+            while True:
+                for item in islice(items, max(pool.room() - len(calls), 0)):
+                    calls.append((item, pool.submit(item)))
+                if not calls:
+                    return
+                item, future = calls[0]
+                try:
+                    result = _second_time_alone(pool, item, future, [other for _, other in calls])
+                    failures = 0
+                except WorkerEndedError as error:
+                    failures += 1
+                    if lost is None or failures == MOST_FAILURES:
+                        raise ContactimgError(
+                            "a worker process was ended from outside, perhaps because memory ran out; start "
+                            "the command again, with fewer --workers if memory is short"
+                        ) from error
+                    result = lost(error, *item)
+                calls.popleft()
+                yield result
+        finally:
+            if calls:
+                pool.drop()
+
+
+def _second_time_alone(pool: Any, item: tuple[Any, ...], future: Any, all_calls: list[Any]) -> Any:
+    """The result of a call; if a worker was ended, by any call under way, that of a second call alone."""
+    try:
+        return pool.result(future)
+    except WorkerEndedError:
+        pool.settle(all_calls)
+        return pool.result(pool.submit(item))
+
+
+class _LocalPool:
+    """Processes of this machine that take calls of one function, started anew when one of them was ended."""
+
+    def __init__(self, file: str, processes: int) -> None:
+        self._file, self._processes = file, processes
+        self._executor = self._started()
+
+    def _started(self) -> Any:
+        executor = get_reusable_executor(
+            max_workers=self._processes,
+            timeout=IDLE_SECONDS,
+            initializer=live_with_parent,
+            initargs=(os.getpid(),),
+            env={
+                name: os.environ.get(name, str(max(1, cpu_count() // self._processes))) for name in _THREADS
+            },
+        )
+        keep_workers(executor)
+        return executor
+
+    def room(self) -> int:
+        """Calls that may be under way."""
+        return AHEAD * self._processes
+
+    def submit(self, item: tuple[Any, ...]) -> Future[Any]:
+        """Make a call."""
+        try:
+            future: Future[Any] = self._executor.submit(_call, self._file, *item)
+        except BrokenProcessPool:
+            self._executor = self._started()
+            future = self._executor.submit(_call, self._file, *item)
+        return future
+
+    def result(self, future: Future[Any]) -> Any:
+        """The result of a call when it is there; `WorkerEndedError` if its worker was ended."""
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            raise WorkerEndedError(
+                "ended its process, in the end with no other beside it, perhaps because memory ran out"
+            ) from None
+
+    def settle(self, futures: list[Future[Any]]) -> None:
+        """Wait until calls have ended, in whatever way."""
+        wait(futures)
+
+    def drop(self) -> None:
+        """End the calls that are under way, with their processes."""
+        end_workers()
+
+
+@contextmanager
+def _local(processes: int, function: Callable[..., Any]) -> Iterator[_LocalPool]:
+    """Processes for calls of a function, which each reads once from a file: it may hold images.
+
+    The file is deleted when this process ends, whatever ends it.
+    """
+    handle, name = tempfile.mkstemp(prefix="contactimg_", suffix=".pickle")
+    resource_tracker.register(name, "file")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            cloudpickle.dump(function, file, protocol=pickle.HIGHEST_PROTOCOL)
+        yield _LocalPool(name, processes)
+    finally:
+        resource_tracker.maybe_unlink(name, "file")
+
+
+def _call(file: str, *arguments: Any) -> Any:
+    """In a process: call the function of a file."""
+    return _function(file)(*arguments)
+
+
+@lru_cache(1)
+def _function(file: str) -> Callable[..., Any]:
+    """The function of a file."""
+    function: Callable[..., Any] = pickle.loads(Path(file).read_bytes())  # noqa: S301 - written by the parent
+    return function

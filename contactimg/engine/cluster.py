@@ -1,26 +1,30 @@
-"""Calls on the workers of a dask.distributed scheduler, by its own futures, with the results in order."""
+"""Calls on the workers of a dask.distributed scheduler, by its own futures."""
 
+import hashlib
 import logging
 import os
+import platform
 import threading
 import time
 import warnings
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import chdir, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
-from itertools import islice
+from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from contactimg.engine.installation import difference, installation
 from contactimg.errors import ContactimgError, InputError, finite_number
 
 if TYPE_CHECKING:
     from distributed import Client, Future
+
+LIBRARIES = ("numpy", "scipy", "numba", "pandas", "opencv-python-headless", "scikit-image", "finufft")
+"""Libraries that compute numbers."""
 
 PATIENCE_SECONDS = 45.0
 """How long a run waits for a scheduler that does not answer, or without any worker. Chosen: a run that cannot
@@ -48,6 +52,38 @@ class ClusterError(ContactimgError):
     """The cluster cannot be used, or has gone."""
 
 
+class WorkerEndedError(ContactimgError):
+    """The worker process of a call was ended, by the call itself or from outside."""
+
+
+@cache
+def source_digest() -> str:
+    """SHA-256 of the code of contactimg: two versions under development have the same number."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def installation() -> dict[str, str]:
+    """Name -> version of whatever computes numbers."""
+    versions = {name: version(name) for name in LIBRARIES}
+    return {"contactimg": source_digest()[:12], "python": platform.python_version()} | versions
+
+
+def _difference(one: dict[str, str], other: dict[str, str]) -> str:
+    """What differs between two installations; empty if nothing does.
+
+    Examples
+    --------
+    >>> _difference({"numpy": "2.1.0", "scipy": "1.14"}, {"numpy": "2.2.0", "scipy": "1.14"})
+    'numpy 2.1.0 against 2.2.0'
+    """
+    names = [name for name in one | other if one.get(name) != other.get(name)]
+    return ", ".join(f"{name} {one.get(name)} against {other.get(name)}" for name in names)
+
+
 @dataclass(frozen=True)
 class _Task:
     """What all calls have in common: it travels once to each worker.
@@ -67,7 +103,7 @@ class _Task:
 
     def call(self, arguments: tuple[Any, ...]) -> Any:
         """Call the function, on a worker."""
-        other = difference(self.installation, installation())
+        other = _difference(self.installation, installation())
         if other:
             raise ClusterError(f"the command and a worker of the cluster differ: {other}; install the same")
         if not Path(self.folder).is_dir():
@@ -84,8 +120,8 @@ def _call(name: str, arguments: tuple[Any, ...]) -> Any:
     """A call on a worker, of the task that it has under a name."""
     from distributed import get_worker
 
-    common: Any = get_worker().plugins[name]
-    return common.task.call(arguments)
+    plugin: Any = get_worker().plugins[name]
+    return plugin.task.call(arguments)
 
 
 class Cluster:
@@ -99,133 +135,44 @@ class Cluster:
     """
 
     def __init__(self, client: "Client", place: str) -> None:
-        self._client = client
-        self._place = place
+        self.client, self.place = client, place
 
     def processes(self) -> int:
         """Threads of all workers now; one at least."""
-        return max(1, sum(self._client.nthreads().values()))
-
-    def call(
-        self,
-        function: Callable[..., Any],
-        arguments: Iterable[tuple[Any, ...]],
-        lost: Callable[..., Any] | None = None,
-    ) -> Iterator[Any]:
-        """Call a function for each tuple of arguments; results in order, a few in memory at a time.
-
-        Parameters
-        ----------
-        function : callable
-            Sent once; known under its name on the workers.
-        arguments : iterable of tuple
-            Taken as they are needed.
-        lost : callable, optional
-            Called with the error and the arguments of a call that ended one worker after the other; gives the
-            result in its place.
-
-        Raises
-        ------
-        ClusterError
-            If the scheduler has gone, or no worker is there for `PATIENCE_SECONDS`.
-        """
-        pending: deque[tuple[tuple[Any, ...], Future]] = deque()
-        rest, task = iter(arguments), _Task(function, str(Path.cwd()), installation())
-        with self._sent(task) as name:
-            while True:
-                with self._failures_named():
-                    room = max(CALLS_PER_PROCESS * self.processes() - len(pending), 0 if pending else 1)
-                for item in islice(rest, room):
-                    with self._failures_named():
-                        pending.append((item, self._submit(name, item)))
-                if not pending:
-                    return
-                # what is pending when the caller stops is dropped: the scheduler forgets such calls
-                item, future = pending.popleft()
-                if self._was_killed(future):
-                    future = self._alone(name, item, [other for _, other in pending])
-                yield self._result(item, future, lost)
+        with self.failures_named():
+            return max(1, sum(self.client.nthreads().values()))
 
     @contextmanager
-    def _sent(self, task: _Task) -> Iterator[str]:
-        """The name under which all workers have a task, those that come later as well.
+    def holding(self, function: Callable[..., Any]) -> Iterator["_ClusterPool"]:
+        """The workers with a function, those that come later as well.
 
-        A task that calls depend on as on a result is lost with the only worker that has it: distributed
+        A function that calls depend on as on a result is lost with the only worker that has it: distributed
         2026.8 then may wait for ever for another worker that was just about to fetch it.
         """
-        from contactimg.engine.cluster_plugin import CommonTask
+        from distributed import WorkerPlugin
+
+        class CommonTask(WorkerPlugin):
+            task = _Task(function, str(Path.cwd()), installation())
 
         name = f"contactimg-{uuid4().hex}"
-        with self._failures_named():
+        with self.failures_named():
             for _ in range(SENDING_TRIES - 1):
                 with suppress(OSError):  # a worker was ended just then
-                    self._client.register_plugin(CommonTask(task), name=name)
+                    self.client.register_plugin(CommonTask(), name=name)
                     break
             else:
-                self._client.register_plugin(CommonTask(task), name=name)
+                self.client.register_plugin(CommonTask(), name=name)
         try:
-            yield name
+            yield _ClusterPool(self, name)
         finally:
-            scheduler: Any = self._client.scheduler
+            scheduler: Any = self.client.scheduler
             with suppress(Exception):  # it may have gone
-                self._client.sync(
+                self.client.sync(
                     scheduler.unregister_worker_plugin, name=name, callback_timeout=_CLOSE_SECONDS
                 )
 
-    def _submit(self, name: str, arguments: tuple[Any, ...]) -> "Future":
-        """A future of a call."""
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
-            return self._client.submit(_call, name, arguments, pure=False)
-
-    def _was_killed(self, future: "Future") -> bool:
-        """Whether a call was on one ended worker after the other, by its own doing or that of others."""
-        from distributed import KilledWorker
-
-        with self._failures_named():
-            return isinstance(self._error_of(future), KilledWorker)
-
-    def _alone(self, name: str, arguments: tuple[Any, ...], others: list["Future"]) -> "Future":
-        """A call with nothing else on the cluster: whatever ends its workers now is its own doing."""
-        with self._failures_named():
-            for other in others:
-                self._error_of(other)
-            return self._submit(name, arguments)
-
-    def _result(self, arguments: tuple[Any, ...], future: "Future", lost: Callable[..., Any] | None) -> Any:
-        """The result of a call when it is there."""
-        if not self._was_killed(future):
-            with self._failures_named():
-                error = self._error_of(future)
-                if error is None:
-                    return future.result()
-            if isinstance(error, ModuleNotFoundError):
-                raise ClusterError(f"a worker of the cluster has {error}; install contactimg there")
-            raise error
-        failure = ClusterError(
-            "ended every worker of the cluster that tried it, in the end alone, perhaps because memory ran "
-            "out there"
-        )
-        if lost is None:
-            raise failure
-        return lost(failure, *arguments)
-
-    def _error_of(self, future: "Future") -> Exception | None:
-        """The error of a future, or None, when it is there; waits as long as there are workers."""
-        limit, seen = patience(), time.monotonic()
-        while True:
-            with suppress(TimeoutError):
-                return future.exception(timeout=_LOOK_EVERY_SECONDS)
-            if self._client.nthreads():
-                seen = time.monotonic()
-            elif time.monotonic() - seen > limit:
-                raise ClusterError(
-                    f"the cluster at {self._place} has had no worker for {limit:g} s; start workers and the "
-                    f"same command again, or set {PATIENCE_VARIABLE} to wait longer"
-                )
-
     @contextmanager
-    def _failures_named(self) -> Iterator[None]:
+    def failures_named(self) -> Iterator[None]:
         """Turn the errors of a connection into a sentence."""
         from distributed.client import ClosedClientError
 
@@ -235,9 +182,62 @@ class Cluster:
             raise
         except (CancelledError, ClosedClientError, OSError, RuntimeError) as error:
             raise ClusterError(
-                f"the cluster at {self._place} cannot go on ({type(error).__name__}: {error}); if its "
+                f"the cluster at {self.place} cannot go on ({type(error).__name__}: {error}); if its "
                 "scheduler has gone, start it and the same command again"
             ) from None
+
+
+class _ClusterPool:
+    """The workers of a cluster that have a function; see `contactimg.engine.calls._LocalPool`."""
+
+    def __init__(self, cluster: Cluster, name: str) -> None:
+        self._cluster, self._name = cluster, name
+
+    def room(self) -> int:
+        return CALLS_PER_PROCESS * self._cluster.processes()
+
+    def submit(self, item: tuple[Any, ...]) -> "Future":
+        with self._cluster.failures_named(), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Sending large graph", category=UserWarning)
+            return self._cluster.client.submit(_call, self._name, item, pure=False)
+
+    def result(self, future: "Future") -> Any:
+        from distributed import KilledWorker
+
+        with self._cluster.failures_named():
+            error = self._error_of(future)
+            if error is None:
+                return future.result()
+        if isinstance(error, KilledWorker):
+            raise WorkerEndedError(
+                "ended every worker of the cluster that tried it, in the end alone, perhaps because memory "
+                "ran out there"
+            )
+        if isinstance(error, ModuleNotFoundError):
+            raise ClusterError(f"a worker of the cluster has {error}; install contactimg there")
+        raise error
+
+    def settle(self, futures: list["Future"]) -> None:
+        with self._cluster.failures_named():
+            for future in futures:
+                self._error_of(future)
+
+    def drop(self) -> None:
+        """Nothing to do: the scheduler forgets calls whose futures are gone."""
+
+    def _error_of(self, future: "Future") -> Exception | None:
+        """The error of a future, or None, when it is there; waits as long as there are workers."""
+        limit, seen = patience(), time.monotonic()
+        while True:
+            with suppress(TimeoutError):
+                return future.exception(timeout=_LOOK_EVERY_SECONDS)
+            if self._cluster.client.nthreads():
+                seen = time.monotonic()
+            elif time.monotonic() - seen > limit:
+                raise ClusterError(
+                    f"the cluster at {self._cluster.place} has had no worker for {limit:g} s; start workers "
+                    f"and the same command again, or set {PATIENCE_VARIABLE} to wait longer"
+                )
 
 
 def cluster_in_use() -> Cluster | None:

@@ -15,8 +15,6 @@ import numpy as np
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
-_STREAMED_LEVELS = 2  # of JSON: the keys of the record, and the items of each
-
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
@@ -121,23 +119,8 @@ def write_json(data: Mapping[str, Any], path: str | Path) -> None:
         The file, written completely or not at all.
     """
     with replacing(path) as part, part.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(_json_pieces(data))
+        json.dump(_plain(data), file, indent=2)
         file.write("\n")
-
-
-def _json_pieces(value: Any, level: int = 0) -> Iterator[str]:
-    """JSON text, indented; of long tables one item at a time."""
-    start = "\n" + "  " * level
-    inside = isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes)
-    if level == _STREAMED_LEVELS or not inside or not value:
-        yield json.dumps(_plain(value), indent=2).replace("\n", start)
-        return
-    named = isinstance(value, Mapping)
-    yield "{" if named else "["
-    for number, item in enumerate(value.items() if named else value):
-        yield ("," if number else "") + start + "  " + (f"{json.dumps(str(item[0]))}: " if named else "")
-        yield from _json_pieces(item[1] if named else item, level + 1)
-    yield start + ("}" if named else "]")
 
 
 def _plain(value: Any) -> Any:

@@ -1,18 +1,17 @@
-"""Replace an earlier result by a finished one in one step; a journal lets the next command complete it."""
+"""Replace an earlier result by a finished one: one rename decides, the next command moves what is left."""
 
 import json
 import logging
-import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from filelock import FileLock, Timeout
 
 from contactimg.errors import InputError
+from contactimg.files.atomic import flush_to_disk
 
 logger = logging.getLogger(__name__)
 
@@ -23,41 +22,64 @@ STAGING_FOLDER = ".contactimg.part"
 PENDING_FOLDER = ".contactimg.commit"
 PROVENANCE_FILE = "provenance.json"
 
-_JOURNAL = ".journal.json"
 _LOCK_SECONDS = 20.0  # chosen: moving 10^4 files takes about a second
 _ATTEMPTS = 5  # chosen: a reader that meets a new commit each time gives up
 
 
-@dataclass(frozen=True)
-class Journal:
-    """What a commit does, all of it by renaming and deleting, so that it can be done twice.
+def read_records(folder: Path) -> list[dict[str, Any]]:
+    """The records of the runs that share an output folder, the last one first.
 
-    Parameters
-    ----------
-    new : tuple of str
-        Files to move from the pending folder to the output folder, in order; provenance.json is the last.
-    foreign : tuple of str
-        Those of them for which a file of the same name that no run wrote is kept as ``.bak``.
-    old : tuple of str
-        Files of the earlier run to delete.
+    Returns
+    -------
+    list of dict
+        As `contactimg.files.provenance` makes them, each with the names of its files as ``outputs``.
+
+    Raises
+    ------
+    OSError
+        If there is no provenance.json.
+    ValueError
+        If it is damaged.
     """
+    top = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
+    beside = top.get("beside", []) if isinstance(top, dict) else None
+    if not isinstance(beside, list) or not all(isinstance(record, dict) for record in beside):
+        raise ValueError(f"{folder / PROVENANCE_FILE} is damaged")
+    return [{name: value for name, value in top.items() if name != "beside"}, *beside]
 
-    new: tuple[str, ...]
-    foreign: tuple[str, ...]
-    old: tuple[str, ...]
+
+def records_of_runs(folder: Path) -> list[dict[str, Any]]:
+    """The records of the runs in a folder; none if they cannot be read or do not name their files."""
+    try:
+        records = read_records(folder)
+    except (OSError, ValueError):
+        return []
+    return records if all(isinstance(record.get("outputs"), list) for record in records) else []
 
 
-def commit(folder: Path, journal: Journal) -> None:
-    """Replace the earlier result by the staged one.
+def files_of(record: Mapping[str, Any]) -> set[Path]:
+    """The files that a run wrote, relative to its folder."""
+    files = {Path(str(name)) for name in record["outputs"]}
+    return {file for file in files if not file.is_absolute() and ".." not in file.parts}
 
-    The staging folder is renamed with the journal inside: before this rename the earlier result stands, after
-    it the new one does, even if the process ends before the files are in their places.
+
+def task_of(record: Mapping[str, Any]) -> str:
+    """The kind of run: program, command and, for a calibration, its kind."""
+    words = str(record.get("command", "")).split()
+    return " ".join(words[: 3 if words[1:2] == ["calibrate"] else 2])
+
+
+def commit(folder: Path) -> None:
+    """Replace the earlier result of the same kind of run by the staged one.
+
+    The staging folder is renamed: before this rename the earlier result stands, after it the new one does,
+    even if the process ends before the files are in their places. What has to be moved and deleted stands in
+    the two records, of which the new one takes the place of the earlier one last.
 
     Parameters
     ----------
     folder : Path
-        The output folder, locked by the caller, with the new files in `STAGING_FOLDER`.
-    journal : Journal
+        The output folder, locked by the caller, with the new files and their record in `STAGING_FOLDER`.
 
     Raises
     ------
@@ -65,24 +87,61 @@ def commit(folder: Path, journal: Journal) -> None:
         If a folder stands where a file must go, or a file where a folder must go; nothing is changed then.
     """
     staging = folder / STAGING_FOLDER
-    for name in journal.new:
-        _check_place(folder, Path(name))
-    with (staging / _JOURNAL).open("w", encoding="utf-8") as file:
-        json.dump(vars(journal), file)
-        file.flush()
-        os.fsync(file.fileno())
+    for name in files_of(read_records(staging)[0]):
+        if (folder / name).is_dir():
+            raise InputError(f"{folder / name}: is a folder, where the run writes a file; move it away")
+        for parent in list(name.parents)[:-1]:
+            place = folder / parent
+            if place.exists() and not place.is_dir():
+                raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
+    flush_to_disk(staging / PROVENANCE_FILE)
     staging.rename(folder / PENDING_FOLDER)
-    _roll_forward(folder)
+    complete_commit(folder)
 
 
-def _check_place(folder: Path, name: Path) -> None:
-    """Raise if the file cannot be moved to its place."""
-    if (folder / name).is_dir():
-        raise InputError(f"{folder / name}: is a folder, where the run writes a file; move it away")
-    for parent in list(name.parents)[:-1]:
-        place = folder / parent
-        if place.exists() and not place.is_dir():
-            raise InputError(f"{place}: is a file, where the run needs a folder; move it away")
+def complete_commit(folder: Path) -> None:
+    """Move the files of a pending commit, as far as that is not done yet, in a folder that is locked."""
+    pending = folder / PENDING_FOLDER
+    if (pending / PROVENANCE_FILE).is_file():
+        try:
+            record = read_records(pending)[0]
+            new = files_of(record)
+            if len(new) < len(record["outputs"]):
+                raise ValueError(record["outputs"])
+        except (ValueError, KeyError, TypeError):
+            file = pending / PROVENANCE_FILE
+            raise InputError(f"{file}: is damaged; delete {pending} and repeat the run") from None
+        before = [one for one in records_of_runs(folder) if task_of(one) == task_of(record)]
+        earlier = set[Path]().union(*map(files_of, before))
+        for name in sorted(new):
+            _place(folder, name, foreign=name not in earlier)
+        for name in sorted(earlier - new):
+            (folder / name).unlink(missing_ok=True)
+            _remove_empty((folder / name).parent, top=folder)
+        (pending / PROVENANCE_FILE).replace(folder / PROVENANCE_FILE)
+    if pending.exists():
+        shutil.rmtree(pending)
+
+
+def _place(folder: Path, name: Path, *, foreign: bool) -> None:
+    """Move one file to its place, unless it is there already; rename a file there that no run wrote."""
+    source, target = folder / PENDING_FOLDER / name, folder / name
+    if not source.exists():
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if foreign and target.exists():
+        kept = target.with_name(target.name + ".bak")
+        logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
+        target.replace(kept)
+    source.replace(target)
+
+
+def _remove_empty(folder: Path, *, top: Path) -> None:
+    """Remove a folder below ``top``, and those above it, as far as they are empty."""
+    with suppress(OSError):
+        while folder != top:
+            folder.rmdir()
+            folder = folder.parent
 
 
 def finish_commit(folder: str | Path) -> None:
@@ -101,9 +160,8 @@ def finish_commit(folder: str | Path) -> None:
     folder = Path(folder)
     if not (folder / PENDING_FOLDER).exists():
         return
-    lock = FileLock(folder / LOCK_FILE, timeout=_LOCK_SECONDS)
     try:
-        with lock:
+        with FileLock(folder / LOCK_FILE, timeout=_LOCK_SECONDS):
             complete_commit(folder)
             release_lock_file(folder)
     except Timeout:
@@ -113,13 +171,6 @@ def finish_commit(folder: str | Path) -> None:
             f"{folder}: a run ended while its results were moved into place, and they cannot be moved now "
             f"({error.strerror or error}); make the folder writable and try again"
         ) from None
-
-
-def complete_commit(folder: Path) -> None:
-    """Complete an interrupted commit in a folder that the caller has locked."""
-    if (folder / PENDING_FOLDER).exists():
-        logger.info("%s: completing the commit of a run that was interrupted", folder)
-        _roll_forward(folder)
 
 
 def release_lock_file(folder: Path) -> None:
@@ -160,63 +211,8 @@ def read_settled(folder: str | Path, read: Callable[[], Result]) -> Result:
 
 def _stamp(folder: Path) -> tuple[object, ...]:
     """Changes with every commit: whether one is pending, and which record is in place."""
-    try:
+    pending = (folder / PENDING_FOLDER).exists()
+    with suppress(OSError):
         status = (folder / PROVENANCE_FILE).stat()
-    except OSError:
-        return ((folder / PENDING_FOLDER).exists(),)
-    return (folder / PENDING_FOLDER).exists(), status.st_mtime_ns, status.st_ino, status.st_size
-
-
-def _roll_forward(folder: Path) -> None:
-    """Do what the journal says, as far as it is not done yet."""
-    pending = folder / PENDING_FOLDER
-    journal = _read_journal(pending)
-    if journal is not None:
-        foreign = set(journal.foreign)
-        for name in journal.new:
-            _place(folder, Path(name), foreign=name in foreign)
-        for name in journal.old:
-            (folder / name).unlink(missing_ok=True)
-            _remove_empty((folder / name).parent, top=folder)
-    shutil.rmtree(pending)
-
-
-def _read_journal(pending: Path) -> Journal | None:
-    """The journal of a pending commit; None where only its removal is left to do."""
-    try:
-        data = json.loads((pending / _JOURNAL).read_text(encoding="utf-8"))
-        return Journal(*(tuple(_inside(name) for name in data[key]) for key in ("new", "foreign", "old")))
-    except FileNotFoundError:
-        return None
-    except (ValueError, KeyError, TypeError):
-        raise InputError(f"{pending / _JOURNAL}: is damaged; delete {pending} and repeat the run") from None
-
-
-def _inside(name: str) -> str:
-    """The name of a file in the folder."""
-    if Path(name).is_absolute() or ".." in Path(name).parts:
-        raise ValueError(name)
-    return name
-
-
-def _place(folder: Path, name: Path, *, foreign: bool) -> None:
-    """Move one file to its place, unless it is there already; rename a file there that no run wrote."""
-    source, target = folder / PENDING_FOLDER / name, folder / name
-    if not source.exists():
-        return
-    target.parent.mkdir(parents=True, exist_ok=True)
-    if foreign and target.exists():
-        kept = target.with_name(target.name + ".bak")
-        logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
-        target.replace(kept)
-    source.replace(target)
-
-
-def _remove_empty(folder: Path, *, top: Path) -> None:
-    """Remove a folder below ``top``, and those above it, as far as they are empty."""
-    while folder != top:
-        try:
-            folder.rmdir()
-        except OSError:
-            return
-        folder = folder.parent
+        return pending, status.st_mtime_ns, status.st_ino, status.st_size
+    return (pending,)

@@ -82,13 +82,14 @@ class PixelCorrections:
         """Those of the reference: an area masked in a frame is left out wherever the two are compared."""
         return replace(self, areas=tuple(replace(area, frame="") for area in self.areas))
 
-    def of_frame(self, name: str) -> "PixelCorrections":
+    def of_frame(self, name: str) -> tuple[object, ...]:
         """All that decides how the frame of this name is corrected.
 
         Masks of other frames do so only by being there: then no frame keeps its type of pixel.
         """
-        areas = tuple(area for area in self.areas if area.frame in (EVERY_FRAME, name))
-        return replace(self, areas=areas or tuple(MaskedArea("") for _ in self.areas[:1]))
+        areas = [area for area in self.areas if area.frame in (EVERY_FRAME, name)]
+        number = self.names.index(name) if areas and name in self.names else None
+        return self.dark, self.flat, areas, number, bool(self.areas)
 
     def __call__(self, frame: Frame) -> Frame:
         """The corrected frame.

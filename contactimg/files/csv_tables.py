@@ -3,12 +3,10 @@
 import csv
 import io
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Collection
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -75,31 +73,26 @@ def read_table(
     """
     path, text = Path(path), _read_text(path)
     separator = _separator(text)
-    rules = _Rules(
-        path, schema, required, _parsers(schema, decimal_comma=separator != ",", infinite=infinite)
-    )
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
     rows = ((lines.line_num, row) for row in lines if any(cell.strip() for cell in row))
     blocks = [schema.empty()]
     try:
         header = [name.strip() for name in next(rows, (1, []))[1]]
-        rules, header = _in_si(rules, header)
-        _check_header(rules, header)
+        columns = _columns(path, header, schema, required)
         while block := list(islice(rows, _BLOCK_ROWS)):
-            blocks.append(_convert(rules, header, block))
+            for line, row in block:
+                if len(row) != len(header):
+                    raise InputError(
+                        f"{path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
+                    )
+            values = {
+                column.name: column.values(path, block, decimal_comma=separator != ",", infinite=infinite)
+                for column in columns
+            }
+            blocks.append(schema.conform(pd.DataFrame(values)))
     except csv.Error as error:
         raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
     return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
-
-
-@dataclass(frozen=True)
-class _Rules:
-    """The rules for a file: columns, those that need a value in every row, and the parser of each column."""
-
-    path: Path
-    schema: Schema
-    required: Collection[str] | None
-    parse: Mapping[str, Callable[[str], object]]
 
 
 def _read_text(path: str | Path) -> str:
@@ -119,82 +112,90 @@ def _separator(text: str) -> str:
     return max(_SEPARATORS, key=header.count)
 
 
-def _in_si(rules: _Rules, header: list[str]) -> tuple[_Rules, list[str]]:
-    """The header with the names of the schema; columns in another unit (load_mN, x_um) are converted."""
-    parse, names = dict(rules.parse), []
+@dataclass(frozen=True)
+class _Column:
+    """A column of a file.
+
+    Parameters
+    ----------
+    name, kind : str
+        Of the schema; the kind is "flags" or the type of the values.
+    place : int
+        In the file.
+    required : bool
+        Whether every row needs a value.
+    divisor : float
+        Of a number in another unit; 300 / 1e3 is 0.3, and 300 * 1e-3 need not be.
+    """
+
+    name: str
+    kind: str
+    place: int
+    required: bool
+    divisor: float
+
+    def values(
+        self, path: Path, block: list[tuple[int, list[str]]], *, decimal_comma: bool, infinite: bool
+    ) -> list[object]:
+        """The values in numbered rows; the error names the first cell that is not valid."""
+        found: list[object] = []
+        for line, row in block:
+            cell = row[self.place]
+            try:
+                if self.required and not cell.strip():
+                    raise ValueError("must have a value")
+                if self.kind == "str":
+                    found.append(cell)
+                elif self.kind == "float64":
+                    number = cell.replace(",", ".") if decimal_comma else cell
+                    found.append(_parse_number(number, infinite=infinite) / self.divisor)
+                else:
+                    found.append(_parse_flags(cell) if self.kind == "flags" else _parse_count(cell))
+            except ValueError as error:
+                got = cell[:_SHOWN_CHARACTERS]
+                raise InputError(f"{path}: line {line}, column {self.name} {error}, got {got!r}") from None
+        return found
+
+
+def _columns(
+    path: Path, header: list[str], schema: Schema, required: Collection[str] | None
+) -> list[_Column]:
+    """The columns of the schema in a file; a repeated, misspelt (capitals) or missing one is an error."""
+    names, divisors = [], []
     for name in header:
-        for ending, (si, divisor) in _UNITS.items():
-            right = name.removesuffix(ending) + si
-            if name not in parse and name.endswith(ending) and right in parse:
-                parse[right] = partial(_divided, parse[right], divisor)
-                names.append(right)
-                break
-        else:
-            names.append(name)
-    return replace(rules, parse=parse), names
-
-
-def _divided(parse: Callable[[str], Any], divisor: float, cell: str) -> float:
-    """A number in another unit; divided, since 300 / 1e3 is 0.3 and 300 * 1e-3 need not be."""
-    return float(parse(cell) / divisor)
-
-
-def _check_header(rules: _Rules, header: list[str]) -> None:
-    """Raise for a repeated, misspelt (capitals) or missing column."""
-    for name in header:
-        if name in rules.schema.columns and header.count(name) > 1:
-            raise InputError(f"{rules.path}: column {name} occurs {header.count(name)} times; keep one")
-        for right in rules.schema.columns:
+        other = [
+            (name.removesuffix(ending) + si, divisor)
+            for ending, (si, divisor) in _UNITS.items()
+            if name not in schema.columns and name.endswith(ending)
+        ]
+        known = [(right, divisor) for right, divisor in other if right in schema.columns]
+        right, divisor = known[0] if known else (name, 1.0)
+        names.append(right)
+        divisors.append(divisor)
+    for name in names:
+        if name in schema.columns and names.count(name) > 1:
+            raise InputError(f"{path}: column {name} occurs {names.count(name)} times; keep one")
+        for right in schema.columns:
             if name.lower() == right.lower() and name != right:
-                raise InputError(f"{rules.path}: column {name!r} must be written {right!r}")
-    needed = rules.schema.first if rules.required is None else rules.required
+                raise InputError(f"{path}: column {name!r} must be written {right!r}")
+    needed = schema.first if required is None else required
     for name in needed:
-        if name not in header:
-            given = ", ".join(header)[:_SHOWN_CHARACTERS] or "nothing"
+        if name not in names:
+            given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
             raise InputError(
-                f"{rules.path}: column {name} is missing; "
-                f"the header must name {', '.join(needed)}, got {given}"
+                f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
             )
-
-
-def _convert(rules: _Rules, header: list[str], block: list[tuple[int, list[str]]]) -> pd.DataFrame:
-    """Convert numbered rows of text to a table."""
-    for line, row in block:
-        if len(row) != len(header):
-            raise InputError(
-                f"{rules.path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
-            )
-    columns = {
-        name: _parse_column(rules, name, [(line, row[place]) for line, row in block])
-        for place, name in enumerate(header)
-        if name in rules.parse
-    }
-    return rules.schema.conform(pd.DataFrame(columns))
-
-
-def _parse_column(rules: _Rules, name: str, cells: list[tuple[int, str]]) -> list[object]:
-    """The values of a column; the error names the first cell that is not valid."""
-    values, parse, required = [], rules.parse[name], name in (rules.required or ())
-    for line, cell in cells:
-        try:
-            if required and not cell.strip():
-                raise ValueError("must have a value")
-            values.append(parse(cell))
-        except ValueError as error:
-            got = cell[:_SHOWN_CHARACTERS]
-            raise InputError(f"{rules.path}: line {line}, column {name} {error}, got {got!r}") from None
-    return values
-
-
-def _parsers(schema: Schema, *, decimal_comma: bool, infinite: bool) -> dict[str, Callable[[str], object]]:
-    """The parser of each column."""
-
-    def number(cell: str) -> float:
-        return _parse_number(cell.replace(",", ".") if decimal_comma else cell, infinite=infinite)
-
-    of_dtype: dict[str, Callable[[str], object]] = {"str": str, "float64": number, "Int64": _parse_count}
-    parsers = {name: of_dtype.get(dtype, _parse_count) for name, (dtype, _) in schema.columns.items()}
-    return parsers | ({"flags": _parse_flags} if "flags" in parsers else {})
+    return [
+        _Column(
+            name,
+            "flags" if name == "flags" else schema.columns[name][0],
+            place,
+            name in (required or ()),
+            divisor,
+        )
+        for place, (name, divisor) in enumerate(zip(names, divisors, strict=True))
+        if name in schema.columns
+    ]
 
 
 def _parse_number(cell: str, *, infinite: bool) -> float:
@@ -363,50 +364,16 @@ def write_table(table: pd.DataFrame, schema: Schema, path: str | Path) -> None:
     'frame,load_N,friction_N,velocity_m_s\na.tif,0.1,,\n'
     """
     with replacing(path) as part:
-        rows = CsvRows(schema, part)
-        try:
-            rows.add(CsvRows.encoded(table, schema))
-        finally:
-            rows.close()
+        text = ",".join(schema.columns) + "\n" + text_of_rows(table, schema)
+        part.write_text(text, encoding="utf-8", errors="surrogateescape", newline="")
 
 
-class CsvRows:
-    """A CSV file as `write_table` writes it, to which rows are added."""
-
-    def __init__(self, schema: Schema, path: Path) -> None:
-        self._path = path
-        try:
-            self._file = path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
-        csv.writer(self._file, lineterminator="\n").writerow(schema.columns)
-
-    @staticmethod
-    def encoded(table: pd.DataFrame, schema: Schema) -> str:
-        """The rows of a table as text."""
-        text = io.StringIO(newline="")
-        csv.writer(text, lineterminator="\n").writerows(text_rows(table, schema))
-        return text.getvalue()
-
-    def add(self, text: str) -> None:
-        """Add rows of `encoded`."""
-        try:
-            self._file.write(text)
-            self._file.flush()
-        except OSError as error:
-            raise InputError(f"{self._path}: cannot be written ({error.strerror or error})") from None
-
-    def close(self) -> None:
-        """Complete the file."""
-        self._file.close()
-
-
-def text_rows(table: pd.DataFrame, schema: Schema) -> Iterator[tuple[object, ...]]:
-    """The rows of a table as `write_table` hands them to the csv module."""
+def text_of_rows(table: pd.DataFrame, schema: Schema) -> str:
+    """The rows of a table as `write_table` writes them."""
     whole = schema.conform(table)
     if "flags" in whole:
         whole["flags"] = flag_names(whole["flags"])
-    return zip(*(_cells(whole[name]) for name in whole), strict=True)
+    return str(whole.to_csv(header=False, index=False, lineterminator="\n"))
 
 
 def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
@@ -424,11 +391,3 @@ def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
         return separator, [row for row in lines if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
-
-
-def _cells(column: pd.Series) -> Iterable[object]:
-    """Values that Python's csv module writes with every digit; missing ones are empty."""
-    values, missing = column.tolist(), column.isna().to_numpy()
-    if not missing.any():
-        return values
-    return ("" if empty else value for value, empty in zip(values, missing.tolist(), strict=True))

@@ -13,14 +13,16 @@ from pathlib import Path
 
 import pandas as pd
 import tomli_w
+import tomlkit
+from tomlkit.exceptions import TOMLKitError
 
 from contactimg.errors import InputError
-from contactimg.files.atomic import write_text
+from contactimg.files.atomic import flush_to_disk, write_text
 from contactimg.files.commit import finish_commit
 from contactimg.files.corrections import PixelCorrections, find_areas
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.edits import EDITS_FILE, masked_areas, read_edits
-from contactimg.files.sources import FrameList, FrameSource, is_image, list_frames
+from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import EDITS, LOADS
@@ -32,8 +34,11 @@ SCENE_FILE = "scene.toml"
 """Name of the scene file in a folder."""
 
 _LOADS_FILE = "loads.csv"
+
 _REFERENCE_STEM = "reference"
+
 _CORRECTION_STEM = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?")
+
 _NAMES_SHOWN = 3  # in a message
 
 
@@ -204,25 +209,25 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     frames = _find_frames(scene, list(references))
     tables = [_loads_file(scene), _asperities_file(scene), _edits_file(scene)]
     edits = EDITS.empty() if tables[2] is None else read_edits(tables[2])
-    loads = _align_loads(tables[0], frames.names, pulled=pulled)
+    loads = _align_loads(tables[0], [frame.name for frame in frames], pulled=pulled)
     corrections = _find_corrections(scene, frames)
     corrections = replace(corrections, areas=corrections.areas + masked_areas(edits))
     files = [source.path for source in references] + [table for table in tables if table is not None]
     others = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
-        frames = FrameList(replace(frame, correct=corrections) for frame in frames)
+        frames = [replace(frame, correct=corrections) for frame in frames]
         references = tuple(replace(one, correct=corrections.of_reference) for one in references)
     asperities = read_scene_asperities(scene)
     return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
 
 
-def _find_corrections(scene: Scene, frames: FrameList) -> PixelCorrections:
+def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrections:
     """Dark frame, flat field and masks that the scene names."""
     images, folder = scene.images, Path(scene.folder)
     dark, flat = (
         _list_frames(named, scene, folder=folder) if named else () for named in (images.dark, images.flat)
     )
-    names = frames.names
+    names = [frame.name for frame in frames]
     return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names), tuple(names))
 
 
@@ -255,7 +260,9 @@ def _asperities_file(scene: Scene) -> Path | None:
     return Path(scene.folder) / named if named else None
 
 
-def _list_frames(path: str | Path | list[str], scene: Scene, *, folder: str | Path = ".") -> FrameList:
+def _list_frames(
+    path: str | Path | list[str], scene: Scene, *, folder: str | Path = "."
+) -> list[FrameSource]:
     """The frames of a path, glob or list, read with full scale and response of the scene's camera."""
     full_scale = None if scene.camera is None else scene.camera.full_scale
     return list_frames(path, folder=folder, full_scale=full_scale, response=CameraResponse.of(scene.camera))
@@ -286,14 +293,14 @@ def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
     return matches
 
 
-def _find_frames(scene: Scene, references: list[FrameSource]) -> FrameList:
+def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSource]:
     """The frames of a scene, without the references."""
     folder, named = Path(scene.folder), scene.images.frames
     if named is None:
         named = "frame_*" if any(is_image(path) for path in folder.glob("frame_*")) else "."
     places = {(reference.path.resolve(), reference.index) for reference in references}
     listed = _list_frames(named, scene, folder=folder)
-    frames = FrameList(frame for frame in listed if (frame.path.resolve(), frame.index) not in places)
+    frames = [frame for frame in listed if (frame.path.resolve(), frame.index) not in places]
     chosen = {folder / name for name in ([named] if isinstance(named, str) else named)}
     used = set(_find_corrections(scene, frames).files)
     extra, dropped = list[str](), list[str]()
@@ -304,7 +311,7 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> FrameList:
             elif is_reference(frame.path):
                 dropped.append(frame.name)
     left_out = {*extra, *dropped}
-    frames = FrameList(frame for frame in frames if frame.path not in used and frame.name not in left_out)
+    frames = [frame for frame in frames if frame.path not in used and frame.name not in left_out]
     if not frames:
         besides = _some([reference.name for reference in references] or dropped)
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
@@ -392,3 +399,47 @@ def _some(names: Iterable[str]) -> str:
     names = list(names)
     more = len(names) - _NAMES_SHOWN
     return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
+
+
+def set_scene_keys(path: str | Path, section: str, keys: Mapping[str, str | float]) -> None:
+    r"""Set keys of one section of a scene file; comments, order and all other keys stay.
+
+    Parameters
+    ----------
+    path : str or Path
+        The TOML file; it must exist.
+    section : str
+        Added at the end if the file has none of this name.
+    keys : mapping
+        Key -> value.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or written, or the scene would not be valid.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "scene.toml"
+    ...     _ = path.write_text("[measure]  # how\nthreshold = 0.5 # half\n")
+    ...     set_scene_keys(path, "measure", {"threshold": 0.4})
+    ...     path.read_text()
+    '[measure]  # how\nthreshold = 0.4 # half\n'
+    """
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            document = tomlkit.parse(file.read())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except (UnicodeDecodeError, TOMLKitError) as error:
+        raise InputError(f"{path}: is not valid TOML: {error}") from None
+    if section not in document:
+        document.add(tomlkit.nl())
+        document.add(section, tomlkit.table())
+    document[section].update(keys)
+    scene_from_dict(document.unwrap(), name=str(path), folder=str(path.parent))
+    write_text(document.as_string(), path)
+    flush_to_disk(path)

@@ -10,8 +10,8 @@ import tifffile
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files.limits import check_size
 from contactimg.files.pixel_size import stated_pixel_size
+from contactimg.files.pixels import check_size
 from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]

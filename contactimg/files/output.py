@@ -1,5 +1,6 @@
 """The output folder of a run: written completely or not at all, with its provenance."""
 
+import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -9,22 +10,22 @@ from typing import Any, Self
 
 from filelock import FileLock, Timeout
 
+from contactimg.engine.processes import signals_held
 from contactimg.errors import InputError
 from contactimg.files.atomic import write_json
 from contactimg.files.commit import (
     LOCK_FILE,
     PROVENANCE_FILE,
     STAGING_FOLDER,
-    Journal,
     commit,
     complete_commit,
+    files_of,
+    records_of_runs,
     release_lock_file,
+    task_of,
 )
-from contactimg.files.frame_store import STORE_FOLDER, FrameStore
-from contactimg.files.input_files import InputFiles
-from contactimg.files.runs import read_records, relative_to_output
-from contactimg.files.signals import signals_held
-from contactimg.files.table_hashes import table_hashes
+from contactimg.files.part_store import PARTS_FOLDER, PartStore
+from contactimg.files.runs import changed_inputs, table_hashes
 from contactimg.timings import stage
 
 
@@ -32,8 +33,8 @@ class OutputFolder:
     """The output folder of one run, written completely or not at all.
 
     Inside the ``with`` block files are written to a hidden folder; they are moved to their places when the
-    block ends without an error. A process that ends while they are moved leaves a journal, and the next
-    command that writes or reads the folder moves the rest (`contactimg.files.commit`).
+    block ends without an error. If the process ends while they are moved, the next command that writes or
+    reads the folder moves the rest (`contactimg.files.commit`).
 
     Parameters
     ----------
@@ -86,7 +87,6 @@ class OutputFolder:
         self.record = dict(record)
         self._main_files = {Path(name) for name in main_files}
         self._created: list[Path] = []
-        self._store: FrameStore | None = None
         self._lock = FileLock(self.path / LOCK_FILE, timeout=0)
 
     def __enter__(self) -> Self:
@@ -123,79 +123,63 @@ class OutputFolder:
             finally:
                 self._release()
 
-    def frame_store(self) -> FrameStore:
-        """Results of frames that an earlier run of the same command left when it was ended; inside the block.
+    def part_store(self) -> PartStore:
+        """Results that an earlier run of the same command left when it was ended; inside the block.
 
         The store is deleted when this run succeeds, and stays if it is ended or fails.
         """
-        if self._store is None:
-            self._store = FrameStore(self.path / STORE_FOLDER, self.record)
-        return self._store
+        return PartStore(self.path / PARTS_FOLDER, self.record)
 
     def _check_contents(self) -> None:
         """Raise if the folder contains files but no run, or files of another command to be replaced."""
         visible = [item.name for item in self.path.iterdir() if not item.name.startswith(".")]
-        if visible and not self._records():
+        if visible and not records_of_runs(self.path):
             raise InputError(
                 f"{self.path}: holds files but no earlier run (among them {min(visible)}); "
                 "choose a new or empty output folder"
             )
         self._refuse_others(self._main_files)
 
-    def _records(self) -> list[dict[str, Any]]:
-        """The records of the runs in the folder, the last one first."""
-        try:
-            records = read_records(self.path)
-        except (OSError, ValueError):
-            return []
-        return records if all(isinstance(record.get("outputs"), list) for record in records) else []
-
     def _refuse_others(self, files: set[Path]) -> None:
         """Raise if a run of another command wrote one of the files."""
-        for record in self._records():
-            common = files & _files_of(record)
-            if common and _task(record) != _task(self.record):
+        task = task_of(self.record)
+        for record in records_of_runs(self.path):
+            common = files & files_of(record)
+            if common and task_of(record) != task:
                 raise InputError(
-                    f"{self.path}: holds the output of '{_task(record)}' ({min(common).as_posix()}), which "
-                    f"'{_task(self.record)}' does not replace; choose another output folder"
+                    f"{self.path}: holds the output of '{task_of(record)}' ({min(common).as_posix()}), which "
+                    f"'{task}' does not replace; choose another output folder"
                 )
 
-    def _refuse_changed_inputs(self) -> None:
-        """Raise if an input file is another one now than when the run began: its digest would be wrong."""
-        inputs = self.record.get("inputs")
-        changed = inputs.changed() if isinstance(inputs, InputFiles) else []
+    @stage("writing")
+    def _commit(self) -> None:
+        """Replace the files of the earlier run of the same command by the new ones."""
+        changed = changed_inputs(self.record)
         if changed:
             raise InputError(
                 f"{changed[0]} changed while the command ran"
                 + (f" (and {len(changed) - 1} other files)" if len(changed) > 1 else "")
                 + "; start the command again when the files are complete"
             )
-
-    @stage("writing")
-    def _commit(self) -> None:
-        """Replace the files of the earlier run of the same command by the new ones."""
-        self._refuse_changed_inputs()
         new = {file.relative_to(self.folder) for file in self.folder.rglob("*") if file.is_file()}
         self._refuse_others(new)
-        records = self._records()
-        others = [record for record in records if _task(record) != _task(self.record)]
-        earlier = set().union(*(_files_of(record) for record in records if record not in others))
-        top = relative_to_output(self.record, self.path)
-        top["outputs"] = [file.as_posix() for file in sorted(new)]
-        top["sha256"] = table_hashes(self.folder, top["outputs"])
+        outputs = [file.as_posix() for file in sorted(new)]
+        top = self.record | {"outputs": outputs, "sha256": table_hashes(self.folder, outputs)}
+        configuration = top.get("configuration", {})
+        if "scene_folder" in configuration:  # so that both folders can be moved together
+            with suppress(ValueError):  # on another drive
+                relative = os.path.relpath(configuration["scene_folder"], self.path.resolve())
+                top["configuration"] = configuration | {"scene_folder_relative": Path(relative).as_posix()}
+        others = [one for one in records_of_runs(self.path) if task_of(one) != task_of(self.record)]
         write_json(top | ({"beside": others} if others else {}), self.folder / PROVENANCE_FILE)
-        journal = Journal(
-            new=(*top["outputs"], PROVENANCE_FILE),
-            foreign=_names(new - earlier),
-            old=_names(earlier - new),
-        )
-        commit(self.path, journal)
-        if self._store is not None:
-            self._store.remove()
+        commit(self.path)
+        shutil.rmtree(self.path / PARTS_FOLDER, ignore_errors=True)
 
     def _release(self) -> None:
         """Remove the hidden files and the folders that are still empty, and release the lock."""
         shutil.rmtree(self.folder, ignore_errors=True)
+        with suppress(OSError):  # it holds parts, or was never made
+            (self.path / PARTS_FOLDER).rmdir()
         release_lock_file(self.path)
         self._lock.release()
         self._remove_created()
@@ -205,20 +189,3 @@ class OutputFolder:
         for folder in self._created:
             with suppress(OSError):
                 folder.rmdir()
-
-
-def _files_of(record: Mapping[str, Any]) -> set[Path]:
-    """The files that a run wrote, relative to its folder."""
-    files = {Path(str(name)) for name in record["outputs"]}
-    return {file for file in files if not file.is_absolute() and ".." not in file.parts}
-
-
-def _task(record: Mapping[str, Any]) -> str:
-    """The kind of run: program, command and, for a calibration, its kind."""
-    words = str(record.get("command", "")).split()
-    return " ".join(words[: 3 if words[1:2] == ["calibrate"] else 2])
-
-
-def _names(files: set[Path]) -> tuple[str, ...]:
-    """The names of files in order, with forward slashes."""
-    return tuple(file.as_posix() for file in sorted(files))

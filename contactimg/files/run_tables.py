@@ -1,21 +1,21 @@
 """The tables of a run folder, as CSV or Parquet: written a few frames at a time, read alike."""
 
+import importlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
+import numpy as np
 import pandas as pd
 
-from contactimg.files.csv_tables import CsvRows, read_table
-from contactimg.files.parquet_tables import ParquetRows, need_pyarrow, read_parquet
+from contactimg.errors import InputError
+from contactimg.files.csv_tables import read_table, text_of_rows
 from contactimg.tables import CONTACTS, FRAMES, Schema
 from contactimg.timings import stage
 
 TableFormat = Literal["csv", "parquet"]
-"""How the tables of a run are written."""
-
-_ROWS: dict[str, type[CsvRows] | type[ParquetRows]] = {"csv": CsvRows, "parquet": ParquetRows}
+"""How the tables of a run are written. Parquet, for runs whose CSV files would be large, needs pyarrow."""
 
 FORMATS: tuple[str, ...] = get_args(TableFormat)
 
@@ -37,14 +37,9 @@ class EncodedRows:
     @classmethod
     @stage("writing")
     def of(cls, table: pd.DataFrame, schema: Schema, table_format: TableFormat) -> "EncodedRows":
-        """The rows of a table.
-
-        Raises
-        ------
-        InputError
-            If they do not fit the schema.
-        """
-        return cls(len(table), _ROWS[table_format].encoded(table, schema))
+        """The rows of a table; `InputError` if they do not fit the schema."""
+        content = text_of_rows(table, schema) if table_format == "csv" else schema.conform(table)
+        return cls(len(table), content)
 
 
 class TableWriter:
@@ -56,17 +51,36 @@ class TableWriter:
     folder : Path
         A folder that only counts when all of its files are complete (`contactimg.files.OutputFolder`).
     table_format : {"csv", "parquet"}
+        Of Parquet, each addition is a row group.
 
     Attributes
     ----------
     rows : int
         Number of rows written.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
     """
 
     def __init__(self, schema: Schema, folder: Path, table_format: TableFormat = "csv") -> None:
         self.schema, self.rows, self._format = schema, 0, table_format
         self.path = folder / f"{schema.name}.{table_format}"
-        self._file: Any = _ROWS[table_format](schema, self.path)
+        self._file: Any = None
+        try:
+            if table_format == "csv":
+                self._file = self.path.open("w", encoding="utf-8", errors="surrogateescape", newline="")
+                self._file.write(",".join(schema.columns) + "\n")
+            else:
+                self._arrow, parquet = _pyarrow()
+                kinds = {"str": self._arrow.string(), "float64": self._arrow.float64()}
+                whole = self._arrow.int64()
+                columns = [(name, kinds.get(kind, whole)) for name, (kind, _) in schema.columns.items()]
+                self._columns = self._arrow.schema(columns)
+                self._file = parquet.ParquetWriter(self.path, self._columns)
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be written ({error.strerror or error})") from None
 
     def __enter__(self) -> Self:
         return self
@@ -75,25 +89,23 @@ class TableWriter:
         self._file.close()
 
     def add(self, table: pd.DataFrame) -> None:
-        """Add the rows of a table.
-
-        Raises
-        ------
-        InputError
-            If they do not fit the schema or cannot be written.
-        """
+        """Add the rows of a table."""
         self.append(EncodedRows.of(table, self.schema, self._format))
 
     @stage("writing")
     def append(self, rows: EncodedRows) -> None:
-        """Add rows that were encoded for this table and its format.
-
-        Raises
-        ------
-        InputError
-            If they cannot be written.
-        """
-        self._file.add(rows.content)
+        """Add rows that were encoded for this table and its format."""
+        try:
+            if self._format == "csv":
+                self._file.write(rows.content)
+                self._file.flush()
+            else:
+                self._file.write_table(
+                    self._arrow.Table.from_pandas(rows.content, schema=self._columns, preserve_index=False)
+                )
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"{self.path}: cannot be written ({reason})") from None
         self.rows += rows.count
 
 
@@ -117,6 +129,7 @@ def read_run_table(
     ----------
     folder : Path
     schema : Schema
+        Columns that a later version added may be missing in the file, others in it are ignored.
     infinite : bool
         Whether infinite numbers are accepted.
     optional : bool
@@ -132,10 +145,41 @@ def read_run_table(
         return schema.empty()
     if path.suffix == ".csv":
         return read_table(path, schema, infinite=infinite)
-    return read_parquet(path, schema, infinite=infinite)
+    arrow, parquet = _pyarrow()
+    try:
+        with path.open("rb") as file:
+            table = parquet.read_table(file).to_pandas()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except arrow.ArrowException as error:
+        raise InputError(f"{path}: is not a Parquet file ({str(error)[:100]}); repeat the run") from None
+    for name in schema.first:
+        if name not in table:
+            raise InputError(f"{path}: column {name} is missing; repeat the run")
+    try:
+        found = schema.conform(table[[name for name in schema.columns if name in table]])
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    numbers = found.select_dtypes("float64")
+    beyond = numbers.columns[np.isinf(numbers.to_numpy()).any(axis=0)]
+    if len(beyond) and not infinite:
+        raise InputError(f"{path}: column {beyond[0]} must hold finite numbers")
+    texts = [name for name, (dtype, _) in schema.columns.items() if dtype == "str"]
+    found[texts] = found[texts].fillna("")
+    return found
 
 
 def require_format(table_format: TableFormat) -> None:
     """Raise an `InputError` if tables cannot be written in this format, before any work is done."""
     if table_format == "parquet":
-        need_pyarrow()
+        _pyarrow()
+
+
+def _pyarrow() -> tuple[Any, Any]:
+    """The modules of pyarrow, or an `InputError` that says how to get them."""
+    try:
+        return importlib.import_module("pyarrow"), importlib.import_module("pyarrow.parquet")
+    except ImportError:
+        raise InputError(
+            "Parquet tables need pyarrow, which is not installed; pip install 'contactimg[parquet]'"
+        ) from None

@@ -1,37 +1,51 @@
 """The provenance of a result, and reading a run back from its output folder."""
 
+import hashlib
 import importlib.metadata
-import json
 import logging
 import os
 import platform
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from math import degrees, nan, radians
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from contactimg import __version__
+from contactimg.effects.local_law import LawPlan
 from contactimg.errors import InputError
-from contactimg.files.commit import PROVENANCE_FILE, read_settled
-from contactimg.files.input_files import InputFiles
-from contactimg.files.run_record import check_record
+from contactimg.files.calibrations import check_calibration
+from contactimg.files.commit import PROVENANCE_FILE, read_records, read_settled
 from contactimg.files.run_tables import read_run_table, table_file
-from contactimg.files.table_hashes import changed_tables
 from contactimg.forces import sums_of_contacts
+from contactimg.pose import Pose
+from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES
+from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
 
 logger = logging.getLogger(__name__)
 
 SCHEMA_VERSION = 1
 """Increased when a column or key is added to the output; names are never changed."""
+
+
+RUN_TABLES = ("contacts.csv", "frames.csv", "contacts.parquet", "frames.parquet")
+"""The tables that other results are derived from, in either format."""
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Positive = Annotated[Number, Field(gt=0)]
+Count = Annotated[int, Field(strict=True, ge=0)]
+Size = Annotated[int, Field(strict=True, ge=1, le=10**6)]
+Text = Annotated[str, Field(strict=True)]
+YesNo = Annotated[bool, Field(strict=True)]
 
 
 @stage("provenance")
@@ -59,7 +73,7 @@ def provenance(
     -------
     dict
         schema_version, command, created (UTC), versions (of contactimg, Python and each library it depends
-        on), platform, configuration (scene, scene_folder, options) and inputs (`InputFiles`).
+        on), platform, configuration (scene, scene_folder, options) and inputs.
 
     Examples
     --------
@@ -76,18 +90,32 @@ def provenance(
         "versions": _versions(),
         "platform": platform.platform(),
         "configuration": configuration,
-        "inputs": InputFiles.read(inputs),
+        "inputs": [_fingerprint(path.resolve()) for path in inputs],
     }
 
 
-def relative_to_output(record: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Add the folder of the scene relative to the output folder, so that both can be moved together."""
-    configuration = dict(record.get("configuration", {}))
-    if "scene_folder" in configuration:
-        with suppress(ValueError):  # on another drive
-            relative = os.path.relpath(configuration["scene_folder"], folder.resolve())
-            configuration["scene_folder_relative"] = Path(relative).as_posix()
-    return dict(record) | {"configuration": configuration}
+def _fingerprint(path: Path) -> dict[str, Any]:
+    """Path, size, SHA-256 and time of the last change of a file; the error if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            status = os.fstat(file.fileno())  # before the content: a change while it is read is noticed
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return {"path": str(path), "bytes": None, "sha256": None, "error": error.strerror}
+    size, time = status.st_size, status.st_mtime_ns
+    return {"path": str(path), "bytes": size, "sha256": digest, "modified_ns": time}
+
+
+def changed_inputs(record: Mapping[str, Any]) -> list[str]:
+    """Input files of a run that were changed since it read them; those that are gone are not among them."""
+    found = []
+    for entry in record.get("inputs", []):
+        with suppress(OSError):
+            status = os.stat(entry["path"])  # noqa: PTH116 - for 10^5 files
+            now = {"bytes": status.st_size, "modified_ns": status.st_mtime_ns}
+            if "modified_ns" in entry and now != {name: entry[name] for name in now}:
+                found.append(entry["path"])
+    return found
 
 
 def _versions() -> dict[str, str]:
@@ -98,62 +126,229 @@ def _versions() -> dict[str, str]:
     return {"contactimg": __version__, "python": platform.python_version()} | versions
 
 
-def read_records(folder: Path) -> list[dict[str, Any]]:
-    """The records of the runs that share an output folder, the last one first.
+def table_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of the tables among files; pictures and records have none.
 
     Parameters
     ----------
     folder : Path
+    names : iterable of str
+        Relative to the folder.
+    """
+    return {name: _sha256(folder / name) for name in names if name.endswith((".csv", ".parquet"))}
 
-    Returns
-    -------
-    list of dict
-        As `provenance` makes them, each with the names of its files as ``outputs``.
+
+def changed_tables(record: Mapping[str, Any], folder: Path) -> list[str]:
+    """Names of the tables of a run that were changed since it wrote them; none if its hashes are not known.
+
+    Parameters
+    ----------
+    record : mapping
+        Of the run, from its provenance.json.
+    folder : Path
+        The output folder of the run.
+    """
+    hashes = record.get("sha256")
+    if not isinstance(hashes, dict):
+        return []
+    return [name for name in RUN_TABLES if name in hashes and hashes[name] != _sha256(folder / name)]
+
+
+def is_out_of_date(record: Mapping[str, Any], run: Path) -> bool:
+    """Whether a result was made from other tables than those that a run holds now.
+
+    Parameters
+    ----------
+    record : mapping
+        Of the derived result; its inputs have the hashes of the tables it was made from.
+    run : Path
+        The output folder of the run.
+    """
+    used = [entry for entry in record.get("inputs", []) if isinstance(entry, dict)]
+    return any(
+        hashes and _sha256(run / name) not in hashes
+        for name in RUN_TABLES
+        for hashes in [{entry.get("sha256") for entry in used if Path(str(entry.get("path"))).name == name}]
+    )
+
+
+def _sha256(path: Path) -> str:
+    """SHA-256 of a file; of a missing one, a word that equals no hash."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return "missing"
+
+
+class _Part(BaseModel):
+    """A part of the record; what else it holds is kept."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+
+class PoseRecord(_Part):
+    """The pose of the camera."""
+
+    rows: Size
+    columns: Size
+    pixel_size_m: Positive
+    centre_m: tuple[Number, Number]
+    rotation_deg: Number
+    mirrored: YesNo
+    fitted: YesNo
+    n_points: Count
+    n_matched: Count
+    residual_m: Annotated[Number, Field(ge=0)] | None
+
+
+class _UsedCalibration(_Part):
+    """The calibration that a run was measured with."""
+
+    file: Text
+    record: dict[str, Any]
+
+
+class _Options(_Part):
+    """Settings that are not in the scene."""
+
+    calibration: _UsedCalibration | None = None
+
+
+class _Configuration(_Part):
+    """Scene and options."""
+
+    scene: dict[str, Any] | None = None
+    scene_folder: Text = "."
+    scene_folder_relative: Text | None = None
+    options: _Options = _Options()
+
+
+class _InputFile(_Part):
+    """A file that was read."""
+
+    path: Text
+    sha256: Text | None = None
+
+
+class RunRecord(_Part):
+    """The record of a run."""
+
+    schema_version: Annotated[int, Field(strict=True, ge=1)]
+    command: Text
+    created: Text = ""
+    configuration: _Configuration
+    inputs: list[_InputFile] = []
+    outputs: list[Text] = []
+    pose: PoseRecord | None = None
+
+
+def check_record(record: Mapping[str, Any], file: Path) -> dict[str, Any]:
+    """The record of a run, with every key that the commands read.
+
+    Parameters
+    ----------
+    record : mapping
+        From `contactimg.files.read_records`.
+    file : Path
+        The provenance.json, for the message.
 
     Raises
     ------
-    OSError
-        If there is no provenance.json.
-    ValueError
-        If it is damaged.
+    InputError
+        If a key is missing or has another type; the message names it.
     """
-    top = json.loads((folder / PROVENANCE_FILE).read_text(encoding="utf-8"))
-    beside = top.get("beside", []) if isinstance(top, dict) else None
-    if not isinstance(beside, list) or not all(isinstance(record, dict) for record in beside):
-        raise ValueError(f"{folder / PROVENANCE_FILE} is damaged")
-    return [{name: value for name, value in top.items() if name != "beside"}, *beside]
+    try:
+        checked = RunRecord.model_validate(dict(record))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(key) for key in first["loc"])
+        raise InputError(f"{file}: is damaged ({place}: {first['msg']}); repeat the run") from None
+    used = checked.configuration.options.calibration
+    if used is not None:
+        check_calibration(used.record, f"{file}: the calibration of the run")
+    return {"created": checked.created, "inputs": [], **record}
+
+
+def pose_record(fit: PoseFit) -> dict[str, Any]:
+    """The pose of the camera as the provenance states it, for `PoseRecord`."""
+    return {
+        "rows": fit.pose.shape[0],
+        "columns": fit.pose.shape[1],
+        "pixel_size_m": fit.pose.pixel_size,
+        "centre_m": list(fit.pose.centre),
+        "rotation_deg": degrees(fit.pose.rotation),
+        "mirrored": fit.pose.mirrored,
+        "fitted": fit.fitted,
+        "n_points": fit.n_points,
+        "n_matched": fit.n_matched,
+        "residual_m": fit.residual,
+    }
+
+
+def _pose_of(record: Mapping[str, Any]) -> PoseFit:
+    """The pose of the camera that the provenance states."""
+    pose = Pose(
+        shape=(record["rows"], record["columns"]),
+        pixel_size=record["pixel_size_m"],
+        centre=(record["centre_m"][0], record["centre_m"][1]),
+        rotation=radians(record["rotation_deg"]),
+        mirrored=record["mirrored"],
+    )
+    residual = nan if record["residual_m"] is None else record["residual_m"]
+    return PoseFit(pose, record["fitted"], record["n_points"], record["n_matched"], residual)
 
 
 @dataclass(frozen=True, eq=False)
-class RunFolder:
-    """The output of `process` or `predict`.
+class Run:
+    """A run: what `measure_series` gives, or `process` or `predict` left in a folder.
 
     Attributes
     ----------
-    folder : Path
-        The output folder.
+    scene : Scene
+        As given; of a folder, with all keys, and without a section if it states none.
     contacts, frames : DataFrame
         Columns of `contactimg.tables.CONTACTS` (flags as numbers) and `contactimg.tables.FRAMES`. If a table
         was changed after the run, number, area and forces of each frame are summed from the contacts.
-    scene : Scene or None
-        The scene of the run, with all keys.
+    pose : PoseFit or None
+        Pose of the camera over the reference frame; None without a pixel size.
+    tables : dict
+        Name -> further tables that are in memory; those of a folder are read when they are asked for.
+    law : LawPlan or None
+        Law of the local forces and what it leaves out; None without forces, or of a folder.
+    folder : Path
+        The output folder.
     provenance : dict
-        The record of the run in provenance.json.
+        The record of the run in provenance.json; empty for a run in memory.
     changed : tuple of str
         Names of the tables that were changed after the run.
     """
 
-    folder: Path
+    scene: Scene
     contacts: pd.DataFrame
     frames: pd.DataFrame
-    scene: Scene | None
-    provenance: dict[str, Any]
+    pose: PoseFit | None = None
+    tables: dict[str, pd.DataFrame] = field(default_factory=dict)
+    law: LawPlan | None = None
+    folder: Path = Path()
+    provenance: dict[str, Any] = field(default_factory=dict)
     changed: tuple[str, ...] = ()
+
+    @property
+    def rejected(self) -> pd.DataFrame:
+        """Rejected candidates, columns of `contactimg.tables.REJECTED`."""
+        return self._table(REJECTED)
 
     @property
     def outlines(self) -> pd.DataFrame:
         """Outlines of the contacts of free shape, columns of `contactimg.tables.OUTLINES`."""
-        return read_run_table(self.folder, OUTLINES, optional=True)
+        return self._table(OUTLINES)
+
+    def _table(self, schema: Schema) -> pd.DataFrame:
+        """A table in memory or in the folder; empty if there is none."""
+        if schema.name in self.tables or not self.provenance:
+            return self.tables.get(schema.name, schema.empty())
+        return read_run_table(self.folder, schema, optional=True)
 
     @property
     def command(self) -> str:
@@ -161,8 +356,28 @@ class RunFolder:
         words = str(self.provenance.get("command", "")).split()
         return words[1] if len(words) > 1 else ""
 
+    def need_pose(self) -> Pose:
+        """The pose of the camera, or an `InputError` that says how to get one."""
+        place = f"{self.folder}:" if self.provenance else "this run"
+        if self.pose is None:
+            raise InputError(f"{place} has no pose of the camera; run `process` with a pixel size first")
+        if (self.frames["status"] == Status.NO_POSE).any() and self.scene.measure.pose == "fit":
+            raise InputError(
+                f"{place} found no pose of the camera: its contacts fall on no asperity; check [camera] "
+                "pixel_size_m, centre_m and rotation_deg, [indenter] apex_m and the asperity table, and run "
+                '`process` again; pose = "given" in [measure] takes the pose as it is stated'
+            )
+        return self.pose.pose
 
-def read_run(folder: str | Path) -> RunFolder:
+
+def frame_shift(frames: pd.DataFrame, name: str) -> tuple[float, float]:
+    """Shift (x, y; px) of a frame against the reference, 0 where it is not known."""
+    row = frames[frames["frame"] == name].iloc[0]
+    shift = np.nan_to_num([row["shift_x_px"], row["shift_y_px"]], nan=0.0)
+    return float(shift[0]), float(shift[1])
+
+
+def read_run(folder: str | Path) -> Run:
     """Read back the output folder of a run.
 
     Parameters
@@ -172,7 +387,7 @@ def read_run(folder: str | Path) -> RunFolder:
 
     Returns
     -------
-    RunFolder
+    Run
         Tables, scene and provenance.
 
     Raises
@@ -184,7 +399,7 @@ def read_run(folder: str | Path) -> RunFolder:
     return read_settled(folder, lambda: _read_run(folder))
 
 
-def _read_run(folder: Path) -> RunFolder:
+def _read_run(folder: Path) -> Run:
     """The run in a folder; see `read_run`."""
     try:
         records = read_records(folder)
@@ -211,7 +426,8 @@ def _read_run(folder: Path) -> RunFolder:
             " and ".join(changed),
         )
     scene = _scene_of_run(folder, record["configuration"])
-    return RunFolder(folder, contacts, frames, scene, record, tuple(changed))
+    pose = None if record.get("pose") is None else _pose_of(record["pose"])
+    return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
 
 
 def _record_of_contacts(records: list[dict[str, Any]]) -> dict[str, Any]:
@@ -247,13 +463,12 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
         )
 
 
-def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene | None:
+def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene:
     """The scene of a run; it may have been moved together with the output folder."""
-    data = configuration.get("scene")
-    if data is None:
-        return None
     return scene_from_dict(
-        data, name=str(folder / PROVENANCE_FILE), folder=_scene_folder(folder, configuration)
+        configuration.get("scene") or {},
+        name=str(folder / PROVENANCE_FILE),
+        folder=_scene_folder(folder, configuration),
     )
 
 

@@ -3,37 +3,37 @@
 import glob
 import os
 import re
-import sys
 import warnings
-from array import array
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 from typing import overload
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import norpix, stills, tiff, video
-from contactimg.files.grey import to_grey
+from contactimg.files import tiff
+from contactimg.files.decoders import list_norpix, list_video, read_norpix, read_still, read_video
+from contactimg.files.pixels import Pixels, to_grey
 from contactimg.frame import Frame
 from contactimg.optics.camera_response import CameraResponse, linearise
 from contactimg.timings import stage
 
 PathLike = str | os.PathLike[str]
 
-_DECODERS: dict[str, ModuleType] = {
-    **dict.fromkeys((".tif", ".tiff"), tiff),
-    **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), stills),
-    ".seq": norpix,
-    **dict.fromkeys((".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), video),
+_Decoder = tuple[Callable[[Path], Sequence[int]], Callable[[Path, int], Pixels]]
+"""Numbers of the images of a file, and the pixels of one of them."""
+
+_DECODERS: dict[str, _Decoder] = {
+    **dict.fromkeys((".tif", ".tiff"), (tiff.list_images, tiff.read_image)),
+    **dict.fromkeys((".png", ".bmp", ".jpg", ".jpeg"), (lambda _: range(1), read_still)),
+    ".seq": (list_norpix, read_norpix),
+    **dict.fromkeys((".avi", ".mp4", ".mov", ".mkv", ".wmv", ".mpg", ".mpeg"), (list_video, read_video)),
 }
 SUFFIXES = tuple(_DECODERS)
 """File name extensions that hold frames; upper or lower case."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameSource:
     """The file and page of one frame, without its pixels; cheap to list and to send to a worker process.
 
@@ -81,7 +81,7 @@ class FrameSource:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 path = _checked(self.path)
-                pixels = _decoder(path).read_image(path, self.index)
+                pixels = _decoder(path)[1](path, self.index)
                 image = to_grey(pixels.array)
         except Exception as error:
             raise FrameError(f"{self.name} cannot be read: {_reason(error)}") from None
@@ -90,8 +90,8 @@ class FrameSource:
         return frame if self.correct is None else self.correct(frame)
 
 
-def _decoder(path: Path) -> ModuleType:
-    """The module that reads files with this extension."""
+def _decoder(path: Path) -> _Decoder:
+    """What lists and reads the images of files with this extension."""
     if path.suffix.lower() not in _DECODERS:
         raise InputError(
             f"{path}: frames have one of the extensions {', '.join(SUFFIXES)}, got {path.suffix or 'none'!r}"
@@ -137,59 +137,6 @@ def _sized(number: re.Match[str]) -> str:
     return f"\0{chr(len(digits) + 1)}{digits}"
 
 
-class FrameList(Sequence[FrameSource]):
-    """Sources of frames, each made when it is asked for: a series of 10^5 takes its names and little more.
-
-    Parameters
-    ----------
-    sources : iterable of FrameSource
-
-    Attributes
-    ----------
-    names : list of str
-        Names of the frames.
-    """
-
-    def __init__(self, sources: Iterable[FrameSource]) -> None:
-        self.names: list[str] = []
-        self._files: list[str] = []
-        self._numbers = array("q")  # of the image in the file
-        self._kinds: list[FrameSource] = []  # the first of each row of frames that are read alike
-        self._starts: list[int] = []
-        for k, source in enumerate(sources):
-            if not self._kinds or not _read_alike(source, self._kinds[-1]):
-                self._kinds.append(source)
-                self._starts.append(k)
-            file = source.path.name
-            self.names.append(sys.intern(source.name))
-            self._files.append(sys.intern(file))
-            self._numbers.append(source.index)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    @overload
-    def __getitem__(self, index: int) -> FrameSource: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> "FrameList": ...
-
-    def __getitem__(self, index: int | slice) -> "FrameSource | FrameList":
-        """One source, or some."""
-        if isinstance(index, slice):
-            return FrameList(self[k] for k in range(*index.indices(len(self))))
-        k = range(len(self))[index]
-        kind = self._kinds[bisect_right(self._starts, k) - 1]
-        path = kind.path.with_name(self._files[k])
-        return replace(kind, name=self.names[k], path=path, index=self._numbers[k])
-
-
-def _read_alike(one: FrameSource, two: FrameSource) -> bool:
-    """Whether two sources differ only in name, file and number."""
-    alike = one.full_scale == two.full_scale and one.response == two.response
-    return alike and one.correct is two.correct and one.path.parent == two.path.parent
-
-
 @stage("reading")
 def list_frames(
     path: PathLike | Iterable[PathLike],
@@ -197,7 +144,7 @@ def list_frames(
     folder: PathLike = ".",
     full_scale: float | None = None,
     response: CameraResponse | None = None,
-) -> FrameList:
+) -> list[FrameSource]:
     """List the frames of a folder, a glob, a file or a list of these, without reading an image.
 
     Parameters
@@ -214,7 +161,7 @@ def list_frames(
 
     Returns
     -------
-    FrameList
+    list of FrameSource
         A file that cannot be read is listed as well; reading it raises an error.
 
     Raises
@@ -234,7 +181,7 @@ def list_frames(
         raise InputError("the list of frames is empty; name at least one file, folder or glob")
     files = (file for entry in entries for file in _files(Path(folder), entry))
     found = (source for file in files for source in _images(file))
-    sources = FrameList(replace(source, full_scale=full_scale, response=response) for source in found)
+    sources = [replace(source, full_scale=full_scale, response=response) for source in found]
     _check_names(sources)
     return sources
 
@@ -272,7 +219,7 @@ def _images(path: Path) -> list[FrameSource]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            numbers = _decoder(path).list_images(_checked(path))
+            numbers = _decoder(path)[0](_checked(path))
     except Exception:  # reported when the image is read
         numbers = range(1)
     if len(numbers) <= 1:
@@ -280,10 +227,11 @@ def _images(path: Path) -> list[FrameSource]:
     return [FrameSource(f"{path.name}[{k}]", path, index) for k, index in enumerate(numbers)]
 
 
-def _check_names(sources: FrameList) -> None:
+def _check_names(sources: list[FrameSource]) -> None:
     """Raise if two frames have the same name."""
-    if len(set(sources.names)) < len(sources):
-        name, count = Counter(sources.names).most_common(1)[0]
+    names = Counter(source.name for source in sources)
+    if len(names) < len(sources):
+        name, count = names.most_common(1)[0]
         paths = [str(source.path) for source in sources if source.name == name]
         raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
 

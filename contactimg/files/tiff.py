@@ -14,8 +14,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from contactimg.files.atomic import replacing
-from contactimg.files.grey import Pixels, UnsupportedPixelsError
-from contactimg.files.limits import check_size
+from contactimg.files.pixels import Pixels, UnsupportedPixelsError, check_size
 from contactimg.frame import Frame
 from contactimg.timings import stage
 
@@ -59,8 +58,9 @@ def list_images(path: Path) -> list[int]:
     If the chain of pages is broken or a ring, one more number stands for the lost pages.
     """
     with _opened(path) as (tif, complaints):
-        if _undivided(tif) > 1:
-            return list(range(_undivided(tif)))
+        count = max(_undivided(tif), _planes(tif))
+        if count > 1:
+            return list(range(count))
         most = tif.filehandle.size // _SMALLEST_PAGE + 1  # more only if the chain of pages is a ring
         numbered = enumerate(islice(_pages(tif), most + 1))
         pages = [k for k, page in numbered if k == most or not (page.is_reduced or page.is_mask)]
@@ -74,12 +74,16 @@ def read_image(path: Path, index: int) -> Pixels:
         if _undivided(tif) > 1:
             _check_page_size(_pages(tif)[0])
             return _interpret(_pages(tif)[0], _read_undivided(tif, index))
-        if index > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, index):
-            raise ValueError(f"the file is truncated or damaged after page {index - 1}")
-        page = _pages(tif)[index]
+        divided = _planes(tif) > 1
+        number = 0 if divided else index
+        if number > tif.filehandle.size // _SMALLEST_PAGE or not _has_page(tif, number):
+            raise ValueError(f"the file is truncated or damaged after page {number - 1}")
+        page = _pages(tif)[number]
         _check_page_size(page)
         _check_complete(page, tif.filehandle.size)
         array = page.asarray()
+        if divided:
+            return _interpret(page, array[index])
         return _interpret(page, np.moveaxis(array, 0, -1) if page.axes == "SYX" else array)
 
 
@@ -94,6 +98,17 @@ def _has_page(tif: tifffile.TiffFile, index: int) -> bool:
         return tif.pages[index] is not None
     except IndexError:
         return False
+
+
+def _planes(tif: tifffile.TiffFile) -> int:
+    """Grey images of a stack whose writer took three or four for the planes of a colour image; else 1.
+
+    tifffile, and with it imageio and scikit-image, writes an array of shape (3, rows, columns) in this way;
+    colours that other programs store by planes have no description of an array.
+    """
+    page = _pages(tif)[0]
+    taken = page.photometric == _PHOTOMETRIC.RGB and page.axes == "SYX" and tif.is_shaped
+    return page.samplesperpixel if taken and not _has_page(tif, 1) else 1
 
 
 def _undivided(tif: tifffile.TiffFile) -> int:

@@ -14,9 +14,9 @@ from dask.array import stack as stack_of
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, RunFolder, main_tables, read_run
+from contactimg.files import FrameSource, Run, main_tables, read_run
 from contactimg.files.napari_tables import napari_shapes
-from contactimg.pipeline.export import REJECTED_COLOUR, contact_colour, frame_sources, rejected_of
+from contactimg.pipeline.export import REJECTED_COLOUR, contact_colour, frame_sources
 from contactimg.tables import CONTACTS, flag_names
 from contactimg.tables.outlines import contact_outlines
 
@@ -68,7 +68,7 @@ def read_run_layers(path: str) -> list[Layer]:
     run = read_run(path)
     names = [str(name) for name in run.frames.loc[run.frames["n_contacts"].notna(), "frame"]]
     number = {name: k for k, name in enumerate(names)}
-    camera = None if run.scene is None else run.scene.camera
+    camera = run.scene.camera
     pixel_um = 1.0 if camera is None else 1e6 * camera.pixel_size
     common = {"scale": (1.0, pixel_um, pixel_um)}
     contacts, holes = _contact_layers(run, number)
@@ -95,7 +95,7 @@ class FrameContacts:
     shapes: list[list[tuple[str, NDArray[np.float64]]]]
 
 
-def contacts_by_frame(run: RunFolder, names: Iterable[str]) -> list[FrameContacts]:
+def contacts_by_frame(run: Run, names: Iterable[str]) -> list[FrameContacts]:
     """The contacts of the named frames."""
     contacts, lines = dict(list(run.contacts.groupby("frame"))), dict(list(run.outlines.groupby("frame")))
     return [
@@ -105,7 +105,7 @@ def contacts_by_frame(run: RunFolder, names: Iterable[str]) -> list[FrameContact
     ]
 
 
-def _contact_layers(run: RunFolder, number: dict[str, int]) -> tuple[Layer, Layer]:
+def _contact_layers(run: Run, number: dict[str, int]) -> tuple[Layer, Layer]:
     """The contacts, and the holes in them."""
     data: list[NDArray[np.float64]] = []
     kinds: list[str] = []
@@ -125,9 +125,9 @@ def _contact_layers(run: RunFolder, number: dict[str, int]) -> tuple[Layer, Laye
     return (data, drawn, "shapes"), (holes, inside, "shapes")
 
 
-def _rejected_layer(run: RunFolder, number: dict[str, int]) -> Layer:
+def _rejected_layer(run: Run, number: dict[str, int]) -> Layer:
     """Rejected candidates with the reason."""
-    table = rejected_of(run)
+    table = run.rejected
     table = table[table["frame"].isin(list(number))].reset_index(drop=True)
     points = np.column_stack([table["frame"].map(number), table["y_px"], table["x_px"]]).astype(float)
     properties = {
@@ -140,7 +140,7 @@ def _rejected_layer(run: RunFolder, number: dict[str, int]) -> Layer:
     return points, properties, "points"
 
 
-def _image_layer(run: RunFolder, names: list[str]) -> list[Layer]:
+def _image_layer(run: Run, names: list[str]) -> list[Layer]:
     """The frames as a stack that is read as it is looked at; a warning instead if they are not found."""
     try:
         sources = frame_sources(run)

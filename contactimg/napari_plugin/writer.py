@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.files import read_run
-from contactimg.files.edit_rows import EditsFile
+from contactimg.files.edits import EditsFile
 from contactimg.files.imagej import Region, polygon_region
 from contactimg.napari_plugin.reader import FRAMES_KEY, RUN_KEY, FrameContacts, contacts_by_frame
-from contactimg.pipeline.export import region_name
-from contactimg.pipeline.import_regions import edits_between
+from contactimg.pipeline.export import edits_between, region_name
 from contactimg.tables import EDITS
 
 

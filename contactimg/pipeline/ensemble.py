@@ -1,9 +1,8 @@
 """Predictions averaged over many random patterns, which are resumed and added up as they come."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,12 +14,10 @@ from contactimg.effects.local_law import law_name
 from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
-from contactimg.files import FrameStore
+from contactimg.files import PartStore
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import CONVERGED
-from contactimg.pipeline.inputs import generated_asperities, need_asperities
-from contactimg.pipeline.loading_path import loads_before
-from contactimg.pipeline.parallel import through_store
+from contactimg.pipeline.inputs import generated_asperities, loads_before, need_asperities
 from contactimg.prediction import (
     Coupling,
     Prediction,
@@ -153,7 +150,9 @@ def predict_ensemble(
     coupling: Coupling,
     annulus: float,
     tolerance: float | None = None,
-    calls: "Calls | None" = None,
+    workers: int | None = 1,
+    store: PartStore | None = None,
+    advance: Callable[[], None] | None = None,
 ) -> list[Prediction]:
     """Predict the averages over random patterns at each load.
 
@@ -172,8 +171,12 @@ def predict_ensemble(
         Width of the annuli around ``[indenter] apex_m``, m.
     tolerance : float, optional
         Of the solver.
-    calls : Calls, optional
-        How the patterns are worked off.
+    workers : int or None
+        As for `contactimg.engine.calls.in_parallel`.
+    store : PartStore, optional
+        Patterns that it holds are taken from it, the others are added.
+    advance : callable, optional
+        Called once a pattern, in order.
 
     Returns
     -------
@@ -185,7 +188,7 @@ def predict_ensemble(
     InputError
         If the scene generates no patterns.
     """
-    section, calls = scene.asperities, calls or Calls()
+    section = scene.asperities
     if section is None or section.generate is None:
         raise InputError("an ensemble needs random patterns: state generate in [asperities]")
     if patterns < 1:
@@ -206,9 +209,11 @@ def predict_ensemble(
         tolerance,
     )
     sums = [LoadSums() for _ in loads]
-    for index, found in enumerate(calls.solve(ensemble, patterns)):
+    for index, found in enumerate(_solved(ensemble, patterns, workers=workers, store=store)):
         for one, part in zip(sums, found, strict=True):
             one.add(index, part)
+        if advance is not None:
+            advance()
     return [_average(one, ensemble, k, plan) for k, (one, plan) in enumerate(zip(sums, plans, strict=True))]
 
 
@@ -221,40 +226,18 @@ def _edges(scene: Scene, side: float, width: float) -> tuple[float, ...]:
     return tuple((width * np.arange(int(farthest // width) + 2)).tolist())
 
 
-@dataclass(frozen=True)
-class Calls:
-    """How the patterns of an ensemble are worked off.
-
-    Parameters
-    ----------
-    workers : int or None
-        As for `contactimg.engine.calls.in_parallel`.
-    store : FrameStore, optional
-        Patterns that are in it are taken from it, the others are added.
-    advance : callable, optional
-        Called once a pattern, in order.
-    """
-
-    workers: int | None = 1
-    store: FrameStore | None = None
-    advance: Callable[[], None] | None = None
-
-    def solve(self, ensemble: Ensemble, patterns: int) -> Any:
-        """The patterns in order, a few in memory at a time."""
-        keys: list[bytes | None] = [None] * patterns
-        if self.store is not None:
-            common = self.store.common(["ensemble", ensemble], [])
-            keys = [self.store.key(common, None, k) for k in range(patterns)]
-
-        def compute(numbers: Sequence[int]) -> Any:
-            jobs = [(k,) for k in numbers]
-            lost = partial(_lost, len(ensemble.loads))
-            return in_parallel(ensemble.solve, jobs, count=len(jobs), workers=self.workers, lost=lost)
-
-        for found in through_store(self.store, keys, compute, what="patterns", work="solved"):
-            yield found
-            if self.advance is not None:
-                self.advance()
+def _solved(
+    ensemble: Ensemble, patterns: int, *, workers: int | None, store: PartStore | None
+) -> Iterator[list[PatternSums | str]]:
+    """The patterns in order, a few in memory at a time."""
+    jobs = [(k,) for k in range(patterns)]
+    lost = partial(_lost, len(ensemble.loads))
+    if store is None:
+        return in_parallel(ensemble.solve, jobs, count=patterns, workers=workers, lost=lost)
+    common = store.common(["ensemble", ensemble])
+    names = [store.name(common, None, k) for k in range(patterns)]
+    said = "%s of %s patterns were done by a run that was ended; the others are solved"
+    return store.results(ensemble.solve, jobs, names, workers=workers, lost=lost, said=said)
 
 
 def _lost(loads: int, error: Exception, _index: int) -> list[str]:

@@ -1,7 +1,7 @@
-"""A run in the formats of other programs: ImageJ, napari, label images, Excel."""
+"""A run for other programs, and regions that were drawn there as corrections by hand."""
 
 import re
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,25 +10,20 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files import FrameSource, RunFolder, open_experiment, read_run_table
-from contactimg.files.imagej import Region, region_of, write_overlay_tiff, write_regions
+from contactimg.files import FrameSource, Run, open_experiment
+from contactimg.files.imagej import Region, read_regions, region_of, write_overlay_tiff, write_regions
 from contactimg.files.labels import write_labels
 from contactimg.files.napari_tables import write_napari_points, write_napari_shapes
 from contactimg.files.workbook import write_workbook
-from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Flag
-from contactimg.tables.contact_kinds import (
-    CONTACT_COLOUR,
-    FLAGGED_COLOUR,
-    MANUAL_COLOUR,
-    REJECTED_COLOUR,
-)
+from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Flag
+from contactimg.tables.contact_kinds import CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR
 from contactimg.tables.outlines import contact_outlines
 
 _NAME = re.compile(r"contact_(\d+)")
 
 
 def export_run(
-    run: RunFolder,
+    run: Run,
     folder: Path,
     *,
     formats: Collection[str],
@@ -39,7 +34,7 @@ def export_run(
 
     Parameters
     ----------
-    run : RunFolder
+    run : Run
     folder : Path
         Where to write; exists.
     formats : collection of {"fiji", "napari", "labels", "xlsx"}
@@ -54,14 +49,14 @@ def export_run(
         If the frames are needed and not found, or a table does not fit.
     """
     if "xlsx" in formats:
-        tables = [(FRAMES, run.frames), (CONTACTS, run.contacts), (REJECTED, rejected_of(run))]
+        tables = [(FRAMES, run.frames), (CONTACTS, run.contacts), (REJECTED, run.rejected)]
         write_workbook(tables, _about(run), folder / "contacts.xlsx", units=units)
     per_frame = [name for name in ("fiji", "napari", "labels") if name in formats]
     for name in per_frame:
         (folder / name).mkdir()
     sources = frame_sources(run) if {"fiji", "labels"} & set(formats) else {}
     groups = dict(list(run.contacts.groupby("frame")))
-    refused = dict(list(rejected_of(run).groupby("frame")))
+    refused = dict(list(run.rejected.groupby("frame")))
     lines = dict(list(run.outlines.groupby("frame")))
     for frame in run.frames["frame"]:
         contacts, rejected = groups.get(frame, CONTACTS.empty()), refused.get(frame, REJECTED.empty())
@@ -78,11 +73,6 @@ def export_run(
             write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
         if advance is not None:
             advance()
-
-
-def rejected_of(run: RunFolder) -> pd.DataFrame:
-    """The rejected candidates of a run; none for a prediction."""
-    return read_run_table(run.folder, REJECTED, optional=True)
 
 
 def file_stem(frame: str) -> str:
@@ -139,16 +129,16 @@ def contact_colour(flags: int) -> str:
     return FLAGGED_COLOUR if flags else CONTACT_COLOUR
 
 
-def _write_fiji(run: RunFolder, image: NDArray | None, regions: list[Region], stem: Path) -> None:
+def _write_fiji(run: Run, image: NDArray | None, regions: list[Region], stem: Path) -> None:
     """Regions for the ROI Manager, and the frame with the same regions as its overlay."""
     write_regions(regions, stem.with_name(f"{stem.name}.zip"))
     if image is not None:
-        camera = None if run.scene is None else run.scene.camera
+        camera = run.scene.camera
         pixel_size = None if camera is None else camera.pixel_size
         write_overlay_tiff(image, regions, stem.with_name(f"{stem.name}_overlay.tif"), pixel_size=pixel_size)
 
 
-def frame_sources(run: RunFolder) -> dict[str, FrameSource]:
+def frame_sources(run: Run) -> dict[str, FrameSource]:
     """The frames of a run as they were recorded, by name; without those that failed.
 
     Raises
@@ -156,14 +146,14 @@ def frame_sources(run: RunFolder) -> dict[str, FrameSource]:
     InputError
         If the run is a prediction, or the frames are not found.
     """
-    if run.scene is None or run.command == "predict":
+    if run.command == "predict":
         raise InputError(f"{run.folder}: has no frames; only --napari and --xlsx can be exported")
     frames = open_experiment(run.scene).frames
     failed = set(run.frames.loc[run.frames["n_contacts"].isna(), "frame"])
     return {frame.name: replace(frame, correct=None) for frame in frames if frame.name not in failed}
 
 
-def _about(run: RunFolder) -> dict[str, str]:
+def _about(run: Run) -> dict[str, str]:
     """What the first sheet of the workbook says."""
     counts = run.frames["n_contacts"].sum(skipna=True)
     versions = run.provenance.get("versions", {})
@@ -176,3 +166,112 @@ def _about(run: RunFolder) -> dict[str, str]:
         "contacts": str(int(np.nan_to_num(float(counts)))),
         "cells": "hold all digits; the format shows a few",
     }
+
+
+SAME_PX = 0.02
+"""Largest change of position or radius of a region that counts as none. Chosen: well above the rounding of
+ImageJ's numbers (1e-4 px), well below what a hand can mean."""
+
+REJECTED_PREFIX = "rejected_"
+"""Of the names of regions that are no contacts; they may be deleted or kept."""
+
+
+def edits_from_regions(
+    run: Run, path: Path, *, frame: str | None, author: str = "", time: str = ""
+) -> pd.DataFrame:
+    """What was changed between an exported frame and the regions of a file.
+
+    Parameters
+    ----------
+    run : Run
+        The run that was exported.
+    path : Path
+        ImageJ regions of one frame (.zip, .roi, or a TIFF with its overlay).
+    frame : str or None
+        The frame they belong to; None: as the name of the file says.
+    author, time : str
+        For the columns of that name.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `contactimg.tables.EDITS`: a deleted contact is excluded, a new region added, a moved one
+        both.
+
+    Raises
+    ------
+    InputError
+        If the file or its frame is not known.
+    """
+    frame = _frame_of(run, path) if frame is None else frame
+    if frame not in set(run.frames["frame"]):
+        raise InputError(f"{run.folder}: has no frame {frame!r}")
+    contacts = run.contacts[run.contacts["frame"] == frame]
+    lines = run.outlines
+    exported = contact_regions(contacts, lines[lines["frame"] == frame])
+    edits = edits_between(contacts, exported, read_regions(path), program="ImageJ")
+    return edits.assign(frame=frame, author=author, time=time)
+
+
+def edits_between(
+    contacts: pd.DataFrame, exported: Iterable[Region], corrected: Iterable[Region], *, program: str
+) -> pd.DataFrame:
+    """What was changed between the regions of a frame's contacts and those that came back.
+
+    Parameters
+    ----------
+    contacts : DataFrame
+        Of one frame, columns of `contactimg.tables.CONTACTS`.
+    exported, corrected : iterable of Region
+        Before and after; contacts are known by their names (`contactimg.pipeline.export.region_name`).
+    program : str
+        In which they were changed, for the column reason.
+
+    Returns
+    -------
+    DataFrame
+        Columns of `contactimg.tables.EDITS`, without frame, author and time.
+    """
+    columns = ["label", "x_px", "y_px", "radius_px"]
+    places = {
+        int(label): (x, y, radius) for label, x, y, radius in contacts[columns].astype(float).to_numpy()
+    }
+    before = {region.name: region for region in exported}
+    rows: list[dict[str, object]] = []
+    kept: set[int] = set()
+    for region in corrected:
+        if region.name.startswith(REJECTED_PREFIX):
+            continue
+        label = label_of(region.name)
+        if label is None or label not in places or label in kept:
+            rows.append(_row("add", (region.x, region.y, region.radius), f"drawn in {program}"))
+            continue
+        kept.add(label)
+        if not _same(region, before[region.name]):
+            rows.append(_row("exclude", places[label], f"moved in {program}"))
+            rows.append(_row("add", (region.x, region.y, region.radius), f"moved in {program}"))
+    gone = [_row("exclude", places[label], f"deleted in {program}") for label in sorted(places.keys() - kept)]
+    return EDITS.conform(pd.DataFrame([*gone, *rows], columns=["action", *_PLACE, "reason"]))
+
+
+_PLACE = ("x_px", "y_px", "radius_px")
+
+
+def _row(action: str, place: tuple[float, float, float], reason: str) -> dict[str, object]:
+    """One correction; the radius only where it is used."""
+    radius = place[2] if action == "add" else np.nan
+    return {"action": action, "x_px": place[0], "y_px": place[1], "radius_px": radius, "reason": reason}
+
+
+def _same(region: Region, exported: Region) -> bool:
+    """Whether a region is as it was exported."""
+    names = ("x", "y", "radius_x", "radius_y")
+    return all(abs(getattr(region, name) - getattr(exported, name)) < SAME_PX for name in names)
+
+
+def _frame_of(run: Run, path: Path) -> str:
+    """The frame whose exported file has this name."""
+    for frame in run.frames["frame"]:
+        if path.stem in (file_stem(frame), f"{file_stem(frame)}_overlay"):
+            return str(frame)
+    raise InputError(f"{path}: its name is not that of an exported frame; name the frame with --frame")

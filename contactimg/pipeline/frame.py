@@ -14,7 +14,7 @@ from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_im
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.pipeline.measured_frame import FrameTables, MeasuredFrame, SumOfCubes
 from contactimg.pose import Pose
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED
@@ -137,9 +137,13 @@ class FrameOptions:
     relative: float | None = None
     edits: dict[str, tuple[HandEdit, ...]] = field(default_factory=dict)
 
-    def of_frame(self, name: str) -> "FrameOptions":
+    def of_all(self) -> "FrameOptions":
+        """Those that concern all frames."""
+        return replace(self, edits={})
+
+    def of_frame(self, name: str) -> tuple[HandEdit, ...]:
         """Those that concern one frame."""
-        return replace(self, edits={name: self.edits.get(name, ())})
+        return self.edits.get(name, ())
 
 
 def measure_scene_frame(
@@ -181,16 +185,21 @@ def measure_scene_frame(
             optics=optics,
             options=options,
         )
-    return MeasuredFrame(
+    tables = FrameTables(
         contacts_table(measurement, frame.name),
         rejected_table(measurement, frame.name),
+        outlines_table(measurement, frame.name),
+    )
+    return MeasuredFrame(
         frame_row(measurement, frame.name),
         frame.shape,
+        tables,
         measurement.own_optics if len(measurement.disks) else None,
         measurement.level,
-        outlines=outlines_table(measurement, frame.name),
-        film=measurement.film,
-    ).with_choice(choice)
+        choice,
+        measurement.film,
+        SumOfCubes.of(tables.contacts),
+    ).with_remarks(choice or "")
 
 
 def measure_prepared(

@@ -1,6 +1,7 @@
-"""What a scene provides to a computation: its reference, its asperities and its loads."""
+"""What a scene provides to a computation: its reference, its asperities, its loads and their order."""
 
 import logging
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -13,7 +14,9 @@ from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.references import average_references
 from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.cap_shapes import CapShapes
+from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
+from contactimg.prediction import Prescribed
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
@@ -152,3 +155,34 @@ def largest_load(scene: Scene) -> float:
             "the scene states no load; give one, [simulate] loads_N or [images] loads, or --load-N"
         )
     return max(loads)
+
+
+def loads_before(scene: Scene, load: Prescribed, loads: Sequence[Prescribed]) -> tuple[Prescribed, ...]:
+    """The loads on the way to one of several loads.
+
+    Parameters
+    ----------
+    scene : Scene
+        ``[load] path``: first loading, unloading from the largest of the loads, or the loads before.
+    load : float, N, or LoadSpring
+    loads : sequence of float, N, or of LoadSpring
+        All loads of the command.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> loads_before(scene_from_dict({"load": {"path": "unloading"}}), 0.1, [0.1, 0.5, 0.01, 0.2])
+    (0.5, 0.2)
+    """
+    path = scene.load.path
+    if path == "loading":
+        return ()
+    if path != "unloading":
+        return tuple(path)
+    higher = [other for other in loads if type(other) is type(load) and _level(other) > _level(load)]
+    return tuple(sorted(higher, key=_level, reverse=True))
+
+
+def _level(load: Prescribed) -> float:
+    """What orders loads, or displacements of the stage."""
+    return load.displacement if isinstance(load, LoadSpring) else float(load)

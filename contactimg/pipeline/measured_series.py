@@ -1,11 +1,12 @@
-"""A measured series: its tables, a few frames at a time."""
+"""A measured series: its tables, a few frames at a time, and the files that they are written to."""
 
-import logging
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial, reduce
 from operator import or_
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -13,19 +14,30 @@ from numpy.typing import NDArray
 
 from contactimg.effects.local_law import LawEvidence, LawPlan, decide_law
 from contactimg.engine.calls import in_parallel
+from contactimg.files import (
+    EncodedRows,
+    OutputFolder,
+    Run,
+    TableFormat,
+    TableWriter,
+    main_tables,
+    provenance,
+    read_run,
+)
+from contactimg.files.runs import pose_record
 from contactimg.forces import sphere_radii
+from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.pose_and_forces import find_pose, with_forces, with_pose
-from contactimg.pipeline.run import Run
 from contactimg.pose.refine import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
 
-logger = logging.getLogger(__name__)
-
 BLOCK_FRAMES = 20
 """Frames whose tables are made at once. Chosen for memory: 20 frames of 1000 contacts take 6 MB, and each
 process has some blocks waiting."""
+
+_TABLES = (CONTACTS, FRAMES, REJECTED, OUTLINES)
 
 Result = TypeVar("Result")
 
@@ -38,7 +50,7 @@ class MeasuredSeries:
     ----------
     scene : Scene
     parts : sequence of MeasuredFrame
-        In order. Those measured with a store stay there.
+        In order.
     loads : ndarray, shape (n,)
         Load of each frame, N; NaN where it is not known.
     sites : DataFrame or None
@@ -53,30 +65,16 @@ class MeasuredSeries:
     parts: Sequence[MeasuredFrame]
     loads: NDArray[np.float64]
     sites: pd.DataFrame | None
-    pose: PoseFit | None
+    pose: PoseFit | None = None
     workers: int | None = 1
 
-    @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        parts: Sequence[MeasuredFrame],
-        loads: pd.DataFrame,
-        sites: pd.DataFrame | None,
-        shape: tuple[int, int],
-        *,
-        workers: int | None = 1,
-    ) -> "MeasuredSeries":
-        """The series of measured frames with these loads and this usual shape."""
-        # one number at a time: lists of names would be the largest thing in memory
-        load = dict(zip(loads["frame"][::-1], loads["load_N"][::-1], strict=True))
-        load_of_part = (load.get(part.row["frame"], np.nan) for part in parts)
-        series = cls(scene, parts, np.fromiter(load_of_part, float, len(parts)), sites, None, workers)
-        if scene.camera is None:
-            return series
-        counts = (0 if pd.isna(part.row.get("n_contacts")) else part.row["n_contacts"] for part in parts)
-        most = int(np.argmax(np.fromiter(counts, float, len(parts))))
-        return replace(series, pose=find_pose(series._part(most, most + 1)._run(), sites, shape))
+    def posed(self, shape: tuple[int, int]) -> "MeasuredSeries":
+        """The series with the pose that the frame with most contacts gives; frames have this usual shape."""
+        if self.scene.camera is None:
+            return self
+        counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
+        most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
+        return replace(self, pose=find_pose(self._part(most, most + 1)._run(), self.sites, shape))
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
@@ -90,17 +88,9 @@ class MeasuredSeries:
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
         blocks = list(self.blocks())
-        return Run(
-            self.scene,
-            _joined(CONTACTS, blocks),
-            _joined(REJECTED, blocks),
-            _joined(FRAMES, blocks),
-            self.pose,
-            {name: choice for block in blocks for name, choice in block.choices.items()},
-            _joined(OUTLINES, blocks),
-            next((block.law for block in blocks if block.law is not None), None),
-            {name: film for block in blocks for name, film in block.films.items()},
-        )
+        contacts, frames, rejected, outlines = (_joined(schema, blocks) for schema in _TABLES)
+        law = next((block.law for block in blocks if block.law is not None), None)
+        return Run(self.scene, contacts, frames, self.pose, {"rejected": rejected, "outlines": outlines}, law)
 
     @cached_property
     def _law(self) -> LawPlan | None:
@@ -109,12 +99,10 @@ class MeasuredSeries:
             return None
         return decide_law(self.scene, reduce(or_, self._share(_law_evidence)))
 
-    def _share(self, call: Callable[..., Result]) -> Iterator[Result]:
+    def _share(self, call: Callable[["MeasuredSeries"], Result]) -> Iterator[Result]:
         """The results of a function of each block, as a series of its own."""
-        common = replace(self, parts=(), loads=np.empty(0))
-        blocks = ((part.parts, part.loads) for part in self._parts())
         count = -(-len(self.parts) // BLOCK_FRAMES)
-        return in_parallel(partial(call, common), blocks, count=count, workers=self.workers)
+        return in_parallel(call, ((part,) for part in self._parts()), count=count, workers=self.workers)
 
     def _parts(self) -> Iterator["MeasuredSeries"]:
         """The blocks, each as a series."""
@@ -136,34 +124,90 @@ class MeasuredSeries:
 
     def _run(self) -> Run:
         """The run in pixels."""
-        parts = [part.whole() for part in self.parts]
-        frames = FRAMES.conform(pd.DataFrame([part.row for part in parts]))
-        frames = frames.assign(load_N=self.loads)
-        contacts, rejected, outlines = (_joined(schema, parts) for schema in (CONTACTS, REJECTED, OUTLINES))
-        choices = {part.row["frame"]: part.choice for part in parts if part.choice is not None}
-        films = {part.row["frame"]: part.film for part in parts if part.film is not None}
-        return Run(self.scene, contacts, rejected, frames, None, choices, outlines, films=films)
+        tables = [part.tables for part in self.parts]
+        frames = FRAMES.conform(pd.DataFrame([part.row for part in self.parts]))
+        contacts, rejected, outlines = (_joined(schema, tables) for schema in (CONTACTS, REJECTED, OUTLINES))
+        more = {"rejected": rejected, "outlines": outlines}
+        return Run(self.scene, contacts, frames.assign(load_N=self.loads), tables=more)
 
 
-def _law_evidence(
-    series: MeasuredSeries, parts: Sequence[MeasuredFrame], loads: NDArray[np.float64]
-) -> LawEvidence:
+def _law_evidence(block: MeasuredSeries) -> LawEvidence:
     """What a block says of the law of the local forces."""
-    run = replace(series, parts=parts, loads=loads)._located()
-    return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, series.sites))
+    run = block._located()
+    return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, block.sites))
 
 
-def _made_of_block(
-    make: Callable[[Run], Result],
-    law: LawPlan | None,
-    series: MeasuredSeries,
-    parts: Sequence[MeasuredFrame],
-    loads: NDArray[np.float64],
-) -> Result:
+def _made_of_block(make: Callable[[Run], Result], law: LawPlan | None, block: MeasuredSeries) -> Result:
     """What a function makes of a block."""
-    return make(replace(series, parts=parts, loads=loads)._finished(law))
+    return make(block._finished(law))
 
 
 def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:
     """The tables of a schema of several parts as one."""
     return schema.conform(pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True))
+
+
+def write_run(
+    series: MeasuredSeries, folder: Path, table_format: TableFormat = "csv"
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Write contacts, frames, rejected and, if any, outlines, a few frames at a time.
+
+    Returns
+    -------
+    frames : DataFrame
+        The frames table.
+    record : dict
+        What the provenance must state of pose, law of the forces, air film and methods.
+    """
+    record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
+    frames = [FRAMES.empty()]
+    with ExitStack() as stack:
+        tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
+        for encoded, rows, law in series.of_blocks(partial(_encoded, table_format)):
+            for table, part in zip(tables, encoded, strict=True):
+                table.append(part)
+            frames.append(rows)
+            if law:
+                record["law"] = law
+    if not tables[-1].rows:
+        tables[-1].path.unlink()
+    films = [part.film for part in series.parts if part.film is not None]
+    if films:
+        record["film_summary"] = summarise_films(films)
+    for name, matter in (("film", "film"), ("methods", "choice")):
+        said = [(part.row["frame"], getattr(part, matter)) for part in series.parts]
+        record[name] = {frame: asdict(found) for frame, found in said if found is not None}
+    record = {name: value for name, value in record.items() if value}
+    return FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True)), record
+
+
+def _encoded(table_format: TableFormat, run: Run) -> tuple[list[EncodedRows], pd.DataFrame, str]:
+    """The tables of a block as they are written, its frames, and the law of its forces."""
+    rows = [EncodedRows.of(getattr(run, schema.name), schema, table_format) for schema in _TABLES]
+    return rows, run.frames, "" if run.law is None else run.law.sentence()
+
+
+def write_joined_tables(
+    runs: Mapping[str, Path], target: Path, *, command: str, table_format: TableFormat = "csv"
+) -> None:
+    """Write the tables all_contacts and all_frames of several runs, with the name of the run first.
+
+    Parameters
+    ----------
+    runs : mapping
+        Name -> output folder of `process`.
+    target : Path
+        The folder to write, with its provenance.
+    command : str
+        For the provenance.
+    table_format : {"csv", "parquet"}
+    """
+    tables = {name: read_run(folder) for name, folder in runs.items()}
+    record = provenance(command=command, inputs=main_tables(runs.values()))
+    with OutputFolder(target, record, main_files=[f"all_frames.{table_format}"]) as out:
+        for schema in (CONTACTS, FRAMES):
+            parts = [getattr(run, schema.name).assign(run=name) for name, run in tables.items()]
+            columns = {"run": ("str", "name of the folder of frames")} | dict(schema.columns)
+            joined = Schema(f"all_{schema.name}", columns, schema.description)
+            with TableWriter(joined, out.folder, table_format) as table:
+                table.add(pd.concat(parts, ignore_index=True))

@@ -12,12 +12,11 @@ from contactimg.effects.plan import Plan
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import Experiment, FrameSource, write_table
+from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import local_forces
 from contactimg.matching import match_contacts
-from contactimg.pipeline.inputs import contact_sites
-from contactimg.pipeline.loading_path import loads_before
+from contactimg.pipeline.inputs import contact_sites, loads_before
 from contactimg.pipeline.pictures import draw_predicted, series_stretch, view_of, write_picture
-from contactimg.pipeline.run import Run, frame_shift
 from contactimg.plots.overlay import View
 from contactimg.prediction import (
     COMPARED_MODELS,

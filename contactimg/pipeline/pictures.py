@@ -1,7 +1,7 @@
 """Pictures of a run: outlines of the measured contacts on each frame, predictions over them."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameList, FrameSource, write_palette_image
+from contactimg.files import Experiment, FrameSource, write_palette_image
+from contactimg.pipeline.measured_frame import FrameTables
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
 from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
 from contactimg.pose import Pose
-from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
+from contactimg.tables import Status
 from contactimg.tables.contact_kinds import REJECTED_COLOUR, kinds_of_contacts
 from contactimg.tables.outlines import Outline, contact_outlines
 from contactimg.timings import stage
@@ -32,21 +33,6 @@ DIMMED = 0.5
 """Brightness of frames under predictions. Chosen: lines on the rims of bright contacts stand out in print."""
 LEAST_SQUARE_PX = 3.0
 """Half side of the smallest square about a rejected candidate."""
-
-
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """What is drawn on a frame.
-
-    Parameters
-    ----------
-    contacts, outlines, rejected : DataFrame
-        Rows of this frame of the tables of that name.
-    """
-
-    contacts: pd.DataFrame
-    outlines: pd.DataFrame
-    rejected: pd.DataFrame
 
 
 def draw_overlays(
@@ -76,7 +62,7 @@ def draw_overlays(
     folder.mkdir()
     pixel_size = None if series.pose is None else series.pose.pose.pixel_size
     failed = {part.row["frame"] for part in series.parts if part.row["status"] == Status.FAILED}
-    sources = FrameList(source for source in experiment.frames if source.name not in failed)
+    sources = [source for source in experiment.frames if source.name not in failed]
     stretch = series_stretch(sources)
     measured = ((name, shown) for name, shown in _shown(series) if name not in failed)
     jobs = (
@@ -88,17 +74,14 @@ def draw_overlays(
             advance()
 
 
-def _shown(series: MeasuredSeries) -> Iterator[tuple[str, Shown]]:
+def _shown(series: MeasuredSeries) -> Iterator[tuple[str, FrameTables]]:
     """Each frame with what is drawn on it."""
     for block in series.blocks():
-        tables = (block.contacts, block.outlines, block.rejected)
+        tables = (block.contacts, block.rejected, block.outlines)
         groups = [dict(list(table.groupby("frame"))) for table in tables]
-        empty = (CONTACTS.empty(), OUTLINES.empty(), REJECTED.empty())
         for name in block.frames["frame"]:
-            yield (
-                str(name),
-                Shown(*(group.get(name, none) for group, none in zip(groups, empty, strict=True))),
-            )
+            parts = (group.get(name, table[:0]) for group, table in zip(groups, tables, strict=True))
+            yield str(name), FrameTables(*parts)
 
 
 @stage("pictures")
@@ -137,7 +120,7 @@ def view_of(
 
 
 @stage("pictures")
-def _draw_frame(source: FrameSource, shown: Shown, view: View, folder: Path, numbers: bool) -> None:  # noqa: FBT001 - a job
+def _draw_frame(source: FrameSource, shown: FrameTables, view: View, folder: Path, numbers: bool) -> None:  # noqa: FBT001 - a job
     """Read one frame again and draw it."""
     write_picture(draw_measured(source.read().image, shown, view, numbers=numbers), folder, source.name)
 
@@ -147,13 +130,13 @@ def write_picture(picture: Picture, folder: Path, frame: str) -> None:
     write_palette_image(picture.indices, picture.palette, folder / picture_name(frame))
 
 
-def draw_measured(image: NDArray, shown: Shown, view: View, *, numbers: bool = False) -> Picture:
+def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bool = False) -> Picture:
     """Draw contacts, by what their flags say, and rejected candidates on their frame.
 
     Parameters
     ----------
     image : ndarray, shape (rows, columns)
-    shown : Shown
+    shown : FrameTables
     view : View
     numbers : bool
         Whether the label of each contact stands beside it.

@@ -8,10 +8,10 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from contactimg.effects.local_law import LawPlan, plan_law
+from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import LengthScale, fill_forces, sphere_radii
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
-from contactimg.pipeline.run import Run, frame_shift
 from contactimg.pose import Pose
 from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseSearch, fit_pose
 from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere

@@ -12,8 +12,7 @@ from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.models.load_spring import LoadSpring
-from contactimg.pipeline.inputs import need_asperities, scene_asperities
-from contactimg.pipeline.loading_path import loads_before
+from contactimg.pipeline.inputs import loads_before, need_asperities, scene_asperities
 from contactimg.prediction import (
     Coupling,
     Model,

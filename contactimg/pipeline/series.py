@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment, FrameStore, open_experiment
+from contactimg.files import Experiment, PartStore, Run, open_experiment
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 from contactimg.pipeline.background.second_pass import measure_on_background
@@ -19,10 +19,9 @@ from contactimg.pipeline.edits import edits_by_frame
 from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
-from contactimg.pipeline.measured_frame import MeasuredFrame, MeasuredFrames
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
-from contactimg.pipeline.run import Run
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -46,7 +45,7 @@ def measure_series(
     scene : Scene
         From `contactimg.read_scene`, which knows the folder of its files.
     workers : int, optional
-        Processes that share the frames; default one per core, or only this one for fewer than four frames.
+        Processes that share the frames; default: this one, and one per core as soon as that saves time.
     advance : callable, optional
         Called once a frame, in order.
 
@@ -69,7 +68,7 @@ def measure_experiment(
     relative: float | None = None,
     workers: int | None = None,
     advance: Callable[[], None] | None = None,
-    store: FrameStore | None = None,
+    store: PartStore | None = None,
 ) -> Run:
     """Measure every frame of an opened experiment; see `measure_series`.
 
@@ -87,7 +86,7 @@ def measure_parts(
     relative: float | None = None,
     workers: int | None = None,
     advance: Callable[[], None] | None = None,
-    store: FrameStore | None = None,
+    store: PartStore | None = None,
 ) -> MeasuredSeries:
     """Measure every frame of an opened experiment, in little memory if there is a store."""
     scene = experiment.scene
@@ -98,7 +97,10 @@ def measure_parts(
     edits = edits_by_frame(experiment, relative=relative)
     options = FrameOptions(resolved, film_setting(resolved, sites), relative, edits)
     parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance, store=store)
-    return MeasuredSeries.of(scene, parts, experiment.loads, sites, shape, workers=workers)
+    parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
+    loads = experiment.loads.drop_duplicates("frame").set_index("frame")["load_N"]
+    in_order = loads.reindex([part.row["frame"] for part in parts]).to_numpy(float)
+    return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape)
 
 
 def _measure_frames(
@@ -107,13 +109,13 @@ def _measure_frames(
     *,
     workers: int | None,
     advance: Callable[[], None] | None,
-    store: FrameStore | None,
-) -> tuple[MeasuredFrames, tuple[int, int]]:
+    store: PartStore | None,
+) -> tuple[list[MeasuredFrame], tuple[int, int]]:
     """Measure every frame on its own, then again those that need contrast and blur of the others.
 
     Returns
     -------
-    parts : MeasuredFrames
+    parts : list of MeasuredFrame
         In order; a frame that cannot be measured has a row that says why.
     shape : (int, int)
         Rows and columns of the frames.
@@ -124,7 +126,7 @@ def _measure_frames(
         If no frame at all could be measured; the message gives the first reason.
     """
     measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
-    parts = MeasuredFrames()
+    parts: list[MeasuredFrame] = []
     for measured in for_each_frame(experiment, measure, workers=workers, advance=advance, store=store):
         parts.append(MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured)
         parts[-1].log()
@@ -147,7 +149,8 @@ def _measure_frames(
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
         part.log("with the contrast, the blur and the edge of the series: ")
-        parts[k] = part.with_choice(parts[k].choice)
+        choice = parts[k].choice
+        parts[k] = part if choice is None else replace(part, choice=choice).with_remarks(choice)
     return parts, shape
 
 
@@ -217,7 +220,7 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     if part.shape is None or pd.isna(part.row["n_contacts"]):
         return False
     own, cubes = part.relative_optics, part.cubes
-    if own is None or not cubes.contacts:
+    if own is None or cubes is None or not cubes.contacts:
         return True
     common = np.array([cubes.contrast, cubes.blur])
     gain = gain_of_pooling(common, cubes.own, own, pooled, edge_part=cubes.edge)
@@ -231,7 +234,7 @@ def _lacks_edge(own: SharedOptics, pooled: SharedOptics) -> bool:
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 
-def _refuse_other_sizes(parts: MeasuredFrames) -> tuple[int, int]:
+def _refuse_other_sizes(parts: list[MeasuredFrame]) -> tuple[int, int]:
     """Make failures of the frames of an unusual size, and return the usual one."""
     sizes = Counter(part.shape for part in parts if part.shape is not None)
     if not sizes:

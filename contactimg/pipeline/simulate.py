@@ -16,8 +16,7 @@ from contactimg.errors import InputError
 from contactimg.files import SCENE_FILE, write_frame, write_scene, write_table
 from contactimg.frame import Frame
 from contactimg.optics.render_settings import read_render_settings
-from contactimg.pipeline.inputs import contact_sites
-from contactimg.pipeline.loading_path import loads_before
+from contactimg.pipeline.inputs import contact_sites, loads_before
 from contactimg.prediction import make_mechanical_plan, predict_contacts, with_memory
 from contactimg.render import render_contacts, render_reference, render_smooth_contact
 from contactimg.scene import Scene

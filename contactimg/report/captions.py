@@ -2,16 +2,16 @@
 
 import pandas as pd
 
-from contactimg.files import RunFolder
+from contactimg.files import Run
 from contactimg.plots.numbers import number_with_std, plain_number
 
 
-def frame_caption(run: RunFolder, frame: str) -> str:
+def frame_caption(run: Run, frame: str) -> str:
     """What is seen on a frame: its load, contacts and area.
 
     Parameters
     ----------
-    run : RunFolder
+    run : Run
     frame : str
         Of the table of frames.
     """
@@ -25,12 +25,12 @@ def frame_caption(run: RunFolder, frame: str) -> str:
     return f"{', '.join(parts)}; status {row['status']}."
 
 
-def comparison_caption(run: RunFolder, frame: str) -> str:
+def comparison_caption(run: Run, frame: str) -> str:
     """What is seen on a frame with predictions.
 
     Parameters
     ----------
-    run : RunFolder
+    run : Run
     frame : str
         Of the table of frames.
     """

@@ -15,7 +15,7 @@ from contactimg.analysis.power_laws import PowerLaw
 from contactimg.errors import InputError
 from contactimg.files import (
     PROVENANCE_FILE,
-    RunFolder,
+    Run,
     finish_commit,
     read_calibration,
     read_records,
@@ -23,7 +23,7 @@ from contactimg.files import (
     read_run_table,
     read_table,
 )
-from contactimg.files.table_hashes import is_out_of_date
+from contactimg.files.runs import is_out_of_date
 from contactimg.pipeline.pictures import picture_name
 from contactimg.plots import caption_of
 from contactimg.report.captions import comparison_caption, frame_caption
@@ -69,7 +69,7 @@ class Contents:
 
     Parameters
     ----------
-    run : RunFolder
+    run : Run
     flags : DataFrame
         ``flag, count, share``: flags that occur, and how many contacts carry each.
     rejected : DataFrame
@@ -88,7 +88,7 @@ class Contents:
         For each output that was made from other tables than the run holds now, a sentence that says so.
     """
 
-    run: RunFolder
+    run: Run
     flags: pd.DataFrame
     rejected: pd.DataFrame
     failed: pd.DataFrame
@@ -215,7 +215,7 @@ def _refusal(output: _Output) -> str:
     )
 
 
-def _part(output: _Output, run: RunFolder, max_pictures: int, embedder: PictureEmbedder) -> Part:
+def _part(output: _Output, run: Run, max_pictures: int, embedder: PictureEmbedder) -> Part:
     """Pictures and table of a command."""
     place = output.place
     if output.kind == "overlay":
@@ -247,7 +247,7 @@ def _numbers(record: Mapping[str, Any]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["quantity", "value", "std", "unit"])
 
 
-def _used_calibration(run: RunFolder) -> list[Part]:
+def _used_calibration(run: Run) -> list[Part]:
     """The calibration that the run was measured with, from its provenance."""
     used = run.provenance["configuration"].get("options", {}).get("calibration")
     return (
@@ -284,7 +284,7 @@ def _rejected(folder: Path) -> pd.DataFrame:
     return table.groupby("reason", as_index=False).size().rename(columns={"size": "count"})
 
 
-def _area_law(run: RunFolder) -> PowerLaw | None:
+def _area_law(run: Run) -> PowerLaw | None:
     """The power law of area against load, if the run has enough loads."""
     try:
         lens = None if run.scene is None else run.scene.indenter

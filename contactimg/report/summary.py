@@ -11,7 +11,7 @@ from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.threshold import load_slope
 from contactimg.errors import InputError
-from contactimg.files import RunFolder
+from contactimg.files import Run
 from contactimg.plots.numbers import number_with_interval, number_with_std, plain_number
 from contactimg.report.units import display_unit
 from contactimg.scene import Scene
@@ -76,12 +76,12 @@ class Exponent:
     n_points: int
 
 
-def summarise(run: RunFolder, exponent: Exponent | None, others: list[str]) -> Summary:
+def summarise(run: Run, exponent: Exponent | None, others: list[str]) -> Summary:
     """The words of the first page.
 
     Parameters
     ----------
-    run : RunFolder
+    run : Run
     exponent : Exponent or None
     others : list of str
         Warnings about outputs of other commands.
@@ -93,7 +93,7 @@ def summarise(run: RunFolder, exponent: Exponent | None, others: list[str]) -> S
     return Summary(_title(run), _facts(run), _headlines(run, exponent), warnings)
 
 
-def _title(run: RunFolder) -> str:
+def _title(run: Run) -> str:
     """The bodies and the number of frames."""
     count = len(run.frames)
     number = "one frame" if count == 1 else f"{count} frames"
@@ -122,7 +122,7 @@ def _range_of(values: pd.Series, form: str, factor: float) -> str:
     return form.format(" to ".join(ends))
 
 
-def _facts(run: RunFolder) -> list[tuple[str, str]]:
+def _facts(run: Run) -> list[tuple[str, str]]:
     """What was measured, and how."""
     scene, facts = run.scene, list[tuple[str, str]]()
     if scene is not None:
@@ -159,7 +159,7 @@ def _rubber(scene: Scene) -> list[tuple[str, str]]:
     return [("Rubber", ", ".join(parts))]
 
 
-def _size(run: RunFolder) -> str:
+def _size(run: Run) -> str:
     """Size of the frames and of a pixel, where the run knows them."""
     pose = run.provenance.get("pose")
     if not pose:
@@ -168,7 +168,7 @@ def _size(run: RunFolder) -> str:
     return f" of {pose['columns']} × {pose['rows']} pixels, {pixel} µm per pixel"
 
 
-def _method(run: RunFolder, scene: Scene) -> str:
+def _method(run: Run, scene: Scene) -> str:
     """How contacts were measured."""
     method = "disks fitted to the image" if scene.measure.method == "disk" else "pixels above a threshold"
     if scene.measure.method != "disk":
@@ -185,7 +185,7 @@ def _method(run: RunFolder, scene: Scene) -> str:
     return f"{method}; {reference}{seen}."
 
 
-def _headlines(run: RunFolder, exponent: Exponent | None) -> list[Headline]:
+def _headlines(run: Run, exponent: Exponent | None) -> list[Headline]:
     """The numbers that matter."""
     frames, found = run.frames, list[Headline]()
     if exponent is not None:
@@ -218,7 +218,7 @@ def _areas(frames: pd.DataFrame) -> tuple[str, str]:
     return f"{low} to {text} {unit}", "real contact area, smallest and largest"
 
 
-def _force_slope(run: RunFolder) -> CoverageEstimate | None:
+def _force_slope(run: Run) -> CoverageEstimate | None:
     """Slope of the sums of the local forces against the loads; None where there are none."""
     if run.scene is None or run.scene.elastic is None or run.command == "predict":
         return None
@@ -236,7 +236,7 @@ def _force_slope(run: RunFolder) -> CoverageEstimate | None:
         return None
 
 
-def _changed(run: RunFolder) -> list[str]:
+def _changed(run: Run) -> list[str]:
     """Tables that were changed after the run."""
     if not run.changed:
         return []

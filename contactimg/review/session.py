@@ -20,7 +20,7 @@ from contactimg.files import (
     EditsFile,
     Experiment,
     FrameSource,
-    FrameStore,
+    PartStore,
     edits_file,
     open_experiment,
     provenance,
@@ -29,9 +29,9 @@ from contactimg.files import (
 )
 from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
 from contactimg.pipeline.edits import check_frames, edits_by_frame
+from contactimg.pipeline.measured_series import write_run
 from contactimg.pipeline.pictures import series_stretch
 from contactimg.pipeline.series import measure_parts
-from contactimg.pipeline.written_run import write_run
 from contactimg.review.contact_window import contact_window
 from contactimg.review.curves import ThresholdCurves
 from contactimg.review.frame_light import FrameLight, measure_alone
@@ -284,7 +284,7 @@ class Session:
             self._measure_first(experiment, number)
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)
         top = Path(self._scratch.name)
-        store = FrameStore(top / "frames", record, resumes=False)
+        store = PartStore(top / "frames", record, resumes=False)
         series = measure_parts(experiment, workers=self._workers, advance=advance, store=store)
         folder = top / f"tables_{self.jobs.state.number}"
         folder.mkdir()

@@ -64,8 +64,8 @@ class ShownTables:
     def of_part(cls, part: MeasuredFrame) -> "ShownTables":
         """Those of one frame, which are in no folder."""
         name, row = str(part.row["frame"]), FRAMES.conform(pd.DataFrame([part.row]))
-        contacts, rejected, outlines = part.contacts, part.rejected, part.outlines
-        return cls(Path(), {name: contacts}, {name: rejected}, {name: outlines}, row)
+        tables = part.tables
+        return cls(Path(), {name: tables.contacts}, {name: tables.rejected}, {name: tables.outlines}, row)
 
     def of_frame(self, name: str) -> dict[str, Any]:
         """Contacts, rejected candidates, outlines and the row of one frame, for the page."""

@@ -118,7 +118,7 @@ def test_killed_again_while_the_commit_is_completed(tmp_path):
 
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_asked_to_end_before_any_file_operation(tmp_path, stop):
-    from contactimg.files.signals import ending_cleanly
+    from contactimg.engine.processes import ending_cleanly
 
     def work(out):
         with ending_cleanly():
@@ -154,8 +154,8 @@ def test_a_commit_that_cannot_be_completed_is_one_sentence(tmp_path):
     out = tmp_path / "out"
     write(out, OLD)
     (out / PENDING_FOLDER).mkdir()
-    (out / PENDING_FOLDER / ".journal.json").write_text('{"new": ["../x"], "foreign": [], "old": []}')
-    with pytest.raises(InputError, match=r"journal\.json: is damaged; delete .* and repeat the run"):
+    (out / PENDING_FOLDER / "provenance.json").write_text(json.dumps(RECORD | {"outputs": ["../x"]}))
+    with pytest.raises(InputError, match=r"provenance\.json: is damaged; delete .* and repeat the run"):
         finish_commit(out)
 
 

@@ -18,8 +18,8 @@ from contactimg.engine import cluster as cluster_module
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import PATIENCE_VARIABLE, ClusterError, on_cluster
 from contactimg.files import open_experiment, read_scene
+from contactimg.pipeline.analyse.group_by_load import predict_places
 from contactimg.pipeline.analyse.places import open_place
-from contactimg.pipeline.analyse.predicted_places import predict_places
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.simulate import write_simulation
@@ -147,12 +147,12 @@ def test_no_call_waits_for_a_result_that_a_worker_may_lose(parts, tmp_path):
         call = partial(slow_square, tmp_path)
         results = in_parallel(call, [(k,) for k in range(30)], count=30, workers=None)
         assert next(results) == 0
-        needed, plugins = cluster._client.run_on_scheduler(look)
+        needed, plugins = cluster.client.run_on_scheduler(look)
         assert needed
         assert not any(needed)
         assert len(plugins) == 1
         assert list(results) == [k**2 for k in range(1, 30)]
-        assert cluster._client.run_on_scheduler(look)[1] == []
+        assert cluster.client.run_on_scheduler(look)[1] == []
 
 
 def test_the_client_killed_and_the_run_taken_up(parts, series, tmp_path, capfd):

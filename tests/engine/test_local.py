@@ -9,8 +9,9 @@ import pytest
 from small_series import copy_of
 
 from contactimg import read_scene
-from contactimg.engine import local
+from contactimg.engine import calls
 from contactimg.engine.calls import in_parallel
+from contactimg.engine.processes import ending_cleanly
 from contactimg.errors import ContactimgError
 from contactimg.files import open_experiment
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
@@ -77,11 +78,46 @@ def test_without_a_replacement_the_error_is_raised_and_the_processes_work_again(
 
 
 def test_calls_that_all_end_their_process_are_not_tried_for_ever(monkeypatch):
-    monkeypatch.setattr(local, "MOST_FAILURES", 3)
+    monkeypatch.setattr(calls, "MOST_FAILURES", 3)
     given_up = []
     with pytest.raises(ContactimgError, match="a worker process was ended from outside"):
         squares(partial(deadly_square, set(range(COUNT))), lambda _error, number: given_up.append(number))
     assert len(given_up) == 2
+
+
+def process_of(seconds):
+    """The number of the process that a call was made in."""
+    time.sleep(seconds)
+    return os.getpid()
+
+
+def is_running(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_by_default_processes_are_started_only_if_that_saves_time(monkeypatch):
+    def processes(count, seconds):
+        with ending_cleanly():
+            return list(in_parallel(process_of, [(seconds,)] * count, count=count, workers=None))
+
+    monkeypatch.setattr(calls, "cpu_count", lambda: 2)
+    # at most 5 x 0.02 s x (1 - 1/2) = 0.05 s could be saved
+    assert set(processes(6, 0.02)) == {os.getpid()}
+    monkeypatch.setattr(calls, "START_SECONDS", 0.1)
+    found = processes(40, 0.02)  # 38 x 0.02 s x 1/2 = 0.38 s
+    assert found[:2] == [os.getpid()] * 2
+    assert os.getpid() not in found[2:]
+
+
+def test_processes_end_with_the_command():
+    with ending_cleanly():
+        found = set(in_parallel(process_of, [(0.05,)] * 8, count=8, workers=2))
+        assert all(map(is_running, found))
+    assert not any(map(is_running, found))
 
 
 def test_a_frame_that_ends_its_process_fails_and_the_others_are_kept(small_series, tmp_path):

@@ -9,7 +9,7 @@ from small_series import SCENE, copy_of
 
 from contactimg.files import (
     FrameSource,
-    FrameStore,
+    PartStore,
     open_experiment,
     provenance,
     read_scene,
@@ -163,7 +163,7 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(measuring, "measure_scene_frame", counting)
         for _ in range(2):
-            store = FrameStore(tmp_path / "store", record, resumes=False)
+            store = PartStore(tmp_path / "store", record, resumes=False)
             runs.append(measure_experiment(experiment, workers=1, store=store))
             calls.append("end")
     assert calls.index("end") >= 7

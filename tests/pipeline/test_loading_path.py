@@ -4,15 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from contactimg.files import Run
+from contactimg.pipeline.analyse.group_by_load import predict_places
 from contactimg.pipeline.analyse.places import Place
-from contactimg.pipeline.analyse.predicted_places import predict_places
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.overlay import compare_run
-from contactimg.pipeline.run import Run
 from contactimg.pose.refine import PoseFit
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
-from contactimg.tables import CONTACTS, FRAMES, LOADS, REJECTED, Status
+from contactimg.tables import CONTACTS, FRAMES, LOADS, Status
 
 LOW, HIGH = 1e-3, 2e-2
 
@@ -56,7 +56,7 @@ def area(scene, asperities):
 
 def test_overlay_follows_the_path(scene, asperities, frames, area):
     pose = PoseFit(scene.pose((340, 360)), fitted=False, n_points=0, n_matched=0, residual=np.nan)
-    run = Run(scene, CONTACTS.empty(), REJECTED.empty(), frames, pose)
+    run = Run(scene, CONTACTS.empty(), frames, pose)
     predicted = compare_run(run, asperities).predicted["a.tif"]["coupled"]
     assert predicted["area_m2"].sum() == pytest.approx(area, rel=1e-9)
 

@@ -7,7 +7,8 @@ import pytest
 
 from contactimg.files import write_palette_image
 from contactimg.pipeline import pictures
-from contactimg.pipeline.pictures import Shown, draw_measured, draw_predicted
+from contactimg.pipeline.measured_frame import FrameTables
+from contactimg.pipeline.pictures import draw_measured, draw_predicted
 from contactimg.plots import COUPLED, MEASURED
 from contactimg.plots.overlay import GREYS, Layer, View, draw_overlay, grey_indices
 from contactimg.pose import Pose
@@ -36,7 +37,7 @@ def contacts(flags):
 
 def shown(flags, rejected=()):
     table = pd.DataFrame(rejected, columns=["x_px", "y_px", "radius_px"]).assign(frame="a", reason="dust: 1")
-    return Shown(contacts(flags), OUTLINES.empty(), REJECTED.conform(table))
+    return FrameTables(contacts(flags), REJECTED.conform(table), OUTLINES.empty())
 
 
 def share_of(picture, colour):

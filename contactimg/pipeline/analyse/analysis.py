@@ -18,10 +18,14 @@ from contactimg.analysis.power_laws import PowerLaw, fit_power_law
 from contactimg.analysis.sliding import stress_by_velocity
 from contactimg.errors import ConvergenceError, InputError
 from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
-from contactimg.pipeline.analyse.comparable import warn_of_differences
-from contactimg.pipeline.analyse.group_by_load import group_frames, joined, usable_frames
-from contactimg.pipeline.analyse.places import Place
-from contactimg.pipeline.analyse.predicted_places import has_models, predict_places
+from contactimg.pipeline.analyse.group_by_load import (
+    group_frames,
+    has_models,
+    joined,
+    predict_places,
+    usable_frames,
+)
+from contactimg.pipeline.analyse.places import Place, warn_of_differences
 from contactimg.prediction import COMPARED_MODELS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 

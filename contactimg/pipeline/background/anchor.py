@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.files import Experiment, FrameStore
+from contactimg.files import Experiment, PartStore
 from contactimg.frame import Frame
 from contactimg.imaging.background.find_illumination import BackgroundLevel
 from contactimg.imaging.background.pooled.views import Placement, place_frame
@@ -37,7 +37,7 @@ class Series:
         As for `contactimg.engine.calls.in_parallel`.
     reference_fault : str
         Why the reference is not used; empty if it is, or if there is none.
-    store : FrameStore, optional
+    store : PartStore, optional
         As for `contactimg.pipeline.parallel.for_each_frame`.
     """
 
@@ -46,7 +46,7 @@ class Series:
     parts: Sequence[MeasuredFrame]
     workers: int | None
     reference_fault: str = ""
-    store: FrameStore | None = None
+    store: PartStore | None = None
 
     @property
     def sign(self) -> int:

@@ -90,7 +90,7 @@ def look_of(part: MeasuredFrame, options: FrameOptions) -> Look:
     """The contacts of a frame, to be divided out if their optics are known, else to be left out."""
     contacts, optics = part.contacts, part.own_optics
     places = contacts[["x_px", "y_px", "radius_px"]].to_numpy(float)
-    rejected = part.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float)
+    rejected = part.tables.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float)
     hidden = rejected[np.isfinite(rejected).all(axis=1)] + np.array([0.0, 0.0, HIDDEN_PX])
     known = optics is not None and np.isfinite([optics.blur_px, optics.contrast]).all() and part.level > 0
     contrast = np.sign(part.row["contrast"]) * optics.contrast / part.level if known and optics else np.nan

@@ -1,14 +1,13 @@
 """Measure a frame on the background that the other frames of its series show."""
 
-import hashlib
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.files.records import encode
+from contactimg.files import fingerprint
 from contactimg.frame import Frame
 from contactimg.imaging.background.pooled.rims import RimHistory, Rims
 from contactimg.imaging.background.pooled.sums import PooledBackground
@@ -39,11 +38,15 @@ class Pool:
     def _digest(self) -> str:
         """Of everything but the options."""
         parts = [getattr(self, field.name) for field in fields(self) if field.name != "options"]
-        return hashlib.sha256(encode(parts).encode()).hexdigest()
+        return fingerprint(parts)
+
+    def of_all(self) -> tuple[Any, ...]:
+        """What the measurement of every frame depends on, in short."""
+        return self._digest, self.options.of_all()
 
     def of_frame(self, name: str) -> tuple[Any, ...]:
-        """What the measurement of one frame depends on, in short."""
-        return self._digest, self.options.of_frame(name)
+        """What concerns one frame."""
+        return self.options.of_frame(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +94,7 @@ def measure_on_pool(
     measured = measure_scene_frame(frame, background.mean(), optics, options=options)
     measured = _with_excess(measured, background, pool, but=None if own is None else own.number)
     said = _describe(first.part, measured, int(np.median(background.count[::4, ::4])), pool.source)
-    message = "; ".join(text for text in (measured.row["message"], said, first.remark) if text)
-    return replace(measured, row=measured.row | {"message": message})
+    return measured.with_remarks(said, first.remark)
 
 
 def _describe(before: MeasuredFrame, after: MeasuredFrame, views: int, source: str) -> str:
@@ -129,4 +131,4 @@ def _with_excess(
     shared = np.sum(shifts.fillna(0.0).to_numpy(float) ** 2, axis=1)
     own = np.maximum(rims.radius_std**2 - shared, 0.0)
     std = np.where(own > 0, np.sqrt(shared + own * factor), rims.radius_std)
-    return replace(measured, contacts=contacts.assign(radius_std_px=std))
+    return measured.with_contacts(contacts.assign(radius_std_px=std))

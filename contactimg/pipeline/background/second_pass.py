@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import FrameError
-from contactimg.files import Experiment, FrameStore
+from contactimg.files import Experiment, PartStore
 from contactimg.frame import Frame
 from contactimg.pipeline.background.anchor import Series
 from contactimg.pipeline.background.looks import is_measured
 from contactimg.pipeline.background.pooling import SeriesBackground, pool_views
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
-from contactimg.pipeline.measured_frame import MeasuredFrame, MeasuredFrames
+from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
 from contactimg.scene import Scene
 
@@ -38,27 +38,27 @@ the noise is known to 0.6 %."""
 def measure_on_background(
     experiment: Experiment,
     options: FrameOptions,
-    parts: MeasuredFrames,
+    parts: list[MeasuredFrame],
     *,
     workers: int | None,
-    store: FrameStore | None = None,
-) -> tuple[MeasuredFrames, SeriesBackground | None]:
+    store: PartStore | None = None,
+) -> tuple[list[MeasuredFrame], SeriesBackground | None]:
     """Measure the frames of a series again, on the background that they show together.
 
     Parameters
     ----------
     experiment : Experiment
     options : FrameOptions
-    parts : MeasuredFrames
+    parts : list of MeasuredFrame
         The frames as measured with the reference of the scene, or without one.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
-    store : FrameStore, optional
+    store : PartStore, optional
         As for `contactimg.pipeline.parallel.for_each_frame`.
 
     Returns
     -------
-    parts : MeasuredFrames
+    parts : list of MeasuredFrame
         As given where the background could not be pooled or, unless the scene asks for it, gains nothing.
     background : SeriesBackground or None
         None if ``parts`` are as given.
@@ -77,7 +77,7 @@ def measure_on_background(
     if background is None:
         return parts, None
     numbers = array("q", (k for k, part in enumerate(series.parts) if is_measured(part)))
-    jobs, again = Jobs(experiment.frames, numbers, background.arguments), MeasuredFrames(series.parts)
+    jobs, again = Jobs(experiment.frames, numbers, background.arguments), list(series.parts)
     second = for_each_frame(experiment, background.measure, jobs, workers=workers, store=store)
     ratios = array("d")
     for k, part in zip(numbers, second, strict=True):
@@ -101,10 +101,10 @@ def _without_reference(series: Series, ghosts: int) -> Series:
     call = partial(_measure_alone, options=series.options)
     jobs = Jobs(series.experiment.frames)
     new = for_each_frame(series.experiment, call, jobs, workers=series.workers, store=series.store)
-    parts = MeasuredFrames(
+    parts = [
         old if isinstance(part, FailedFrame) or not is_measured(old) else part
         for old, part in zip(series.parts, new, strict=True)
-    )
+    ]
     return replace(series, parts=parts, reference_fault=fault)
 
 
@@ -113,7 +113,7 @@ def _measure_alone(frame: Frame, _reference: NDArray | None, *, options: FrameOp
     return measure_scene_frame(frame, None, options=options)
 
 
-def _is_wanted(scene: Scene, parts: MeasuredFrames) -> bool:
+def _is_wanted(scene: Scene, parts: list[MeasuredFrame]) -> bool:
     """Whether the scene asks for a pooled background, or leaves the choice and the series is long enough."""
     wish, count = scene.images.background, sum(is_measured(part) for part in parts)
     if wish == "auto":

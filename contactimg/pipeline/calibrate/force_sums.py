@@ -1,4 +1,4 @@
-"""What the calibrations of rough contacts share: frames with a load, the stated modulus, force sums."""
+"""Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
 
 from collections.abc import Mapping
 from typing import Any, TypedDict
@@ -6,15 +6,21 @@ from typing import Any, TypedDict
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
-from contactimg.calibration.threshold import load_slope
+from contactimg.calibration.modulus import calibrate_modulus
+from contactimg.calibration.plateau import Plateau, find_plateau
+from contactimg.calibration.threshold import ThresholdCalibration, calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
-from contactimg.pipeline.calibrate.result import Calibrated
-from contactimg.pipeline.calibrate.threshold_scan import ThresholdSeries
+from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, ThresholdSeries, measure_thresholds
 from contactimg.pipeline.series import measure_experiment
+from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
+from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
+from contactimg.plots.numbers import number_with_interval, plain_number
 from contactimg.tables import FORCE_SUMS, THRESHOLD_CURVE, Schema
 
 
@@ -116,3 +122,221 @@ def force_sum_result(
     if curve is not None:
         tables["curve.csv"] = (THRESHOLD_CURVE, pd.DataFrame(curve))
     return Calibrated(record, tables, figures, record["notes"], failed=len(series.failed) > 0)
+
+
+def run_threshold(
+    experiment: Experiment, *, workers: int | None = None, advance: Advance = None
+) -> Calibrated:
+    """The threshold of slope 1 on a sample of known modulus; for the disk method, its slope as a check.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with the modulus and its uncertainty, and asperities of known radii.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+
+    Raises
+    ------
+    InputError
+        If no threshold brackets slope 1 and the method is "threshold", or no force is known.
+    """
+    scene, relative = experiment.scene, modulus_relative_std(experiment)
+    scene.need("elastic", "calibrating the threshold")
+    series = frames_with_load(measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance))
+    load = series.frames["load_N"].to_numpy(float)
+    errors = common_errors(experiment, load, relative=relative)
+    notes = frame_messages(series) + cell_notes(experiment, load)
+    record: dict[str, Any] = {
+        "kind": "threshold",
+        "method": scene.measure.method,
+        "fixed": {"young_modulus": stated_modulus(experiment).record("Pa")},
+    }
+    slopes = [load_slope(row, load, **errors) for row in series.forces]
+    stds = np.array([slope.std for slope in slopes])
+    values = _plausible(np.array([slope.value for slope in slopes]), stated_modulus(experiment).value)
+    forces, found, threshold, slope = np.full(len(load), np.nan), None, np.nan, None
+    try:
+        found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
+        forces, threshold, slope = found.forces, found.threshold.value, found.slope
+        record |= _found_record(found, modulus_relative_std(experiment))
+    except InputError as error:
+        if scene.measure.method != "disk":
+            raise
+        notes.append(str(error))
+    if scene.measure.method == "disk":
+        slope, forces = disk_slope(experiment, series, errors, workers)
+        record["slope"] = slope.record("1")
+        notes.append(
+            f"method disk: the slope {slope.value:.4f} is a check, no threshold changes it; "
+            'the threshold found holds for method = "threshold" only'
+        )
+    record["fitted"] = ["threshold"] if found is not None else []
+    record["quality"] = slope_quality(load, forces, record["slope"]["value"])
+    record["notes"] = notes
+    areas = series.areas.sum(axis=1)
+    curve = {"threshold": series.thresholds, "slope": values, "slope_std": stds, "area_m2": areas}
+    figures = {
+        "slope_threshold": plot_slopes(series.thresholds, values, stds, found=threshold, areas=areas),
+        "forces": plot_forces(load, forces, slope=slope),
+    }
+    return force_sum_result(record, series, forces, figures, curve=curve)
+
+
+def _plausible(slopes: NDArray[np.float64], young_modulus: float) -> NDArray[np.float64]:
+    """The slopes; refused if even the one closest to 1 is far from it."""
+    closest = float(slopes[np.argmin(np.abs(np.log(np.maximum(slopes, np.finfo(float).tiny))))])
+    most = MAX_SCANNED_FORCES_OVER_LOAD
+    settle(doubts_about_forces(slope=closest, young_modulus=young_modulus, most=most), "the calibration")
+    return slopes
+
+
+def _found_record(found: ThresholdCalibration, modulus_std: float) -> dict[str, Any]:
+    """Threshold and slope, and how the errors of threshold and modulus (relative) go together."""
+    # a modulus that is too large makes the forces and with them the threshold too large
+    share = modulus_std / found.slope.std if found.slope.std else 0.0
+    return {
+        "threshold": found.threshold.record("1"),
+        "slope": found.slope.record("1"),
+        "correlation": {"threshold, young_modulus": min(share, 1.0)},
+    }
+
+
+def run_modulus(
+    experiment: Experiment,
+    *,
+    threshold: CoverageEstimate | None,
+    workers: int | None = None,
+    advance: Advance = None,
+) -> Calibrated:
+    """The modulus of slope 1 at a threshold that is kept; for the disk method, without one.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with asperities of known radii; its modulus and uncertainty are those measured before.
+    threshold : CoverageEstimate or None
+        The calibrated threshold; None for the disk method.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+    """
+    levels = THRESHOLDS if threshold is None else threshold.value + np.array([-0.02, 0.0, 0.02])
+    if levels.min() <= 0 or levels.max() >= 1:
+        raise InputError(f"the threshold must lie between 0.02 and 0.98, got {threshold}")
+    series = frames_with_load(measure_thresholds(experiment, levels, workers=workers, advance=advance))
+    load = series.frames["load_N"].to_numpy(float)
+    measured, steepness = stated_modulus(experiment), 0.0
+    if threshold is None:
+        _, forces = disk_slope(experiment, series, common_errors(experiment, load), workers)
+    else:
+        forces = series.forces[1]
+        low, high = (load_slope(series.forces[k], load).value for k in (0, 2))
+        steepness = abs(high - low) / 0.04 / max(load_slope(forces, load).value, 1e-12)
+    found = calibrate_modulus(
+        forces,
+        load,
+        young_modulus=measured.value,
+        young_modulus_std=measured.std,
+        **common_errors(experiment, load, relative=0.0 if threshold is None else steepness * threshold.std),
+    )
+    settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
+    notes = frame_messages(series) + cell_notes(experiment, load) + ([found.message] if found.message else [])
+    record: dict[str, Any] = {
+        "kind": "modulus",
+        "method": "disk" if threshold is None else "threshold",
+        "young_modulus": found.young_modulus.record("Pa"),
+        "slope": found.slope.record("1"),
+        "fixed": {"young_modulus_measured": measured.record("Pa")},
+        "fitted": ["young_modulus"],
+        "compatible": found.compatible,
+        "distance_std": found.distance,
+    }
+    if threshold is not None:
+        record["threshold"] = threshold.record("1")
+        record["fixed"]["threshold"] = threshold.record("1")
+    tuned = forces * found.young_modulus.value / measured.value
+    record["quality"] = slope_quality(load, tuned, 1.0)
+    record["notes"] = notes
+    fitted = [f"E = {number_with_interval(found.young_modulus, factor=1e-6)} MPa"]
+    return force_sum_result(record, series, tuned, {"forces": plot_forces(load, tuned, fitted=fitted)})
+
+
+def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
+    """The two thresholds between which the total area changes marginally, and areas with error bars.
+
+    Parameters
+    ----------
+    experiment : Experiment
+        Of a scene with a camera; loads are not needed.
+    workers : int, optional
+    advance : callable, optional
+
+    Returns
+    -------
+    Calibrated
+    """
+    series = measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance)
+    found = find_plateau(series.thresholds, series.areas)
+    notes = frame_messages(series)
+    if not found.marginal:
+        notes.append(
+            f"no plateau proper: the area falls by {found.relative_fall:.0%} between {found.threshold_low:g} "
+            f"and {found.threshold_high:g}, more than marginally (20 %)"
+        )
+    record = _record(found, float(np.diff(series.thresholds).max()) / 12**0.5, notes)
+    table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
+    rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
+    curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
+    figure = plot_plateau(
+        series.thresholds,
+        series.areas,
+        low=found.threshold_low,
+        high=found.threshold_high,
+        names=_curve_names(series.frames),
+        fall_rates=rate,
+    )
+    columns = [name for name in FORCE_SUMS.columns if name in table]
+    return Calibrated(
+        record,
+        {"curve.csv": (THRESHOLD_CURVE, pd.DataFrame(curve)), "areas.csv": (FORCE_SUMS, table[columns])},
+        {"plateau": figure},
+        notes,
+        failed=len(series.failed) > 0,
+    )
+
+
+def _record(found: Plateau, step: float, notes: list[str]) -> dict[str, Any]:
+    """What ``calibration.json`` says of a plateau whose ends are known to a step of the thresholds."""
+    exact = {
+        "threshold_low": found.threshold_low,
+        "threshold_high": found.threshold_high,
+        "threshold": found.threshold,
+    }
+    record: dict[str, Any] = {
+        name: CoverageEstimate.of_normal(value, step).record("1") for name, value in exact.items()
+    }
+    return record | {
+        "kind": "plateau",
+        "method": "threshold",
+        "definition": "thresholds about the slowest fall of the total area A between which "
+        "|d ln A/d threshold| is at most 1.5 times its smallest value",
+        "fixed": {},
+        "fitted": ["threshold_low", "threshold_high", "threshold"],
+        "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
+        "notes": notes,
+    }
+
+
+def _curve_names(frames: pd.DataFrame) -> list[str]:
+    """The loads of the frames; their names where these are not known."""
+    known = frames["load_N"].notna()
+    loads = [f"P = {plain_number(1e3 * load)} mN" for load in frames["load_N"]]
+    return np.where(known, loads, frames["frame"].astype(str)).tolist()

@@ -1,4 +1,4 @@
-"""`calibrate jkr`: modulus and work of adhesion from the circles of a smooth contact."""
+"""`calibrate jkr`: modulus and work of adhesion from the circles of a smooth contact, with notes on them."""
 
 from dataclasses import asdict, replace
 from typing import Any
@@ -10,22 +10,23 @@ from matplotlib.axes import Axes
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.jkr import JkrCalibration, calibrate_jkr, check_loads
-from contactimg.calibration.jkr_uncertainties import ALLOWED, UncertaintySource, jkr_uncertainties
+from contactimg.calibration.jkr_departures import HYSTERESIS
+from contactimg.calibration.jkr_uncertainties import (
+    ALLOWED,
+    UncertaintySource,
+    jkr_uncertainties,
+    suggested_layer,
+)
 from contactimg.files import Experiment
 from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
-from contactimg.pipeline.calibrate.circles import (
-    CircleSeries,
-    mean_astigmatism,
-    mean_centre,
-    measure_circles,
-)
-from contactimg.pipeline.calibrate.jkr_notes import calibration_notes
+from contactimg.pipeline.calibrate.circles import CircleSeries, mean_astigmatism, mean_centre, measure_circles
 from contactimg.pipeline.calibrate.result import Advance, Calibrated
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
 from contactimg.scene import Scene
+from contactimg.scene.scene import INCOMPRESSIBLE_POISSON_RATIO
 from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
@@ -223,3 +224,161 @@ def _fitted_values(calibration: JkrCalibration) -> list[str]:
     modulus = number_with_interval(calibration.young_modulus, factor=1e-6)
     work = number_with_interval(calibration.work_of_adhesion, factor=1e3)
     return [f"E = {modulus} MPa", f"w = {work} mJ/m²"]
+
+
+FEW_LOADS = 5
+"""Number of different loads below which the fit tests its law with two loads or fewer."""
+
+BEYOND_PRIOR = 3.0
+"""Zero over its stated uncertainty from which the two contradict each other. Theory: 0.3 % by chance."""
+
+
+def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene: Scene) -> list[str]:
+    """Sentences for a person.
+
+    Parameters
+    ----------
+    calibration : JkrCalibration
+    circles : DataFrame
+        Columns of `contactimg.tables.CIRCLES`, all frames.
+    scene : Scene
+
+    Returns
+    -------
+    list of str
+    """
+    left_out = circles[circles["radius_m"].notna() & (circles["used"] == 0)]
+    return [
+        *(str(text) for text in circles["message"] if text),
+        *(
+            f"{name}: left out of the fit, its load and radius do not go with those of the other frames"
+            for name in left_out["frame"]
+        ),
+        *_zero_notes(calibration),
+        *_edge_notes(calibration),
+        *_departure_notes(calibration),
+        *_series_notes(calibration),
+        *_lens_notes(circles),
+        *_layer_notes(calibration, scene),
+        *_cell_notes(calibration, scene),
+    ]
+
+
+def _edge_notes(calibration: JkrCalibration) -> list[str]:
+    """What to say of an edge that lies elsewhere than it seems, or of one that the loads do not settle."""
+    edge = calibration.edge
+    if edge is None:
+        return []
+    stated = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
+    if edge.seen:
+        note = (
+            f"the edge seems to lie {stated} outside the true one: the radii were corrected; `process "
+            "--calibration` takes it off the radii of other contacts"
+        )
+        return [note]
+    used = "" if edge.settled else "; too uncertain to act on other contacts"
+    return [f"the edge lies where it seems, to {stated}{used}"]
+
+
+def _zero_notes(calibration: JkrCalibration) -> list[str]:
+    """What to say of a zero of the loads that the frames show to be off."""
+    zero, stated = calibration.load_zero, calibration.problem.found.series.zero_std
+    if zero is None or not calibration.load_zero_seen:
+        return []
+    note = (
+        f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted and "
+        "taken off; correct the loads of the other folders of this load cell too"
+    )
+    if abs(zero.value) > BEYOND_PRIOR * stated:
+        note += f". This is far more than the {1e3 * stated:.2g} mN expected: check the loads"
+    return [note]
+
+
+def _departure_notes(calibration: JkrCalibration) -> list[str]:
+    """What made unloading differ from loading."""
+    name, rival = calibration.departure, calibration.rival
+    if not name:
+        return []
+    note = f"the order of the loads matters: a {name} was fitted"
+    if name == HYSTERESIS:
+        note = "unloading adheres more or less than loading: each branch has its own work of adhesion"
+    if rival:
+        note += (
+            f"; a {rival} explains the frames nearly as well, and the difference is in the uncertainties; "
+            "repeat the first load at the end to tell them apart"
+        )
+    return [note]
+
+
+def _series_notes(calibration: JkrCalibration) -> list[str]:
+    """What a short series, or one of a single branch, cannot tell."""
+    points = calibration.points[calibration.points["used"].astype(bool)]
+    count, notes = points["load_N"].nunique(), []
+    if count < FEW_LOADS:
+        notes.append(
+            f"{count} different loads: they hardly test the law, and the zero of the loads is not checked; "
+            "five or more do"
+        )
+    branches = set(points["branch"])
+    if branches == {"unloading"}:
+        notes.append(
+            "the loads only fall: the work of adhesion is that of unloading, which for rubber often exceeds "
+            "that of loading; E does not depend on it"
+        )
+    elif branches == {"loading"}:
+        notes.append(
+            "the loads only rise: hysteresis of adhesion and drift of the load cell cannot be seen; "
+            "w is that of loading"
+        )
+    return notes
+
+
+def _lens_notes(circles: pd.DataFrame) -> list[str]:
+    """What to say of contacts that are ellipses."""
+    lens = mean_astigmatism(circles)
+    if not lens.seen:
+        return []
+    curvatures = 100 * 1.5 * (lens.axis_ratio - 1)
+    note = (
+        f"the contacts are ellipses, axes {lens.axis_ratio:.4f} +- {lens.axis_ratio_std:.1g} to 1: the "
+        f"lens's radii of curvature differ by {curvatures:.2g} % (or pixels are not square); radius_m must "
+        f"be their geometric mean, and E is uncertain by {100 * lens.curvature_std:.2g} % unless it is"
+    )
+    return [note]
+
+
+def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
+    """What to say of the thickness of the layer."""
+    thickness = calibration.problem.sphere.thickness
+    if thickness is None:
+        hint = suggested_layer(calibration)
+        if hint is None:
+            return []
+        note = (
+            f"the loads ask for an elastic layer about {1e3 * hint.thickness:.2g} mm thick instead of a "
+            f"half-space, which would change E by {100 * hint.young_modulus:+.2g} %: measure it and state "
+            "thickness_m in [elastic]"
+        )
+        return [note]
+    notes = []
+    if scene.elastic is not None and scene.elastic.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO:
+        notes.append(
+            f"the law of the layer is that of an incompressible one, and poisson_ratio is "
+            f"{scene.elastic.poisson_ratio:g}: the support is felt less than the law says"
+        )
+    ratio = float(calibration.points["radius_m"].max()) / thickness
+    notes.append(f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer")
+    return notes
+
+
+def _cell_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
+    """What was assumed about the load cell because the scene does not state it."""
+    problem, load = calibration.problem, scene.load
+    assumed = []
+    if load.zero_std is None:
+        assumed.append(
+            f"zero_std_N = {problem.found.series.zero_std:.2g} (half a percent of the largest load)"
+        )
+    if load.gain_std is None:
+        assumed.append(f"gain_std = {problem.cell.gain_std:g}, which goes into E and w in full")
+    return [f"load cell: {' and '.join(assumed)} assumed; state them in [load]"] if assumed else []

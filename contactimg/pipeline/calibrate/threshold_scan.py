@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment
+from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
 from contactimg.imaging.count.method import count_at_fraction
 from contactimg.imaging.measure import ImageMeasurement
@@ -21,10 +21,9 @@ from contactimg.pipeline.inputs import (
 )
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.pose_and_forces import local_law, locate_frames, series_pose, with_forces
-from contactimg.pipeline.run import Run
 from contactimg.scene import Scene
 from contactimg.surfaces import refuse_own_caps
-from contactimg.tables import CONTACTS, FRAMES, REJECTED
+from contactimg.tables import CONTACTS, FRAMES
 
 Values = NDArray[np.float64]
 
@@ -184,7 +183,7 @@ def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresh
         pd.concat([part.contacts[k] for part in parts], ignore_index=True) for k in range(len(thresholds))
     ]
     middle = counted[int(np.abs(thresholds - 0.5).argmin())]
-    run = Run(scene, middle, REJECTED.empty(), frames, pose=None)
+    run = Run(scene, middle, frames)
     pose = scene.pose(parts[0].shape)
     if targets is not None and scene.measure.pose == "fit" and len(middle):
         pose = series_pose(run, pose, targets).pose

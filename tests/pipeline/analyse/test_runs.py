@@ -14,8 +14,7 @@ from contactimg import tables
 from contactimg.cli import main
 from contactimg.files import read_scene, write_scene
 from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places
-from contactimg.pipeline.analyse.comparable import differences
-from contactimg.pipeline.analyse.places import open_place
+from contactimg.pipeline.analyse.places import differences, open_place
 from contactimg.pipeline.analyse.places import read_centre as read_centre_of
 
 QUICK = ["--no-pictures", "--quiet", "--workers", "1"]

@@ -1,0 +1,182 @@
+"""Read images that are no TIFF: PNG, JPEG and BMP, Norpix sequences, videos.
+
+Stills hold one image each and are recognised by their first bytes. Norpix sequences (``.seq``, StreamPix) are
+uncompressed and monochrome. Videos are read with OpenCV.
+"""
+
+import io
+import os
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import imagecodecs
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from contactimg.files.pixels import Pixels, UnsupportedPixelsError, check_size
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_SIZE = struct.Struct(">LL")  # at byte 16, in the chunk that every PNG begins with
+
+# magic, name, version, header size, description, nine fields of the images, frame rate, eight to compression
+_HEADER = struct.Struct("<L24sll512s9Ld8L")
+_MAGIC = 0xFEED
+_MONOCHROME = 100
+
+_lock = threading.Lock()  # stderr belongs to the whole process
+
+Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
+
+
+def read_still(path: Path, _index: int) -> Pixels:
+    """Pixels as stored (an orientation tag is not applied), without transparency."""
+    data = path.read_bytes()
+    array = _decode_png(data) if data.startswith(_PNG) else _decode_other(data)
+    return Pixels(array, float(np.iinfo(array.dtype).max))
+
+
+def _decode_png(data: bytes) -> NDArray:
+    """Grey or red-green-blue of a PNG, 8 or 16 bits; palettes are expanded."""
+    check_size(*_PNG_SIZE.unpack(data[16:24].ljust(8, b"\0")))
+    array = imagecodecs.png_decode(data)
+    if array.ndim == 2:
+        return array
+    return array[..., 0] if array.shape[2] <= 2 else array[..., :3]
+
+
+def _decode_other(data: bytes) -> NDArray:
+    """Grey or red-green-blue of a JPEG or BMP, 8 bits."""
+    try:
+        with Image.open(io.BytesIO(data), formats=("JPEG", "BMP")) as image:
+            check_size(*image.size)
+            if image.mode not in ("1", "L", "P", "RGB", "RGBA"):
+                raise UnsupportedPixelsError(f"colours of type {image.mode} are not supported")
+            return np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
+    except UnidentifiedImageError:
+        raise ValueError("the content is not that of a PNG, JPEG or BMP image") from None
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where the images of a sequence lie and how their pixels are stored."""
+
+    rows: int
+    columns: int
+    dtype: np.dtype
+    full_scale: float
+    first: int
+    step: int
+    count: int
+
+
+def list_norpix(path: Path) -> range:
+    """Numbers of the images that the header announces."""
+    return range(_read_layout(path).count)
+
+
+def read_norpix(path: Path, index: int) -> Pixels:
+    """Image number ``index``, from 0."""
+    layout = _read_layout(path)
+    pixels = layout.rows * layout.columns
+    offset = layout.first + index * layout.step
+    missing = offset + pixels * layout.dtype.itemsize - path.stat().st_size
+    if missing > 0:
+        raise ValueError(f"the file is truncated: {missing} bytes are missing")
+    array = np.fromfile(path, layout.dtype, pixels, offset=offset)
+    return Pixels(
+        array.reshape(layout.rows, layout.columns).astype(array.dtype.newbyteorder("=")), layout.full_scale
+    )
+
+
+def _read_layout(path: Path) -> _Layout:
+    """Read the header and check that the images are of a kind that can be read."""
+    with path.open("rb") as file:
+        head = file.read(_HEADER.size)
+    if len(head) < _HEADER.size:
+        raise ValueError("the file is too short for the header of a Norpix sequence")
+    magic, _, version, _, _, *fields = _HEADER.unpack(head)
+    if magic != _MAGIC:
+        raise ValueError("the content is not that of a Norpix sequence")
+    columns, rows, bits, used_bits, image_bytes, kind, count, _, step = fields[:9]
+    _check_kind(kind, bits, fields[-1])
+    # from version 5 on the images begin on a sector of 8192 bytes, before at 1024
+    first = 8192 if version >= 5 else 1024
+    check_size(columns, rows)
+    if step <= 0 or used_bits > bits or image_bytes < rows * columns * bits // 8:
+        raise ValueError("the header of the Norpix sequence contradicts itself")
+    held = max((path.stat().st_size - first) // step, 0)
+    # 0: a recording that was not closed properly; one number beyond the end stands for all that are lost
+    count = min(count, held + 1) if count else held
+    dtype = np.dtype(f"<u{bits // 8}")
+    return _Layout(rows, columns, dtype, float(2 ** (used_bits or bits) - 1), first, step, count)
+
+
+def _check_kind(kind: int, bits: int, compression: int) -> None:
+    """Raise unless the images are monochrome, 8 or 16 bits, uncompressed."""
+    if compression != 0:
+        raise UnsupportedPixelsError(
+            "compressed Norpix sequences are not supported; export it uncompressed or as TIFF"
+        )
+    if kind != _MONOCHROME or bits not in (8, 16):
+        raise UnsupportedPixelsError(
+            "only monochrome Norpix sequences of 8 or 16 bits are supported, "
+            f"got image format {kind} of {bits} bits"
+        )
+
+
+def list_video(path: Path) -> range:
+    """Numbers of the images; they are counted if the container does not state their number."""
+    with _opened_video(path) as video:
+        count = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        if count > 0:
+            return range(min(count, path.stat().st_size))  # an image takes a byte or more
+        count = 0
+        while video.grab():
+            count += 1
+        return range(count)
+
+
+def read_video(path: Path, index: int) -> Pixels:
+    """Image number ``index``, from 0, in red, green and blue."""
+    with _opened_video(path) as video:
+        check_size(int(video.get(cv2.CAP_PROP_FRAME_WIDTH)), int(video.get(cv2.CAP_PROP_FRAME_HEIGHT)))
+        if index:
+            video.set(cv2.CAP_PROP_POS_FRAMES, index)
+        read, image = video.read()
+    if not read:
+        raise ValueError("the video is truncated or damaged at this image")
+    if image.ndim == 3:
+        image = image[..., ::-1]
+    return Pixels(image, 255.0)
+
+
+@contextmanager
+def _opened_video(path: Path) -> Iterator[cv2.VideoCapture]:
+    """The open video."""
+    with _quiet():
+        video = cv2.VideoCapture(str(path))
+        try:
+            if not video.isOpened():
+                raise ValueError("the content is not that of a video that OpenCV can decode")
+            yield video
+        finally:
+            video.release()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Suppress stderr, to which OpenCV and FFmpeg write directly."""
+    with _lock, Path(os.devnull).open("wb") as nowhere:
+        stderr = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
