@@ -35,7 +35,6 @@ from contactimg.imaging.background.illumination import (
 )
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.detect.candidates import measure_contrast
-from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.shapes.labelled_regions import label_regions
