@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from skimage.measure import find_contours
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
@@ -57,6 +58,8 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 """Level of the background among those of a frame, by the polarity of the contacts."""
 REACH_BLUR_WIDTHS = 4.0
 """Distance from a rim from which on a block is background. Theory: 3e-5 of an edge is left there."""
+OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
+"""Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes shorter."""
 CONTACT_TYPES: dict[str, Any] = {
     "x_px": "float64", "y_px": "float64", "radius_px": "float64", "radius_std_px": "float64", "flags": "int64",
     "contrast_shift_px": "float64", "blur_shift_px": "float64", "edge_shift_px": "float64", "shape": "str",
@@ -131,6 +134,24 @@ class ImageMeasurement:
     def resolved(self) -> bool:
         """Whether the frame itself shows the contrast of its contacts."""
         return bool(self.own_optics.contrast_relative_std < RESOLVED)
+
+    def outlines(self) -> list[tuple[int, list[NDArray[np.float64]]]]:
+        """Row of each contact of free shape, and its level lines (x, y) at half of its plateau, the outer first."""
+        found = []
+        image = self.foreground.image
+        for row in np.flatnonzero(self.disks["shape"] == "free"):
+            x, y, a = (float(self.disks[name].iloc[row]) for name in ("x_px", "y_px", "radius_px"))
+            reach = 1.6 * a + OUTLINE_MARGIN_PX
+            left, top = max(int(x - reach), 0), max(int(y - reach), 0)
+            window = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
+            if min(window.shape, default=0) < 2:
+                continue
+            plateau = float(np.quantile(window, 0.9))
+            lines = find_contours(np.pad(window, 1), 0.5 * plateau)
+            lines = [line[:, ::-1] - 1.0 + np.array([left, top]) for line in lines if len(line) > SHORTEST_OUTLINE]
+            if lines:
+                found.append((int(row), sorted(lines, key=len, reverse=True)))
+        return found
 
 
 def measure_image(

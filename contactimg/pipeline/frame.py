@@ -284,7 +284,7 @@ def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
                 "y_px": line[:, 1],
             }
         )
-        for row, lines in measurement.outlines
+        for row, lines in measurement.outlines()
         for number, line in enumerate(lines)
     ]
     return (
