@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from effect_scenes import SA_LENS, SCENES, mechanical_scene, pattern
 
 from contactimg import generate_asperities, solve_adhesive, solve_interacting
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, relative_change
 from contactimg.effects.plan import make_plan
 from contactimg.scene import scene_from_dict

@@ -18,7 +18,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 from optics_scenes import CHANGES, optics_scene
 from optics_truth import NOISE, Photographed
 
-from contactimg.effects.optics.optical_effects import OPTICS, estimate_optics
+from contactimg.effects.optics import OPTICS, estimate_optics
 from contactimg.effects.plan import decide
 from contactimg.render import render_contacts
 

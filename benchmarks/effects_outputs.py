@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from contactimg import generate_asperities
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.output_change import WRITTEN, Answer, Asperities, output_changes
 from contactimg.effects.plan import make_plan
 from contactimg.errors import ContactimgError

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
 from spectral_truth import ASPERITIES, CASES, CONTACTS, MODULUS, Case, patterns, solved, stored_cases
 
-from contactimg.effects.mechanics.mechanical_effects import estimate_mechanics
+from contactimg.effects.mechanics import estimate_mechanics
 from contactimg.scene import scene_from_dict
 
 LOADS = {

@@ -12,13 +12,11 @@ from scipy.special import ellipe
 from contactimg.analysis.annuli import annulus_edges
 from contactimg.analysis.radial_profiles import radial_profile
 from contactimg.effects.local_law import law_name
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, coupling_level, solve_scene
 from contactimg.effects.output_change import ANNULUS
-from contactimg.effects.plan import Plan, coupling_level, make_plan
+from contactimg.effects.plan import Plan, make_plan
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz
-from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
-from contactimg.models.adhesive import solve_adhesive_after
 from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.greenwood_tripp import solve_greenwood_tripp
 from contactimg.models.greenwood_williamson import (
@@ -27,13 +25,11 @@ from contactimg.models.greenwood_williamson import (
     solve_greenwood_williamson,
 )
 from contactimg.models.height_distributions import GaussianHeights, HeightLaw, SampleHeights, UniformHeights
-from contactimg.models.interacting import solve_interacting
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
 from contactimg.models.proof import CONVERGED
 from contactimg.models.solution import InteractingSolution
 from contactimg.pose import Pose
-from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import base_radius, equivalent_radii, refuse_own_caps
 from contactimg.tables import CONTACTS, FRAMES, PROFILE, Status
@@ -334,50 +330,6 @@ def _row(name: str, load: float, area: float, force: float, indentation: float) 
             "force_sum_N": [float(force)],
             "indentation_m": [indentation],
         }
-    )
-
-
-def solve_scene(
-    scene: Scene,
-    asperities: pd.DataFrame,
-    *,
-    load: Prescribed,
-    coupling: str,
-    tolerance: float | None = None,
-    history: Sequence[Prescribed] = (),
-) -> InteractingSolution:
-    """Solve the interacting model with the effects that the scene switches on.
-
-    Scene, table, load, tolerance, history and errors are those of `predict_contacts`; ``coupling`` is one of
-    the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not enter there.
-    """
-    scene.check_effects()
-    indenter, elastic = scene.need("indenter", PURPOSE), scene.need("elastic", PURPOSE)
-    effects = scene.effects
-    solve: Callable[..., InteractingSolution] = solve_interacting
-    profile = stated_profile(scene)
-    if profile is not None and "on" in (effects.adhesion, effects.sphere_profile):
-        raise InputError(
-            "[asperities] states a profile, for which neither adhesion nor the sphere's law is defined; "
-            'set [effects] adhesion = "off", sphere_profile = "off"'
-        )
-    if effects.adhesion == "on":
-        if coupling not in ADHESIVE_COUPLINGS:
-            raise InputError(
-                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"'
-            )
-        solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
-    if tolerance is not None:
-        solve = partial(solve, tolerance=tolerance)
-    return solve(
-        shaped_asperities(asperities, scene),
-        indenter_radius=indenter.radius,
-        contact_modulus=elastic.contact_modulus,
-        apex=indenter.apex,
-        load=load,
-        coupling=coupling,
-        law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
-        thickness=elastic.thickness if effects.layer == "on" else np.inf,
     )
 
 

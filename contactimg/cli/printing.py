@@ -94,18 +94,18 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
 def echo_plan(plan: "Plan", *, title: str) -> None:
     """Print the decision on each effect, then the limits and messages of the plan."""
-    heads = ("effect", "decision", "if left out", "cost", "reason")
+    heads = ("effect", "number that decides", "decision", "if left out", "time")
     rows = [
         [
             row["effect"],
-            row["decision"] if row["switch"] == "auto" else f"{row['decision']}, set by the scene",
-            f"{100 * row['change']:.3g} %",
-            f"{row['cost']:.3g} x",
             row["reason"],
+            row["decision"] if row["switch"] == "auto" else f"{row['decision']} (scene)",
+            f"{100 * row['change']:.2g} %",
+            f"{row['cost']:.2g} x",
         ]
         for row in plan.table().to_dict("records")
     ]
-    _echo_table(title, heads, rows, left=len(heads))
+    _echo_table(title, heads, rows, left=3)
     for sentence in (*plan.limits, *plan.messages):
         click.echo(sentence)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.effect_estimate import EffectEstimate
+from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
 from contactimg.models.cap_shapes import CapShapes

@@ -1,26 +1,30 @@
 """The plan: which effects are computed for a scene, from their estimates and the scene's tolerance.
 
 The effects that the plan leaves out together change every requested output by less than the tolerance. They
-are dropped in order of their estimated change, the smallest first, as long as `SAFETY_FACTOR` times the sum
-of the estimates stays below the tolerance in each of these outputs.
+are dropped in order of their estimated change, the smallest first, as long as `SAFETY_FACTOR` times what they
+change together stays below the tolerance in each of these outputs.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import asdict, dataclass, field
+from time import thread_time
+from typing import Any
 
 import pandas as pd
 
-from contactimg.effects.effect_estimate import EffectEstimate
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
-from contactimg.effects.mechanics.model_error import ModelError
-from contactimg.effects.optics.optical_effects import estimate_optics
-from contactimg.effects.output_change import change_sentence, requested_outputs
+from contactimg.effects.mechanics import (
+    MECHANICAL_EFFECTS,
+    Level,
+    MechanicalEstimates,
+    ModelError,
+    coupling_level,
+    estimate_mechanics,
+)
+from contactimg.effects.optics import estimate_optics
+from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
 from contactimg.scene import Effects, Scene
-from contactimg.tables import EFFECTS
+from contactimg.tables import CONTACTS, EFFECTS
 from contactimg.timings import stage
-
-Level = Literal["none", "asymptotic", "full"]
 
 REQUIRES = {"full_coupling": "coupling", "layer": "coupling"}
 """Effects that act only through another one."""
@@ -32,58 +36,27 @@ The layer is no such effect: coupling and layer partly cancel, so that leaving o
 leaving out one.
 """
 
-AREA_ERROR = 0.1
-"""Error of an estimated area over the estimated change of the forces. Measured: where load moves between
-contacts the areas cancel, and their sum is off by up to 0.08 of it."""
-
 SAFETY_FACTOR = 1.25
-"""Factor on the sum of the dropped estimates. Chosen: estimates differ from solutions by up to a quarter."""
-
-
-def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
-    """Level of coupling of the interacting model that two switches amount to.
-
-    Examples
-    --------
-    >>> coupling_level(coupling=True, full_coupling=False)
-    'asymptotic'
-    """
-    if not coupling:
-        return "none"
-    return "full" if full_coupling else "asymptotic"
+"""Factor on what the dropped effects add to the solution. Chosen: differences add up to first order only."""
 
 
 @dataclass(frozen=True)
-class Decision:
-    """The decision on one effect.
+class Decision(EffectEstimate):
+    """The decision on one effect, with its estimate.
 
     Parameters
     ----------
-    effect : str
-    change : float
-        Estimated relative change of the requested outputs if the effect is left out: the largest.
     tolerance : float
         Upper limit for the sum of the changes of all effects that are left out.
     on : bool
         Whether the effect is computed.
     switch : {"auto", "on", "off"}
         The switch in the scene; "auto" leaves the decision to the plan.
-    reason : str
-        The numbers that decide, in words.
-    cost : float
-        Time to solve, render or measure with the effect divided by the time without.
-    changes : mapping
-        Output -> its estimated relative change, where they are told apart.
     """
 
-    effect: str
-    change: float
-    tolerance: float
-    on: bool
-    switch: str
-    reason: str
-    cost: float
-    changes: Mapping[str, float] = field(default_factory=dict)
+    tolerance: float = 0.01
+    on: bool = True
+    switch: str = "auto"
 
 
 @dataclass(frozen=True)
@@ -106,6 +79,8 @@ class Plan:
         Output -> estimated relative change by all mechanical effects that are left out.
     model_error : ModelError
         How well the complete model is known.
+    seconds : float
+        Time that the plan took.
     """
 
     decisions: tuple[Decision, ...]
@@ -115,7 +90,8 @@ class Plan:
     messages: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
     expected_errors: Mapping[str, float] = field(default_factory=dict)
-    model_error: ModelError = field(default_factory=lambda: ModelError({}, ""))
+    model_error: ModelError = field(default_factory=ModelError)
+    seconds: float = 0.0
 
     def is_on(self, effect: str) -> bool:
         """Whether an effect is computed; False for an effect that is not in the plan."""
@@ -176,19 +152,26 @@ class Plan:
 
 
 def decide(
-    estimates: Sequence[EffectEstimate], switches: Effects, *, tolerance: float, output: str = "all"
+    estimates: Sequence[EffectEstimate],
+    switches: Effects,
+    *,
+    tolerance: float,
+    output: str = "all",
+    mechanics: MechanicalEstimates | None = None,
 ) -> tuple[tuple[Decision, ...], tuple[str, ...]]:
-    """Drop the smallest effects, as long as their changes of each output add up to less than the tolerance.
+    """Drop the smallest effects, as long as together they change each output by less than the tolerance.
 
     Parameters
     ----------
     estimates : sequence of EffectEstimate
     switches : Effects
-        Of the scene. Effects that it switches "on" or "off" stay so and do not count in the sum.
+        Of the scene. Effects that it switches "on" or "off" stay so and do not count.
     tolerance : float
         Relative change that is allowed.
     output : str
         The output that must be accurate.
+    mechanics : MechanicalEstimates, optional
+        Says what mechanical effects change together, where contacts form or vanish by several of them.
 
     Returns
     -------
@@ -205,28 +188,40 @@ def decide(
     [False, True]
     """
     switch = {e.effect: getattr(switches, e.effect, "auto") for e in estimates}
+
+    def fits(dropped: Sequence[EffectEstimate]) -> bool:
+        names = {e.effect for e in dropped}
+        known = mechanics.together(names, SAFETY_FACTOR) if mechanics is not None else {}
+        counted = [e for e in dropped if INCLUDED.get(e.effect) not in names]
+        return all(
+            max(SAFETY_FACTOR * sum(e.change_of(name) for e in counted), known.get(name, 0.0)) < tolerance
+            for name in requested_outputs(output)
+        )
+
+    def kept(required: set[str]) -> set[str]:
+        """Effects that are switched on, that others require, or that change the output too much."""
+        dropped: list[EffectEstimate] = []
+        for estimate in sorted(estimates, key=lambda e: (e.change, -e.cost, e.effect)):
+            free = switch[estimate.effect] == "auto" and estimate.effect not in required
+            if free and fits([*dropped, estimate]):
+                dropped.append(estimate)
+        return {name for name in switch if switch[name] != "off"} - {e.effect for e in dropped}
+
     required = {base for effect, base in REQUIRES.items() if switch.get(effect) == "on"}
-    limits = _Limits(requested_outputs(output), tolerance)
-    on = _kept_effects(estimates, switch, required, limits)
+    on = kept(required)
     also_required = {base for effect, base in REQUIRES.items() if effect in on - set(INCLUDED)}
     if not also_required <= on:
-        on = _kept_effects(estimates, switch, required | also_required, limits)
-    inactive = {effect: base for effect, base in REQUIRES.items() if base in switch and base not in on}
-    on -= set(inactive)
-    decisions = tuple(
-        Decision(
-            e.effect,
-            0.0 if e.effect in inactive else e.change,
-            tolerance,
-            e.effect in on,
-            switch[e.effect],
-            f"acts through {inactive[e.effect]}, which is left out" if e.effect in inactive else e.reason,
-            e.cost,
-            dict.fromkeys(e.changes, 0.0) if e.effect in inactive else e.changes,
-        )
-        for e in estimates
-    )
-    return decisions, tuple(_warnings(decisions))
+        on = kept(required | also_required)
+    inactive = {effect for effect, base in REQUIRES.items() if base in switch and base not in on}
+    on -= inactive
+    decisions = []
+    for e in estimates:
+        numbers = asdict(e)
+        if e.effect in inactive:
+            reason = f"acts through {REQUIRES[e.effect]}, which is left out"
+            numbers |= {"change": 0.0, "reason": reason, "changes": dict.fromkeys(e.changes, 0.0)}
+        decisions.append(Decision(**numbers, tolerance=tolerance, on=e.effect in on, switch=switch[e.effect]))
+    return tuple(decisions), tuple(_warnings(decisions))
 
 
 def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
@@ -239,51 +234,6 @@ def _warnings(decisions: Sequence[Decision]) -> Iterable[str]:
                 f"{d.effect} is switched off although that changes the requested output by about "
                 f"{d.change:.2g} (tolerance {d.tolerance:g}): {d.reason}"
             )
-
-
-@dataclass(frozen=True)
-class _Limits:
-    """The requested outputs and the tolerance of each."""
-
-    outputs: tuple[str, ...]
-    tolerance: float
-
-    def allow(self, dropped: Sequence[EffectEstimate]) -> bool:
-        """Whether these effects together change every output by less than the tolerance."""
-        return all(self._bound(dropped, output) < self.tolerance for output in self.outputs)
-
-    @staticmethod
-    def _bound(dropped: Sequence[EffectEstimate], output: str) -> float:
-        """Upper limit of the change of one output."""
-        expected = SAFETY_FACTOR * sum(estimate.change_of(output) for estimate in dropped)
-        if output == "area":
-            expected += AREA_ERROR * sum(e.changes.get("force", 0.0) for e in dropped)
-        return max(expected, sum(e.doubtful.get(output, 0.0) for e in dropped))
-
-
-def _kept_effects(
-    estimates: Sequence[EffectEstimate], switch: dict[str, str], required: set[str], limits: _Limits
-) -> set[str]:
-    """Effects that are switched on, that others require, or that change the output too much to be dropped."""
-    free = [e for e in estimates if switch[e.effect] == "auto" and e.effect not in required]
-    dropped = _dropped_effects(free, limits)
-    return {effect for effect in switch if switch[effect] != "off" and effect not in dropped}
-
-
-def _dropped_effects(estimates: Iterable[EffectEstimate], limits: _Limits) -> set[str]:
-    """The smallest effects whose changes add up to less than the tolerance."""
-    dropped: dict[str, EffectEstimate] = {}
-    for estimate in sorted(estimates, key=lambda e: (e.change, -e.cost, e.effect)):
-        included = {effect for effect, base in INCLUDED.items() if base == estimate.effect}
-        others = [e for effect, e in dropped.items() if effect not in included]
-        counted = [] if INCLUDED.get(estimate.effect) in dropped else [estimate]
-        if limits.allow([*others, *counted]):
-            nothing = {
-                e: replace(dropped[e], change=0.0, changes={}, doubtful={}) for e in included & set(dropped)
-            }
-            own = estimate if counted else replace(estimate, change=0.0, changes={}, doubtful={})
-            dropped |= {estimate.effect: own} | nothing
-    return set(dropped)
 
 
 @stage("planning")
@@ -322,12 +272,21 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
     >>> plan.coupling, plan.is_on("sphere_profile")
     ('asymptotic', False)
     """
+    began = thread_time()
     mechanics = estimate_mechanics(scene, asperities, load=load)
-    optics = estimate_optics(scene, mechanics.contacts()) if scene.simulate is not None else ()
+    optics: tuple[EffectEstimate, ...] = ()
+    if scene.simulate is not None:
+        optics = estimate_optics(
+            scene, CONTACTS.empty() if mechanics.base is None else mechanics.base.contacts()
+        )
     estimates = (*mechanics.estimates, *optics)
     tolerance = scene.tolerance
     decisions, messages = decide(
-        estimates, scene.effects, tolerance=tolerance.relative, output=tolerance.output
+        estimates,
+        scene.effects,
+        tolerance=tolerance.relative,
+        output=tolerance.output,
+        mechanics=mechanics,
     )
     dropped = [d.effect for d in decisions if not d.on]
     return Plan(
@@ -337,6 +296,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         load=float(load),
         messages=messages,
         limits=mechanics.limits,
-        expected_errors=mechanics.left_out(dropped),
+        expected_errors=mechanics.together(dropped),
         model_error=mechanics.model_error,
+        seconds=thread_time() - began,
     )

@@ -1,15 +1,23 @@
 """Effects of a scene: which ones it calls for, and which ones its frames are measured with."""
 
+from time import thread_time
+
 import numpy as np
 import pandas as pd
 
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS
 from contactimg.effects.plan import Plan, make_plan
-from contactimg.errors import InputError, finite_number
+from contactimg.errors import ContactimgError, InputError, finite_number
 from contactimg.forces import common_radius
 from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
 from contactimg.optics.render_settings import lamp
 from contactimg.pipeline.inputs import largest_load, need_asperities, refuse_profile
+from contactimg.prediction import predict_contacts
 from contactimg.scene import Scene
+from contactimg.tradeoff.recommendations import time_text
+
+MAX_REPEATED_S = 10.0
+"""Time of a plan up to which it is made again, without compilation. Chosen by hand."""
 
 SHARP_BLUR_PX = 1e-3
 """Blur of a frame that is known to have none: small against the width of the pixel. Chosen: any value well
@@ -56,7 +64,33 @@ def plan_effects(scene: Scene, *, load: float | None = None) -> Plan:
     refuse_profile(scene, "`effects`")
     asperities = need_asperities(scene, "planning the effects")
     chosen = largest_load(scene) if load is None else finite_number(load, "load", "N")
-    return make_plan(scene, asperities, load=chosen)
+    began = thread_time()
+    plan = make_plan(scene, asperities, load=chosen)
+    if thread_time() - began < MAX_REPEATED_S:  # its times are those of compiled code
+        plan = make_plan(scene, asperities, load=chosen)
+    return plan
+
+
+def computing_times(scene: Scene, plan: Plan) -> str:
+    """A sentence: times of the plan and of solutions as planned and with every effect of the mechanics."""
+    asperities = need_asperities(scene, "planning the effects")
+    elastic = scene.need("elastic", "planning the effects")
+    able = {"adhesion": elastic.work_of_adhesion > 0, "layer": elastic.thickness is not None}
+    switches = {name: "on" if able.get(name, True) else "off" for name in MECHANICAL_EFFECTS}
+    everything = scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
+    seconds = [plan.seconds]
+    for solved in (plan.apply(scene), everything):
+        began = thread_time()
+        try:
+            predict_contacts(solved, asperities, load=plan.load)
+        except ContactimgError:
+            return f"time of the plan: {time_text(plan.seconds)}"
+        seconds.append(thread_time() - began)
+    planned, solved_so, complete = map(time_text, seconds)
+    return (
+        f"times: plan {planned}, prediction as planned {solved_so}, with everything on {complete}; "
+        '"time" is that with the effect over that without it'
+    )
 
 
 def resolve_measurement(scene: Scene) -> Scene:

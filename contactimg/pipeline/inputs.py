@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.mechanics.mechanical_effects import OF_CAPS_ONLY
+from contactimg.effects.mechanics import OF_CAPS_ONLY
 from contactimg.errors import InputError
 from contactimg.files import Experiment, read_scene_asperities, read_scene_loads
 from contactimg.frame import Frame

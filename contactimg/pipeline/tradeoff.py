@@ -2,30 +2,31 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from importlib.resources import as_file, files
 from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 
 from contactimg.errors import InputError, finite_number
-from contactimg.files import open_experiment, read_asperities, read_table, write_figures, write_table
+from contactimg.files import open_experiment, write_figures, write_table
 from contactimg.pipeline.inputs import largest_load, read_reference, refuse_profile, scene_asperities
 from contactimg.plots import caption_of
 from contactimg.plots.tradeoff import plot_tradeoff
-from contactimg.scene import Scene, scene_from_dict
+from contactimg.scene import Scene
 from contactimg.surfaces import refuse_own_caps
-from contactimg.tables import BOUNDARY_CONTACTS, TRADEOFF
-from contactimg.tradeoff.case import BoundarySolution, Case, OwnFrame
-from contactimg.tradeoff.knobs import Knob
-from contactimg.tradeoff.measure import Tradeoff, applicable_knobs, run_knobs
+from contactimg.tables import TRADEOFF
+from contactimg.tradeoff.knobs import Case, OwnFrame, applicable_knobs
+from contactimg.tradeoff.measure import Knob, Tradeoff, run_knobs
 
 REPETITION_SECONDS = {False: 15.0, True: 60.0}
 """Time for repeated runs of a setting, s: without and with the slow settings. Chosen by hand."""
 
-BOUNDARY_SCENE = {"indenter": {"radius_m": 0.1288}, "elastic": {"young_modulus_Pa": 3e6}}
+FIRST_PAGE = ("image", "model")
+"""Choices of the first figure; the others have one of their own."""
+
 BOUNDARY_SECONDS = {0.02: 30.0, 0.2: 158.0, 0.5: 460.0}
-"""Load of each stored boundary-element solution, N -> its computing time on one core, s (measured)."""
+"""Load of each boundary-element solution of SA+, N -> its computing time on one core, s. Measured with ASPHER
+0.1.3 on a grid of 1 um (`tests/data/README.md`)."""
 
 
 def measure_tradeoff(
@@ -111,27 +112,11 @@ def prepare_tradeoff(
     asperities = scene_asperities(scene)
     if asperities is not None:
         refuse_own_caps(asperities, "tradeoff")
-    case = Case(scene, asperities, load, truth=read_truth(load), measured=_own_frame(scene, load), fine=fine)
+    stored = None
+    if load > 0:
+        stored = min(BOUNDARY_SECONDS.items(), key=lambda one: abs(np.log(one[0] / load)))
+    case = Case(scene, asperities, load, stored=stored, measured=_own_frame(scene, load), fine=fine)
     return applicable_knobs(case, knobs)
-
-
-def read_truth(load: float) -> BoundarySolution | None:
-    """The stored boundary-element solution at the load closest to a given one (N); None without a load."""
-    if not load > 0:
-        return None
-    folder = files("contactimg.tradeoff")
-    with as_file(folder / "boundary_asperities.csv") as path:
-        asperities = read_asperities(path)
-    with as_file(folder / "boundary_contacts.csv") as path:
-        contacts = read_table(path, BOUNDARY_CONTACTS, required=tuple(BOUNDARY_CONTACTS.columns))
-    stored = min(BOUNDARY_SECONDS, key=lambda one: abs(np.log(one / load)))
-    part = contacts[contacts["load_N"] == stored]
-    force, radius = np.zeros(len(asperities)), np.zeros(len(asperities))
-    rows = part["asperity"].to_numpy(int)
-    force[rows], radius[rows] = part["force_N"], part["radius_m"]
-    return BoundarySolution(
-        scene_from_dict(BOUNDARY_SCENE), asperities, stored, force, radius, BOUNDARY_SECONDS[stored]
-    )
 
 
 def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
@@ -150,7 +135,16 @@ def _own_frame(scene: Scene, load: float) -> OwnFrame | None:
 
 
 def write_tradeoff(tradeoff: Tradeoff, folder: Path) -> None:
-    """Write tradeoff.csv, and the figure as PNG, SVG and PDF."""
+    """Write tradeoff.csv, the figure of measurement and model, and one of the other choices if there are any.
+
+    Figures are written as PNG, SVG and PDF.
+    """
     write_table(tradeoff.table, TRADEOFF, folder / "tradeoff.csv")
-    ax = plot_tradeoff(tradeoff.table, relative=tradeoff.relative)
-    write_figures(ax, folder, "tradeoff", caption=caption_of("tradeoff"))
+    first = tradeoff.table["knob"].isin(FIRST_PAGE)
+    pages = {"tradeoff": tradeoff.table[first], "tradeoff_settings": tradeoff.table[~first]}
+    if not first.any():
+        pages = {"tradeoff": tradeoff.table}
+    for name, table in pages.items():
+        if len(table):
+            ax = plot_tradeoff(table, relative=tradeoff.relative)
+            write_figures(ax, folder, name, caption=caption_of("tradeoff"))

@@ -11,18 +11,9 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from contactimg.plots.axes import FIGURE_DPI, new_axes
+from contactimg.tradeoff.recommendations import TITLES, cheapest, front_of, knob_sentence
 
 Values = NDArray[np.float64]
-
-TITLES = {
-    "image": "measurement of a frame",
-    "model": "contact model",
-    "solver": "tolerance of the solver",
-    "sums": "coupling sums over many contacts",
-    "rings": "rings of Greenwood-Tripp",
-    "patterns": "patterns of an ensemble",
-    "supersampling": "sampling of rendered frames",
-}
 
 MARKS: tuple[tuple[int, dict[str, str], str], ...] = (
     (1, {"marker": "o", "color": "tab:blue"}, "no other is faster and more accurate"),
@@ -36,6 +27,7 @@ PANEL_INCHES = (4.0, 3.3)  # width and height of a panel: two are as wide as a p
 PANEL_COLUMNS = 2
 LABEL_FONT = 7.2  # pt, 6 pt on a page of 170 mm
 LABEL_CHARACTERS = 20  # in a line
+SENTENCE_CHARACTERS = 62  # in a line of a title
 LINE_HEIGHT_FRACTION = 0.045  # of the height of a panel
 CHARACTER_WIDTH_FRACTION = 0.0185  # of the width of a panel
 MARK_FRACTION = 0.012  # half side of a mark
@@ -72,10 +64,18 @@ def plot_knob(table: pd.DataFrame, *, relative: float | None = None, ax: Axes | 
         ax.axhline(
             relative, color="tab:green", linestyle="--", linewidth=1, label=f"tolerance {100 * relative:g} %"
         )
+    chosen = None if relative is None else cheapest(front_of(table), relative)
+    if chosen is not None:
+        point = [chosen["time_s"]], y[x == chosen["time_s"]][:1]
+        ax.plot(*point, marker="*", markersize=13, color="tab:orange", linestyle="none", label="recommended")
     name, output = (str(table[column].iloc[0]) for column in ("knob", "output"))
     label = "largest relative error of an output" if output == "all" else f"relative error of the {output}"
     ax.set(xscale="log", yscale="log", xlabel="time (s)", ylabel=label)
-    ax.set_title(TITLES.get(name, name), fontsize="medium")
+    title = TITLES.get(name, name)
+    if relative is not None:
+        sentence = knob_sentence(title, table, relative=relative).split(";")[0]
+        title += "\n" + textwrap.fill(sentence.removeprefix(f"{title}: "), SENTENCE_CHARACTERS)
+    ax.set_title(title, fontsize=LABEL_FONT, loc="left")
     if len(known):
         _leave_room(ax, x, np.append(y, [] if relative is None else relative))
         _label(ax, x, y, known["setting"].tolist())
@@ -109,8 +109,19 @@ def plot_tradeoff(table: pd.DataFrame, *, relative: float | None = None) -> Axes
         plot_knob(part, relative=relative, ax=ax)
     for ax in panels[len(groups) :]:
         ax.axis("off")
-    handles = panels[0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside lower center", ncols=columns, fontsize="small", frameon=False)
+    entries = {
+        label: handle
+        for ax in panels[: len(groups)]
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(
+        entries.values(),
+        entries.keys(),
+        loc="outside lower center",
+        ncols=columns,
+        fontsize="small",
+        frameon=False,
+    )
     return panels[0]
 
 

@@ -12,7 +12,6 @@ from contactimg.tables.flags import Flag, flag_names
 from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
-    BOUNDARY_CONTACTS,
     CONTACTS,
     EDITS,
     EFFECTS,
@@ -36,7 +35,6 @@ from contactimg.tables.statuses import FAILED, Status
 __all__ = [
     "AREA",
     "ASPERITIES",
-    "BOUNDARY_CONTACTS",
     "CIRCLES",
     "CONTACTS",
     "EDITS",

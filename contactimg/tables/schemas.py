@@ -451,14 +451,3 @@ TRADEOFF = Schema(
     },
     "Computing time and accuracy of every setting, one row each.",
 )
-
-BOUNDARY_CONTACTS = Schema(
-    "boundary_contacts",
-    {
-        "load_N": LOAD,
-        "asperity": ("Int64", "row number of the asperity in the asperity table, from 0"),
-        "force_N": ("float64", "force on the asperity, N"),
-        "radius_m": ("float64", "contact radius from the second moment of the pressure, m"),
-    },
-    "Stored boundary-element solution that `tradeoff` compares with, one row per contact.",
-)

@@ -1,21 +1,26 @@
 """The cheapest measurement of a frame that meets a tolerance: the threshold if good enough, else the fit.
 
-The error of the threshold is estimated on the frame itself (`contactimg.imaging.count.expected_error`) and
-compared with the tolerance.
+The error of the threshold is found by fitting disks to a part of the frame, in which many contacts lie.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from math import hypot, inf
 
+import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.effects.output_change import relative_change, stated_change
-from contactimg.imaging.count.expected_error import estimate_true_radii
+from contactimg.effects.output_change import stated_change
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.scene import Scene
+from contactimg.tradeoff.measured_disks import disk_change
+
+PART_PX = 256
+"""Side of the part of a frame to which disks are fitted. Chosen: some dozens of contacts."""
 
 
 @dataclass(frozen=True)
@@ -82,8 +87,6 @@ def measure_cheapest(
     """
     measure = partial(
         measure_image,
-        image,
-        reference,
         polarity=scene.images.polarity,
         threshold=scene.measure.threshold,
         threshold_std=scene.measure.threshold_std,
@@ -93,49 +96,69 @@ def measure_cheapest(
         absent=scene.effects.switched_off(*CORRECTIONS),
     )
     output = scene.tolerance.output
-    measurement, method = measure(method="threshold"), "threshold"
-    error = estimate_count_error(measurement, output=output, blur_px=scene.measure.blur_px)
+    fit = partial(measure, method="disk", film=film, shape=scene.measure.shape)
+    measurement, method = measure(image, reference, method="threshold"), "threshold"
+    error = count_error(measurement.disks, image, reference, fit=fit, output=output)
     if error > relative:
-        measurement, method = measure(method="disk", film=film, shape=scene.measure.shape), "disk"
+        measurement, method = fit(image, reference), "disk"
     disks = measurement.disks
     stated = stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"])
     return measurement, Choice(method, error, stated, relative, output)
 
 
-def estimate_count_error(
-    measurement: ImageMeasurement, *, output: str, blur_px: float | None = None
+def count_error(
+    counted: pd.DataFrame,
+    image: NDArray,
+    reference: NDArray | None,
+    *,
+    fit: Callable[..., ImageMeasurement],
+    output: str,
 ) -> float:
-    """Relative error of the output that a measurement by threshold leaves.
+    """Relative error of the output that disks counted by threshold leave.
 
     Parameters
     ----------
-    measurement : ImageMeasurement
-        By the method ``threshold``.
-    output : {"area", "force", "radius"}
+    counted : DataFrame
+        Disks counted on the frame.
+    image, reference : ndarray, shape (rows, columns)
+    fit : callable
+        Fits disks to an image with its reference.
+    output : str
         All contacts count as of one radius of curvature.
-    blur_px : float, optional
-        Standard deviation of the point spread function; default: from the slopes of the rims.
 
     Returns
     -------
     float
-        Infinite if nothing is counted, or the frame does not show its contrast.
+        Infinite if nothing is counted, or no contact is fitted in the part of the frame.
 
     Notes
     -----
-    Bias and scatter add in squares. Disks with sharp edges are assumed; an error of the contrast counts as
-    the measurement states it.
+    The difference to the fit and the stated uncertainty of the count add in squares.
     """
-    disks = measurement.disks
-    if not len(disks) or not measurement.resolved:
+    if not len(counted):
         return inf
-    counted, true = estimate_true_radii(
-        measurement.foreground,
-        disks[["x_px", "y_px", "radius_px"]].to_numpy(float),
-        fraction=measurement.threshold,
-        plateau=abs(measurement.contrast),
-        noise=measurement.noise,
-        blur_px=blur_px,
-    )
-    bias = relative_change(output, without=(counted**3, counted), complete=(true**3, true))
-    return hypot(bias, stated_change(output, radius=disks["radius_px"], std=disks["radius_std_px"]))
+    x, y = counted["x_px"].to_numpy(float), counted["y_px"].to_numpy(float)
+    rows, columns = (_stretch(v, n) for v, n in zip((y, x), image.shape, strict=True))
+    part = (rows, columns)
+    fitted = fit(image[part], None if reference is None else reference[part]).disks
+    if not len(fitted):
+        return inf
+    fitted = fitted.assign(x_px=fitted["x_px"] + columns.start, y_px=fitted["y_px"] + rows.start)
+    inner = [_inside(table, rows, columns) for table in (counted, fitted)]
+    if not all(map(len, inner)):
+        return inf
+    stated = stated_change(output, radius=counted["radius_px"], std=counted["radius_std_px"])
+    return hypot(disk_change(output, *inner), stated)
+
+
+def _stretch(places: NDArray, length: int) -> slice:
+    """Rows or columns of the part of a frame: about the median of the contacts, `PART_PX` long."""
+    start = int(np.clip(np.median(places) - PART_PX / 2, 0, max(length - PART_PX, 0)))
+    return slice(start, min(start + PART_PX, length))
+
+
+def _inside(disks: pd.DataFrame, rows: slice, columns: slice) -> pd.DataFrame:
+    """Disks that lie wholly inside a part of a frame."""
+    x, y, a = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+    inside = (x - a > columns.start) & (x + a < columns.stop - 1) & (y - a > rows.start)
+    return disks[inside & (y + a < rows.stop - 1)]

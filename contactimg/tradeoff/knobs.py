@@ -1,207 +1,446 @@
-"""Time the settings of a knob (a choice), each with its error against a converged result."""
+"""The table of knobs: the settings of each choice, what they are compared with, and what a scene needs."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from time import perf_counter
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from contactimg.errors import ContactimgError
-from contactimg.tables import TRADEOFF
+from contactimg.effects.mechanics import estimate_mechanics, solve_scene
+from contactimg.effects.output_change import OUTPUTS, relative_change, stated_change
+from contactimg.errors import InputError, ModelRangeError
+from contactimg.frame import Frame
+from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
+from contactimg.models.coupling import Kernel
+from contactimg.models.fast_coupling import FastCoupling
+from contactimg.models.greenwood_williamson import RingSolution
+from contactimg.models.solution import InteractingSolution
+from contactimg.prediction import pattern_sides, solve_average
+from contactimg.render import Rendered, render_contacts, render_reference
+from contactimg.scene import Scene
+from contactimg.surfaces import generate_asperities
+from contactimg.tradeoff.averages import Average, average_contacts, average_rings
+from contactimg.tradeoff.measure import Knob, Setting
+from contactimg.tradeoff.measured_disks import DISK, METHODS, Shot, disk_change, measure_disks
+from contactimg.tradeoff.recommendations import TITLES
 
-Clock = Callable[[], float]
+Values = NDArray[np.float64]
 
-MAX_RUNS = 7
-"""Largest number of runs of a setting. Chosen by hand."""
+COMPARED_RINGS = 8
+"""Number of rings around the apex over which averages are compared. Chosen by hand."""
 
-MAX_REPEATED_S = 10.0
-"""Time above which a setting is not repeated to exclude the time of compilation. Chosen by hand."""
+LEVELS = {
+    "none": "uncoupled",
+    "asymptotic": "coupled by point forces",
+    "hertz": "coupled by Hertz's displacement alone",
+    "full": "fully coupled",
+}
+"""Level of coupling -> name in the table."""
 
-FAILURES = (ContactimgError, ArithmeticError, ImportError, MemoryError, np.linalg.LinAlgError)
-"""Errors of a setting that do not stop the others."""
+BOUNDARY_ERROR = {"force": 1e-5, "area": 5e-4, "radius": 2.5e-4, "profile": 1e-5, "all": 5e-4}
+"""Relative error of the stored boundary-element solution on its grid of ``h`` = 1 um. Forces: from the
+differences between grids. Areas: the pixel size adds ``5 h^2/12`` to a mean ``a^2`` of 880 um^2."""
+
+TOLERANCES = (1e-1, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+CONVERGED_RESIDUAL = 1e-13
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-9)
+SUMMED_POINTS, MORE_SUMMED_POINTS, CHECKED_POINTS = 20_000, 200_000, 400
+RINGS, MANY_RINGS = (10, 20, 50, 100, 200, 400), 800
+PATTERNS, MORE_PATTERNS = (1, 2, 4, 8, 16, 32), (64, 128, 256)
+DEPTHS, CONVERGED_DEPTH = (1, 2, 3, 4, 8), 16
+
+SAMPLING_NOISE_LEVELS = 1.0
+"""Noise of the frames that compare samplings, in grey levels; the same in all. Chosen by hand."""
+
+SENSOR = ("vignetting", "light_drift", "position_drift", "shot_noise", "quantisation", "saturation", "dust")
+"""Effects that do not depend on the sampling and are switched off."""
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """One setting of a knob.
+class OwnFrame:
+    """A measured frame of the scene, whose true contacts are not known; its load (N) is NaN if not known."""
 
-    Parameters
-    ----------
-    name : str
-    run : callable
-        The computation that is timed; its result is the argument of ``error``.
-    error : callable
-        Returns the relative error of the result; not timed.
-    reference : str
-        What the result is compared with.
-    stored_time : float, s, or None
-        Time of an earlier computation; the setting is not run, and ``error`` gets None.
-    message : str
-        Note for the table.
-    """
-
-    name: str
-    run: Callable[[], Any]
-    error: Callable[[Any], float]
-    reference: str
-    stored_time: float | None = None
-    message: str = ""
-
-
-@dataclass(frozen=True, eq=False)
-class Knob:
-    """A choice between settings.
-
-    Parameters
-    ----------
-    name : str
-        Name in the table and on the command line.
-    title : str
-        Title in figures and sentences.
-    output : str
-        Quantity that the errors refer to.
-    load : float, N
-        NaN if the load does not matter.
-    settings : tuple of Setting
-    """
-
-    name: str
-    title: str
-    output: str
+    frame: Frame
+    reference: Frame | None
     load: float
-    settings: tuple[Setting, ...]
 
 
-@dataclass(eq=False)
-class _Run:
-    """The measurement of one setting."""
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A scene at a load (N, NaN without one).
 
-    setting: Setting
-    clock: Clock
-    times: list[float] = field(default_factory=list)
-    error: float = math.nan
-    reason: str = ""
+    ``stored``: load and computing time (s) of the stored boundary-element solution next to it. ``fine``:
+    whether slow settings are measured as well.
+    """
 
-    def start(self) -> None:
-        """First run, whose result is compared with the reference."""
-        answer = None
-        try:
-            if self.setting.stored_time is None:
-                answer = self._timed()
-            self.error = float(self.setting.error(answer))
-        except FAILURES as error:
-            self.times.clear()
-            self.reason = _sentence(error)
-
-    def repeat(self) -> None:
-        """Repeat the run for its time."""
-        self._timed()
-
-    def _timed(self) -> Any:
-        start = self.clock()
-        answer = self.setting.run()
-        self.times.append(self.clock() - start)
-        return answer
+    scene: Scene
+    asperities: pd.DataFrame | None = None
+    load: float = math.nan
+    stored: tuple[float, float] | None = None
+    measured: OwnFrame | None = None
+    fine: bool = False
 
     @property
-    def best(self) -> float:
-        """Shortest time, s."""
-        return min(self.times, default=math.inf)
+    def output(self) -> str:
+        """The result that must be accurate."""
+        return self.scene.tolerance.output
 
-    def row(self, knob: Knob, cheapest: float) -> dict[str, Any]:
-        """The row of the table."""
-        stored = self.setting.stored_time
-        time = self.best if stored is None or self.reason else stored
-        has_time = math.isfinite(time)
-        return {
-            "knob": knob.name,
-            "setting": self.setting.name,
-            "error": self.error,
-            "time_s": time if has_time else math.nan,
-            "time_ratio": time / cheapest if has_time and math.isfinite(cheapest) else math.nan,
-            "output": knob.output,
-            "reference": self.setting.reference,
-            "load_N": knob.load,
-            "message": self.reason or self.setting.message,
-        }
+    def table(self) -> pd.DataFrame:
+        """The asperities; raise if the scene has none."""
+        if self.asperities is None:
+            raise InputError("the scene has no asperities")
+        return self.asperities
+
+    def solve(self, coupling: str, tolerance: float | None = None) -> InteractingSolution:
+        """The contacts at a level of coupling."""
+        return solve_scene(self.scene, self.table(), load=self.load, coupling=coupling, tolerance=tolerance)
+
+    def converged(self, coupling: str, tolerance: float | None = None) -> InteractingSolution:
+        """A solution to compare with; raise if the planes between the asperities touch."""
+        solution = self.solve(coupling, tolerance)
+        if solution.validity.planes_touch:
+            raise ModelRangeError(f"{solution.validity.messages()[-1]}; lower the load")
+        return solution
+
+    def contacts(self) -> InteractingSolution:
+        """The contacts that are rendered."""
+        return self.solve("none" if self.scene.effects.coupling == "off" else "asymptotic")
+
+    def change(self, answer: InteractingSolution, reference: InteractingSolution) -> float:
+        """Relative error of the output of a solution."""
+        pairs = [(solution.force, solution.radius) for solution in (answer, reference)]
+        return relative_change(self.output, without=pairs[0], complete=pairs[1])
 
 
-def measure_knob(
-    knob: Knob,
-    *,
-    seconds: float,
-    advance: Callable[[], None] | None = None,
-    clock: Clock = perf_counter,
-) -> pd.DataFrame:
-    """Run every setting of a knob; repeat fast ones in turn and take the shortest time.
+def image_settings(case: Case) -> Iterator[Setting]:
+    """The methods that measure contacts, on a frame rendered from the scene, else on one of its frames."""
+    own = case.measured
+    if own is not None:
+        blank = None if own.reference is None else own.reference.image
+        shot = Shot(own.frame.image, blank, own.frame.full_scale)
+        fitted = cache(partial(measure_disks, case.scene, DISK, shot))
+
+        def stated(disks: pd.DataFrame) -> float:
+            if not len(disks):
+                raise InputError("no contact was found on the frame")
+            return stated_change(case.output, radius=disks["radius_px"], std=disks["radius_std_px"])
+
+        def against_fit(disks: pd.DataFrame) -> float:
+            return disk_change(case.output, disks, fitted())
+
+        for name in METHODS:
+            run = partial(measure_disks, case.scene, name, shot)
+            if name == DISK:
+                yield Setting(name, run, stated, "its own stated uncertainty")
+            else:
+                yield Setting(name, run, against_fit, f"{DISK}, no truth known")
+        return
+
+    solution = cache(case.contacts)
+    seed = case.scene.need("simulate", "rendering a frame").seed
+    rendered = cache(lambda: _render(case.scene, solution()))
+    reference = cache(lambda: render_reference(case.scene, rng=np.random.default_rng([seed, 1])).image)
+
+    def run_method(name: str) -> pd.DataFrame:
+        frame = rendered().frame
+        return measure_disks(case.scene, name, Shot(frame.image, reference(), frame.full_scale))
+
+    def error(disks: pd.DataFrame) -> float:
+        radii = solution().composite_radius[solution().touching]
+        return disk_change(case.output, disks, rendered().contacts, radii)
+
+    for name in METHODS:
+        yield Setting(name, partial(run_method, name), error, "truth of the frame")
+
+
+def _render(scene: Scene, solution: InteractingSolution) -> Rendered:
+    """Render a frame of the contacts."""
+    rng = np.random.default_rng(scene.need("simulate", "rendering a frame").seed)
+    radii = solution.composite_radius[solution.touching]
+    return render_contacts(solution.contacts("rendered"), scene, rng=rng, sphere_radius=radii)
+
+
+def supersampling_settings(case: Case) -> Iterator[Setting]:
+    """The samples per pixel of the renderer, without effects that do not depend on them."""
+    simulate = case.scene.need("simulate", "rendering a frame")
+    solution = cache(case.contacts)
+    switches = dict.fromkeys(SENSOR, "off") | {"read_noise": "on", "supersampling": "on"}
+    effects = case.scene.effects.model_copy(update=switches)
+
+    def run(depth: int) -> Rendered:
+        camera = {"texture": 0.0, "electrons_per_level": 1.0, "supersampling": depth}
+        camera["read_noise_electrons"] = SAMPLING_NOISE_LEVELS
+        changed = {"effects": effects, "simulate": simulate.model_copy(update=camera)}
+        return _render(case.scene.model_copy(update=changed), solution())
+
+    def measured(rendered: Rendered) -> pd.DataFrame:
+        image = rendered.frame.image
+        flat = np.full_like(image, simulate.background_levels)
+        return measure_disks(case.scene, DISK, Shot(image, flat, rendered.frame.full_scale))
+
+    reference = cache(lambda: measured(run(CONVERGED_DEPTH)))
+
+    def error(answer: Rendered) -> float:
+        return disk_change(case.output, measured(answer), reference())
+
+    for depth in DEPTHS:
+        compared = f"{CONVERGED_DEPTH} a pixel, both measured by {DISK}"
+        yield Setting(f"{depth} a pixel", partial(run, depth), error, compared)
+
+
+def model_settings(case: Case) -> Iterator[Setting]:
+    """The contact models: statistical models, levels of coupling, stored boundary elements."""
+    reference = cache(lambda: case.converged("full"))
+    compared = f"the same asperities {LEVELS['full']}"
+
+    def level_error(answer: InteractingSolution) -> float:
+        return case.change(answer, reference())
+
+    def average_error(rings: RingSolution) -> float:
+        best, centre = reference(), case.scene.need("indenter", "averages").apex
+        rows = best.touching
+        if not rows.size:
+            raise InputError("there is no contact to average; increase the load")
+        farthest = float(np.hypot(best.x[rows] - centre[0], best.y[rows] - centre[1]).max())
+        edges = np.linspace(0.0, farthest, COMPARED_RINGS + 1)
+        expected = average_contacts(best, centre=centre, edges=edges)
+        return average_rings(rings, edges=edges).change(case.output, expected)
+
+    def stated_error(_: InteractingSolution) -> float:
+        errors = estimate_mechanics(case.scene, case.table(), load=case.load).model_error.errors
+        return max(errors[name] for name in (OUTPUTS if case.output == "all" else (case.output,)))
+
+    def stored_error(_: None) -> float:
+        return BOUNDARY_ERROR[case.output]
+
+    for model, name in (("gw", "Greenwood-Williamson"), ("gt", "Greenwood-Tripp")):
+        yield Setting(
+            name,
+            partial(solve_average, case.scene, case.asperities, load=case.load, model=model),
+            average_error,
+            compared,
+            message="an average over patterns; its error includes the scatter of this pattern",
+        )
+    for level, name in LEVELS.items():
+        if level == "full":
+            yield Setting(
+                name,
+                partial(case.solve, level),
+                stated_error,
+                "solutions of the whole contact problem",
+                message="estimated from its own terms, as the plan of the effects states it",
+            )
+        elif level in ADHESIVE_COUPLINGS or case.scene.effects.adhesion != "on":
+            yield Setting(name, partial(case.solve, level), level_error, compared)
+    if case.stored is not None:
+        load, seconds = case.stored
+        yield Setting(
+            "boundary elements, 8192² (stored)",
+            case.contacts,
+            stored_error,
+            "what its grid of 1 um resolves",
+            stored_time=seconds,
+            message=f"boundary elements, grid 1 um, stored SA+ pattern at {load:g} N; time on one core",
+        )
+
+
+def solver_settings(case: Case) -> Iterator[Setting]:
+    """The residual of the solver, with coupling by point forces."""
+    reference = cache(lambda: case.converged("asymptotic", CONVERGED_RESIDUAL))
+
+    def error(answer: InteractingSolution) -> float:
+        return case.change(answer, reference())
+
+    for tolerance in TOLERANCES:
+        run = partial(case.solve, "asymptotic", tolerance)
+        compared = f"the same equations to a residual of {CONVERGED_RESIDUAL:.0e}"
+        yield Setting(f"residual {tolerance:.0e}", run, error, compared)
+
+
+def sum_settings(case: Case) -> Iterator[Setting]:
+    """Accuracy of one coupling sum over random points, too many for a stored matrix."""
+    count = MORE_SUMMED_POINTS if case.fine else SUMMED_POINTS
+    rng = np.random.default_rng(0)
+    x, y, force = rng.random(count), rng.random(count), rng.random(count)
+    checked = rng.choice(count, CHECKED_POINTS, replace=False)
+
+    def run(accuracy: float) -> Values:
+        return FastCoupling(x, y, Kernel.of_thickness(np.inf), accuracy).displacement(force)
+
+    @cache
+    def direct() -> Values:
+        totals = []
+        for i in checked:
+            distance = np.hypot(x - x[i], y - y[i])
+            distance[i] = np.inf
+            totals.append(float(np.sum(force / (np.pi * distance))))
+        return np.array(totals)
+
+    def error(answer: Values) -> float:
+        return float(np.sqrt(np.mean((answer[checked] - direct()) ** 2) / np.mean(direct() ** 2)))
+
+    for accuracy in ACCURACIES:
+        yield Setting(
+            f"accuracy {accuracy:.0e}",
+            partial(run, accuracy),
+            error,
+            f"direct sums at {CHECKED_POINTS} of {count} points",
+            message="set-up and one sum",
+        )
+
+
+def ring_settings(case: Case) -> Iterator[Setting]:
+    """The number of rings of the Greenwood-Tripp model."""
+    solve = partial(solve_average, case.scene, case.asperities, load=case.load, model="gt")
+    reference = cache(lambda: solve(rings=MANY_RINGS))
+
+    def error(answer: RingSolution) -> float:
+        edges = np.linspace(0.0, float(reference().r[-1]), COMPARED_RINGS + 1)
+        return average_rings(answer, edges=edges).change(case.output, average_rings(reference(), edges=edges))
+
+    for rings in RINGS:
+        yield Setting(f"{rings} rings", partial(solve, rings=rings), error, f"{MANY_RINGS} rings")
+
+
+def pattern_settings(case: Case) -> Iterator[Setting]:
+    """The number of random patterns that are averaged."""
+    counts = (*PATTERNS, *MORE_PATTERNS) if case.fine else PATTERNS
+    most = counts[-1]
+    indenter = case.scene.need("indenter", "averages")
+
+    def run(count: int) -> list[Average]:
+        return [one(index) for index in range(count)]
+
+    def one(index: int) -> Average:
+        rng = np.random.default_rng(np.random.SeedSequence(0, spawn_key=(index,)))
+        pattern, side = _draw_pattern(case, rng)
+        solution = solve_scene(case.scene, pattern, load=case.load, coupling="asymptotic")
+        edges = np.linspace(0.0, side / 2, 4 * COMPARED_RINGS + 1)
+        return average_contacts(solution, centre=indenter.apex, edges=edges)
+
+    @cache
+    def scatter() -> float:
+        """Root mean square of the errors of single patterns against the mean of all."""
+        patterns = run(most)
+        mean = Average(
+            float(np.mean([p.area for p in patterns])),
+            np.mean([p.loads for p in patterns], axis=0),
+            float(np.mean([p.mean_radius for p in patterns])),
+        )
+        squares = [p.change(case.output, mean) ** 2 for p in patterns]
+        return float(np.sqrt(np.mean(squares) * most / (most - 1)))
+
+    def error(answer: list[Average]) -> float:
+        return scatter() / math.sqrt(len(answer))
+
+    for count in counts:
+        yield Setting(
+            f"{count} pattern" + "s" * (count > 1),
+            partial(run, count),
+            error,
+            f"mean of all such patterns (standard error from the scatter of {most})",
+        )
+
+
+def _draw_pattern(case: Case, rng: np.random.Generator) -> tuple[pd.DataFrame, float]:
+    """A pattern by the scene's generator, or its table shifted with permuted caps; the longer side, m."""
+    section = case.scene.need("asperities", "a pattern")
+    if section.generate is not None:
+        pattern = generate_asperities(section.generate, side=section.side, coverage=section.coverage, rng=rng)
+        return pattern, section.side
+    table = case.table().copy()
+    sides = pattern_sides(section, table)
+    for name, side, shift in zip(("x_m", "y_m"), sides, rng.random(2), strict=True):
+        low = float(table[name].min() + table[name].max() - side) / 2
+        table[name] = low + (table[name] - low + shift * side) % side
+    caps = ["height_m", "radius_m"]
+    table[caps] = table[caps].to_numpy()[rng.permutation(len(table))]
+    return table, max(sides)
+
+
+def needs_mechanics(case: Case) -> str:
+    """What the scene lacks for contact models; empty for nothing."""
+    sections = {
+        "[indenter]": case.scene.indenter,
+        "[elastic]": case.scene.elastic,
+        "[asperities] with a file or a generator": case.asperities,
+    }
+    missing = [name for name, section in sections.items() if section is None]
+    if missing:
+        return f"needs {', '.join(missing)}"
+    return "" if case.load > 0 else "needs a load above 0"
+
+
+def needs_averages(case: Case) -> str:
+    """What the scene lacks for the statistical models, which need no table."""
+    if case.scene.indenter is None or case.scene.elastic is None or case.scene.asperities is None:
+        return "needs [indenter], [elastic] and [asperities]"
+    stated = case.scene.asperities.height_law is not None and case.scene.asperities.radius is not None
+    if case.asperities is None and not stated:
+        return "needs a table of asperities, or the parameters of a height law"
+    return "" if case.load > 0 else "needs a load above 0"
+
+
+def needs_rendering(case: Case) -> str:
+    """What the scene lacks to render a frame."""
+    missing = [f"[{name}]" for name in ("camera", "simulate") if getattr(case.scene, name) is None]
+    return f"needs {' and '.join(missing)}" if missing else needs_mechanics(case)
+
+
+def needs_frames(case: Case) -> str:
+    """What the scene lacks to measure a frame."""
+    lacks = needs_rendering(case) if case.measured is None else ""
+    return f"{lacks} or frames of its own" if lacks else ""
+
+
+Settings = Callable[[Case], Iterator[Setting]]
+
+KNOBS: dict[str, tuple[Settings, Callable[[Case], str]]] = {
+    "image": (image_settings, needs_frames),
+    "model": (model_settings, needs_mechanics),
+    "solver": (solver_settings, needs_mechanics),
+    "sums": (sum_settings, needs_mechanics),
+    "rings": (ring_settings, needs_averages),
+    "patterns": (pattern_settings, needs_mechanics),
+    "supersampling": (supersampling_settings, needs_rendering),
+}
+"""Knob -> function that yields its settings, function that says what a case lacks for it."""
+
+
+def make_knob(case: Case, name: str) -> Knob:
+    """One knob of a case."""
+    title, output, load = TITLES[name], case.output, case.load
+    if name == "sums":
+        output, load = "displacement", math.nan
+    if name == "image" and case.measured is not None:
+        title, load = f"measurement of {case.measured.frame.name}", case.measured.load
+    return Knob(name, title, output, load, tuple(KNOBS[name][0](case)))
+
+
+def applicable_knobs(case: Case, names: Sequence[str] = ()) -> tuple[list[Knob], dict[str, str]]:
+    """The knobs that apply to a case, and why the others do not.
 
     Parameters
     ----------
-    knob : Knob
-    seconds : float
-        Time for all repetitions, s, in addition to the first run of each setting.
-    advance : callable, optional
-        Called once per setting.
-    clock : callable
-        Returns seconds: wall time, or `time.process_time` on a shared machine.
+    case : Case
+    names : sequence of str
+        Names from `KNOBS`; all if empty.
 
-    Returns
-    -------
-    DataFrame
-        Columns of `TRADEOFF`, one row per setting; a setting that fails has a message instead of numbers.
+    Raises
+    ------
+    InputError
+        If no knob applies (with the reasons) or a name is unknown.
     """
-    runs = [_Run(setting, clock) for setting in knob.settings]
-    for run in runs:
-        run.start()
-        if advance is not None:
-            advance()
-    _repeat([run for run in runs if run.times], seconds)
-    cheapest = min((run.best for run in runs), default=math.inf)
-    table = pd.DataFrame([run.row(knob, cheapest) for run in runs])
-    ran = np.array([bool(run.times) for run in runs])
-    front = pd.array(mark_front(table["error"], table["time_s"].where(ran)), dtype="Int64")
-    front[~ran] = pd.NA
-    return TRADEOFF.conform(table.assign(pareto=front))
-
-
-def _repeat(runs: Sequence[_Run], seconds: float) -> None:
-    """Repeat the settings in turn, as long as the next run fits into the time that is left.
-
-    The first run may include compilation, so all but slow settings are repeated at least once.
-    """
-    left = seconds
-    for turn in range(1, MAX_RUNS):
-        for run in runs:
-            if run.best <= left or (turn == 1 and run.best <= MAX_REPEATED_S):
-                run.repeat()
-                left -= run.times[-1]
-
-
-def mark_front(error: Sequence[float] | pd.Series, time: Sequence[float] | pd.Series) -> list[int]:
-    """1 for each setting that no other one beats in error and time together, else 0.
-
-    Parameters
-    ----------
-    error, time : sequence of float
-        NaN if not comparable; then the mark is 0.
-
-    Examples
-    --------
-    >>> mark_front([0.1, 0.01, 0.02, 0.001], [1.0, 2.0, 3.0, float("nan")])
-    [1, 1, 0, 0]
-    """
-    errors, times = np.asarray(error, float), np.asarray(time, float)
-    order, best = np.lexsort((errors, times)), math.inf
-    front = [0] * len(errors)
-    for row in order:
-        if np.isfinite(times[row]) and errors[row] < best:
-            front[row], best = 1, errors[row]
-    return front
-
-
-def _sentence(error: BaseException) -> str:
-    """The message of an error, or its type."""
-    return str(error) or type(error).__name__
+    unknown = [name for name in names if name not in KNOBS]
+    if unknown:
+        raise InputError(f"knob must be one of {', '.join(map(repr, KNOBS))}, got {unknown[0]!r}")
+    wanted = [name for name in KNOBS if not names or name in names]
+    left_out = {name: lacks for name in wanted if (lacks := KNOBS[name][1](case))}
+    if len(left_out) == len(wanted):
+        by_reason = {lacks: [k for k in left_out if left_out[k] == lacks] for lacks in left_out.values()}
+        reasons = (f"{', '.join(names)}: {lacks}" for lacks, names in by_reason.items())
+        raise InputError(f"nothing to trade accuracy against time on; {'; '.join(reasons)}")
+    return [make_knob(case, name) for name in wanted if name not in left_out], left_out

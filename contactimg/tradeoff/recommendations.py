@@ -6,6 +6,17 @@ import pandas as pd
 
 DIGIT = 10.0  # factor on the error of one more digit
 
+TITLES = {
+    "image": "measurement of a frame",
+    "model": "contact model",
+    "solver": "tolerance of the solver",
+    "sums": "coupling sums over many contacts",
+    "rings": "rings of Greenwood-Tripp",
+    "patterns": "patterns of an ensemble",
+    "supersampling": "sampling of rendered frames",
+}
+"""Knob -> what its settings choose."""
+
 OUTPUTS = {
     "all": "every output",
     "profile": "the forces",
@@ -41,18 +52,23 @@ def knob_sentence(title: str, table: pd.DataFrame, *, relative: float) -> str:
     grid: for 1 % on A take rough (0.4 %, 3 ms); the next digit takes fine (0.002 %, 100 ms), 33 times the
     time
     """
-    front = table[table["pareto"] == 1].sort_values("time_s")
+    front = front_of(table)
     if front.empty:
         return f"{title}: no setting could be run"
     what = f"{title}: for {error_text(relative)} on {OUTPUTS[str(front['output'].iloc[0])]}"
-    chosen = _cheapest(front, relative)
+    chosen = cheapest(front, relative)
     if chosen is None:
         best = front.iloc[-1]
         return f"{what} no setting serves; the best is {_described(best)}"
     return f"{what} take {_described(chosen)}; {_next_digit(front, chosen, relative)}"
 
 
-def _cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
+def front_of(table: pd.DataFrame) -> pd.DataFrame:
+    """The settings that no other one beats in error and time, the fastest first."""
+    return table[table["pareto"] == 1].sort_values("time_s")
+
+
+def cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
     """The fastest setting within an error."""
     within = front[front["error"] <= error]
     return None if within.empty else within.iloc[0]
@@ -61,9 +77,9 @@ def _cheapest(front: pd.DataFrame, error: float) -> pd.Series | None:
 def _next_digit(front: pd.DataFrame, chosen: pd.Series, relative: float) -> str:
     """The cost of a tenth of the tolerance, or of the error that is already reached."""
     goal = relative / DIGIT
-    better = _cheapest(front, goal)
+    better = cheapest(front, goal)
     if better is not None and better["setting"] == chosen["setting"]:
-        better = _cheapest(front, float(chosen["error"]) / DIGIT)
+        better = cheapest(front, float(chosen["error"]) / DIGIT)
         if better is None:
             return "no setting is ten times better"
     if better is None:

@@ -1,22 +1,17 @@
 """Estimates of the mechanical effects against switching them: honest, in every unit, on hard cases too."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 from effect_scenes import SA_LENS, SCENES, caps, hexagon, mechanical_scene, pattern
 from scipy.optimize import brentq
 
-from contactimg import InputError, ModelRangeError, generate_asperities, solve_interacting
-from contactimg.effects.mechanics.approximate_state import (
-    CELLS_PER_SIDE,
-    MAX_SAMPLED_CANDIDATES,
-    CandidateSample,
-)
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg import ConvergenceError, InputError, ModelRangeError, solve_interacting
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, PART_CONTACTS, estimate_mechanics
 from contactimg.effects.output_change import OUTPUTS, WRITTEN, relative_change
 from contactimg.effects.plan import make_plan
-from contactimg.models.asperity_laws import HertzLaw
-from contactimg.models.scaled_problem import ContactConditions, scale_problem
 from contactimg.prediction import predict_contacts
 from contactimg.scene import scene_from_dict
 
@@ -184,33 +179,25 @@ def test_estimates_do_not_depend_on_the_units(name):
 
 def test_contacts_are_those_of_the_coupled_state():
     scene, table, load = mechanical_scene("SA+ 0.1 N", effects={"model": "paper"})
-    contacts = estimate_mechanics(scene, table, load=load).contacts()
+    contacts = estimate_mechanics(scene, table, load=load).base.contacts()
     force, radius = answer(scene, table, load)
     there = np.zeros((2, len(table)))
     there[:, contacts["asperity"]] = contacts[["force_N", "radius_m"]].to_numpy().T
-    # fewer than 300 candidates: point forces to the state's residual, without refinements
+    # point forces to the residual of the compared solutions
     assert np.abs(there[0] - force).sum() < 1e-3 * load
     assert np.sum(there[1] ** 2) == pytest.approx(np.sum(radius**2), rel=1e-3)
     assert (contacts["flags"] > 0).any()
 
 
-def test_the_size_of_the_problem_is_bounded():
-    table = generate_asperities("SA", side=0.045, coverage=0.4, rng=np.random.default_rng(0))
-    assert len(table) > 1.5 * MAX_SAMPLED_CANDIDATES
-    setting = ContactConditions(2.0, 4e6, (0.0225, 0.0225), np.inf, 3.0, None)
-    sample = CandidateSample.of(scale_problem(table, setting), HertzLaw())
-    assert sample.problem.gap.size <= MAX_SAMPLED_CANDIDATES
-    assert sample.cells.count <= (CELLS_PER_SIDE + 1) ** 2
-
-
-def test_a_sample_of_many_says_the_same(monkeypatch):
-    """Every fourth candidate for all: the changes by some per cent the same."""
+def test_of_many_contacts_a_part_is_solved_that_bears_what_it_bears_in_the_whole():
     scene, table, load = mechanical_scene("SA+ large load")
-    whole = estimate_mechanics(scene, table, load=load).estimates
-    monkeypatch.setattr("contactimg.effects.mechanics.approximate_state.MAX_SAMPLED_CANDIDATES", 200)
-    part = estimate_mechanics(scene, table, load=load).estimates
-    for one, other in zip(whole, part, strict=True):
-        assert other.change == pytest.approx(one.change, rel=0.5), one.effect
+    whole, part = estimate_mechanics(scene, table, load=load).compared
+    assert whole.base.touching.size > 1.5 * PART_CONTACTS
+    assert part.base.touching.size == pytest.approx(PART_CONTACTS, abs=2)
+    # to the residual of both solutions
+    away = np.hypot(part.base.x[:, None] - whole.base.x, part.base.y[:, None] - whole.base.y)
+    expected = whole.base.force[away.argmin(axis=1)]
+    assert np.abs(part.base.force - expected).sum() < 1e-3 * expected.sum()
 
 
 def test_without_load_there_is_nothing_unless_contacts_adhere():
@@ -259,7 +246,7 @@ def test_what_the_estimate_cannot_tell_is_left_to_the_solution():
 @pytest.mark.parametrize("r", [0.0, 1e-12, 1e-9, 1e-6])
 def test_engulfed_contacts_stop_a_coupled_plan(r):
     table = caps([1e-3, 0.0, r], [0.0, 0.0, 0.0])
-    with pytest.raises(ModelRangeError, match="rows 1 and 2 would overlap so far"):
+    with pytest.raises(ModelRangeError, match=r"rows 1 and 2.* (are at the same place|would overlap)"):
         plan_of(table, 1e-3)
     scene = scene_from_dict(
         {
@@ -294,12 +281,13 @@ HARD = {
 @pytest.mark.parametrize("exponent", range(-15, 7, 3))
 @pytest.mark.parametrize("name", HARD)
 def test_everything_on_at_once_on_hard_cases(name, exponent):
-    """A finite plan, or an error of ours that says why."""
+    """A finite plan, or an error of ours that says why in the solver's own words or the plan's."""
     table = HARD[name]()
     for elastic in ({}, {"thickness_m": 2e-3, "work_of_adhesion_J_m2": 0.05}):
         try:
             plan = plan_of(table, 10.0**exponent, lens=1e6, **elastic)
-        except ModelRangeError as error:
-            assert "planes touch" in str(error) or "overlap" in str(error)  # noqa: PT017
+        except (ModelRangeError, ConvergenceError) as error:
+            reason = r"planes touch|rows \d+ and \d+.*(overlap|closer)|may lie beyond the model"
+            assert re.search(reason, str(error))  # noqa: PT017
         else:
             assert all(np.isfinite(c) and c >= 0 for c in changes(plan).values())

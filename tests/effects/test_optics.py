@@ -13,8 +13,7 @@ from small_series import SCENE
 
 from contactimg import measure_image, render_contacts, render_reference, scene_from_dict
 from contactimg.cli import main
-from contactimg.effects.optics.edge_effects import film_makes_the_contrast
-from contactimg.effects.optics.optical_effects import OPTICS, estimate_optics
+from contactimg.effects.optics import OPTICS, estimate_optics, film_makes_the_contrast
 from contactimg.effects.plan import make_plan
 from contactimg.files import read_frames, read_scene, write_scene
 from contactimg.imaging.background import difference_image
@@ -120,14 +119,19 @@ def test_other_units_of_brightness_give_the_same_estimates(tried):
     photographed, eight = tried("plain, counted")
     # sixteen times as many levels of a sixteenth of the electrons: only their steps are finer
     finer = {"background_levels": 80.0 * 16, "contrast_levels": 100.0 * 16, "bit_depth": 12}
-    simulate = photographed.scene.simulate.model_copy(update=finer | {"electrons_per_level": 20.0 / 16})
-    scene = photographed.scene.model_copy(update={"simulate": simulate})
-    twelve = estimates_of(scene, photographed.contacts)
-    # rounding, 1/12 of 6.8 squared levels, is gone: pixels at the threshold fall otherwise, and with them the
-    # bias of two realisations, which is as large as the scatter: a factor of two
-    assert twelve["blur"].change == pytest.approx(eight["blur"].change, rel=0.02)
-    assert twelve["shot_noise"].change == pytest.approx(eight["shot_noise"].change, rel=0.5)
-    assert twelve["quantisation"].change < eight["quantisation"].change
+    finer = finer | {"electrons_per_level": 20.0 / 16}
+
+    def estimated(changes, **effects):
+        simulate = photographed.scene.simulate.model_copy(update=changes)
+        switches = photographed.scene.effects.model_copy(update=effects)
+        scene = photographed.scene.model_copy(update={"simulate": simulate, "effects": switches})
+        return estimates_of(scene, photographed.contacts)
+
+    plain, scaled = (estimated(changes, quantisation="off") for changes in ({}, finer))
+    for effect in ("blur", "shot_noise", "vignetting", "edge_roughness"):
+        # single precision; a pixel at the threshold may fall otherwise, one of some 1e4
+        assert scaled[effect].change == pytest.approx(plain[effect].change, rel=1e-3, abs=2e-4), effect
+    assert estimated(finer)["quantisation"].change < eight["quantisation"].change
 
 
 def test_drift_of_position_counts_what_crosses_the_border():

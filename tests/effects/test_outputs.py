@@ -10,7 +10,7 @@ from spectral_truth import MODULUS, stored_cases
 
 from contactimg.cli import main
 from contactimg.effects.local_law import plan_law
-from contactimg.effects.mechanics.mechanical_effects import MECHANICAL_EFFECTS, estimate_mechanics
+from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
 from contactimg.effects.output_change import WRITTEN, Answer, Asperities, output_changes
 from contactimg.effects.plan import make_plan
 from contactimg.files import write_scene

@@ -11,8 +11,8 @@ from effect_scenes import hexagon, mechanical_scene, pattern
 import contactimg
 from contactimg import InputError
 from contactimg.cli import main
-from contactimg.effects.effect_estimate import EffectEstimate
-from contactimg.effects.mechanics import mechanical_effects as mechanics
+from contactimg.effects import mechanics
+from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
 from contactimg.mechanics import layer

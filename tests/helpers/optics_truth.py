@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from contactimg.effects.optics.edge_effects import film_makes_the_contrast
-from contactimg.effects.optics.optical_effects import OPTICS
+from contactimg.effects.optics import OPTICS, film_makes_the_contrast
 from contactimg.effects.output_change import POWER
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.inputs import contact_sites, need_asperities

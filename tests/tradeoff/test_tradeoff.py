@@ -1,4 +1,4 @@
-"""Knobs, fronts, sentences, averages, what a threshold makes of a blurred disk, figures."""
+"""Knobs, fronts, sentences, averages, figures."""
 
 import math
 import time
@@ -10,21 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from contactimg.errors import InputError, ModelRangeError
-from contactimg.imaging.profile.blurred_disk import blurred_disk
-from contactimg.imaging.profile.threshold_radius import disk_radius, threshold_radius
-from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.errors import ModelRangeError
 from contactimg.models.greenwood_williamson import solve_greenwood_williamson
 from contactimg.models.height_distributions import UniformHeights
 from contactimg.models.interacting import solve_interacting
 from contactimg.plots.tradeoff import plot_knob, plot_tradeoff
 from contactimg.surfaces import generate_asperities
 from contactimg.tables import TRADEOFF
-from contactimg.tradeoff.average_models import Average, average_change, average_contacts, average_rings
-from contactimg.tradeoff.boundary_elements import _collect
-from contactimg.tradeoff.knobs import Knob, Setting, mark_front, measure_knob
+from contactimg.tradeoff.averages import Average, average_contacts, average_rings
+from contactimg.tradeoff.measure import Knob, Setting, mark_front, measure_knob
 from contactimg.tradeoff.recommendations import error_text, knob_sentence, time_text
-from contactimg.tradeoff.sum_knob import _direct_sum
 
 positive = st.floats(1e-6, 1e3)
 
@@ -184,76 +179,8 @@ def test_rings_give_the_loads_of_annuli():
 def test_changes_of_averages():
     one = Average(2.0, np.array([1.0, 3.0]), 10.0)
     other = Average(2.2, np.array([1.5, 2.5]), 9.0)
-    changes = [average_change(name, answer=other, reference=one) for name in ("area", "force", "radius")]
+    changes = [other.change(name, one) for name in ("area", "force", "radius")]
     assert changes == pytest.approx([0.1, 0.25, 0.1])
-
-
-def test_direct_sums_are_those_of_the_matrix(rng):
-    x, y, force = rng.random((3, 30))
-    matrix = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
-    rows = np.array([0, 7, 29])
-    # both sum 29 terms in double precision
-    np.testing.assert_allclose(_direct_sum(x, y, force, rows), matrix.displacement(force)[rows], rtol=1e-13)
-
-
-def test_radii_from_the_second_moment_of_hertz_pressure():
-    a, h = 30e-6, 0.5e-6
-    axis = h * (np.arange(160) - 79.5) + 3e-6
-    x, y = np.meshgrid(axis, axis, indexing="ij")
-    r = np.hypot(x - 2e-6, y + 1e-6)
-    pressure = np.sqrt(np.maximum(1 - (r / a) ** 2, 0.0))
-    owner = np.where(r < 1.2 * a, 1, -1)
-    force, radius = _collect(x, y, owner, pressure * h**2, count=3)
-    assert radius[[0, 2]].tolist() == [0.0, 0.0]
-    # pixels at the rim are in or out: the second moment errs by about (h/a)^2 = 3e-4
-    assert radius[1] == pytest.approx(a, rel=3e-4)
-    assert force[1] == pytest.approx(2 / 3 * np.pi * a**2, rel=3e-4)
-
-
-# --- the threshold and the blurred disk -----------------------------------------------------------------
-
-
-@pytest.mark.parametrize("fraction", [0.05, 0.3, 0.5, 0.7, 0.95])
-def test_the_threshold_radius_is_where_the_profile_crosses(fraction):
-    a = np.array([2.6, 4.0, 11.0, 40.0])
-    r = threshold_radius(a, blur_px=1.4, fraction=fraction)
-    crossed = r > 0
-    assert crossed[1:].all()
-    # bisection to rounding; the profile's slope is below 0.4/s
-    np.testing.assert_allclose(blurred_disk(r[crossed], a[crossed], 1.4), fraction, atol=1e-12)
-
-
-def test_a_wide_disk_loses_the_curvature_term_at_half_height():
-    a, s = np.array([20.0, 40.0]), 1.4
-    lost = a - threshold_radius(a, blur_px=s)
-    # s^2/(2 a), the next term is smaller by about (s/a)^2
-    np.testing.assert_allclose(lost, s**2 / (2 * a), rtol=2 * (s / 20) ** 2)
-
-
-def test_a_small_disk_does_not_reach_half_height():
-    # its centre reaches 1 - exp(-a^2/(2 s^2)): one half at a = 1.1774 s
-    assert threshold_radius(1.17, blur_px=1.0) == 0
-    assert threshold_radius(1.18, blur_px=1.0) > 0
-
-
-@pytest.mark.parametrize(("fraction", "error"), [(0.05, 3e-4), (0.5, 1e-5), (0.95, 3e-4)])
-def test_disk_radius_inverts_the_threshold(fraction, error):
-    smallest = math.sqrt(-2 * math.log1p(-fraction))
-    a = np.geomspace(1.01 * smallest, 500.0, 500)
-    found = disk_radius(threshold_radius(a, blur_px=1.0, fraction=fraction), blur_px=1.0, fraction=fraction)
-    np.testing.assert_allclose(found, a, atol=error)
-
-
-def test_lengths_scale_together():
-    a = np.array([2.0, 5.0, 100.0])
-    scaled = disk_radius(3 * a, blur_px=3 * 0.8)
-    np.testing.assert_allclose(scaled, 3 * disk_radius(a, blur_px=0.8), rtol=1e-13)
-
-
-@pytest.mark.parametrize(("blur", "fraction"), [(0.0, 0.5), (math.nan, 0.5), (1.0, 0.0), (1.0, 1.0)])
-def test_what_has_no_meaning_is_refused(blur, fraction):
-    with pytest.raises(InputError, match="must be"):
-        disk_radius(3.0, blur_px=blur, fraction=fraction)
 
 
 # --- figures --------------------------------------------------------------------------------------------
@@ -314,9 +241,21 @@ def test_one_panel_a_knob_and_a_legend():
     table = measured().reset_index()
     two = pd.concat([table, table.assign(knob="rings"), table.assign(knob="sums")], ignore_index=True)
     figure = plot_tradeoff(two, relative=0.01).get_figure()
-    titles = [ax.get_title() for ax in figure.axes if ax.axison]
-    assert titles == ["contact model", "rings of Greenwood-Tripp", "coupling sums over many contacts"]
+    titles = [ax.get_title(loc="left") for ax in figure.axes if ax.axison]
+    kinds = [title.split("\n")[0] for title in titles]
+    assert kinds == ["contact model", "rings of Greenwood-Tripp", "coupling sums over many contacts"]
     assert len(figure.legends) == 1
+
+
+def test_the_recommended_setting_is_marked_with_its_sentence():
+    table = front_table(("none", 0.2, 1e-3), ("point", 2e-3, 0.02), ("full", 1e-5, 0.2))
+    ax = plot_knob(TRADEOFF.conform(table.assign(knob="model")), relative=0.01)
+    marked = [line.get_xydata() for line in ax.lines if line.get_label() == "recommended"]
+    np.testing.assert_allclose(marked, [[[0.02, 2e-3]]])
+    assert ax.get_title(loc="left") == "contact model\nfor 1 % on A take point (0.2 %, 20 ms)"
+    nothing = plot_knob(TRADEOFF.conform(table.assign(knob="model")), relative=1e-9)
+    assert "recommended" not in {line.get_label() for line in nothing.lines}
+    assert "no setting serves" in nothing.get_title(loc="left")
 
 
 def test_a_knob_without_numbers_gives_an_empty_panel():

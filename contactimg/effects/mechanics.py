@@ -1,0 +1,573 @@
+"""By how much each mechanical effect changes a prediction: the contact problem solved with it and without.
+
+The base solution couples the contacts by point forces, by Hertz's law, with adhesion and on the layer where
+the scene has them. One further solution for each effect, without it or with it, gives what the effect adds to
+force, radius and penetration of every contact. To first order these differences add up: the complete answer
+is the base with all that is missing from it, and an answer without some effects is the complete one less what
+they add.
+
+More contacts than `PART_CONTACTS` are solved as a whole only for coupling and layer; the other effects, which
+act in a contact and among its nearest neighbours, are compared on the part of the scene about the apex.
+"""
+
+import time
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from contactimg.effects.output_change import (
+    WRITTEN,
+    Answer,
+    Asperities,
+    EffectEstimate,
+    output_changes,
+    requested_outputs,
+)
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
+from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
+from contactimg.models.adhesive import solve_adhesive_after
+from contactimg.models.asperity_laws import left_out_for
+from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.full_coupling import bounded_saddle
+from contactimg.models.interacting import solve_interacting
+from contactimg.models.load_spring import LoadSpring
+from contactimg.models.profile_law import PROFILED, stated_profile
+from contactimg.models.solution import InteractingSolution
+from contactimg.models.validity import close_pairs
+from contactimg.sample_shape import shaped_asperities
+from contactimg.scene import Scene
+
+Values = NDArray[np.float64]
+Level = Literal["none", "asymptotic", "full"]
+
+PURPOSE = "planning the mechanical effects"
+
+MECHANICAL_EFFECTS = ("coupling", "full_coupling", "adhesion", "layer", "sphere_profile")
+
+OF_CAPS_ONLY = ("full_coupling", "adhesion", "sphere_profile")
+"""Effects whose equations hold for spherical caps of one modulus only."""
+
+THROUGH_COUPLING = ("full_coupling", "layer")
+"""Effects that act only where the contacts are coupled, and are left out with coupling."""
+
+PART_CONTACTS = 300
+"""Contacts up to which every effect is solved on the whole scene. Chosen by time."""
+
+RESIDUAL, RESIDUAL_FRACTION = 1e-4, 1e-2
+"""Residual of the compared solutions: this, or this fraction of the tolerance where that is smaller. Chosen
+below the smallest changes that decide."""
+
+BASE_GAP_ERROR = 0.1
+"""Error of the gap between the base planes over the largest penetration. Measured: full coupling and the
+sphere's profile change the penetrations by less than 0.06 of it."""
+
+FLAT_RADIUS_M = 1e6
+"""Radius of the flat that presses the part of a scene."""
+
+ENGULFED_DISTANCE = 0.2
+"""Distance over contact radius without coupling below which an unsolved problem is put down to two contacts.
+Chosen well below 0.64, where coupled contacts become unstable."""
+
+UNSOLVED = "no solution to compare with"
+
+SECOND_ORDER = {
+    "area": 0.27,
+    "force": 0.08,
+    "radius": 0.25,
+    "hertz": 0.4,
+    "profile": 0.08,
+    "indentation": 0.03,
+}
+"""Error of full coupling in each output over the mean square of the relative change of the curvature, mean
+and saddle, by the neighbours, weighted by the forces. Measured: the largest of RA+, RA-, SA+, flats and pairs
+that nearly touch, against solutions of the whole contact problem (`benchmarks/models_truth.py`)."""
+
+
+def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
+    """Level of coupling of the interacting model that two switches amount to.
+
+    Examples
+    --------
+    >>> coupling_level(coupling=True, full_coupling=False)
+    'asymptotic'
+    """
+    if not coupling:
+        return "none"
+    return "full" if full_coupling else "asymptotic"
+
+
+def solve_scene(
+    scene: Scene,
+    asperities: pd.DataFrame,
+    *,
+    load: float | LoadSpring,
+    coupling: str,
+    tolerance: float | None = None,
+    history: Sequence[float | LoadSpring] = (),
+    start: InteractingSolution | None = None,
+) -> InteractingSolution:
+    """Solve the interacting model with the effects that the scene switches on.
+
+    Scene, table, load, tolerance, history and errors are those of `contactimg.prediction.predict_contacts`;
+    ``coupling`` is one of the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not
+    enter there. ``start`` is a solution of the same table, from which contacts without adhesion start.
+    """
+    scene.check_effects()
+    indenter, elastic = scene.need("indenter", "a contact model"), scene.need("elastic", "a contact model")
+    effects = scene.effects
+    solve: Callable[..., InteractingSolution] = partial(solve_interacting, start=start)
+    profile = stated_profile(scene)
+    if profile is not None and "on" in (effects.adhesion, effects.sphere_profile):
+        raise InputError(
+            "[asperities] states a profile, for which neither adhesion nor the sphere's law is defined; "
+            'set [effects] adhesion = "off", sphere_profile = "off"'
+        )
+    if effects.adhesion == "on":
+        if coupling not in ADHESIVE_COUPLINGS:
+            raise InputError(
+                f'[effects] adhesion = "on" does not go with the coupling "{coupling}"; take "full"'
+            )
+        solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
+    if tolerance is not None:
+        solve = partial(solve, tolerance=tolerance)
+    return solve(
+        shaped_asperities(asperities, scene),
+        indenter_radius=indenter.radius,
+        contact_modulus=elastic.contact_modulus,
+        apex=indenter.apex,
+        load=load,
+        coupling=coupling,
+        law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
+        thickness=elastic.thickness if effects.layer == "on" else np.inf,
+    )
+
+
+@dataclass(frozen=True)
+class ModelError:
+    """Relative error of the complete model, as far as it is known.
+
+    Parameters
+    ----------
+    errors : mapping
+        Output -> relative error.
+    source : str
+        Where the numbers come from.
+    """
+
+    errors: dict[str, float] = field(default_factory=dict)
+    source: str = ""
+
+    def missed(self, outputs: tuple[str, ...], tolerance: float) -> str:
+        """A sentence if an output cannot be promised to a tolerance; else empty."""
+        beyond = {name: self.errors[name] for name in outputs if self.errors.get(name, 0.0) > tolerance}
+        if not beyond:
+            return ""
+        worst = ", ".join(f"{100 * error:.2g} % in {WRITTEN[name]}" for name, error in beyond.items())
+        return f"{100 * tolerance:g} % is not reached: the model itself errs by about {worst} ({self.source})"
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Force, radius, penetration of every asperity, and the indentation; or what an effect adds to them."""
+
+    force: Values
+    radius: Values
+    penetration: Values
+    indentation: float
+
+    def plus(self, other: "State", factor: float = 1.0) -> "State":
+        """These numbers plus a multiple of others."""
+        return State(
+            self.force + factor * other.force,
+            self.radius + factor * other.radius,
+            self.penetration + factor * other.penetration,
+            self.indentation + factor * other.indentation,
+        )
+
+
+class Comparison:
+    """A contact problem that is solved with and without each effect.
+
+    Parameters
+    ----------
+    scene : Scene
+    table : DataFrame
+        Asperity table.
+    load : float, N
+    """
+
+    def __init__(self, scene: Scene, table: pd.DataFrame, load: float) -> None:
+        self.scene, self.table, self.load = scene, table, load
+        self.elastic = scene.need("elastic", PURPOSE)
+        self.solved: dict[frozenset[str], InteractingSolution] = {}
+        self.seconds: dict[frozenset[str], float] = {}
+        self.steps: dict[str, State] = {}
+        self.costs: dict[str, float] = {}
+        self.reasons: dict[str, str] = {}
+        self.alone = self.solve(())
+        shapes = self.alone.shapes
+        self.own_caps = "" if shapes is None else shapes.words
+        if stated_profile(scene) is not None:
+            self.own_caps = PROFILED
+        self.on = {"coupling", "layer", "adhesion"} - scene.effects.switched_off(*MECHANICAL_EFFECTS)
+        if "coupling" not in self.on or self.elastic.thickness is None:
+            self.on -= {"layer"}
+        if self.own_caps or not self.elastic.work_of_adhesion > 0:
+            self.on -= {"adhesion"}
+        try:
+            self.base = self.solve(self.on)
+        except ConvergenceError:
+            refuse_touching_planes(self.alone, load, error=0.0)
+            refuse_engulfed(self.alone)
+            raise
+        # adhesive solutions do not tell the gaps of asperities out of contact
+        self.by_depth = np.isfinite(self.base.penetration) & (self.lacks("adhesion") != "")
+        self.complete = self.state(self.base)
+
+    def solve(
+        self, effects: Collection[str], start: InteractingSolution | None = None
+    ) -> InteractingSolution:
+        """The solution with these effects and no others."""
+        key = frozenset(effects)
+        if key in self.solved:
+            return self.solved[key]
+        switches = {name: "on" if name in effects else "off" for name in MECHANICAL_EFFECTS}
+        scene = self.scene.model_copy(update={"effects": self.scene.effects.model_copy(update=switches)})
+        level = coupling_level(coupling="coupling" in effects, full_coupling="full_coupling" in effects)
+        load = self.load if "adhesion" in effects else max(self.load, 0.0)
+        residual = (
+            None if "adhesion" in effects else min(RESIDUAL, RESIDUAL_FRACTION * scene.tolerance.relative)
+        )
+        began = time.thread_time()
+        solution = solve_scene(scene, self.table, load=load, coupling=level, tolerance=residual, start=start)
+        self.seconds[key] = time.thread_time() - began
+        return self.solved.setdefault(key, solution)
+
+    def state(self, solution: InteractingSolution) -> State:
+        """The numbers of a solution, with the penetrations that base and solution both know."""
+        known = np.isfinite(solution.penetration) & np.isfinite(self.base.penetration)
+        penetration = np.where(known, solution.penetration, np.where(self.by_depth, self.base.penetration, 0))
+        return State(solution.force, solution.radius, penetration, solution.indentation)
+
+    def lacks(self, effect: str) -> str:
+        """Why an effect cannot act here; empty where it can."""
+        if self.own_caps and effect in OF_CAPS_ONLY:
+            return f"not defined for asperities {self.own_caps}"
+        if effect == "adhesion" and not self.elastic.work_of_adhesion > 0:
+            return "no work of adhesion is stated"
+        if effect == "layer" and self.elastic.thickness is None:
+            return "no thickness is stated, so the body is a half-space"
+        if effect in THROUGH_COUPLING and "coupling" not in self.on:
+            return "coupling, through which it acts, is switched off"
+        return ""
+
+    def compare(self, effect: str) -> None:
+        """Solve without an effect that the base has, or with one that the base has not."""
+        self.reasons[effect] = self.lacks(effect)
+        if self.reasons[effect]:
+            return
+        base, others = self.state(self.base), self.on | {effect}
+        if effect in self.on:
+            others = self.on - {effect, *(THROUGH_COUPLING if effect == "coupling" else ())}
+        try:
+            solution = self.solve(others, self.base)
+        except (ConvergenceError, ModelRangeError) as error:
+            if effect != "coupling":
+                self.reasons[effect] = f"{UNSOLVED}: {error}"
+                return
+            nothing = np.zeros(len(self.table))
+            other, reason = State(nothing, nothing, nothing - self.base.indentation, 0.0), str(error)
+        else:
+            other, reason = self.state(solution), REASONS[effect](self, solution)
+            times = [self.seconds[frozenset(chosen)] for chosen in (others, self.on)]
+            if effect == "full_coupling":  # it has started from the base
+                times[0] += times[1]
+            self.costs[effect] = max(times[effect in self.on] / times[effect not in self.on], 1.0)
+        self.reasons[effect] = reason
+        if effect in self.on:
+            self.steps[effect] = base.plus(other, -1.0)
+        else:
+            self.steps[effect] = other.plus(base, -1.0)
+            self.complete = self.complete.plus(self.steps[effect])
+
+    def change(self, left_out: Collection[str], stretch: float) -> dict[str, float]:
+        """Change of each output if these effects are left out, each a number of times."""
+        names = {*left_out} | ({"full_coupling"} if "coupling" in left_out else set())
+        steps = [step for name, step in self.steps.items() if name in names]
+        if not steps:
+            return dict.fromkeys(WRITTEN, 0.0)
+        without = self.complete
+        for step in steps:
+            without = without.plus(step, -stretch)
+        distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
+        return output_changes(
+            Asperities.about(distance, self.base.law_radius),
+            without=self.answer(without),
+            complete=self.answer(self.complete),
+        )
+
+    @property
+    def apex(self) -> tuple[float, float]:
+        """Where the lens's apex stands, m."""
+        apex: tuple[float, float] = self.scene.need("indenter", PURPOSE).apex
+        return apex
+
+    def answer(self, state: State) -> Answer:
+        """The contacts of a state that was added up: others than those of the base may touch."""
+        touches = np.where(self.by_depth, state.penetration > 0, state.radius > 0)
+        radius = np.where(touches, np.maximum(state.radius, np.finfo(float).tiny), 0.0)
+        return Answer(np.where(touches, state.force, 0.0), radius, state.indentation)
+
+    @cached_property
+    def curvature_changes(self) -> Values:
+        """Squares of what the neighbours change of the curvatures of each contact, mean and saddle."""
+        base = self.base
+        rows = base.touching
+        if "coupling" not in self.on or self.own_caps or rows.size < 2:
+            return np.zeros(rows.size)
+        pressed, a, R = (
+            base.force[rows] / self.elastic.contact_modulus,
+            base.radius[rows],
+            base.law_radius[rows],
+        )
+        fields = DenseCoupling(base.x[rows], base.y[rows], Kernel.of_thickness(np.inf)).fields
+        own = fields(pressed, a, bounded_saddle(fields(pressed, a), R))
+        return np.asarray(R**2 * (own.curvature**2 + own.saddle_x**2 + own.saddle_y**2))
+
+    def part(self, contacts: int) -> "Comparison":
+        """The asperities about the apex among which so many are in contact, lowered as by all the others.
+
+        A flat presses them; their heights are such that they carry the forces that they carry in the whole.
+        """
+        base = self.base
+        distance = np.hypot(base.x - self.apex[0], base.y - self.apex[1])
+        reach = np.sort(distance[base.touching])[contacts - 1]
+        rows = np.flatnonzero((distance <= reach) & np.isfinite(base.penetration))
+        x, y, force = base.x[rows], base.y[rows], base.force[rows]
+        lowered = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).displacement(force)
+        height = base.penetration[rows] + lowered / self.elastic.contact_modulus
+        height += float(np.max(base.height)) - height.min()
+        table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": base.law_radius[rows]})
+        scene = self.scene.model_copy(
+            update={
+                "sample": None,
+                "indenter": self.scene.indenter.model_copy(update={"radius": FLAT_RADIUS_M, "tilt": 0.0}),
+                "elastic": self.elastic.model_copy(update={"thickness": None}),
+            }
+        )
+        return Comparison(scene, table, float(force.sum()))
+
+
+def _coupling_reason(pair: Comparison, alone: InteractingSolution) -> str:
+    """How unequally the neighbours lower the contacts."""
+    coupled = pair.base if "coupling" in pair.on else alone
+    alone = alone if "coupling" in pair.on else pair.base
+    lowered = (coupled.indentation - coupled.penetration) - (alone.indentation - alone.penetration)
+    known = np.isfinite(lowered) & (coupled.force > 0)
+    force, lowered = coupled.force[known], lowered[known]
+    total, sunk = float(force.sum()), float(force @ coupled.penetration[known])
+    if not sunk > 0:
+        return "no contact bears a load with coupling"
+    spread = np.sqrt(float(force @ (lowered - force @ lowered / total) ** 2) / total)
+    return f"the displacement by the neighbours varies by {spread * total / sunk:.2g} of the mean indentation"
+
+
+def _curvature_reason(pair: Comparison, _: InteractingSolution) -> str:
+    """How much the neighbours change the curvatures."""
+    largest = np.sqrt(np.max(pair.curvature_changes, initial=0.0))
+    return f"the neighbours change the radii of curvature by up to {largest:.2g}"
+
+
+def _adhesion_reason(pair: Comparison, other: InteractingSolution) -> str:
+    """How much adhesion adds to a contact of the mean force."""
+    dry = other if "adhesion" in pair.on else pair.base
+    rows = dry.touching
+    if not rows.size:
+        return "without adhesion there is no contact at this load"
+    force = float(dry.force[rows].mean())
+    pull = 3 * np.pi * pair.elastic.work_of_adhesion * float(dry.composite_radius[rows].mean())
+    gain = (pull + np.sqrt(2 * pull * force + pull**2)) / force
+    return f"it adds {gain:.0%} to a^3 of a contact of {force:.2g} N"
+
+
+def _layer_reason(pair: Comparison, _: InteractingSolution) -> str:
+    """The loaded region against the thickness."""
+    rows = pair.base.touching
+    x, y = pair.base.x[rows], pair.base.y[rows]
+    extent = float(np.hypot(x - x.mean(), y - y.mean()).max())
+    return f"the loaded region's radius is {extent / pair.elastic.thickness:.2g} of the thickness"
+
+
+def _sphere_reason(pair: Comparison, _: InteractingSolution) -> str:
+    """The largest contact against its asperity."""
+    return f"a/R up to {pair.base.validity.max_strain:.2f}"
+
+
+REASONS: dict[str, Callable[[Comparison, InteractingSolution], str]] = {
+    "coupling": _coupling_reason,
+    "full_coupling": _curvature_reason,
+    "adhesion": _adhesion_reason,
+    "layer": _layer_reason,
+    "sphere_profile": _sphere_reason,
+}
+"""Effect -> the number that decides, from the compared problem and its other solution."""
+
+
+@dataclass(frozen=True, eq=False)
+class MechanicalEstimates:
+    """The estimates of the mechanical effects of a scene at a load.
+
+    Parameters
+    ----------
+    estimates : tuple of EffectEstimate
+        In the order of `MECHANICAL_EFFECTS`.
+    limits : tuple of str
+        One sentence for each range of validity that some contacts exceed, and each effect that could not be
+        solved.
+    base : InteractingSolution or None
+        Contacts coupled by point forces; None without contacts.
+    compared : tuple of Comparison
+    model_error : ModelError
+        Of the complete model.
+    """
+
+    estimates: tuple[EffectEstimate, ...]
+    limits: tuple[str, ...] = ()
+    base: InteractingSolution | None = None
+    compared: tuple[Comparison, ...] = ()
+    model_error: ModelError = field(default_factory=ModelError)
+
+    def together(self, left_out: Collection[str], stretch: float = 1.0) -> dict[str, float]:
+        """Change of each output if all of some effects are left out, each ``stretch`` times."""
+        found = dict.fromkeys(WRITTEN, 0.0)
+        for comparison in self.compared:
+            change = comparison.change(left_out, stretch)
+            found = {output: found[output] + change[output] for output in WRITTEN}
+        return found
+
+
+def estimate_mechanics(scene: Scene, asperities: pd.DataFrame, *, load: float) -> MechanicalEstimates:
+    """Estimate how much the requested output changes if a mechanical effect is left out.
+
+    Parameters
+    ----------
+    scene : Scene
+        With the sections ``[indenter]`` and ``[elastic]``; ``[tolerance]`` states the output. An effect that
+        is switched off does not act on the others.
+    asperities : DataFrame
+        Columns ``x_m, y_m, height_m, radius_m``.
+    load : float, N
+        Zero or negative only if the contacts adhere.
+
+    Raises
+    ------
+    InputError
+        If a section is missing or the load is not valid.
+    ModelRangeError
+        If the indenter reaches the plane between the asperities, or a contact encloses its neighbour.
+
+    Examples
+    --------
+    >>> from contactimg.scene import scene_from_dict
+    >>> pair = pd.DataFrame(
+    ...     {"x_m": [0.0, 1e-4], "y_m": [0.0, 0.0], "height_m": [4e-5, 4e-5], "radius_m": [1e-4, 1e-4]}
+    ... )
+    >>> scene = scene_from_dict(
+    ...     {"indenter": {"radius_m": 1.0}, "elastic": {"young_modulus_Pa": 3e6}}
+    ... )
+    >>> mechanics = estimate_mechanics(scene, pair, load=3e-3)
+    >>> [one.effect for one in mechanics.estimates if one.change > 0.01]
+    ['coupling', 'sphere_profile']
+    """
+    scene.need("indenter", PURPOSE)
+    elastic = scene.need("elastic", PURPOSE)
+    scene.check_effects()
+    adheres = elastic.work_of_adhesion > 0 and scene.effects.adhesion != "off"
+    if not (np.isfinite(load) and (load >= 0 or adheres)):
+        no_adhesion = "; adhesion is left out here" if elastic.work_of_adhesion > 0 and not adheres else ""
+        raise InputError(
+            f"load must be finite, and positive unless the contacts adhere, got {load!r} N{no_adhesion}; "
+            "give another"
+        )
+    whole = Comparison(scene, asperities, load)
+    if not whole.base.touching.size:
+        nothing = f"at {load:g} N there is no contact"
+        return MechanicalEstimates(tuple(EffectEstimate(name, 0.0, nothing) for name in MECHANICAL_EFFECTS))
+    limits = _limits(whole, load)
+    near = whole if whole.base.touching.size <= PART_CONTACTS else whole.part(PART_CONTACTS)
+    for name in MECHANICAL_EFFECTS:
+        (whole if name in ("coupling", "layer") else near).compare(name)
+    compared = (whole,) if near is whole else (whole, near)
+    found = MechanicalEstimates((), compared=compared)
+    requested = requested_outputs(scene.tolerance.output)
+    estimates = []
+    for name in MECHANICAL_EFFECTS:
+        changes = found.together([name])
+        source = whole if name in whole.reasons else near
+        estimates.append(
+            EffectEstimate(
+                name,
+                max(changes[output] for output in requested),
+                source.reasons[name],
+                source.costs.get(name, 1.0),
+                changes,
+            )
+        )
+        if source.reasons[name].startswith(UNSOLVED):
+            limits.append(f"{name} is left out: {source.reasons[name]}")
+    return MechanicalEstimates(tuple(estimates), tuple(limits), whole.base, compared, _model_error(near))
+
+
+def refuse_touching_planes(solution: InteractingSolution, load: float, *, error: float) -> None:
+    """Raise `ModelRangeError` if the base planes touch by more than an error (m)."""
+    gap = solution.validity.base_gap
+    if gap < -error:
+        raise ModelRangeError(
+            f"at {load:g} N the indenter lies about {-gap * 1e6:.3g} um below the plane between the "
+            "asperities: the planes touch, outside every asperity model; lower the load"
+        )
+
+
+def refuse_engulfed(alone: InteractingSolution) -> None:
+    """Raise `ModelRangeError` if uncoupled contacts lie far inside each other."""
+    rows = alone.touching
+    i, j, _ = close_pairs(alone.x[rows], alone.y[rows], ENGULFED_DISTANCE * alone.radius[rows])
+    if i.size:
+        first, second = sorted((int(rows[i[0]]), int(rows[j[0]])))
+        raise ModelRangeError(
+            f"asperities: rows {first} and {second} would overlap so far that several solutions exist; "
+            "lower the load or merge them"
+        )
+
+
+def _limits(whole: Comparison, load: float) -> list[str]:
+    """Sentences on the ranges of validity that are exceeded; an error if the base planes certainly touch."""
+    validity, error = whole.base.validity, BASE_GAP_ERROR * float(np.max(whole.base.penetration))
+    refuse_touching_planes(whole.base, load, error=error)
+    limits = [text for text in validity.messages() if "planes touch" not in text]
+    if whole.own_caps:
+        limits.append(left_out_for(whole.own_caps))
+    if validity.base_gap < error:
+        limits.append(
+            f"the indenter comes within {validity.base_gap * 1e6:.2g} +- {error * 1e6:.2g} um of the plane "
+            "between the asperities; whether the planes touch, only the solution will show"
+        )
+    return limits
+
+
+def _model_error(near: Comparison) -> ModelError:
+    """The error of the complete model, from the square of what the neighbours change of the curvatures."""
+    force = near.base.force[near.base.touching]
+    total = float(np.abs(force).sum())
+    square = float(np.abs(force) @ near.curvature_changes) / total if total > 0 else 0.0
+    source = "estimated from the square of what the neighbours change of the curvatures"
+    if near.own_caps:
+        source += f"; for asperities {near.own_caps} there is no solution to compare with"
+    if "adhesion" in near.on:
+        source += "; with adhesion compared on pairs and hexagons only"
+    return ModelError({name: factor * square for name, factor in SECOND_ORDER.items()}, source)

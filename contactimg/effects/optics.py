@@ -1,0 +1,377 @@
+"""By how much each effect of optics and sensor changes what is measured: rendered with it and without.
+
+The scene's contacts are rendered with all effects and without one of them, under the same noise, and measured
+as ``[measure]`` says. Of a large frame only a part is rendered: the quarter about the apex with the most
+contacts, cropped to them.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy import special
+
+from contactimg.effects.output_change import OUTPUTS, POWER, EffectEstimate
+from contactimg.imaging.measure import measure_image
+from contactimg.optics.film import Light, thick_transmission, transmission
+from contactimg.optics.render_settings import PARAMETER, lamp, read_render_settings
+from contactimg.optics.sensor import digitise
+from contactimg.render import render_contacts, render_reference
+from contactimg.scene import Scene, Simulate
+from contactimg.tables import CONTACTS
+
+Values = NDArray[np.float64]
+Shown = frozenset[str]
+
+OPTICS = (
+    "blur",
+    "film",
+    "vignetting",
+    "light_drift",
+    "position_drift",
+    "shot_noise",
+    "read_noise",
+    "quantisation",
+    "saturation",
+    "dust",
+    "edge_roughness",
+    "supersampling",
+)
+
+NOISE = ("shot_noise", "read_noise", "quantisation")
+"""Effects whose change is the root mean square over realisations; of all others it is the mean."""
+
+SENSOR = frozenset((*NOISE, "saturation"))
+"""Effects on the numbers of the sensor, after the light of the frame is known."""
+
+REALISATIONS = 2
+"""Realisations of the noise; each contact has noise of its own in addition. Chosen to bound the time."""
+
+MAX_PIXELS = 100_000
+"""Pixels of the cropped frame from which only a quarter of it is rendered. Chosen to bound the time."""
+
+MARGIN_PX = 30.0
+"""Background around the contacts of the part. Chosen: four blocks of the estimate of the background."""
+
+FILM_CONTRAST_FACTOR = 2.0
+"""The film explains a contrast within this factor of its own. Chosen by hand; sensitivity not measured."""
+
+NO_FILM = "no film:"
+
+SEED = 20150203
+
+
+def film_strength(light: Light) -> float:
+    """Contrast of a contact against a thick air film, ``T(0)/T(inf) - 1``.
+
+    Examples
+    --------
+    >>> film_strength(Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9)))
+    0.0728
+    """
+    return float(transmission(0.0, light=light)) / thick_transmission(light) - 1
+
+
+def film_makes_the_contrast(simulate: Simulate) -> bool:
+    """Whether the contrast of a scene is that of an air film, within `FILM_CONTRAST_FACTOR`.
+
+    Otherwise it has another cause (for example caps that deflect the light), and the film does not shape the
+    edge.
+
+    Examples
+    --------
+    >>> film_makes_the_contrast(Simulate(background_levels=200.0, contrast_levels=15.0))
+    True
+    >>> film_makes_the_contrast(Simulate(background_levels=80.0, contrast_levels=100.0))
+    False
+    """
+    ratio = simulate.contrast_levels / simulate.background_levels / film_strength(lamp(simulate))
+    return 1 / FILM_CONTRAST_FACTOR <= ratio <= FILM_CONTRAST_FACTOR
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The part of a scene that is rendered: its scene, contacts in px and their radii of curvature (m)."""
+
+    scene: Scene
+    contacts: pd.DataFrame
+    sphere_radius: Values
+
+    @classmethod
+    def of(cls, scene: Scene, contacts: pd.DataFrame) -> "Part | None":
+        """The contacts in the frame, or those of a quarter of it; None without any."""
+        simulate = scene.need("simulate", "the effects of optics and sensor")
+        pose, shape = scene.pose(simulate.shape), np.array(simulate.shape)
+        x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))
+        radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
+        chosen = (x >= -0.5) & (x <= shape[1] - 0.5) & (y >= -0.5) & (y <= shape[0] - 0.5) & (radius > 0)
+        if not chosen.any():
+            return None
+        low, high = _window(x[chosen], y[chosen], radius[chosen], shape)
+        if np.prod(high - low) > MAX_PIXELS:
+            x0, y0 = np.median(x[chosen]), np.median(y[chosen])
+            quarters = [
+                chosen & (right == (x >= x0)) & (below == (y >= y0)) for right in (0, 1) for below in (0, 1)
+            ]
+            chosen = max(quarters, key=np.count_nonzero)
+            low, high = _window(x[chosen], y[chosen], radius[chosen], shape)
+        table = pd.DataFrame(
+            {"x_px": x[chosen] - low[1], "y_px": y[chosen] - low[0], "radius_px": radius[chosen]}
+        )
+        middle = (shape - 1) / 2
+        corners = np.maximum(np.abs(low - middle), np.abs(high - 1 - middle))
+        changed = {
+            "shape": tuple(int(n) for n in high - low),
+            "dust_count": round(simulate.dust_count * float(np.prod((high - low) / shape))),
+            "vignetting": simulate.vignetting
+            * min(float(corners @ corners / max(middle @ middle, 1.0)), 1.0),
+        }
+        smaller = scene.model_copy(update={"simulate": simulate.model_copy(update=changed)})
+        return cls(smaller, CONTACTS.conform(table), _sphere_radii(scene, contacts)[chosen])
+
+
+def _window(x: Values, y: Values, radius: Values, shape: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
+    """First and last row and column of a frame about some contacts."""
+    around = radius.max() + MARGIN_PX
+    low = np.floor(np.maximum([y.min() - around, x.min() - around], 0)).astype(np.intp)
+    high = np.ceil(np.minimum([y.max() + around, x.max() + around], shape)).astype(np.intp)
+    return low, np.maximum(high, low + 1)
+
+
+def _sphere_radii(scene: Scene, contacts: pd.DataFrame) -> Values:
+    """Radius of curvature of each contact by Hertz's law, ``R = 4 E* a^3/(3 p)``; NaN where not known."""
+    force, radius = contacts["force_N"].to_numpy(float), contacts["radius_m"].to_numpy(float)
+    if scene.elastic is None:
+        return np.full(len(contacts), np.nan)
+    cubed = 4 / 3 * scene.elastic.contact_modulus * radius**3
+    return np.divide(cubed, force, out=np.full(len(contacts), np.nan), where=force > 0)
+
+
+class Camera:
+    """Photographs a part of a scene with any choice of effects and measures it; results are kept."""
+
+    def __init__(self, part: Part) -> None:
+        self.part, self.scene = part, part.scene
+        self.simulate: Simulate = part.scene.need("simulate", "the effects of optics and sensor")
+        self.noise = np.random.default_rng([SEED, 1]).standard_normal(
+            (REALISATIONS, 4, *self.simulate.shape), dtype=np.float32
+        )
+        self.lights: dict[Shown, tuple[NDArray, NDArray]] = {}
+        self.radii: dict[Shown, list[tuple[NDArray[np.intp], Values]]] = {}
+        self.seconds: dict[Shown, float] = {}
+        self.clipped = False
+
+    def light(self, shown: Shown) -> tuple[NDArray, NDArray]:
+        """Grey levels of frame and reference before the sensor."""
+        key = shown - SENSOR
+        if key not in self.lights:
+            switches = {name: "on" if name in key else "off" for name in OPTICS}
+            effects = self.scene.effects.model_copy(update=switches)
+            scene = self.scene.model_copy(update={"effects": effects})
+            began = time.thread_time()
+            frame = render_contacts(
+                self.part.contacts,
+                scene,
+                rng=np.random.default_rng(SEED),
+                sphere_radius=self.part.sphere_radius if "film" in key else None,
+            ).frame.image
+            self.seconds[key] = time.thread_time() - began
+            self.lights[key] = frame, render_reference(scene, rng=np.random.default_rng(SEED)).image
+        return self.lights[key]
+
+    def record(self, levels: NDArray, shown: Shown, noise: NDArray) -> NDArray:
+        """The pixels of the sensor; shot noise is normal, so that the light does not change its pattern."""
+        simulate, levels = self.simulate, np.maximum(levels, 0.0)
+        noisy = levels
+        if "shot_noise" in shown:
+            noisy = noisy + np.sqrt(levels / simulate.electrons_per_level) * noise[0]
+        if "read_noise" in shown:
+            noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * noise[1]
+        self.clipped |= bool(noisy.min() < 0 or noisy.max() > 2**simulate.bit_depth - 1)
+        return digitise(
+            noisy,
+            bit_depth=simulate.bit_depth,
+            saturate="saturation" in shown,
+            quantise="quantisation" in shown,
+            name="part",
+        ).image
+
+    def measure(self, shown: Shown) -> list[tuple[NDArray[np.intp], Values]]:
+        """For each realisation the nearest contact of every measured disk, and the disk's radius, px."""
+        if shown in self.radii:
+            return self.radii[shown]
+        frame, reference = self.light(shown)
+        options, found = self.scene.measure, []
+        x, y, a = (self.part.contacts[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+        for noise in self.noise:
+            disks = measure_image(
+                self.record(frame, shown, noise[:2]),
+                self.record(reference, shown, noise[2:]),
+                method=options.method,
+                polarity=self.scene.images.polarity,
+                threshold=options.threshold,
+                full_scale=2.0**self.simulate.bit_depth - 1 if "saturation" in shown else None,
+                blur_px=options.blur_px,
+            ).disks
+            at_x, at_y, radius = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+            outside = np.hypot(at_x[:, None] - x, at_y[:, None] - y) - a
+            found.append((outside.argmin(axis=1), radius))
+        return self.radii.setdefault(shown, found)
+
+    def amounts(self, shown: Shown, power: int) -> Values:
+        """Measured ``a^power`` of each contact, one row a realisation; 0 if it was not detected."""
+        count = len(self.part.contacts)
+        return np.array(
+            [np.bincount(nearest, radius**power, minlength=count) for nearest, radius in self.measure(shown)]
+        )
+
+    def change(self, output: str, effect: str, base: Shown) -> float:
+        """Relative change of an output if the effect is left out."""
+        complete = self.amounts(base | {effect}, POWER[output])
+        step = self.amounts(base - {effect}, POWER[output]) - complete
+        R = self.part.sphere_radius
+        value = 1 / R if output == "force" and np.isfinite(R).all() else np.ones(R.size)
+        step, mean = value * step, value * complete.mean(axis=0)
+        if output == "radius":
+            size = float(np.sum(mean**2))
+            total, single = np.mean(step, axis=0) ** 2, np.mean(step**2, axis=0)
+            systematic, noise = float(total.sum()), float(single.sum())
+        else:
+            size = float(mean.sum()) ** 2
+            systematic = float(step.sum(axis=1).mean()) ** 2
+            noise = max(float(np.mean(step.sum(axis=1) ** 2)), float(np.mean(step**2, axis=0).sum()))
+        chance = float(step.var(axis=0, ddof=1).sum()) / len(step)
+        square = noise if effect in NOISE else max(systematic - chance, 0.0)
+        return float(np.sqrt(square / size)) if size > 0 else float(square > 0)
+
+
+def _film_reason(camera: Camera) -> str:
+    """The contrast of the scene and that of the film; ends with why the film cannot act."""
+    simulate = camera.simulate
+    contrast, strength = simulate.contrast_levels / simulate.background_levels, film_strength(lamp(simulate))
+    stated = f"contrast {100 * contrast:.3g} % of the background, the film's {100 * strength:.2g} %"
+    if not np.isfinite(camera.part.sphere_radius).all():
+        return f"{stated}, {NO_FILM} the radii of curvature are not known"
+    if simulate.edge_softness_px > 0:
+        return f"{stated}, {NO_FILM} edge_softness_px replaces its edge"
+    if camera.scene.effects.film != "on" and not film_makes_the_contrast(simulate):
+        return f"{stated}, {NO_FILM} the contrast has another cause"
+    return stated
+
+
+def _reason(effect: str, camera: Camera) -> str:
+    """The number that decides on an effect, in words."""
+    simulate, radius = camera.simulate, camera.part.contacts["radius_px"]
+    if effect == "film":
+        return _film_reason(camera)
+    if effect in NOISE:
+        middle = max(simulate.background_levels + simulate.contrast_levels / 2, 0.0)
+        electrons = simulate.electrons_per_level or 1.0
+        levels = {
+            "shot_noise": float(np.sqrt(middle / electrons)),
+            "read_noise": simulate.read_noise_electrons / electrons,
+            "quantisation": float(np.sqrt(1 / 12)),
+        }
+        contrast = abs(simulate.contrast_levels)
+        return f"{levels[effect]:.2g} levels of noise at a contrast of {contrast:.3g}"
+    brightest = simulate.background_levels + max(simulate.contrast_levels, 0.0)
+    return {
+        "blur": f"blur of {simulate.blur_px:g} px on radii of {radius.min():.2g} to {radius.max():.2g} px",
+        "vignetting": f"the light falls to {1 - simulate.vignetting:.2g} of that at the centre",
+        "light_drift": f"{100 * simulate.light_drift:.2g} % more light than in the reference",
+        "saturation": f"contacts of {brightest:.3g} levels under a full scale of {2**simulate.bit_depth - 1}",
+        "dust": f"{simulate.dust_count} grains among the contacts",
+        "edge_roughness": f"edges deviate by {simulate.edge_roughness_px:.2g} px",
+        "supersampling": f"blur of {simulate.blur_px:g} px, {simulate.supersampling} samples a pixel",
+    }[effect]
+
+
+def estimate_optics(scene: Scene, contacts: pd.DataFrame) -> tuple[EffectEstimate, ...]:
+    """Measure what leaving out each effect of optics and sensor changes.
+
+    The outputs are those that ``[tolerance]`` names: the sum of the areas, the sum of the forces (a^3/R; for
+    the profile too), or the radii; with ``"all"`` each of the three. For a systematic effect the change is
+    its mean, for noise the root mean square over realisations, including contacts that are lost.
+
+    Parameters
+    ----------
+    scene : Scene
+    contacts : DataFrame, contacts schema
+        At one load: ``x_m, y_m, radius_m``, and ``force_N`` for the radii of curvature.
+
+    Returns
+    -------
+    tuple of EffectEstimate
+        One per effect of `OPTICS`; empty without the sections ``[simulate]`` and ``[camera]``.
+
+    Raises
+    ------
+    InputError
+        If the section ``[simulate]`` is not valid.
+    """
+    if scene.simulate is None or scene.camera is None:
+        return ()
+    shown = read_render_settings(scene).effects - {"position_drift"}
+    part = Part.of(scene, contacts)
+    camera = None if part is None else Camera(part)
+    if camera is not None and NO_FILM not in _film_reason(camera) and scene.effects.film != "off":
+        shown |= {"film"}
+    return tuple(_estimate(effect, scene, contacts, camera, shown) for effect in OPTICS)
+
+
+def _estimate(
+    effect: str, scene: Scene, contacts: pd.DataFrame, camera: Camera | None, shown: Shown
+) -> EffectEstimate:
+    """The estimate of one effect."""
+    simulate = scene.need("simulate", "the effects of optics and sensor")
+    output = scene.tolerance.output
+    outputs = OUTPUTS if output == "all" else ("force" if output == "profile" else output,)
+    parameter = PARAMETER.get(effect)
+    if effect in ("shot_noise", "read_noise") and simulate.electrons_per_level == 0:
+        return EffectEstimate(effect, 0.0, "electrons_per_level is 0, so there is no noise")
+    if parameter is not None and getattr(simulate, parameter) == 0:
+        return EffectEstimate(effect, 0.0, f"{parameter} is 0")
+    if camera is None:
+        return EffectEstimate(effect, 0.0, "no contact lies in the frame")
+    if effect == "position_drift":
+        leaving, changes = _leaving_contacts(scene, contacts, outputs)
+        return EffectEstimate(effect, max(changes.values()), leaving, 1.0, changes)
+    reason = _reason(effect, camera)
+    if NO_FILM in reason or (effect == "saturation" and not _clips(camera, shown)):
+        return EffectEstimate(effect, 0.0, reason)
+    changes = {name: camera.change(name, effect, shown) for name in outputs}
+    keys = (shown | {effect}) - SENSOR, (shown - {effect}) - SENSOR
+    cost = max(camera.seconds[keys[0]] / camera.seconds[keys[1]], 1.0)
+    return EffectEstimate(effect, max(changes.values()), reason, cost, changes)
+
+
+def _clips(camera: Camera, shown: Shown) -> bool:
+    """Whether any pixel reaches full scale or zero."""
+    camera.measure(shown)
+    return camera.clipped
+
+
+def _leaving_contacts(
+    scene: Scene, contacts: pd.DataFrame, outputs: tuple[str, ...]
+) -> tuple[str, dict[str, float]]:
+    """What a drift of position takes out of the frame and into it; the alignment corrects the rest."""
+    simulate = scene.need("simulate", "the effects of optics and sensor")
+    sigma, pose = simulate.position_drift_px, scene.pose(simulate.shape)
+    x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))
+    shown, inside = np.ones(len(contacts)), np.ones(len(contacts))
+    for place, length in ((x, simulate.shape[1]), (y, simulate.shape[0])):
+        low, high = (-0.5 - place) / sigma, (length - 0.5 - place) / sigma
+        shown *= special.ndtr(high) - special.ndtr(low)
+        inside *= (low < 0) & (high > 0)
+    changes = {}
+    for output in outputs:
+        amount = contacts["radius_m"].to_numpy(float) ** POWER[output]
+        step = amount * (shown - inside)
+        if output == "radius":
+            changes[output] = float(np.sqrt(np.sum(step**2) / np.sum((amount * inside) ** 2)))
+        else:
+            changes[output] = abs(float(step.sum())) / float(amount @ inside)
+    leaving = float(np.sum(np.maximum(inside - shown, 0.0)))
+    return f"{sigma:.2g} px, corrected; {leaving:.2g} of {inside.sum():.0f} contacts leave the frame", changes
