@@ -18,6 +18,7 @@ from unittest.mock import patch
 
 import cv2
 import numpy as np
+from contactimg.imaging.reject.foreign_objects import NO_FOREIGN_OBJECTS
 
 from contactimg.imaging.background.align import align_strips
 from contactimg.imaging.background.align_far import FarSearch
@@ -36,15 +37,14 @@ from contactimg.imaging.background.illumination import BACKGROUND_CLIP_SIGMA, Il
 from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.resample import filter_rows_and_columns, shift_kernel
 from contactimg.imaging.contrast.noise import LARGEST_LAG, NoiseCorrelation
+from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.detect.peaks import find_peaks
 from contactimg.imaging.fit.covers import Replacement
 from contactimg.imaging.fit.disks import FitControl, fit_disks
 from contactimg.imaging.fit.method import measure_by_fit
 from contactimg.imaging.fit.problem import FitProblem
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, is_background
 from contactimg.imaging.pixels.robust import robust_std
-from contactimg.imaging.reject.foreign_objects import NO_FOREIGN_OBJECTS
-from contactimg.imaging.shapes.components import label_components
-from contactimg.imaging.shapes.peaks import find_peaks
 
 ROOMS = ("pipeline.", "tradeoff.")  # names within these rooms of the package; all others lie in the imaging
 

@@ -11,8 +11,8 @@ from imaging_frames import Optics, render
 from imaging_scores import markdown, number, put_table
 from scipy import special
 
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.shapes.peaks import FALSE_ALARM_SIGMA
 
 SHAPE = (600, 800)
 CELL = 40  # px a contact

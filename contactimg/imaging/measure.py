@@ -1,7 +1,7 @@
 """Measure the contacts of one frame.
 
-The steps: check the input, pair frame and reference, subtract the background, find the foreground, measure
-its contacts by one of the two methods, look at them once more, judge the frame, tabulate.
+The steps: check the input, pair frame and reference, take out what the sensor adds, subtract the background, find
+and measure the contacts by one of the two methods, decide on each and on the frame, tabulate.
 """
 
 from collections.abc import Collection, Sequence
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from skimage.measure import find_contours
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
@@ -20,49 +21,53 @@ from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
-from contactimg.imaging.fit.edge_profile import WORSE_CHI_SQUARE_RATIO
+from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
+from contactimg.imaging.evidence.background_left import inspect_background
+from contactimg.imaging.evidence.rules import Columns, judge_contacts
+from contactimg.imaging.evidence.status import (
+    LIGHT_CHANGE,
+    RESOLVED,
+    FrameEvidence,
+    Verdict,
+    judge_frame,
+    unexplained_share,
+)
+from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.film_choice import FilmVerdict
-from contactimg.imaging.fit.method import FirstDisks, measure_by_fit
-from contactimg.imaging.fit.quality import FittedDetections
-from contactimg.imaging.fit.settings import POOR_CHI_SQUARE
-from contactimg.imaging.judge.climbed_table import Outlines
-from contactimg.imaging.judge.pierced import contrast_beside_holes, may_have_holes
-from contactimg.imaging.judge.review import Review, review
-from contactimg.imaging.judge.shape_ladder import SHAPES, misfit_as_ellipses
-from contactimg.imaging.judge.status import LIGHT_CHANGE, RESOLVED, Verdict, judge
+from contactimg.imaging.fit.method import measure_by_fit
+from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.field_of_view import (
+    divide_by_mosaic,
+    find_dead_lines,
+    find_unlit,
+    mosaic_gains,
+)
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.pixels.freed_memory import keep_freed_memory
-from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.film_rim import FilmSetting, Rim
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.reject.detections import (
-    CONTACT_COLUMNS,
-    PLACE,
-    SHAPE_COLUMNS,
-    Columns,
-    Detections,
-    no_detections,
-    shape_columns,
-    without_edge_shift,
-)
-from contactimg.imaging.reject.foreground import Foreground, find_foreground
-from contactimg.imaging.shapes.hand_edits import HandEdit, remark_on
 from contactimg.tables import Flag
 
+SHAPES = ("auto", "disk", "ellipse", "free")
+"""Shapes that contacts may have, for the method "disk"."""
 CORRECTIONS = ("position_drift", "dust")
 """Corrections that can be left out where their cause is known to be absent."""
-
 BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
 """Level of the background among those of a frame, by the polarity of the contacts."""
-
-
-@dataclass(frozen=True, eq=False)
-class PreparedImage:
-    """A frame without its background, which can be measured more than once."""
-
-    foreground: Foreground
-    difference: DifferenceImage
+REACH_BLUR_WIDTHS = 4.0
+"""Distance from a rim from which on a block is background. Theory: 3e-5 of an edge is left there."""
+OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
+"""Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes shorter."""
+CONTACT_TYPES: dict[str, Any] = {
+    "x_px": "float64", "y_px": "float64", "radius_px": "float64", "radius_std_px": "float64", "flags": "int64",
+    "contrast_shift_px": "float64", "blur_shift_px": "float64", "edge_shift_px": "float64", "shape": "str",
+    "area_px2": "float64", "area_std_px2": "float64", "visible_area_px2": "float64", "semi_major_px": "float64",
+    "semi_minor_px": "float64", "angle_rad": "float64", "semi_major_std_px": "float64",
+    "semi_minor_std_px": "float64", "angle_std_rad": "float64", "perimeter_px": "float64",
+}  # fmt: skip
+"""Columns of the contacts of a frame, with their types."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +77,7 @@ class ImageMeasurement:
     Parameters
     ----------
     disks : DataFrame
-        One row an asserted contact: label, x_px, y_px, radius_px, radius_std_px, flags
-        (`contactimg.tables.Flag`), contrast_shift_px, blur_shift_px, edge_shift_px
-        (`contactimg.tables.CONTACTS`).
+        One row an asserted contact: label and `CONTACT_TYPES` (`contactimg.tables.CONTACTS`).
     rejected : DataFrame
         Candidates that are no contact: x_px, y_px, radius_px, reason (`contactimg.tables.Reason`).
     contrast : float
@@ -89,30 +92,22 @@ class ImageMeasurement:
         Position in the frame minus position in the reference; NaN without reference.
     polarity : str
         "bright" or "dark", as measured.
-    status : str
-        "ok", or the defect of the frame.
-    message : str
-        Remarks on the frame for the user; empty if there is nothing to say.
+    status, message : str
+        "ok", or the defect of the frame; sentences for the user.
     difference : ndarray of float32, shape (rows, columns)
         Frame minus registered background, corrected for illumination; for pictures.
-    optics : SharedOptics
-        Contrast and blur on which the radii are based, with their uncertainties.
-    own_optics : SharedOptics
-        The same with the uncertainties that this frame alone gives, without prior knowledge.
+    optics, own_optics : SharedOptics
+        Contrast and blur on which the radii are based, and what this frame alone gives.
     level : float
         Median grey level of the background; 0 if it had been subtracted already.
     smallest_px : float
         Radius of the smallest contact that the method detects; NaN if that is not known.
     measurable : bool
         Whether "no contact" is a result; False if the frame does not allow one.
-    foreign : Mask
-        1 on foreign objects and their blurred rims.
-    outlines : tuple of (int, list of ndarray)
-        Row of each contact of free shape, and its outlines (x, y), px; the first is the outer one.
-    prepared : PreparedImage or None
-        What was measured, for `count_again`.
     film : FilmVerdict or None
         What the rims say of an air film; None where none was looked for.
+    foreground : Foreground
+        What was measured, for `count_again`.
     """
 
     disks: pd.DataFrame
@@ -132,21 +127,31 @@ class ImageMeasurement:
     level: float
     smallest_px: float
     measurable: bool
-    foreign: Mask
-    outlines: Outlines = ()
-    prepared: PreparedImage | None = None
-    film: FilmVerdict | None = None
-
-    @property
-    def foreground(self) -> NDArray[np.float32]:
-        """The difference with contacts positive, and 0 on foreign objects."""
-        signed = self.difference * np.float32(np.sign(self.contrast))
-        return signed if self.foreign is None else np.where(self.foreign, np.float32(0.0), signed)
+    film: FilmVerdict | None
+    foreground: Foreground
 
     @property
     def resolved(self) -> bool:
         """Whether the frame itself shows the contrast of its contacts."""
         return bool(self.own_optics.contrast_relative_std < RESOLVED)
+
+    def outlines(self) -> list[tuple[int, list[NDArray[np.float64]]]]:
+        """Row of each contact of free shape, and its level lines (x, y) at half of its plateau, the outer first."""
+        found = []
+        image = self.foreground.image
+        for row in np.flatnonzero(self.disks["shape"] == "free"):
+            x, y, a = (float(self.disks[name].iloc[row]) for name in ("x_px", "y_px", "radius_px"))
+            reach = 1.6 * a + OUTLINE_MARGIN_PX
+            left, top = max(int(x - reach), 0), max(int(y - reach), 0)
+            window = image[top : max(int(y + reach) + 2, 0), left : max(int(x + reach) + 2, 0)]
+            if min(window.shape, default=0) < 2:
+                continue
+            plateau = float(np.quantile(window, 0.9))
+            lines = find_contours(np.pad(window, 1), 0.5 * plateau)
+            lines = [line[:, ::-1] - 1.0 + np.array([left, top]) for line in lines if len(line) > SHORTEST_OUTLINE]
+            if lines:
+                found.append((int(row), sorted(lines, key=len, reverse=True)))
+        return found
 
 
 def measure_image(
@@ -195,11 +200,11 @@ def measure_image(
         Those of `CORRECTIONS` to leave out because their cause is absent: ``"position_drift"`` (the reference
         is not registered), ``"dust"`` (nothing is rejected as dirt).
     edits : sequence of HandEdit
-        Corrections by hand (`contactimg.imaging.shapes.hand_edits`); those that meet no contact are named in
+        Corrections by hand (`contactimg.imaging.detect.hand_edits`); those that meet no contact are named in
         the message.
     shape : {"auto", "disk", "ellipse", "free"}
-        Shape of the contacts, for ``"disk"``: "auto" takes a disk until the pixels of a contact call for an
-        ellipse or a free shape (`contactimg.imaging.judge.shape_ladder`).
+        Shape of the contacts, for ``"disk"``: "auto" takes a disk, an ellipse where no disk describes a
+        contact, and the counted area where neither does; "free" counts the pixels of all contacts.
 
     Returns
     -------
@@ -220,157 +225,167 @@ def measure_image(
     >>> [float(disks[name].iloc[0].round(0)) for name in ("x_px", "y_px", "radius_px")]
     [30.0, 33.0, 8.0]
     """
-    _check(image, reference, method, polarity, absent)
-    if shape not in SHAPES:
-        raise InputError(f'shape must be "auto", "disk", "ellipse" or "free", got {shape!r}')
+    _check(image, reference, method, polarity, absent, shape)
     keep_freed_memory()
     prior = _prior_optics(optics, blur_px)
-    frame_pair = FramePair.of(image, _match_levels(image, reference), full_scale)
-    difference, sign = _subtract_background(frame_pair, polarity, registered="position_drift" in absent)
-    difference = replace(difference, dust_free="dust" in absent)
-    frame_pair = frame_pair if difference.valid is None else frame_pair.within(difference.valid)
-    foreground = find_foreground(frame_pair, difference, sign, prior.scaled(1.0 / frame_pair.unit))
+    pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
+    difference, sign = _subtract_background(pair, polarity, registered="position_drift" in absent)
+    pair = pair if difference.valid is None else pair.within(difference.valid)
+    foreground = find_foreground(pair, difference, sign, prior.scaled(1.0 / pair.unit))
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
-    prepared = PreparedImage(foreground, difference)
     if method == "threshold" or not foreground.contrast.plateau > 0:
-        counted = count_again(prepared, fraction, fraction_std=threshold_std, edits=edits)
+        counted = count_again(foreground, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
-    seen = _fitted(prepared, shape, _film_setting(film), edits)
-    return _judged(prepared, seen, float("nan"))
+    setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
+    result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape)
+    judged = judge_contacts(foreground, result, shape=shape, dust="dust" not in absent)
+    problem, joint, binning = result.problem, result.joint, result.problem.binning
+    if joint is None:
+        known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)
+        shared = own = known
+    else:
+        shared, own = (
+            replace(joint.optics(covariance, binning=binning), halo=result.halo)
+            for covariance in (joint.covariance, joint.own_covariance)
+        )
+        own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
+    model = render_disks(result.fit.disks[judged.rows], result.fit.blur, problem.image.shape)
+    seen = FrameEvidence(
+        foreground, judged.contacts, judged.rejected, judged.evidence, own.contrast_relative_std, result,
+        _background(foreground, judged.contacts, result.fit.blur * binning),
+        unexplained_share(foreground, model, judged.rejected) if binning == 1 else 0.0,
+    )  # fmt: skip
+    verdict = judge_frame(seen)
+    return _tabulate(
+        foreground, judged.contacts, judged.rejected, (shared, own), verdict, judged.unmatched,
+        smallest=result.smallest * binning, film=None if result.film is None else result.film.verdict,
+    )  # fmt: skip
 
 
 def count_again(
-    prepared: PreparedImage,
-    fraction: float,
-    *,
-    fraction_std: float = 0.0,
-    edits: Sequence[HandEdit] = (),
+    foreground: Foreground, fraction: float, *, fraction_std: float = 0.0, edits: Sequence[HandEdit] = ()
 ) -> ImageMeasurement:
     """What `measure_image` gives with the method "threshold" at this fraction of the contrast."""
-    foreground = prepared.foreground
+    nothing = np.empty(0)
+    contacts: Columns = dict.fromkeys(CONTACT_TYPES, nothing)
+    rejected: Columns = dict.fromkeys(("x_px", "y_px", "radius_px", "reason"), nothing)
+    shared = own = foreground.prior_optics
+    smallest, unmatched = float("nan"), list(edits)
     if foreground.contrast.plateau > 0:
-        detections = measure_by_count(
-            foreground, prepared.difference, fraction=fraction, fraction_std=fraction_std, edits=edits
-        )
-    else:
-        detections = replace(no_detections(foreground.prior_optics), unmatched=edits)
-    return _judged(prepared, review(foreground, prepared.difference, detections, shape="disk"), fraction)
+        counted = measure_by_count(foreground, fraction=fraction, fraction_std=fraction_std, edits=edits)
+        contacts, rejected, smallest = counted.contacts, counted.rejected, counted.smallest_px
+        shared, own, unmatched = counted.optics, counted.own_optics, counted.unmatched
+    seen = FrameEvidence(
+        foreground, contacts, rejected, {}, own.contrast_relative_std, None,
+        _background(foreground, contacts, 1.5), 0.0,
+    )  # fmt: skip
+    return _tabulate(
+        foreground, contacts, rejected, (shared, own), judge_frame(seen), unmatched,
+        smallest=smallest, threshold=fraction,
+    )  # fmt: skip
 
 
-def _fitted(
-    prepared: PreparedImage, shape: str, film: FilmSetting | None, edits: Sequence[HandEdit]
-) -> Review:
-    """What the method "disk" finds, after a second look.
-
-    An edge that was learned from disks may only imitate the ellipses that the contacts are: a plain edge is
-    taken where the ellipses fit as well with it, unless no ellipse describes them. Or it imitates holes: then
-    all contacts are measured by their light.
-    """
-    foreground, difference = prepared.foreground, prepared.difference
-    first = FirstDisks.of(foreground, difference, edits)
-    if shape == "auto" and may_have_holes(first.fit):
-        beside = contrast_beside_holes(first.detections(foreground, difference))
-        if beside is not None:
-            plain = measure_by_fit(
-                foreground, difference, film=film, edits=edits, learns_edge=False, first=first
-            )
-            return review(foreground, difference, plain, shape=shape, beside_holes=beside)
-    disks = measure_by_fit(foreground, difference, film=film, edits=edits, first=first)
-    misfit = misfit_as_ellipses(disks, shape=shape) if _has_learned_edge(disks) else float("nan")
-    if misfit < POOR_CHI_SQUARE:
-        plain = measure_by_fit(foreground, difference, film=film, edits=edits, learns_edge=False, first=first)
-        other = review(foreground, difference, plain, shape=shape)
-        if other.ellipse_misfit <= WORSE_CHI_SQUARE_RATIO * misfit:
-            return other
-    del first  # its images are no longer needed
-    return review(foreground, difference, disks, shape=shape)
-
-
-def _has_learned_edge(detections: Detections) -> bool:
-    """Whether the frame itself showed an edge that is not plain, at less work than it may cost."""
-    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
-    if fit is None or fit.edge is None or fit.problem.work.ran_out:
-        return False
-    return bool(fit.edge.families)
-
-
-def _judged(prepared: PreparedImage, seen: Review, fraction: float) -> ImageMeasurement:
-    """The result after a second look and a verdict on the frame."""
-    foreground, difference = prepared.foreground, prepared.difference
-    verdict = judge(foreground, difference, seen)
-    result = _tabulate(foreground, difference, seen.detections, verdict, fraction)
-    return replace(result, outlines=seen.outlines, prepared=prepared, film=_film_verdict(seen.detections))
+def _background(foreground: Foreground, contacts: Columns, blur: float) -> Any:
+    """What is left of the background."""
+    places = np.column_stack([np.asarray(contacts[name], float) for name in ("x_px", "y_px", "radius_px")])
+    return inspect_background(
+        foreground.image, foreground.frame_pair.valid, foreground.difference.illumination.background, places,
+        reach_px=REACH_BLUR_WIDTHS * blur, contrast=foreground.contrast.plateau,
+    )  # fmt: skip
 
 
 def _tabulate(
     foreground: Foreground,
-    difference: DifferenceImage,
-    detections: Detections,
+    contacts: Columns,
+    rejected: Columns,
+    optics: tuple[SharedOptics, SharedOptics],
     verdict: Verdict,
-    fraction: float,
+    unmatched: Sequence[HandEdit],
+    *,
+    smallest: float,
+    threshold: float = float("nan"),
+    film: FilmVerdict | None = None,
 ) -> ImageMeasurement:
     """The result, in the grey levels of the frame."""
-    unit, optics = foreground.frame_pair.unit, detections.optics
-    # without a contact, the contrast is that of what stands out
-    contrast = optics.contrast if len(detections.contacts["x_px"]) else foreground.seen(optics.contrast)
-    edge = foreground.prior_optics.known_edge
-    if edge is not None and isinstance(detections, FittedDetections):
-        contacts = without_edge_shift(detections.contacts, edge.shift_px)
-        detections = replace(detections, contacts=contacts)
+    unit, difference, (shared, own) = foreground.frame_pair.unit, foreground.difference, optics
+    known = foreground.prior_optics.known_edge
+    contacts = contacts if known is None or not np.isnan(threshold) else _without_shift(contacts, known)
+    contrast = shared.contrast if len(contacts["x_px"]) else min(shared.contrast, foreground.shown_contrast)
+    alignment = difference.alignment
     return ImageMeasurement(
-        disks=_contacts_table(detections),
-        rejected=_rejected_table(foreground.foreign.rejected, detections.rejected),
+        disks=_contacts_table(contacts, own),
+        rejected=pd.DataFrame(
+            {name: np.asarray(rejected[name], float) for name in ("x_px", "y_px", "radius_px")}
+            | {"reason": pd.array(np.asarray(rejected["reason"], object), dtype="str")}
+        ),
         contrast=foreground.sign * contrast * unit if foreground.contrast.plateau > 0 else 0.0,
         noise=foreground.noise * unit,
-        threshold=fraction,
-        blur_px=optics.blur_px,
-        shift_x_px=difference.alignment.x_px if difference.alignment else float("nan"),
-        shift_y_px=difference.alignment.y_px if difference.alignment else float("nan"),
+        threshold=threshold,
+        blur_px=shared.blur_px,
+        shift_x_px=alignment.x_px if alignment else float("nan"),
+        shift_y_px=alignment.y_px if alignment else float("nan"),
         polarity="bright" if foreground.sign > 0 else "dark",
         status=verdict.status,
-        message="; ".join(filter(None, (verdict.message, remark_on(detections.unmatched)))),
+        message="; ".join(filter(None, (verdict.message, remark_on(unmatched)))),
         difference=difference.image if unit == 1.0 else difference.image * np.float32(unit),
-        optics=optics.scaled(unit),
-        own_optics=detections.own_optics.scaled(unit),
+        optics=shared.scaled(unit),
+        own_optics=own.scaled(unit),
         level=difference.level * unit,
-        smallest_px=detections.smallest_px,
+        smallest_px=smallest,
         measurable=verdict.measurable,
-        foreign=foreground.foreign.mask,
+        film=film,
+        foreground=foreground,
     )
 
 
-def _contacts_table(detections: Detections) -> pd.DataFrame:
+def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:
     """The contacts, numbered from 1, flagged if their frame does not show its contrast."""
-    contacts = detections.contacts
-    no_plateau = 0 if detections.own_optics.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
-    columns: dict[str, Any] = {
-        name: np.asarray(contacts[name], dtype) for name, dtype in CONTACT_COLUMNS.items()
+    n = len(contacts["x_px"])
+    radius, std = np.asarray(contacts["radius_px"], float), np.asarray(contacts["radius_std_px"], float)
+    disks = {
+        "shape": np.full(n, "disk", object),
+        "area_px2": np.pi * radius**2,
+        "area_std_px2": 2.0 * np.pi * radius * std,
+        "semi_major_px": radius,
+        "semi_minor_px": radius,
+        "perimeter_px": 2.0 * np.pi * radius,
     }
-    shapes = shape_columns(contacts)
-    types: dict[str, Any] = dict(SHAPE_COLUMNS)
-    for name, dtype in types.items():
-        plain = dtype == "float64"  # the other types are those of pandas
-        columns[name] = np.asarray(shapes[name], dtype) if plain else pd.array(shapes[name], dtype=dtype)
+    no_plateau = 0 if own.contrast_relative_std < RESOLVED else int(Flag.NO_PLATEAU)
+    columns: dict[str, Any] = {"label": np.arange(1, n + 1, dtype=np.int64)}
+    for name, dtype in CONTACT_TYPES.items():
+        values = contacts.get(name, disks.get(name, np.full(n, np.nan)))
+        columns[name] = pd.array(values, dtype=dtype) if dtype == "str" else np.asarray(values, dtype)
     columns["flags"] = columns["flags"] | no_plateau
-    return pd.DataFrame({"label": np.arange(1, len(columns["flags"]) + 1, dtype=np.int64), **columns})
+    return pd.DataFrame(columns)
 
 
-def _rejected_table(*parts: Columns) -> pd.DataFrame:
-    """The rejected candidates of several tables."""
-    columns = {name: np.concatenate([part[name] for part in parts]).astype(float) for name in PLACE}
-    reasons = np.concatenate([part["reason"].astype(object) for part in parts])
-    return pd.DataFrame({**columns, "reason": pd.array(reasons, dtype="str")})
+def _without_shift(contacts: Columns, known: Any) -> Columns:
+    """The contacts with the shift that a reference contact has told taken off their radii."""
+    moved = dict(contacts)
+    for name in ("radius_px", "semi_major_px", "semi_minor_px"):
+        moved[name] = np.maximum(contacts[name] - known.shift_px, 0.1 * contacts[name])
+    ratio = (moved["radius_px"] / np.maximum(contacts["radius_px"], 1e-9)) ** 2
+    for name in ("area_px2", "visible_area_px2"):
+        moved[name] = contacts[name] * ratio
+    return moved
 
 
-def _film_verdict(detections: Detections) -> FilmVerdict | None:
-    """What the rims say of an air film."""
-    fit = detections.frame_fit if isinstance(detections, FittedDetections) else None
-    return None if fit is None or fit.film is None else fit.film.verdict
-
-
-def _film_setting(film: FilmSetting | Rim | None) -> FilmSetting | None:
-    """A rim alone is drawn."""
-    return film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
+def _without_sensor(pair: FramePair) -> FramePair:
+    """The pair without regions that no light reaches, the gains of a colour mosaic, and dead lines."""
+    if pair.trivial:
+        return pair
+    frame, reference, valid = pair.frame, pair.reference, pair.valid
+    gains = mosaic_gains(frame if reference is None else reference)
+    if gains is not None:
+        frame = divide_by_mosaic(frame, gains)
+        reference = None if reference is None else divide_by_mosaic(reference, gains)
+    for image in (frame, reference):
+        if image is not None:
+            valid = exclude(valid, find_unlit(image, valid))
+            valid = exclude(valid, find_dead_lines(image, valid))
+    if valid is not None and not valid.any():
+        return pair
+    return replace(pair, frame=frame, reference=reference, valid=valid)
 
 
 def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedOptics:
@@ -385,7 +400,7 @@ def _prior_optics(optics: SharedOptics | None, blur_px: float | None) -> SharedO
 
 
 def _check(
-    image: NDArray, reference: NDArray | None, method: str, polarity: str, absent: Collection[str]
+    image: NDArray, reference: NDArray | None, method: str, polarity: str, absent: Collection[str], shape: str
 ) -> None:
     """Refuse what cannot be measured."""
     if not set(absent) <= set(CORRECTIONS):
@@ -401,6 +416,8 @@ def _check(
         raise InputError(f'method must be "disk" or "threshold", got {method!r}')
     if polarity not in ("bright", "dark", "auto"):
         raise InputError(f'polarity must be "bright", "dark" or "auto", got {polarity!r}')
+    if shape not in SHAPES:
+        raise InputError(f'shape must be "auto", "disk", "ellipse" or "free", got {shape!r}')
 
 
 def _subtract_background(

@@ -9,7 +9,7 @@ import pandas as pd
 from contactimg.errors import InputError
 from contactimg.files import Experiment, edit_points
 from contactimg.files.corrections import EVERY_FRAME
-from contactimg.imaging.shapes.hand_edits import ACTIONS, HandEdit
+from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 
 logger = logging.getLogger(__name__)
 

@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import InputError
 from contactimg.frame import Frame
+from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.pipeline.measured_frame import FrameTables, MeasuredFrame, SumOfCubes
 from contactimg.pose import Pose
 from contactimg.scene import Scene
@@ -285,7 +285,7 @@ def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
                 "y_px": line[:, 1],
             }
         )
-        for row, lines in measurement.outlines
+        for row, lines in measurement.outlines()
         for number, line in enumerate(lines)
     ]
     return (

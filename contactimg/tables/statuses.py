@@ -61,6 +61,9 @@ class Status(enum.StrEnum):
     LITTLE_BACKGROUND = "little background"
     """The light could be followed on next to no background although contacts leave room, no background is
     seen around most contacts, or the frame has fewer than eight rows or columns."""
+    FILTERED = "filtered"
+    """The noise is not that of a camera: the file was filtered, compressed or processed. Filters move edges by what no fit
+    can see; take frames as the camera writes them."""
     INTERLACED = "interlaced"
     """Odd rows are displaced against even ones by half a pixel or more: the camera reads them one after the
     other, and the image moved. Rims are jagged, and areas biased."""

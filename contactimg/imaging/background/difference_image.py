@@ -36,8 +36,6 @@ class DifferenceImage:
         0 where the frame or the registered reference has no pixel, or no light; None if nowhere.
     registration_failed : bool
         Whether the reference shows a texture that was not found in the frame.
-    dust_free : bool
-        Whether frame and reference are known to be free of dust.
     """
 
     image: NDArray[np.float32]
@@ -48,7 +46,6 @@ class DifferenceImage:
     ratio: bool = False
     valid: Mask = None
     registration_failed: bool = False
-    dust_free: bool = False
 
     @cached_property
     def smooth_brightness(self) -> NDArray[np.float32]:

@@ -34,8 +34,7 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.plateau import measure_contrast
-from contactimg.imaging.pixels.binned_image import BinnedImage
+from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.shapes.labelled_regions import label_regions
@@ -242,7 +241,7 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     if valid is not None:
         image = np.where(valid > 0, image, np.float32(0.0))
     noise = estimate_noise(image, difference.illumination.background)
-    contrast = measure_contrast(BinnedImage.of(image), noise)
+    contrast = measure_contrast(image, noise, valid)
     if contrast.plateau <= 0.0:
         return 0.0
     regions = label_regions(image, 0.5 * contrast.plateau)

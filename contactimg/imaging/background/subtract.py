@@ -17,6 +17,7 @@ from contactimg.imaging.background.align_far import search_alignment
 from contactimg.imaging.background.alignment import UNKNOWN, Alignment
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.divide import DARKEST_FRACTION, divide_by_reference
+from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
     BackgroundLevel,
     find_illumination,
@@ -88,7 +89,7 @@ def subtract_reference(
     )
     if placed.valid is not None:
         image[placed.valid == 0] = 0.0
-    return DifferenceImage(
+    difference = DifferenceImage(
         image,
         placed.level,
         placed.brightness,
@@ -98,6 +99,7 @@ def subtract_reference(
         valid=placed.valid,
         registration_failed=textured and not residual.known,
     )
+    return even_out(difference)
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,6 +83,11 @@ class NoiseCorrelation:
 
     covariance: NDArray[np.float64]
 
+    @classmethod
+    def independent(cls) -> "NoiseCorrelation":
+        """Of pixels that share no noise."""
+        return cls(np.zeros(LARGEST_LAG + 1))
+
     def rim_inflation(
         self, radius: NDArray, blur: float, *, noise: Noise, gain: float
     ) -> NDArray[np.float64]:
@@ -122,10 +127,6 @@ class NoiseCorrelation:
         excess = (1.0 + level * (gain - 1.0)) ** 2 * shared
         factor = 1.0 + np.maximum(excess, 0.0) / (noise.variance * noise.at(level))
         return np.interp(np.log(np.clip(radius, RADII[0], RADII[-1])), np.log(RADII), factor)
-
-
-INDEPENDENT = NoiseCorrelation(np.zeros(LARGEST_LAG + 1))
-"""Of pixels that share no noise."""
 
 
 @lru_cache(maxsize=1)

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.reject.detections import PLACE, Columns
-from contactimg.imaging.shapes.hand_edits import HandEdit, edit_disks
+from contactimg.imaging.detect.hand_edits import HandEdit, edit_disks
+from contactimg.imaging.evidence.rules import PLACE, Columns
 from contactimg.tables import Flag, Reason
 
 ROUNDS = 8

@@ -1,105 +1,87 @@
-"""The method "threshold" from end to end: count the pixels above a fraction of the contrast.
+"""The method "threshold": count the pixels above a fraction of the contrast, as the paper does.
 
 A contact is a connected component of the pixels above ``background + fraction (plateau - background)``; its
-radius is ``sqrt(area/pi)``. Components that consist of several contacts are split.
-
-These constants shape the result:
-
-===================================== ======= ================================================== ============
-constant                              value   meaning                                            origin
-===================================== ======= ================================================== ============
-`threshold.DEFAULT_FRACTION`          0.5     threshold as a fraction of the contrast            convention
-`COMPONENT_LIGHT_SIGMA`               8       least light of a component, standard deviations    false alarms
-`HOT_PIXEL_NEIGHBOUR_FRACTION`        0.2     least brightness of the neighbours of 1 or 2 px    theory
-`SPECK_AREA_PX2`, `SPECK_MARGIN_PX`   12, 3   specks: only light above the level around counts   by hand
-`NOISY_CONTRAST_TO_NOISE`             12      below, components are smoothed before splitting    by hand
-`SMOOTHING_PX`                        1.4     ... with a Gaussian of this width                  typical blur
-`split_touching.ELONGATION`           1.015   least second moment of a component that is split   theory
-`split_touching.LEAST_AREA_PX2`       25      least area of a component that is split            theory
-`inscribed_disks.SMALLEST_INSCRIBED`  2       least radius of an inscribed disk, px              by hand
-`inscribed_disks.PENETRATION`         0.7     share of its radius inside a larger disk: same     by hand
-`overlap.DEEPEST`                     0.35    overlap over diameter above which disks are one    by hand
-===================================== ======= ================================================== ============
-
-"By hand" means chosen on rendered frames; how much the result depends on it was not measured. The origin of
-the others stands beside them.
+radius is ``sqrt(area/pi)``. Components that consist of several contacts are split. The uncertainty of a radius
+has five parts (`rim_errors`): counting, noise, the scatter of the contrasts, the uncertainty of the contrast, and
+the distance of the threshold from the rim of the contact behind the blur; the last two are shared by all contacts.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.count.by_hand import edit_counts
-from contactimg.imaging.count.free_shape import ellipse_of_moments
 from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors, shown_contrast
 from contactimg.imaging.count.split_touching import split_components
+from contactimg.imaging.detect.hand_edits import HandEdit
+from contactimg.imaging.detect.rim_blur import estimate_blur
+from contactimg.imaging.evidence.rules import OWN_RISE, Columns, own_rise
+from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.pixels.robust import median
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics, combine_errors
-from contactimg.imaging.reject.detections import PLACE, Columns, CountedDetections, Detections
-from contactimg.imaging.reject.foreground import Foreground
-from contactimg.imaging.reject.reference_dust import find_reference_dust
-from contactimg.imaging.shapes.hand_edits import HandEdit
-from contactimg.imaging.shapes.rim_blur import LEAST_VARIANCE_PX2, estimate_blur
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
 
 COMPONENT_LIGHT_SIGMA = 8.0
-"""Least summed light of a component in standard deviations of the noise. In frames of noise alone, components
-stay below 6."""
+"""Least summed light of a component in standard deviations of the noise. Noise alone stays below 6."""
 HOT_PIXEL_NEIGHBOUR_FRACTION = 0.2
 """Brightness of the four neighbours relative to the peak below which one or two pixels are a hot pixel.
 Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.48 px, ``s^2 = 0.48^2 + 1/12``."""
-TYPICAL_BLUR_PX = 1.4
-"""Blur for which the smallest visible contact is stated: that of the paper's frames."""
 SMOOTHING_PX = 1.4
 """Gaussian applied to components in noise before disks are inscribed; about the blur."""
+TYPICAL_BLUR_PX = 1.4
+"""Blur for which the smallest visible contact is stated: that of the paper's frames."""
 NOISY_CONTRAST_TO_NOISE = 12.0
-"""Contrast over noise below which noise notches the outline of components: twice six standard deviations at
-half height. Chosen by hand."""
+"""Contrast over noise below which noise notches the outline of components. Theory: twice six sigma."""
 SHARPEST_SLOPE_PX = 0.45
-"""Blur below which rims lie between pixels and their slopes show nothing. Chosen: slopes give 0.59 px or
-more."""
+"""Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or more."""
 LARGEST_CONTRAST_RATIO = 10.0
-"""Largest contrast over the brightest light of contacts that do not show it. Chosen, as for the fit."""
+"""Largest contrast over the brightest light of contacts that do not show it. By hand, as for the fit."""
 LEAST_PLATEAU_STD = 0.02
-"""Relative uncertainty of a plateau that is read from few pixels. Chosen, as for the fit."""
-FULL_SCALE_MARGIN = 0.1
-"""Of the largest contrast, within which the brightest light leaves no room for more. Chosen."""
-FLAT_TOP_FRACTION, FLAT_TOP_SIGMA, FLAT_TOP_SHARE = 0.05, 2.0, 0.6
-"""Share of the pixels above a threshold that lie so close to their median in contacts that show their
-contrast. Theory: of a Gaussian spot, whose levels are uniform in the logarithm, a tenth over the logarithm of
-the threshold, 0.14 at half height."""
+"""Relative uncertainty of a plateau that is read from few pixels. By hand, as for the fit."""
 SMALL_AREA_PX2 = 4
-"""Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. Chosen by hand."""
-SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
-"""Largest area of a speck, and distance from it at which the level around it is read. Chosen by hand."""
+"""Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. By hand."""
 HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
-"""A contact is flagged EDGE if a hole lies within this many radii plus pixels of its centre: the pixels of a
-cut contact make too small a radius. Chosen by hand."""
+"""A contact is flagged EDGE if a hole lies within this many radii plus pixels of its centre. By hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Counted:
+    """Contacts and rejected candidates of a frame by counting.
+
+    Parameters
+    ----------
+    contacts, rejected : dict of arrays
+    optics, own_optics : SharedOptics
+        Contrast used, and that of the frame alone.
+    smallest_px : float
+        Radius of the smallest contact that reaches the threshold.
+    blur_px : float
+        Of the rims, pixel included.
+    unmatched : list of HandEdit
+    """
+
+    contacts: Columns
+    rejected: Columns
+    optics: SharedOptics
+    own_optics: SharedOptics
+    smallest_px: float
+    blur_px: float
+    unmatched: list[HandEdit] = field(default_factory=list)
 
 
 def measure_by_count(
-    foreground: Foreground,
-    difference: DifferenceImage,
-    *,
-    fraction: float,
-    fraction_std: float = 0.0,
-    edits: Sequence[HandEdit] = (),
-) -> Detections:
+    foreground: Foreground, *, fraction: float, fraction_std: float = 0.0, edits: Sequence[HandEdit] = ()
+) -> Counted:
     """Count the pixels of the contacts of a frame.
 
     Parameters
     ----------
     foreground : Foreground
-    difference : DifferenceImage
-        From which the foreground comes.
     fraction : float
         Threshold as a fraction of the contrast.
     fraction_std : float
@@ -107,107 +89,61 @@ def measure_by_count(
     edits : sequence of HandEdit
         Corrections by hand to what was found.
 
-    Returns
-    -------
-    Detections
-
     Notes
     -----
-    The uncertainty of a radius has five parts (`contactimg.imaging.count.rim_errors`): counting (a pixel of
-    the rim is in or out, variance 1/12 px^2 of its position), noise, the scatter of the contrasts, the
-    uncertainty of the contrast, and the distance of the threshold from the rim of the contact behind the
-    blur. The last two are shared by all contacts. The radius is that of the counted pixels, whatever the
-    blur.
+    The radius is that of the counted pixels, whatever the blur; ``edge_shift_px`` says how far that is from the rim.
     """
-    contrast, frame_pair, image = foreground.contrast, foreground.frame_pair, foreground.image
+    contrast, pair, image = foreground.contrast, foreground.frame_pair, foreground.image
     contacts, rejected = count_contacts(
-        image,
-        fraction=fraction,
-        plateau=contrast.plateau,
-        noise=foreground.noise,
-        saturated=frame_pair.saturated,
+        image, fraction=fraction, plateau=contrast.plateau, noise=foreground.noise, saturated=pair.saturated
     )
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
-    cut = frame_pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
+    cut = pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
-    places = np.column_stack([contacts[name] for name in PLACE])
-    dust = find_reference_dust(frame_pair.frame, image, difference, places)
+    places = np.column_stack([contacts["x_px"], contacts["y_px"]])
+    dust = own_rise(foreground, places, contacts["radius_px"], blur) < OWN_RISE
     dust &= (contacts["flags"] & int(Flag.MANUAL)) == 0
-    dusty = {name: contacts[name][dust] for name in PLACE}
-    dusty["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
-    rejected = {name: np.concatenate([part[name] for part in (rejected, dusty, by_hand)]) for name in dusty}
+    gone = {name: contacts[name][dust] for name in ("x_px", "y_px", "radius_px")}
+    gone["reason"] = np.full(np.count_nonzero(dust), Reason.REFERENCE_DUST)
+    rejected = {name: np.concatenate([part[name] for part in (rejected, gone, by_hand)]) for name in gone}
     contacts = {name: values[~dust] for name, values in contacts.items()}
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
     crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
     contacts |= _uncertainties(contacts, crossing)
-    measured = foreground.measured_contrast
-    return CountedDetections(
+    # of a contact cut by the border the pixels counted are those that are seen
+    contacts["visible_area_px2"] = np.pi * contacts["radius_px"] ** 2
+    return Counted(
         contacts,
         rejected,
         optics=SharedOptics(contrast.plateau, crossing.contrast_std, blur_std_px=np.nan),
-        own_optics=SharedOptics(max(measured.plateau, 1e-9), own_std, blur_std_px=np.nan),
+        own_optics=SharedOptics(max(foreground.shown.plateau, 1e-9), own_std, blur_std_px=np.nan),
         # the centre of a disk of radius a behind a blur s reaches 1 - exp(-a^2/(2 s^2)) of the contrast
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
+        blur_px=blur,
         unmatched=unmatched,
-        remark=_remark_on_threshold(contacts, crossing),
-        rim_blur_px=blur,
     )
 
 
 def _with_unseen_contrast(
     foreground: Foreground, radius_px: NDArray[np.float64], crossing: Crossing
 ) -> tuple[Crossing, float]:
-    """The crossing with what contacts do not show of their contrast, and the error of the contrast measured.
-
-    A plateau taken for one may be the top of a spot, and bright spots may be plateaus: what decides is how
-    wide the contacts are behind their blur.
-    """
-    measured = foreground.measured_contrast
+    """The crossing with what contacts do not show of their contrast, and the error of the contrast measured."""
+    shown = foreground.shown
     if not len(radius_px):
-        return crossing, measured.std
-    deficit, shown = shown_contrast(radius_px, crossing)
-    room = foreground.largest_contrast / max(measured.plateau, 1e-9)
-    # rims narrower than the pixels have no slope to tell the blur from
-    shown = shown and (
-        measured.resolved or room < 1.0 + FULL_SCALE_MARGIN or _has_flat_tops(foreground, crossing.fraction)
-    )
-    if shown:
-        std = measured.std if measured.resolved else LEAST_PLATEAU_STD * measured.plateau
-        own, ratio = float(np.hypot(std, deficit * measured.plateau)), 1.0
+        return crossing, shown.std
+    deficit, wide = shown_contrast(radius_px, crossing)
+    room = foreground.largest_contrast / max(shown.plateau, 1e-9)
+    if wide and shown.resolved:
+        own, ratio = float(np.hypot(shown.std, deficit * shown.plateau)), 1.0
     else:
         ratio = float(np.clip(room, 1.0, LARGEST_CONTRAST_RATIO))
-        own = max(np.log(ratio) / np.sqrt(12.0), LEAST_PLATEAU_STD) * measured.plateau
+        own = max(np.log(ratio) / np.sqrt(12.0), LEAST_PLATEAU_STD) * shown.plateau
     if np.isfinite(foreground.prior_optics.contrast):
         return crossing, own
-    # the ratio says what is not seen; the plateau itself is as good as its pixels
-    std = own if shown else LEAST_PLATEAU_STD * measured.plateau
+    std = own if ratio == 1.0 else LEAST_PLATEAU_STD * shown.plateau
     return replace(crossing, contrast_std=std, largest_ratio=ratio), own
-
-
-def _has_flat_tops(foreground: Foreground, fraction: float) -> bool:
-    """Whether most of the bright pixels have the same level, which blurred spots do not show."""
-    bright = foreground.image[foreground.image > np.float32(fraction * foreground.measured_contrast.plateau)]
-    if not bright.size:
-        return False
-    top = median(bright)
-    flat = np.abs(bright - top) < max(FLAT_TOP_FRACTION * top, FLAT_TOP_SIGMA * foreground.noise)
-    return bool(np.mean(flat) > FLAT_TOP_SHARE)
-
-
-def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
-    """What to say of the distance between threshold and rims, if it is most of the uncertainties."""
-    shift, std = contacts["edge_shift_px"], contacts["radius_std_px"]
-    if crossing.fraction_std > 0 or not len(shift) or np.median(shift**2 / std**2) < 0.5:
-        return ""
-    middle = float(np.median(shift))
-    changed = "larger" if middle > 0 else "smaller"
-    return (
-        f"pixels above {crossing.fraction:.2g} of the contrast make radii {changed} "
-        f"than those of the contacts, by {abs(middle):.2g} px in the median behind a blur of "
-        f"{crossing.blur_px:.2g} px; the uncertainties include that"
-    )
 
 
 def _uncertainties(contacts: Columns, crossing: Crossing) -> Columns:
@@ -225,17 +161,12 @@ def _uncertainties(contacts: Columns, crossing: Crossing) -> Columns:
 def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> float:
     """Standard deviation of the blur, pixel included, px: the prior one, else from the slope of the rims.
 
-    Rims sharper than the pixels have no slope; the light of their contacts shows it. Where noise hides the
-    contrast, the pixels counted are those that it makes brighter: slopes are read from the smoothed image.
+    Rims sharper than the pixels have no slope; the light of their contacts shows it.
     """
     plateau = foreground.contrast.plateau
     prior = foreground.prior_optics.blur_px
     if np.isfinite(prior):
         return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
-    if foreground.contrast.hidden:
-        smooth = cv2.GaussianBlur(foreground.image, (0, 0), SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
-        blur = estimate_blur(np.asarray(smooth, np.float32), plateau)
-        return float(np.sqrt(max(blur**2 - SMOOTHING_PX**2, LEAST_VARIANCE_PX2)))
     by_light = blur_of_heights(contacts["radius_px"], contacts["height"] / plateau, fraction)
     return by_light if by_light < SHARPEST_SLOPE_PX else estimate_blur(foreground.image, plateau)
 
@@ -329,8 +260,7 @@ def count_contacts(
     )
     hot = components["area"] <= 2
     hot &= _neighbour_mean(image, components) < HOT_PIXEL_NEIGHBOUR_FRACTION * components["peak"]
-    light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
-    bad = hot | (light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
+    bad = hot | (components["flux"] < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
     radius = np.sqrt(components["area"] / np.pi)
     rejected = {
         "x_px": components["x"][bad],
@@ -355,7 +285,11 @@ def _second_moments(components: NDArray[np.void]) -> Columns:
     area, count = np.maximum(components["area"], 1), len(components)
     yy = components["moment"] - components["xx"]
     moments = (components["xx"] / area + PIXEL_VARIANCE, components["xy"] / area, yy / area + PIXEL_VARIANCE)
-    major, minor, angle = ellipse_of_moments(*moments)
+    xx, xy, yy = moments
+    middle, root = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    # the second moment of an ellipse along an axis is a quarter of the square of its half
+    major, minor = 2.0 * np.sqrt(middle + root), 2.0 * np.sqrt(np.maximum(middle - root, 0.0))
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
     unknown = np.full(count, np.nan)
     return {
         "shape": np.full(count, "free", object),
@@ -363,7 +297,6 @@ def _second_moments(components: NDArray[np.void]) -> Columns:
         "semi_minor_px": minor,
         "angle_rad": angle,
         "perimeter_px": unknown,
-        "holes": unknown,
     }
 
 
@@ -397,18 +330,3 @@ def _neighbour_mean(image: NDArray[np.float32], components: NDArray[np.void]) ->
         + image[np.maximum(y - 1, 0), x]
         + image[np.minimum(y + 1, rows - 1), x]
     ).astype(float)
-
-
-def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
-    """Median of eight pixels around each speck: its own level on a slope, about 0 if it stands alone.
-
-    0 for components larger than a speck.
-    """
-    out = np.zeros(len(components))
-    specks = np.flatnonzero(components["area"] <= SPECK_AREA_PX2)
-    part, (rows, columns) = components[specks], image.shape
-    x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
-    y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])
-    grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
-    out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
-    return out

@@ -20,7 +20,7 @@ from contactimg.imaging.profile.threshold_radius import disk_radius
 Values = NDArray[np.float64]
 
 BLUR_STD = 0.1
-"""Relative uncertainty of the blur that slopes of rims give (`contactimg.imaging.shapes.rim_blur`)."""
+"""Relative uncertainty of the blur that slopes of rims give (`contactimg.imaging.detect.rim_blur`)."""
 WIDE_BLUR_WIDTHS = 5.0
 """Radius of contacts whose mean height shows their contrast. Theory: a blur wrong by `BLUR_STD` changes it by
 1 % there."""

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
+from contactimg.imaging.detect.components import COMPONENT, add_pixel, finish_component, label_runs
+from contactimg.imaging.detect.inscribed_disks import select_inscribed
+from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.pixels.masks import Mask, for_kernel
-from contactimg.imaging.shapes.components import COMPONENT, add_pixel, finish_component, label_runs
-from contactimg.imaging.shapes.inscribed_disks import select_inscribed
-from contactimg.imaging.shapes.overlap import hidden
 
 ELONGATION = 1.015
 """Second moment of a component over that of a disk of its area above which it may be several contacts.
@@ -40,7 +40,7 @@ def split_components(
     Parameters
     ----------
     image, level, marks
-        As for `contactimg.imaging.shapes.components.label_components`.
+        As for `contactimg.imaging.detect.components.label_components`.
     smoothing : float, px
         Width of a Gaussian that removes notches due to noise before disks are inscribed; 0 for none.
 

@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.imaging.contrast.plateau import Contrast
+from contactimg.imaging.detect.candidates import Contrast
 
 DEFAULT_FRACTION = 0.5
 """Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""

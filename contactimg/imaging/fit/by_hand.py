@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit, edit_disks
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem, X, Y
-from contactimg.imaging.shapes.hand_edits import EditedDisks, HandEdit, edit_disks
 
 ITERATIONS = 12
 """Of the fit from starting values drawn by hand, which may be off by a radius. Chosen by hand."""

@@ -16,34 +16,56 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from contactimg.imaging.detect.arcs import cover_outline
+from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.group_window import GroupWindow
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
-from contactimg.imaging.fit.settings import (
-    ARC_GROWTH_BLUR_WIDTHS,
-    ARC_GROWTH_RATIO,
-    BAD_FIT_RATIO,
-    BAD_FIT_SIGMA,
-    CHI_SQUARE_SLACK_SIGMA,
-    COVER_ROUNDS,
-    DISK_PRICE,
-    EXCESS_LEFT_FRACTION,
-    GROUP_GAP_BLUR_WIDTHS,
-    LARGEST_GROUP,
-    LARGEST_USUAL_CHI_SQUARE,
-    LEAST_GAIN,
-    LEAST_NOISE_FRACTION,
-    MISSING_DISK_PEAK_FRACTION,
-    MOST_ARCS,
-    NECK_LEVEL_FRACTION,
-    NECK_SHRINKAGE_BLUR_WIDTHS,
-    SMALLEST_ARC_BLUR_WIDTHS,
-    UNSETTLED_CHI_SQUARE_RATIO,
-)
-from contactimg.imaging.fit.work import TooMuchWork
 from contactimg.imaging.kernels.pairs import find_pairs
-from contactimg.imaging.shapes.arcs import cover_outline
-from contactimg.imaging.shapes.overlap import hidden
+
+ARC_GROWTH_BLUR_WIDTHS = 0.3
+"""... and an additional margin. By hand."""
+ARC_GROWTH_RATIO = 1.1
+"""Largest fitted radius of a disk over that of its arc, ... By hand."""
+BAD_FIT_RATIO = 1.3
+"""Chi-square over its usual value above which a fit is bad, ... By hand."""
+BAD_FIT_SIGMA = 6.0
+"""... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
+CHI_SQUARE_SLACK_SIGMA = 3.0
+"""Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
+COVER_ROUNDS = 5
+"""Rounds of trying covers at most. By hand."""
+DISK_PRICE = 40.0
+"""Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
+EXCESS_LEFT_FRACTION = 0.35
+"""Fraction of the excess chi-square that a new cover may leave. By hand."""
+GROUP_GAP_BLUR_WIDTHS = 2.0
+"""Gap between rims within one group. By hand."""
+LARGEST_GROUP = 20
+"""Disks of the largest group for which covers are tried. By hand, for time."""
+LARGEST_USUAL_CHI_SQUARE = 2.0
+"""Largest mean chi-square ascribed to the noise model. By hand."""
+LEAST_GAIN = 1.0
+"""Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
+uncertainty of one parameter."""
+LEAST_NOISE_FRACTION = 5e-3
+"""Smallest noise assumed. By hand: no contact is a perfect disk."""
+MISSING_DISK_PEAK_FRACTION = 0.3
+"""Height of a residual peak at which a disk is added to those of an outline. By hand."""
+MOST_ARCS = 60
+"""Arcs of the outline of a group at most. By hand: three a disk; more belong to no disks."""
+NECK_LEVEL_FRACTION = 0.75
+"""Level of a second outline, at which necks between touching contacts open. By hand."""
+NECK_SHRINKAGE_BLUR_WIDTHS = 0.67
+"""Distance of that outline from the rim. Theory: Phi(0.67) = 0.75."""
+SMALLEST_ARC_BLUR_WIDTHS = 0.7
+"""Smallest radius of an arc. By hand."""
+UNSETTLED_CHI_SQUARE_RATIO = 1.5
+"""Chi-square over its expectation below which the same disks are refitted first. By hand."""
+
+MOST_WINDOW_SHARE = 1.5
+"""Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By hand:
+a crowd of which half is covered takes 0.7."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""
@@ -64,7 +86,7 @@ class Replacement:
     new: NDArray[np.float64]
 
 
-def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
+def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.bool_]) -> Replacement:
     """Better covers of the groups that fit badly.
 
     Parameters
@@ -73,6 +95,8 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
         With a loose prior of the contrasts.
     fit : FittedDisks
         With all its disks in the model image.
+    whole : ndarray of bool, shape (n,)
+        Disks that stand for one contact of another shape: alone, they are not cut up.
 
     Returns
     -------
@@ -84,30 +108,25 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks) -> Replacement:
     limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
-    coarse = _no_finer_than_shapes(problem)
+    coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
     groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
-    deep = problem.work.deep
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
-        usual_single = len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
+        usual_single = len(members) == 1 and whole[members[0]]
+        usual_single |= len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
         if usual_single:
             continue
-        if len(members) > LARGEST_GROUP or problem.work.no_more_covers:
-            problem.work.unresolved_groups += 1
-            continue
-        window = GroupWindow.about(coarse, fit, members)
+        window = GroupWindow.about(coarse, fit, members) if len(members) <= LARGEST_GROUP else None
         if window is None:
             continue
+        left -= window.pixels
+        if left < 0.0:
+            break
         disks = fit.disks[members] - window.offset
-        try:
-            better = _find_cover(window, disks, usual)
-        except TooMuchWork:
-            problem.work.unresolved_groups += 1
-            continue
+        better = _find_cover(window, disks, usual)
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
-    problem.work.deep = deep  # covers overlap on trial, and their share was chosen with that
     return Replacement(replaced, np.vstack(new))
 
 
@@ -141,7 +160,7 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     best = disks
     unsettled = first < UNSETTLED_CHI_SQUARE_RATIO * expected
     for number in range(-1 if unsettled else 0, COVER_ROUNDS):
-        if chi_square < expected + slack or window.problem.work.no_more_covers:
+        if chi_square < expected + slack:
             break
         covers = list(_other_covers(window, best, number, expected + slack))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
@@ -188,11 +207,7 @@ def _completed(window: GroupWindow, disks: NDArray) -> Cover:
     fitted, chi_square = window.fit(disks, disks[:, RADIUS] + margin)
     for _ in range(LARGEST_GROUP):
         peak = window.highest_residual(fitted)
-        if (
-            window.problem.work.no_more_covers
-            or peak is None
-            or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast
-        ):
+        if peak is None or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast:
             break
         more = np.vstack([fitted, window.small_disk(peak[0], peak[1])])
         candidate, value = window.fit(more, np.append(fitted[:, RADIUS] + margin, np.inf))

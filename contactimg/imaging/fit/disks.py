@@ -12,17 +12,8 @@ from dataclasses import astuple, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.settings import (
-    ASSUMED_SPREAD_FRACTION,
-    BRIGHTEST_RATIO,
-    CONTRAST_OUTLIER_SIGMA,
-    FEWEST_WIDE_DISKS,
-    LEAST_SPREAD_FRACTION,
-    RADIUS_TOLERANCE_SIGMA,
-    WIDE_RADIUS_BLUR_WIDTHS,
-)
-from contactimg.imaging.fit.work import TooMuchWork
+from contactimg.imaging.detect.overlap import visible_share
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem
 from contactimg.imaging.kernels.gauss_newton import (
     WELL_FITTED_CHI_SQUARE,
     draw_disks,
@@ -30,10 +21,15 @@ from contactimg.imaging.kernels.gauss_newton import (
 )
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
-from contactimg.imaging.shapes.overlap import visible_share
 from contactimg.timings import stage
+
+GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
+"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further off."""
+BRIGHTEST_RATIO = 5.0
+"""Largest contrast of a contact over the expected one. By hand."""
+RADIUS_TOLERANCE_SIGMA = 0.1
+"""Error of a radius at which a disk has settled. Accuracy."""
 
 
 @dataclass(frozen=True)
@@ -204,21 +200,17 @@ def fit_disks(
     -------
     FittedDisks
 
-    Raises
-    ------
-    TooMuchWork
-        If a single step would take more work than is left.
     """
     n = len(disks)
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     start = start or ModelImage.blank(problem.image.shape, n)
-    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, *work = iterate(
+    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, *_ = iterate(
         problem.image,
         for_kernel(problem.valid, problem.saturated),
         np.array(disks, float),
         float(blur),
         np.array(astuple(problem.noise)),
-        _contrast_bounds(problem, brightness),
+        _contrast_bounds(problem, disks, blur, brightness),
         np.ascontiguousarray(brightness, float),
         control.free_blur,
         control.robust,
@@ -229,14 +221,10 @@ def fit_disks(
         start.model,
         start.drawn.copy(),
         start.complete,
-        np.full(n, np.inf) if largest is None else largest,
-        problem.work.left,
-        problem.work.left_for_first_step,
+        _largest_radii(problem, disks, blur) if largest is None else largest,
+        np.inf,
+        np.inf,
     )
-    if n and not steps:
-        raise TooMuchWork(f"one step of a fit of {n} disks")
-    cut_off = bool(steps < control.iterations and not settled.all())
-    problem.work.count_fit(*work, cut_off=cut_off, iterations=steps)
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(fitted)[:, None]
     return FittedDisks(
@@ -244,46 +232,24 @@ def fit_disks(
     )
 
 
-def _contrast_bounds(problem: FitProblem, brightness: NDArray[np.float64]) -> NDArray[np.float64]:
+def _largest_radii(problem: FitProblem, disks: NDArray, blur: float) -> NDArray[np.float64]:
+    """Upper bounds of the radii of disks that are about right; none for those cut by the border."""
+    (x, y, a), (rows, columns) = disks[:, :3].T, problem.image.shape
+    cut = np.minimum.reduce([x, y, columns - 1 - x, rows - 1 - y]) < a + blur
+    return np.where(cut, np.inf, GROWTH_RATIO * a + GROWTH_BLUR_WIDTHS * blur)
+
+
+def _contrast_bounds(
+    problem: FitProblem, disks: NDArray, blur: float, brightness: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Mean and width of the prior of each contrast, and its upper bound, which is higher in dim light."""
-    prior, possible = problem.prior, problem.largest_contrast / np.minimum(brightness, 1.0)
-    brightest = np.minimum(BRIGHTEST_RATIO * prior.mean, possible)
-    return np.stack([np.full_like(brightest, prior.mean), np.full_like(brightest, prior.std), brightest])
+    mean, std = problem.prior.of_disks(disks, blur)
+    possible = problem.largest_contrast / np.minimum(brightness, 1.0)
+    brightest = np.minimum(BRIGHTEST_RATIO * mean, np.maximum(possible, 1.01 * mean))
+    return np.stack([mean, std, brightest])
 
 
 def wide_disks(fit: FittedDisks) -> NDArray[np.bool_]:
     """Disks wide enough to show their own contrast and fitted well enough."""
     wide = fit.disks[:, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * fit.blur
     return np.asarray(wide & (fit.chi_square < WELL_FITTED_CHI_SQUARE) & (fit.std[:, CONTRAST] > 0))
-
-
-def contrast_prior(fit: FittedDisks, *, default: float, inflation: NDArray[np.float64]) -> ContrastPrior:
-    """Prior of the contrasts from the wide contacts of a frame.
-
-    Parameters
-    ----------
-    fit : FittedDisks
-        With a loose prior.
-    default : float
-        Contrast to assume, with the spread `ASSUMED_SPREAD_FRACTION`, if fewer than three contacts are wide.
-    inflation : ndarray, shape (n,)
-        Factor of the variance of each contrast for noise that neighbouring pixels share.
-
-    Returns
-    -------
-    ContrastPrior
-        Weighted mean of the contrasts, and their spread in excess of their uncertainties.
-    """
-    wide = wide_disks(fit)
-    values, stds = fit.disks[wide, CONTRAST], fit.std[wide, CONTRAST] * np.sqrt(inflation[wide])
-    if len(values) < FEWEST_WIDE_DISKS:
-        return ContrastPrior(default, ASSUMED_SPREAD_FRACTION * default)
-    middle = float(np.median(values))
-    deviation = np.abs(values - middle)
-    inliers = deviation < CONTRAST_OUTLIER_SIGMA * MAD_TO_STD * np.median(deviation) + 1e-6 * middle
-    values, stds = values[inliers], stds[inliers]
-    excess = max(float(np.var(values) - np.mean(stds**2)), 0.0)
-    weights = 1.0 / (stds**2 + excess)
-    mean = float(np.average(values, weights=weights))
-    std = float(np.sqrt(excess + 1.0 / weights.sum() + (LEAST_SPREAD_FRACTION * mean) ** 2))
-    return ContrastPrior(mean, std)

@@ -4,8 +4,7 @@ A plain edge, a disk behind one Gaussian, is assumed first. If the residuals of 
 it (`contactimg.imaging.fit.edge_scores`), the family of edges that explains them best joins the fit, and so
 on until no other family is significant. The difference between learned and plain profile of each contact is
 subtracted from the image, which the plain fit then measures: at the solution the residuals of the learned
-edge have no part along any derivative. What other frames of a series know of the edge enters as a prior, and
-what remains undecided as an uncertainty (`contactimg.imaging.fit.undecided_edge`).
+edge have no part along any derivative. What other frames of a series know of the edge enters as a prior.
 """
 
 from collections.abc import Callable
@@ -31,10 +30,8 @@ from contactimg.imaging.fit.edge_scores import (
     parameters_of,
 )
 from contactimg.imaging.fit.learned_edge import LearnedEdge
-from contactimg.imaging.fit.problem import RADIUS, FitProblem, touches
-from contactimg.imaging.fit.settings import FEWEST_WIDE_DISKS, WIDE_RADIUS_BLUR_WIDTHS
-from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior
-from contactimg.imaging.fit.undecided_edge import POSITIVE, EdgeEvidence, undecided_modes
+from contactimg.imaging.fit.problem import RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, touches
+from contactimg.imaging.fit.shared_optics import FEWEST_WIDE_DISKS, JointFit, OpticsPrior
 from contactimg.imaging.kernels.radial_sums import add_profiles
 from contactimg.imaging.profile.edge_shape import (
     FAMILIES,
@@ -74,9 +71,8 @@ one of them by up to 0.6 % by chance."""
 FAMILY_RELATIVE_STD = 0.1
 """Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
 exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
-UNDECIDED_FRACTION = 0.3
-"""Part of the uncertainty of the sum of the areas that may stay undecided after a look at some of the
-contacts. Chosen: it widens the whole by 4 %."""
+POSITIVE = {"softness", "rim"}
+"""Families whose parameter cannot be negative: rims are soft, and the gap beside a contact shines."""
 RELEVANT_SUM_SIGMA = 1.0
 """The same for the sum of the areas."""
 
@@ -89,14 +85,6 @@ class EdgeFit:
     joint: JointFit
     learned: LearnedEdge
 
-    @property
-    def is_undecided(self) -> bool:
-        """Whether what is undecided widens the uncertainty of the sum of the areas."""
-        fit, radius = self.joint.fit, self.joint.fit.disks[:, RADIUS]
-        known = np.hypot(radius @ self.joint.radius_shifts[:, 0], radius @ self.joint.radius_shifts[:, 1])
-        known = np.hypot(known, np.linalg.norm(radius * fit.std[:, RADIUS]))
-        return bool(abs(radius @ self.learned.undecided) > UNDECIDED_FRACTION * known)
-
 
 @stage("edge")
 def learn_edge(
@@ -107,8 +95,6 @@ def learn_edge(
     ratio: float,
     refine: Refine,
     given: SharedOptics,
-    new_families: bool = True,
-    among: NDArray[np.int64] | None = None,
 ) -> EdgeFit:
     """Learn the edge of a frame's contacts, and fit them with it.
 
@@ -125,10 +111,6 @@ def learn_edge(
     given : SharedOptics
         What other frames say of the edge, and whether a reference contact has told where in its edge a
         contact ends.
-    new_families : bool
-        Whether other edges than a plain one, or that of other frames, are looked for.
-    among : ndarray of int or None
-        Contacts from which it is learned; None: all.
 
     Returns
     -------
@@ -142,7 +124,7 @@ def learn_edge(
     plain = current = EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))
     if problem.noise.rim > 0 and joint.fit.blur < SHARPEST_BLUR_PX:
         return plain
-    isolated = search.isolated(joint, among)
+    isolated = search.isolated(joint)
     if lent is not None and lent.families:
         plain = current = search.begin_with(joint, lent, refine)
     if len(isolated) < FEWEST_SCORES:
@@ -151,12 +133,10 @@ def learn_edge(
     if len(scores.score) < FEWEST_SCORES:
         return search.finish(current, search.unseen(current))
     if not current.learned.families:
-        if not new_families or not search.may_learn(joint, isolated):
+        if not search.may_learn(joint, isolated):
             return search.finish(current, scores)
         if not scores.is_suspicious(search.prior(current)):
-            result = search.finish(current, scores, of=len(isolated))
-            if len(isolated) <= FEW_CONTACTS or not result.is_undecided:
-                return result
+            return search.finish(current, scores, of=len(isolated))
     current, scores = search.learn(current, isolated, refine)
     if _fits_worse(current.joint.fit.chi_square, plain.joint.fit.chi_square):
         current, scores = plain, search.scores(plain, isolated)  # it does not fit better
@@ -187,13 +167,13 @@ class _Search:
 
     def _with_prior(self, joint: JointFit) -> FitProblem:
         """With the contrast and spread of a fit."""
-        return replace(self.problem, prior=replace(self.problem.prior, mean=joint.contrast, std=joint.spread))
+        return replace(self.problem, prior=joint.prior)
 
-    def isolated(self, joint: JointFit, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
-        """Contacts, ``among`` some, whose profile nothing disturbs."""
+    def isolated(self, joint: JointFit) -> NDArray[np.int64]:
+        """Contacts with the contrast of the frame whose profile nothing disturbs."""
         disks = joint.fit.disks
         isolated = isolated_disks(disks, self.problem.image.shape, blur=joint.fit.blur)
-        isolated = isolated if among is None else isolated[np.isin(isolated, among)]
+        isolated = isolated[joint.prior.is_odd(disks)[isolated] < 0]
         # a plateau that is cut off by the sensor looks like another edge
         return isolated[~touches(self.problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
 
@@ -229,8 +209,6 @@ class _Search:
         """Add families and settle the edge, until no other family is significant."""
         for _ in range(ROUNDS):
             scores = self.scores(current, isolated)
-            if self.problem.work.is_done:
-                break
             edge, families, prior = current.learned.edge, current.learned.families, self.prior(current)
             step = scores.step(parameters_of(families), prior)
             if not families or _has_settled(edge, _moved(edge, step), step):
@@ -325,23 +303,39 @@ class _Search:
         score, information = np.sqrt(share) * score, share * information
         seen = int(np.count_nonzero(scores.score.any(axis=1)))
         knowledge = self._knowledge(current, score, information, max(of, seen))
-        if self.lent is not None:
-            score[SHARED:] += self.lent.score_at(current.learned.edge.shape)
-            information[SHARED:, SHARED:] += self.lent.information
-        evidence = EdgeEvidence(current.learned.edge, score, information, scores.radius, scores.response)
-        disks = joint.fit.disks
-        placed = self.placement.place(disks, blur=current.learned.edge.blur).disks
-        modes = undecided_modes(
-            evidence, families, self._optics(current), radius=disks[:, RADIUS], field=placed.field
-        )
-        common, rest = _common_mode(modes, disks[:, RADIUS])
-        own = joint.fit.std.copy()
-        own[:, RADIUS] = np.hypot(own[:, RADIUS], rest)
         step = scores.step(parameters_of(families), self.prior(current))
         std = np.zeros(SHARED + len(current.learned.edge.shape))
         std[step.chosen] = np.sqrt(np.diag(step.covariance))
-        learned = replace(current.learned, std=std[SHARED:], undecided=common, knowledge=knowledge)
-        return EdgeFit(current.problem, replace(joint, fit=replace(joint.fit, std=own)), learned)
+        undecided = self._undecided(current, joint, scores, families)
+        learned = replace(current.learned, std=std[SHARED:], knowledge=knowledge, undecided=undecided)
+        return EdgeFit(current.problem, joint, learned)
+
+    def _undecided(
+        self, current: EdgeFit, joint: JointFit, scores: EdgeScores, families: tuple[str, ...]
+    ) -> Values:
+        """Shift of the radii by the other family of edges that would change the areas most, px.
+
+        Each at the size that the residuals and its prior make most probable: where they exclude a family that is
+        next to nothing, where they cannot tell it is what the family may be.
+        """
+        disks, prior = joint.fit.disks, self.prior(current)
+        most, shift = 0.0, np.zeros(len(disks))
+        if len(scores.score) < FEWEST_SCORES:
+            return shift
+        response, _ = EdgeScores.response_to(
+            np.arange(SHARED + len(current.learned.edge.shape)), self._with_prior(joint), disks,
+            current.learned.edge, self.placement,
+        )  # fmt: skip
+        for name in FAMILIES:
+            if name in families or any({name, *families} >= pair for pair in INDISTINCT):
+                continue
+            step = scores.step(parameters_of((*families, name)), prior)
+            if name in POSITIVE and step.delta[-1] <= 0.0:
+                continue
+            moved = response[:, step.chosen] @ step.delta
+            if abs(float(disks[:, RADIUS] @ moved)) > most:
+                most, shift = abs(float(disks[:, RADIUS] @ moved)), moved
+        return shift
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
         """What the frame alone says of its edges, whatever contrast and blur."""

@@ -45,8 +45,8 @@ NEIGHBOUR_BLUR_WIDTHS = 3.0  # reach of the rim of a neighbour; theory: 1e-3 of 
 SMALLEST_BLUR_WIDTHS = 0.5  # radius of contacts that are looked at; smaller ones show no edge
 MOST_CONTACTS = 250  # that are looked at, evenly chosen among the radii; for time
 FEW_CONTACTS = 60  # the same of the first look; for time
-FEWEST_CONTACTS = 20
-"""Isolated contacts below which nothing is learned. Theory: their scatter gives a variance to a third."""
+FEWEST_CONTACTS = 10
+"""Isolated contacts below which nothing is learned. Theory: their scatter gives a variance to a half."""
 FEWEST_SCORES = 5
 """Isolated contacts below which their scores say nothing. Chosen: with fewer, one odd contact decides."""
 FALSE_ALARM = 1e-5

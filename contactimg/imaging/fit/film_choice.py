@@ -195,7 +195,7 @@ class FilmTrial:
     def _problem(self) -> FitProblem:
         """With the contrast and spread of the fit."""
         joint = self.joint
-        return replace(self.problem, prior=replace(self.problem.prior, mean=joint.contrast, std=joint.spread))
+        return replace(self.problem, prior=joint.prior)
 
     @property
     def _log_odds(self) -> float:

@@ -3,15 +3,17 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from contactimg.imaging.detect.peaks import find_peaks_near
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks, render_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
-from contactimg.imaging.fit.settings import (
-    DISK_REACH_BLUR_WIDTHS,
-    GROUP_ITERATIONS,
-    GROUP_REACH_BLUR_WIDTHS,
-)
 from contactimg.imaging.fit.significance import find_insignificant
-from contactimg.imaging.shapes.peaks import find_peaks_near
+
+DISK_REACH_BLUR_WIDTHS = 2.0
+"""Margin about a disk within which pixels count as its own. By hand."""
+GROUP_ITERATIONS = 15
+"""Gauss-Newton steps at most. Accuracy."""
+GROUP_REACH_BLUR_WIDTHS = 4.0
+"""Margin of the window about a group. Theory: a blurred edge is 3e-5 there."""
 
 CONTROL = FitControl(free_blur=False, robust=False, iterations=GROUP_ITERATIONS)
 
@@ -62,8 +64,8 @@ class GroupWindow:
         """
         while True:
             fit = fit_disks(self.problem, disks, blur=self.blur, control=CONTROL, largest=largest)
-            kept = ~find_insignificant(fit, self.problem.contrast, final=True)
-            if kept.all() or not kept.any() or self.problem.work.is_done:
+            kept = ~find_insignificant(fit, self.problem, final=True)
+            if kept.all() or not kept.any():
                 return fit.disks, self.chi_square(fit.disks)
             disks, largest = fit.disks[kept], largest[kept]
 

@@ -11,18 +11,25 @@ from numpy.typing import NDArray
 from scipy import special
 
 from contactimg.compiled import njit
-from contactimg.imaging.fit.settings import (
-    CORE_END_FRACTION,
-    FEWEST_HALO_PARTS,
-    HALO_BLOCK_PX,
-    HALO_FALSE_ALARM,
-    HALO_PARTS,
-    HALO_WIDTHS_PX,
-    LARGEST_HALO_FRACTION,
-    LEAST_HALO_FRACTION,
-)
 from contactimg.imaging.pixels.blocks import BlockMeans, block_means
 from contactimg.imaging.profile.optics import Halo
+
+CORE_END_FRACTION = 5e-4
+"""Level below which only the halo is left. Accuracy."""
+FEWEST_HALO_PARTS = 3
+"""... at least, with one contact each. By hand."""
+HALO_BLOCK_PX = 2
+"""Side of the block means on which halos are computed, a power of 2. Accuracy."""
+HALO_FALSE_ALARM = 3e-6
+"""Probability of a halo in a frame without. False-alarm rate."""
+HALO_PARTS = 12
+"""Parts of the image whose scatter gives the uncertainty, ... By hand."""
+HALO_WIDTHS_PX = (3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 24.0)
+"""Standard deviations tried. By hand."""
+LARGEST_HALO_FRACTION = 0.6
+"""Largest halo, of the light. By hand: more would be the point spread function itself."""
+LEAST_HALO_FRACTION = 0.01
+"""Halo below which none is assumed, of the light. Accuracy."""
 
 
 def estimate_halo(means: BlockMeans, *, contrast: float, contacts: int) -> Halo | None:

@@ -24,8 +24,7 @@ class LearnedEdge:
     std : ndarray
         Standard uncertainties of the parameters of the edge; 0 for those that take no part.
     undecided : ndarray, shape (n,), px
-        Change of the radii by one standard uncertainty of what the frame does not decide about its edges;
-        empty where it was not looked at.
+        Change of the radii by the other edge that would change the areas most.
     knowledge : EdgeKnowledge or None
         What the frame alone says of its edges, for others.
     """

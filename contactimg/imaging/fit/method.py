@@ -1,402 +1,342 @@
-"""The method "disk": a blurred disk for each contact; noise, halo, contrast and blur from the frame itself.
+"""The method "disk": a blurred disk for each contact; noise, halo, contrast, blur and edge from the frame itself.
 
-The order of the steps is that of `_attempt`. Disks are detected at an assumed contrast; if the fit then finds
-another one, they are detected anew.
+In turn: disks are assembled at a first contrast (`assemble`), halo and remaining background are removed
+(`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts share is
+looked for: a plain one, one learned from the frame (`edge_profile`), or that of an air film (`film_choice`).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
+from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit
+from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
+from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.by_hand import fit_edited
-from contactimg.imaging.fit.clipped_noise import restore_clipped_noise
-from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
     ModelImage,
-    contrast_prior,
     fit_disks,
+    render_disks,
     wide_disks,
 )
 from contactimg.imaging.fit.edge_profile import learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.film_edge import FilmEdge
-from contactimg.imaging.fit.number_of_disks import assemble_disks
-from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.quality import FittedDetections, FrameFit, report_contacts
-from contactimg.imaging.fit.residual_light import remove_halo, remove_illumination
-from contactimg.imaging.fit.settings import (
-    BINNED_BLUR_PX,
-    CONTRAST_CHANGE_LOG,
-    DARKEST_RATIO,
-    FEWEST_COMMON_CHI_SQUARE,
+from contactimg.imaging.fit.learned_edge import LearnedEdge
+from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.residual_light import remove_background, remove_halo
+from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.shared_optics import (
     FEWEST_WIDE_DISKS,
-    FULL_CONTRAST_RATIO,
-    LEAST_LEVEL_FRACTION,
-    LEAST_NOISE_FRACTION,
-    LEAST_NOISE_LEVELS,
-    LEAST_SPREAD_FRACTION,
-    LOST_DISKS_RATIO,
-    MOST_ATTEMPTS,
-    PASSES_OF_ATTEMPT,
-    WIDEST_UNBINNED_BLUR_PX,
+    JointFit,
+    OpticsPrior,
+    contrast_prior,
+    settle_optics,
 )
-from contactimg.imaging.fit.shared_optics import JointFit, OpticsPrior, hides_contrast, settle_optics
-from contactimg.imaging.fit.work import TooMuchWork
+from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BlockMeans
-from contactimg.imaging.pixels.frame_pair import CutOff
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.film_tables import film_table
-from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.reject.foreground import Foreground
-from contactimg.imaging.shapes.hand_edits import HandEdit
-from contactimg.imaging.shapes.rim_blur import estimate_blur, widest_spot_blur
+from contactimg.imaging.profile.optics import Halo, KnownEdge
 from contactimg.timings import stage
+
+WIDEST_UNBINNED_BLUR_PX = 3.2
+"""Frames with a wider blur are binned. Accuracy."""
+BINNED_BLUR_PX = 1.6
+"""Blur aimed at in binned pixels. Accuracy: that of the profile table."""
+LEAST_NOISE_LEVELS = 1e-3
+"""Smallest noise assumed, grey levels. Accuracy: keeps weights finite in a noise-free image."""
+LEAST_NOISE_FRACTION = 5e-3
+"""Smallest noise assumed, of the contrast. By hand: no contact is a perfect disk."""
+DARKEST_RATIO = -0.95
+"""Contrast over background level of the darkest contact. Theory: nothing is darker than black, -1."""
+LEAST_LEVEL_FRACTION = 0.1
+"""Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
+MOST_ATTEMPTS = 2
+"""Contrasts at which disks are assembled, at most. By hand."""
+CONTRAST_CHANGE_LOG = 0.15
+"""Change of ln contrast after which disks are assembled anew. By hand."""
+FEWEST_COMMON_CHI_SQUARE = 10
+"""Contacts needed to ascribe their median chi-square to the noise model. By hand."""
+ELLIPSES_THAT_MATTER = 0.1
+"""Share of ellipses among the contacts above which contrast and blur are settled on them again. By hand."""
+ELLIPSE_ROUNDS = 2
+"""Rounds of ellipses and shared optics: each leaves about a tenth of the error of the first. By hand."""
+FULL_CONTRAST_RATIO = 0.9
+"""Brightest light over the largest possible contrast from which spots show their contrast. By hand."""
 
 
 @dataclass(frozen=True, eq=False)
-class FirstDisks:
-    """Disks detected and fitted at the first contrast, with a plain edge: what any attempt begins with.
+class FrameFit:
+    """The disks of a frame, fitted with what they share.
 
     Parameters
     ----------
-    start : _Start
-    fit : FrameFit
+    problem : FitProblem
+        As fitted in the end, without halo and remaining background.
+    fit : FittedDisks
+    dropped : ndarray, shape (m, 3)
+        x, y, radius (px) of disks that were tried and are not needed.
+    smallest : float, px
+        Radius of the smallest isolated disk that stands out of the noise.
+    limited : bool
+        Whether there were more candidates than are fitted.
+    halo : Halo or None
+    joint : JointFit or None
+        Of contrast and blur; None if there is no disk.
+    edited : EditedDisks or None
+        Which disks were changed by hand; None if none was.
+    edge : LearnedEdge or None
+        That the contacts share.
+    film : WeighedFilm or None
+        What the rims say of an air film; None where none was looked for.
+    ellipses : Ellipses
+        Disks that stand for ellipses of equal area.
+    ratio : float
+        Contrast over background level; negative for dark contacts.
+    known_edge : KnownEdge or None
+        What a reference contact has told of the edge, px of the frame.
     """
 
-    start: "_Start"
-    fit: FrameFit
-
-    @classmethod
-    @stage("quality")
-    def of(
-        cls, foreground: Foreground, difference: DifferenceImage, edits: Sequence[HandEdit] = ()
-    ) -> "FirstDisks":
-        """Of a frame."""
-        start = _first_start(foreground, difference)
-        given = _Given.of(foreground, difference, start, edits)
-        start = start.at_level(given.level)
-        return cls(start, _settle(start, given, given.optics_prior))
-
-    def detections(self, foreground: Foreground, difference: DifferenceImage) -> FittedDetections:
-        """Contacts as these disks."""
-        return report_contacts(self.fit, foreground, difference, contrast=self.start.contrast)
-
-    def again(self) -> "FirstDisks":
-        """The same with the work done so far, on which another measurement counts for itself."""
-        work = replace(self.fit.problem.work)
-        start = replace(self.start, problem=replace(self.start.problem, work=work))
-        return FirstDisks(start, replace(self.fit, problem=replace(self.fit.problem, work=work)))
+    problem: FitProblem
+    fit: FittedDisks
+    dropped: NDArray[np.float64]
+    smallest: float
+    limited: bool
+    halo: Halo | None = None
+    joint: JointFit | None = None
+    edited: EditedDisks | None = None
+    edge: LearnedEdge | None = None
+    film: WeighedFilm | None = None
+    ellipses: Ellipses = NO_ELLIPSES
+    ratio: float = 0.0
+    known_edge: KnownEdge | None = None
 
 
 @stage("quality")
 def measure_by_fit(
     foreground: Foreground,
-    difference: DifferenceImage,
     *,
-    film: FilmSetting | None,
+    film: FilmSetting | None = None,
     edits: Sequence[HandEdit] = (),
-    learns_edge: bool = True,
-    first: FirstDisks | None = None,
-) -> FittedDetections:
+    shape: str = "auto",
+) -> FrameFit:
     """Find the contacts of a frame and fit a blurred disk to each.
 
     Parameters
     ----------
     foreground : Foreground
-    difference : DifferenceImage
-        From which the foreground comes.
     film : FilmSetting or None
         Bright rim that the air film draws around the contacts; None: the edge is sharp.
     edits : sequence of HandEdit
         Corrections by hand to what was found; the changed disks are fitted with the others.
-    learns_edge : bool
-        Whether another edge than a plain one is taken; else nor is that of other frames.
-    first : FirstDisks or None
-        Of this frame, where they are known.
-
-    Returns
-    -------
-    FittedDetections
+    shape : {"auto", "disk", "ellipse", "free"}
+        "auto": an ellipse where no disk describes a contact; "ellipse": for every isolated contact.
     """
-    first = FirstDisks.of(foreground, difference, edits) if first is None else first.again()
-    start, plain = first.start, first.fit
-    given = _Given.of(foreground, difference, start, edits, film=film, learns_edge=learns_edge)
-    best: FrameFit | None = None
-    for _ in range(MOST_ATTEMPTS):
-        if best is not None:
-            plain = _settle(start, given, given.optics_prior)
-        attempt = _attempt(start, given, plain)
-        if best is not None:
-            # a contrast at which most contacts vanish is wrong; small ones are faint at any
-            ratio = 1.0 if hides_contrast(best.fit) else LOST_DISKS_RATIO
-            if ratio * len(attempt.fit.disks) < len(best.fit.disks):
-                break
-        best, joint = attempt, attempt.joint
-        if joint is None or not start.problem.work.suffices_for(PASSES_OF_ATTEMPT):
+    frame = _Frame.of(foreground, film, edits, shape)
+    problem, blur = frame.problem, frame.blur
+    best = frame.settle(problem, blur, frame.prior)
+    for _ in range(MOST_ATTEMPTS - 1):
+        joint = best.joint
+        if joint is None or abs(np.log(joint.contrast / problem.contrast)) < CONTRAST_CHANGE_LOG:
             break
-        if abs(np.log(joint.contrast / start.contrast)) < CONTRAST_CHANGE_LOG:
+        problem = replace(best.problem.with_contrast(joint.contrast), background=problem.background)
+        other = frame.settle(problem, joint.fit.blur, frame.prior)
+        # a contrast at which most contacts vanish is wrong; small ones are faint at any
+        if other.joint is None or 2 * len(other.fit.disks) < len(best.fit.disks):
             break
-        start = _next_start(start, best, joint).at_level(given.level)
-    result = replace(best or attempt, known_edge=given.prior_optics.known_edge)
-    return report_contacts(result, foreground, difference, contrast=start.contrast)
+        best = other
+    if shape in ("auto", "ellipse"):
+        best = frame.with_ellipses(best, everywhere=shape == "ellipse")
+    return replace(frame.with_edge(best), known_edge=foreground.prior_optics.known_edge)
 
 
 @dataclass(frozen=True, eq=False)
-class _Given:
-    """What is given for all attempts.
+class _Frame:
+    """What is given for all fits of a frame."""
 
-    Parameters
-    ----------
-    prior_optics : SharedOptics
-    optics_prior : OpticsPrior
-        The same as the normal prior of the fit.
-    level : float
-        Background level, grey levels.
-    sign : int
-        1 for contacts brighter than the background, else -1.
-    film : FilmSetting or None
-    edits : sequence of HandEdit
-    cut_off : CutOff or None
-        End of the grey levels at the background.
-    learns_edge : bool
-        Whether another edge than a plain one is looked for.
-    """
-
-    prior_optics: SharedOptics
-    optics_prior: OpticsPrior
-    level: float
-    sign: int
-    film: FilmSetting | None
-    edits: Sequence[HandEdit]
-    cut_off: CutOff | None
-    learns_edge: bool
-
-    @classmethod
-    def of(
-        cls, foreground: Foreground, difference: DifferenceImage, start: "_Start", edits: Sequence[HandEdit],
-        *, film: FilmSetting | None = None, learns_edge: bool = True,
-    ) -> "_Given":  # fmt: skip
-        """For a frame and its first start."""
-        return cls(
-            foreground.prior_optics,
-            OpticsPrior.of(foreground.prior_optics, start.problem, blur=start.blur),
-            max(difference.level, LEAST_LEVEL_FRACTION * start.contrast),
-            foreground.sign,
-            film,
-            edits,
-            foreground.frame_pair.cut_off(foreground.sign),
-            learns_edge,
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class _Start:
-    """Where an attempt starts.
-
-    Parameters
-    ----------
-    problem : FitProblem
-    blur : float, px
-        Standard deviation, pixel included.
-    free_blur : bool
-    wide_contrast : float
-        Contrast of the wide contacts in the attempt before; NaN if there are none.
-    """
-
+    foreground: Foreground
     problem: FitProblem
     blur: float
     free_blur: bool
-    wide_contrast: float = float("nan")
+    prior: OpticsPrior
+    level: float
+    film: FilmSetting | None
+    edits: Sequence[HandEdit]
+    shape: str
 
-    @property
-    def contrast(self) -> float:
-        """At which disks are detected."""
-        return self.problem.contrast
+    @classmethod
+    def of(
+        cls, foreground: Foreground, film: FilmSetting | None, edits: Sequence[HandEdit], shape: str
+    ) -> "_Frame":
+        """The problem, binned where the blur is wide, a first guess of the blur, and the priors."""
+        image, contrast = foreground.image, foreground.contrast.plateau
+        given = foreground.prior_optics.blur_px
+        free = not np.isfinite(given)
+        blur = estimate_blur(image, contrast) if free else float(np.hypot(given, PIXEL_VARIANCE**0.5))
+        full = contrast > FULL_CONTRAST_RATIO * foreground.largest_contrast
+        if free and full and not foreground.contrast.resolved:
+            blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
+        binning = int(blur / BINNED_BLUR_PX) if blur > WIDEST_UNBINNED_BLUR_PX else 1
+        problem = FitProblem.of(foreground, binning=binning)
+        noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
+        noise = max(noise, LEAST_NOISE_LEVELS, LEAST_NOISE_FRACTION * contrast)
+        blur = float(blur / binning if free else np.hypot(given / binning, PIXEL_VARIANCE**0.5))
+        level = max(foreground.difference.level, LEAST_LEVEL_FRACTION * contrast)
+        # shot noise, and texture that a contact makes brighter, go with the light
+        problem = replace(problem, noise=Noise(noise**2, contrast / level))
+        prior = OpticsPrior.of(foreground.prior_optics, problem, blur=blur)
+        return cls(foreground, problem, blur, free, prior, level, film, edits, shape)
 
-    def at_level(self, level: float) -> "_Start":
-        """With the noise of contacts brighter by the contrast than a background of this level."""
-        noise = Noise(self.problem.noise.variance, (1.0 + self.contrast / level) - 1.0)
-        return replace(self, problem=replace(self.problem, noise=noise))
+    def settle(
+        self, problem: FitProblem, blur: float, prior: OpticsPrior, *, has_film: bool = False
+    ) -> FrameFit:
+        """Assemble disks at one contrast and fit them, with halo, background, contrast and blur.
 
+        With a film, whose fringes look like one, no halo is looked for.
+        """
+        known, free = self.foreground.prior_optics, self.free_blur and not has_film
+        found = assemble_disks(problem, blur=blur, free_blur=free, shape=self.shape)
+        problem, fit, dropped, edited, halo = found.problem, found.fit, found.dropped, None, None
+        if self.edits and not len(fit.disks):
+            fit, edited = fit_edited(problem, fit, self.edits)
+        if not len(fit.disks):
+            return FrameFit(problem, fit, dropped, found.smallest, found.limited, edited=edited)
+        means = BlockMeans(problem.image, fit.model)
+        if not has_film:
+            problem, fit, halo, vanished = remove_halo(
+                problem, fit, means, prior_optics=known, free_blur=free
+            )
+            dropped = np.vstack([dropped, vanished])
+            means = means if halo is None else BlockMeans(problem.image, fit.model)
+        problem, fit = remove_background(problem, fit, means, free_blur=free)
+        if self.edits and edited is None:
+            fit, edited = fit_edited(problem, fit, self.edits)
+        joint = self.refine(problem, fit, prior, free_blur=free)
+        return FrameFit(
+            problem, joint.fit, dropped, found.smallest, found.limited, halo, joint, edited,
+            ellipses=found.ellipses if len(joint.fit.disks) == len(found.fit.disks) else NO_ELLIPSES,
+            ratio=max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO),
+        )  # fmt: skip
 
-def _first_start(foreground: Foreground, difference: DifferenceImage) -> _Start:
-    """The problem, binned where the blur is wide, and a first guess of the blur."""
-    image, contrast = foreground.image, foreground.contrast.plateau
-    given_blur = foreground.prior_optics.blur_px
-    free_blur = not np.isfinite(given_blur)
-    blur = estimate_blur(image, contrast) if free_blur else float(np.hypot(given_blur, PIXEL_VARIANCE**0.5))
-    full = contrast > FULL_CONTRAST_RATIO * foreground.largest_contrast
-    if free_blur and full and not foreground.contrast.resolved:
-        blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
-    binning = int(blur / BINNED_BLUR_PX) if blur > WIDEST_UNBINNED_BLUR_PX else 1
-    problem = FitProblem.of(foreground, difference, binning=binning)
-    noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
-    noise = max(noise, LEAST_NOISE_LEVELS, LEAST_NOISE_FRACTION * contrast)
-    blur = blur / binning if free_blur else np.hypot(given_blur / binning, PIXEL_VARIANCE**0.5)
-    return _Start(replace(problem, noise=Noise(noise**2)), float(blur), free_blur)
-
-
-def _next_start(start: _Start, result: FrameFit, joint: JointFit) -> _Start:
-    """At the contrast and blur found, without the illumination found."""
-    removed = result.problem.removed_background - start.problem.removed_background
-    moved = abs(removed[0, 0]) > CONTRAST_CHANGE_LOG * start.contrast
-    plain_edge = result.edge is None or not result.edge.families  # else the blur goes with that edge
-    return _Start(
-        start.problem.without_background(removed).with_contrast(joint.contrast),
-        joint.fit.blur,
-        start.free_blur and (result.has_film or bool(moved) or not plain_edge),
-        joint.wide_contrast,
-    )
-
-
-def _attempt(start: _Start, given: _Given, plain: FrameFit) -> FrameFit:
-    """The disks detected at one contrast with the edge that they show, or as they are for want of work."""
-    try:
-        return _with_edge(start, given, plain)
-    except TooMuchWork:
-        plain.problem.work.unfinished_fits += 1
-        return plain
-
-
-def _with_edge(start: _Start, given: _Given, plain: FrameFit) -> FrameFit:
-    """Look for a film about the disks detected at one contrast, else for another edge."""
-    problem = start.problem
-    if plain.joint is None:
-        return plain
-    prior, spread = given.optics_prior, given.prior_optics.spread
-    ratio = max(given.sign * plain.joint.contrast / given.level, DARKEST_RATIO)
-
-    def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
-        if fit.model is plain.fit.model:  # which a fit overwrites, and another attempt may begin with
-            fit = replace(fit, model=fit.model.copy())
-        return _refine(replace(start, problem=problem, free_blur=False), fit, prior, spread)
-
-    trial, weighed = None, None
-    if given.film is not None:
-        placement = Placement(problem.image.shape, ratio)
-        likely = film_makes_contrast(given.film.rim, ratio)
-        trial = FilmTrial(plain.problem, plain.joint, prior, placement, given.film, likely)
-        weighed = trial.weigh()
-    if weighed is not None and weighed.verdict.taken and given.film is not None and given.film.asked == "on":
-        return _with_film(start, given, weighed)
-    learned = learn_edge(
-        plain.problem, plain.joint, prior, ratio=ratio, refine=refine,
-        given=given.prior_optics if given.learns_edge else replace(given.prior_optics, edge=None),
-        new_families=given.learns_edge,
-    )  # fmt: skip
-    if trial is not None and weighed is not None and learned.learned.families:
-        weighed = trial.against(weighed, learned)
-    if weighed is not None and weighed.verdict.taken:
-        return _with_film(start, given, weighed)
-    return replace(
-        plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
-        film=weighed, ratio=ratio, lent_edge=given.prior_optics.edge,
-    )  # fmt: skip
-
-
-def _with_film(start: _Start, given: _Given, weighed: WeighedFilm) -> FrameFit:
-    """Detect the disks and fit them with the rim of a film, at the blur that the rims show.
-
-    In the end the light of the film is subtracted from the image, and disks with a plain edge are fitted: all
-    that follows sees contacts without a film.
-    """
-    edge, film = weighed.film.edge, weighed.film
-    exact, spread = given.optics_prior.with_exact_blur(edge.blur), given.prior_optics.spread
-    start = replace(start, blur=edge.blur, free_blur=False)
-    with_rims = replace(start.problem, profile=film_table(weighed.rim, edge.blur))
-    result = _settle(replace(start, problem=with_rims), given, exact, has_film=True)
-    if result.joint is None or not isinstance(edge, FilmEdge):
-        return result
-    image = edge.without_film(result.problem.image, result.fit.disks)
-    problem = replace(result.problem, image=image, profile=start.problem.profile)
-    joint = _refine(replace(start, problem=problem), result.fit, exact, spread)
-    disks, placement = (
-        joint.fit.disks,
-        Placement(image.shape, max(given.sign * joint.contrast / given.level, DARKEST_RATIO)),
-    )
-    known = replace(problem, prior=ContrastPrior(joint.contrast, joint.spread))
-    rims, plain = (
-        EdgeScores.expected(known, disks, each, placement) for each in (edge, Edge.plain(edge.blur))
-    )
-    own = joint.fit.std * np.maximum(rims.radius_std / plain.radius_std, 1.0)[:, None]
-    shifts = rims.response[:, :2] @ np.linalg.cholesky(film.covariance)
-    joint = replace(
-        joint, fit=replace(joint.fit, std=own), covariance=film.covariance,
-        own_covariance=film.own_covariance, radius_shifts=shifts,
-    )  # fmt: skip
-    return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
-
-
-def _settle(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool = False) -> FrameFit:
-    """Detect the disks at one contrast and fit them; none where that would take too much work."""
-    try:
-        return _settled(start, given, prior, has_film=has_film)
-    except TooMuchWork:
-        work = start.problem.work
-        work.refused = True
-        nothing = np.empty((0, 4))
+    def refine(
+        self, problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, free_blur: bool = False
+    ) -> JointFit:
+        """Last fit, with correlation of the noise, contrast and spread of the contrasts from the fit before."""
+        radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
+        gain, known_spread = 1.0 + noise.slope, self.foreground.prior_optics.spread
+        correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)
+        shared = correlation.plateau_inflation(radius, fit.blur, noise=noise, gain=gain)
+        prior = contrast_prior(fit, problem, inflation=shared)
+        seen = np.count_nonzero(wide_disks(fit)) >= FEWEST_WIDE_DISKS
+        wide = prior.mean if seen else float("nan")
+        if np.isfinite(known_spread) and not seen:
+            spread = max(known_spread, 1e-4 * prior.mean)
+            prior = replace(prior, std=spread, small_std=spread)
+        prior = prior.at(min(prior.mean, problem.largest_contrast))
+        problem = replace(problem, prior=prior)
         fit = fit_disks(
-            start.problem, nothing, blur=start.blur, control=FitControl(free_blur=False, iterations=1)
+            problem, fit.disks, blur=fit.blur, control=FitControl(free_blur, iterations=5),
+            start=ModelImage.over(fit.model, len(radius), complete=False),
+        )  # fmt: skip
+        inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
+        joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
+        # a misfit common to all disks is due to the noise model; that of a single disk is its own
+        chi_square = joint.fit.chi_square
+        many = len(radius) >= FEWEST_COMMON_CHI_SQUARE
+        common = min(float(np.median(chi_square)), 1.0) if many else 1.0
+        std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
+        return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)
+
+    def with_ellipses(self, plain: FrameFit, *, everywhere: bool) -> FrameFit:
+        """The fit with ellipses where no disk describes a contact."""
+        best = plain
+        for _ in range(ELLIPSE_ROUNDS):
+            if best.joint is None or self.problem.image.shape != best.problem.image.shape:
+                break
+            model = render_disks(best.fit.disks, best.fit.blur, best.problem.image.shape)
+            shown = replace(best.fit, model=model)
+            more = find_ellipses(
+                best.problem, shown, best.joint.prior, best.joint.covariance, everywhere=everywhere
+            )
+            rows = np.union1d(best.ellipses.rows, more.rows).astype(np.intp)
+            if not len(rows):
+                break
+            original, _ = made_round(best.problem, shown, best.ellipses, -1.0)
+            found = find_ellipses(original, shown, best.joint.prior, best.joint.covariance, rows=rows)
+            problem, disks = made_round(original, shown, found)
+            joint = self.refine(problem, replace(shown, disks=disks), self.prior)
+            best = replace(best, problem=problem, fit=joint.fit, joint=joint, ellipses=found)
+            if len(rows) < ELLIPSES_THAT_MATTER * len(disks):
+                break
+        return best
+
+    def with_edge(self, plain: FrameFit) -> FrameFit:
+        """The fit with the edge that describes the contacts best: plain, learned, or that of a film."""
+        if plain.joint is None:
+            return plain
+
+        def refine(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> JointFit:
+            if fit.model is plain.fit.model:  # which a fit overwrites, and another edge may begin with
+                fit = replace(fit, model=fit.model.copy())
+            return self.refine(problem, fit, prior)
+
+        trial = weighed = None
+        if self.film is not None:
+            placement = Placement(plain.problem.image.shape, plain.ratio)
+            likely = film_makes_contrast(self.film.rim, plain.ratio)
+            trial = FilmTrial(plain.problem, plain.joint, self.prior, placement, self.film, likely)
+            weighed = trial.weigh()
+            if weighed is not None and weighed.verdict.taken and self.film.asked == "on":
+                return self._with_film(plain, weighed)
+        learned = learn_edge(
+            plain.problem, plain.joint, self.prior, ratio=plain.ratio, refine=refine,
+            given=self.foreground.prior_optics,
+        )  # fmt: skip
+        if trial is not None and weighed is not None and learned.learned.families:
+            weighed = trial.against(weighed, learned)
+        if weighed is not None and weighed.verdict.taken:
+            return self._with_film(plain, weighed)
+        return replace(
+            plain, problem=learned.problem, fit=learned.joint.fit, joint=learned.joint, edge=learned.learned,
+            film=weighed,
+        )  # fmt: skip
+
+    def _with_film(self, plain: FrameFit, weighed: WeighedFilm) -> FrameFit:
+        """Assemble the disks with the rim of a film, at the blur that the rims show.
+
+        In the end the light of the film is subtracted from the image, and disks with a plain edge are fitted:
+        all that follows sees contacts without a film.
+        """
+        edge, film = weighed.film.edge, weighed.film
+        exact = self.prior.with_exact_blur(edge.blur)
+        with_rims = replace(self.problem, profile=film_table(weighed.rim, edge.blur))
+        with_rims = replace(with_rims, prior=plain.problem.prior)
+        result = self.settle(with_rims, edge.blur, exact, has_film=True)
+        if result.joint is None or not isinstance(edge, FilmEdge):
+            return result
+        image = edge.without_film(result.problem.image, result.fit.disks)
+        problem = replace(result.problem, image=image, profile=self.problem.profile)
+        joint = self.refine(problem, result.fit, exact)
+        placement = Placement(
+            image.shape, max(self.foreground.sign * joint.contrast / self.level, DARKEST_RATIO)
         )
-        return FrameFit(start.problem, fit, nothing[:, :3], float("nan"), None, None)
-
-
-def _settled(start: _Start, given: _Given, prior: OpticsPrior, *, has_film: bool) -> FrameFit:
-    """Detect the disks at one contrast and fit them, with noise, halo, illumination, contrast and blur.
-
-    With a film, whose fringes look like one, no halo is looked for.
-    """
-    problem, free_blur = start.problem, start.free_blur
-    detected = assemble_disks(problem, blur=start.blur, free_blur=free_blur)
-    fit, halo, dropped = detected.fit, None, detected.dropped
-    problem, edited = allow_for_coarse_rims(detected.problem, fit, share=0.5), None
-    if given.edits and not len(fit.disks):
-        fit, edited = fit_edited(problem, fit, given.edits)
-    if not len(fit.disks):
-        return FrameFit(problem, fit, dropped, detected.smallest, None, None, edited)
-    problem, fit = restore_clipped_noise(problem, fit, given.cut_off, free_blur=free_blur)
-    means = BlockMeans(problem.image, fit.model)
-    if not has_film:
-        problem, fit, halo, vanished = remove_halo(
-            problem, fit, means, prior_optics=given.prior_optics, free_blur=free_blur
+        known = replace(problem, prior=joint.prior)
+        rims, bare = (
+            EdgeScores.expected(known, joint.fit.disks, each, placement)
+            for each in (edge, Edge.plain(edge.blur))
         )
-        dropped = np.vstack([dropped, vanished])
-        means = means if halo is None else BlockMeans(problem.image, fit.model)
-    problem, fit = remove_illumination(problem, fit, means, free_blur=free_blur)
-    if given.edits and edited is None:
-        fit, edited = fit_edited(problem, fit, given.edits)
-    joint = _refine(replace(start, problem=problem), fit, prior, given.prior_optics.spread)
-    return FrameFit(problem, joint.fit, dropped, detected.smallest, halo, joint, edited)
-
-
-def _refine(start: _Start, fit: FittedDisks, optics_prior: OpticsPrior, spread: float) -> JointFit:
-    """Last fit, with correlation of the noise, contrast and spread of the contrasts from the fit before."""
-    problem, radius = start.problem, fit.disks[:, RADIUS]
-    image, noise, gain = problem.image, problem.noise, 1.0 + problem.noise.slope
-    correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)
-    shared = correlation.plateau_inflation(radius, fit.blur, noise=noise, gain=gain)
-    prior = contrast_prior(fit, default=problem.contrast, inflation=shared)
-    wide = prior.mean if np.count_nonzero(wide_disks(fit)) >= FEWEST_WIDE_DISKS else start.wide_contrast
-    if np.isfinite(spread):
-        prior = ContrastPrior(prior.mean, max(spread, LEAST_SPREAD_FRACTION * prior.mean))
-    prior = replace(prior, mean=min(prior.mean, problem.largest_contrast))
-    problem = replace(problem, prior=prior)
-    fit = fit_disks(
-        problem, fit.disks, blur=fit.blur, control=FitControl(start.free_blur, iterations=5),
-        start=ModelImage.over(fit.model, len(radius), complete=False),
-    )  # fmt: skip
-    inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
-    joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
-    # a misfit common to all disks is due to the noise model; that of a single disk is its own. Pixels coarser
-    # than the edge hide a part of what they add or take away: that a circle fits them well says little
-    chi_square, many = joint.fit.chi_square, len(radius) >= FEWEST_COMMON_CHI_SQUARE and not noise.rim
-    common = min(float(np.median(chi_square)), 1.0) if many else 1.0
-    std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
-    return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)
+        own = joint.fit.std * np.maximum(rims.radius_std / bare.radius_std, 1.0)[:, None]
+        shifts = rims.response[:, :2] @ np.linalg.cholesky(film.covariance)
+        joint = replace(
+            joint, fit=replace(joint.fit, std=own), covariance=film.covariance,
+            own_covariance=film.own_covariance, radius_shifts=shifts,
+        )  # fmt: skip
+        return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)

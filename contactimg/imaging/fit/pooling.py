@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from contactimg.imaging.fit.edge_scores import FEWEST_SCORES
-from contactimg.imaging.fit.settings import POOLING_OUTLIER_SIGMA, RESOLVED_CONTRAST_FRACTION
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.edge_shape import FAMILIES, LARGEST
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
+
+POOLING_OUTLIER_SIGMA = 5.0
+"""Standard deviations beyond which a frame is an outlier. By hand."""
+RESOLVED_CONTRAST_FRACTION = 0.1
+"""Relative uncertainty up to which a frame's contrast is pooled. By hand: about normal."""
 
 
 def pool_optics(frames: Iterable[SharedOptics]) -> SharedOptics | None:

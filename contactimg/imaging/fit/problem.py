@@ -6,38 +6,81 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.contrast.noise import Noise
-from contactimg.imaging.fit.settings import LOOSE_CONTRAST_FRACTION
-from contactimg.imaging.fit.work import Work
+from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BLOCK, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
-from contactimg.imaging.reject.foreground import Foreground
 
 X, Y, RADIUS, CONTRAST = range(4)
 """Columns of the parameters of a disk: x, y, radius (px), contrast (grey levels)."""
 
 
-@dataclass(frozen=True)
+LOOSE_CONTRAST_FRACTION = 0.1
+"""Width of the prior of the contrasts before their spread is measured, of the contrast. By hand."""
+ODD_STD_FRACTION = 0.3
+"""The same of a contact that shows a contrast of its own. By hand: its pixels decide."""
+WIDE_RADIUS_BLUR_WIDTHS = 2.5
+"""Wider contacts show their contrast. Theory: 1 - exp(-2.5^2/2) = 96 % of it at the centre."""
+SAME_PLACE_RADII = 0.6
+"""Distance between a disk and a contact with a contrast of its own, in radii, up to which they are the same."""
+
+
+@dataclass(frozen=True, eq=False)
 class ContrastPrior:
-    """Normal prior of the contrast of each disk.
+    """Normal prior of the contrast of each disk: that of the frame, or of its own plateau.
 
     Parameters
     ----------
     mean, std : float
-        Grey levels.
+        Of contacts that show the contrast of the frame, grey levels.
+    small_std : float
+        Of contacts too small to show theirs: the spread of all, those with a contrast of their own included.
+    odd : ndarray, shape (m, 4)
+        x, y, radius (px), contrast of the contacts that show a contrast of their own.
     """
 
     mean: float
     std: float
+    small_std: float = 0.0
+    odd: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 4)))
 
     @classmethod
-    def loose(cls, contrast: float) -> "ContrastPrior":
+    def loose(cls, contrast: float, odd: NDArray[np.float64] | None = None) -> "ContrastPrior":
         """As long as the frame's own spread of contrasts is not known."""
-        return cls(contrast, LOOSE_CONTRAST_FRACTION * contrast)
+        std = LOOSE_CONTRAST_FRACTION * contrast
+        return cls(contrast, std, std, np.empty((0, 4)) if odd is None else odd)
+
+    def at(self, contrast: float) -> "ContrastPrior":
+        """With another common contrast and the same relative spreads."""
+        ratio = contrast / self.mean
+        return replace(self, mean=contrast, std=ratio * self.std, small_std=ratio * self.small_std)
+
+    def is_odd(self, disks: NDArray) -> NDArray[np.int64]:
+        """Row in ``odd`` of each disk; -1 where it has the contrast of the frame."""
+        rows = np.full(len(disks), -1)
+        if len(self.odd) and len(disks):
+            near = cKDTree(disks[:, :2])
+            for k, (x, y, radius, _) in enumerate(self.odd):
+                found = near.query_ball_point([x, y], SAME_PLACE_RADII * max(radius, 1.0))
+                alike = [i for i in found if 0.4 < disks[i, RADIUS] / max(radius, 1e-3) < 2.5]
+                if alike:
+                    rows[min(alike, key=lambda i: np.hypot(disks[i, X] - x, disks[i, Y] - y))] = k
+        return rows
+
+    def of_disks(self, disks: NDArray, blur: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and width for each disk, shape (n,)."""
+        mean = np.full(len(disks), self.mean)
+        wide = disks[:, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * blur
+        std = np.where(wide, self.std, max(self.small_std, self.std))
+        rows = self.is_odd(disks)
+        own = rows >= 0
+        mean[own] = self.odd[rows[own], CONTRAST]
+        std[own] = ODD_STD_FRACTION * mean[own]
+        return mean, std
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +114,6 @@ class FitProblem:
         That the grey levels can show.
     shown_contrast : float
         Largest contrast of contacts that show theirs.
-    work : Work
-        Done for the frame; shared by all problems of it.
     removed_background : ndarray, shape (4, 4)
         Polynomial subtracted from the image so far, as the coefficients of an
         `contactimg.imaging.background.illumination.Illumination`.
@@ -90,16 +131,15 @@ class FitProblem:
     corner: tuple[int, int] = (0, 0)
     largest_contrast: float = float("inf")
     shown_contrast: float = float("inf")
-    work: Work = field(default_factory=Work)
     removed_background: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
 
     @classmethod
-    def of(cls, foreground: Foreground, difference: DifferenceImage, *, binning: int) -> "FitProblem":
+    def of(cls, foreground: Foreground, *, binning: int) -> "FitProblem":
         """Of a foreground, with so many pixels each way averaged into one.
 
         The noise is that of a pixel of the frame, and the prior of the contrasts is loose.
         """
-        image, frame_pair = foreground.image, foreground.frame_pair
+        image, frame_pair, difference = foreground.image, foreground.frame_pair, foreground.difference
         # a saturated background is as dark contacts see it
         valid, saturated = frame_pair.valid, frame_pair.saturated if foreground.sign > 0 else None
         background = difference.illumination.background
@@ -117,7 +157,6 @@ class FitProblem:
             saturated=saturated, background=background, brightness=difference.brightness, binning=binning,
             largest_contrast=max(foreground.largest_contrast, foreground.contrast.plateau),
             shown_contrast=max(foreground.shown_contrast, foreground.contrast.plateau),
-            work=Work.of_frame(foreground.image.size),
         )  # fmt: skip
 
     def window(self, box: tuple[slice, slice], image: NDArray[np.float32], brightness: float) -> "FitProblem":
@@ -125,7 +164,7 @@ class FitProblem:
         return FitProblem(
             image,
             replace(self.noise, variance=self.noise.variance / brightness),
-            self.prior,
+            replace(self.prior, odd=self.prior.odd - np.array([box[1].start, box[0].start, 0.0, 0.0])),
             valid=None if self.valid is None else self.valid[box],
             saturated=None if self.saturated is None else self.saturated[box],
             profile=self.profile,
@@ -133,7 +172,6 @@ class FitProblem:
             corner=(box[1].start, box[0].start),
             largest_contrast=self.largest_contrast,
             shown_contrast=self.shown_contrast,
-            work=self.work,
         )
 
     @property
@@ -152,7 +190,7 @@ class FitProblem:
 
     def with_contrast(self, contrast: float) -> "FitProblem":
         """With a loose prior about another contrast."""
-        return replace(self, prior=ContrastPrior.loose(contrast))
+        return replace(self, prior=ContrastPrior.loose(contrast, self.prior.odd))
 
     def without_background(self, coefficients: NDArray[np.float64]) -> "FitProblem":
         """With a slow polynomial subtracted from the image."""

@@ -13,26 +13,37 @@ from contactimg.imaging.background.illumination import Illumination, fit_illumin
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
 from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import CONTRAST, FitProblem
-from contactimg.imaging.fit.settings import (
-    FLAT_FRACTION,
-    GAP_BLOCK_PX,
-    GAP_SHARE,
-    GIVEN_HALO_ROUNDS,
-    HALO_ROUNDS,
-    HALO_SETTLED_FRACTION,
-    ILLUMINATION_ROUNDS,
-    LARGEST_BACKGROUND_FRACTION,
-    LARGEST_GAP_FRACTION,
-    LEAST_SCATTER_FRACTION,
-    LEAST_UNTOUCHED_SHARE,
-    LONGEST_SECANT_RATIO,
-    PASSES_AFTER_HALO,
-    UNTOUCHED_FRACTION,
-)
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.optics import Halo, SharedOptics
+
+FLAT_FRACTION = 3e-3
+"""Remaining illumination that ends the iteration. Accuracy."""
+GAP_BLOCK_PX = 2
+"""Side of the blocks then. By hand."""
+GAP_SHARE = 0.05
+"""Share of the blocks used then, those with the least light of contacts. By hand."""
+GIVEN_HALO_ROUNDS = 3
+"""Rounds for a halo that is given. By hand."""
+HALO_ROUNDS = 5
+"""Rounds of halo and fit at most. By hand: each leaves about a fifth of the error."""
+HALO_SETTLED_FRACTION = 2e-3
+"""Change of the halo that ends the iteration, of the light. Accuracy."""
+ILLUMINATION_ROUNDS = 8
+"""Rounds of illumination and fit at most. Accuracy."""
+LARGEST_BACKGROUND_FRACTION = 0.5
+"""Largest remaining illumination that is removed. By hand: more would remove contacts."""
+LARGEST_GAP_FRACTION = 0.2
+"""Light of contacts above which no block is used. By hand."""
+LEAST_SCATTER_FRACTION = 1e-3
+"""Smallest scatter of the blocks. Accuracy: below `FLAT_FRACTION`; an image without noise has none."""
+LEAST_UNTOUCHED_SHARE = 0.05
+"""Share of such blocks below which gaps between contacts are used instead. By hand."""
+LONGEST_SECANT_RATIO = 4.0
+"""Longest secant step over the remaining illumination. By hand."""
+UNTOUCHED_FRACTION = 1e-4
+"""Light of contacts below which a block is background. Accuracy."""
 
 
 def remove_halo(
@@ -67,8 +78,6 @@ def remove_halo(
     dropped = [np.empty((0, 3))]
     given = bool(np.isfinite([prior_optics.contrast, prior_optics.blur_px]).all())
     for turn in range(HALO_ROUNDS):
-        if problem.work.is_done or (turn and not problem.work.suffices_for(PASSES_AFTER_HALO)):
-            break
         halo = prior_optics.halo
         if not given:
             halo = estimate_halo(means, contrast=problem.contrast, contacts=len(fit.disks))
@@ -78,7 +87,7 @@ def remove_halo(
             break
         fraction, removed = halo.fraction, halo
         image = subtract_halo(problem.image, fit.model, halo)
-        insignificant = find_insignificant(fit, problem.contrast, final=True)
+        insignificant = find_insignificant(fit, problem, final=True)
         insignificant &= not insignificant.all()
         dropped.append(fit.disks[insignificant, :3])
         fit = _refit(replace(problem, image=image), fit, ~insignificant, free_blur=free_blur)
@@ -93,7 +102,7 @@ def _refit(problem: FitProblem, fit: FittedDisks, kept: NDArray[np.bool_], *, fr
     return fit_disks(problem, fit.disks[kept], blur=fit.blur, control=control, start=start)
 
 
-def remove_illumination(
+def remove_background(
     problem: FitProblem, fit: FittedDisks, means: BlockMeans, *, free_blur: bool
 ) -> tuple[FitProblem, FittedDisks]:
     """Remove what is left of the illumination from the image; in a crowd, in turn with the fit.
@@ -132,7 +141,7 @@ def remove_illumination(
         if removed > LARGEST_BACKGROUND_FRACTION * problem.contrast:
             break
         problem = problem.without_background(factor * illumination.coefficients)
-        if not crowded or problem.work.is_done or abs(removed) < FLAT_FRACTION * problem.contrast:
+        if not crowded or abs(removed) < FLAT_FRACTION * problem.contrast:
             break
         problem = problem.with_contrast(problem.contrast - removed)
         fit = _refit(problem, fit, np.ones(len(fit.disks), np.bool_), free_blur=free_blur)

@@ -9,38 +9,60 @@ terms with q = (ln C, s), the Fisher information of the frame on q and the respo
 K being the terms of q alone. A wide contact shows its contrast, which increases J. A small contact shows
 only its total light: its radius goes as C^(-1/2), and it says little about C. Many small ones together still
 may. The maximum of the likelihood over q is found by Newton steps with J, with a fit of the disks in
-between. Prior knowledge of q enters as a normal prior. Where all contacts are about as small as the blur,
-steps of the contrast over its whole range take their place (`contactimg.imaging.fit.unseen_contrast`).
+between. Prior knowledge of q enters as a normal prior.
+
+Contrasts form a hierarchy: contacts whose plateau agrees with that of most share one contrast with the spread
+that they show; one whose plateau disagrees by 5 standard deviations has its own; one too small to show its
+plateau has that of the frame, with the spread of all.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.contrast.noise import INDEPENDENT, NoiseCorrelation
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
+from contactimg.imaging.contrast.noise import NoiseCorrelation
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, wide_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.settings import (
-    BLUR_GUESS_FRACTION,
-    DISAGREEMENT_RATIO,
-    EXACT_FRACTION,
-    FEWEST_SCORES,
-    FEWEST_WIDE_DISKS,
-    FINE_TOLERANCE_SIGMA,
-    LARGEST_CONTRAST_RATIO,
-    LINEAR_STEP,
-    LONGEST_BLUR_STEP,
-    LONGEST_CONTRAST_STEP,
-    OPTICS_STEPS,
-    PLATEAU_STD_FRACTION,
-    POOR_CHI_SQUARE,
-    STEP_WORTH_SIGMA,
-)
-from contactimg.imaging.fit.unseen_contrast import profile_contrast
+from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
 
+EXACT_FRACTION = 1e-4
+"""Relative standard deviation of contrast or blur given as exact. Accuracy."""
+OPTICS_STEPS = 12
+"""Newton steps at most. Accuracy."""
+LONGEST_CONTRAST_STEP = 0.4
+"""Longest step of ln contrast. By hand."""
+LONGEST_BLUR_STEP = 0.25
+"""Longest step of the blur, relative to it. By hand."""
+LINEAR_STEP = 0.003
+"""Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
+STEP_WORTH_SIGMA = 0.2
+"""Change of the sum of a^3 below which no further fit is made, in its uncertainty. Accuracy."""
+PLATEAU_STD_FRACTION = 0.02
+"""Uncertainty of the plateau of wide contacts if edges are not those assumed. By hand."""
+DISAGREEMENT_RATIO = 2.0
+"""Variance over its expectation above which edges are not those assumed. By hand."""
+FEWEST_SCORES = 10
+"""Contacts needed to measure that variance. Theory: 20 deviates give it to a third, sqrt(2/20)."""
+BLUR_GUESS_FRACTION = 0.5
+"""Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
+LARGEST_CONTRAST_RATIO = 10.0
+"""Largest contrast over brightest light, without prior knowledge. By hand."""
+FEWEST_WIDE_DISKS = 3
+"""Wide contacts needed to measure contrast and spread. By hand."""
+ASSUMED_SPREAD_FRACTION = 0.03
+"""Spread of the contrasts if fewer contacts are wide. By hand."""
+LEAST_SPREAD_FRACTION = 1e-4
+"""Smallest spread of the contrasts. Accuracy: keeps the prior finite."""
+ODD_SIGMA = 5.0
+"""Standard deviations from the common contrast beyond which a contact shows a contrast of its own. False-alarm
+rate: 6e-7 of a normal deviate."""
+ODD_FRACTION = 0.03
+"""Least departure of such a contrast. By hand: less moves the radius of a small contact by 1.5 %."""
+ODD_ROUNDS = 4
+"""Rounds in which contacts with a contrast of their own are told from the others. Accuracy."""
 NARROWEST = PIXEL_VARIANCE**0.5
 PLATEAU_BLUR_WIDTHS = 2.0
 """Radius of contacts that show their contrast. Theory: 1 - exp(-2^2/2) = 86 % of it at the centre."""
@@ -48,11 +70,8 @@ KURTOSIS_STD = 0.03
 """Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
 be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
 ten times that."""
-LEAST_PRIOR_STD = np.array([0.05, 0.4])
-"""Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
-contacts need not be drawn to. Chosen: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
 LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
-CONTROL = FitControl(free_blur=False, iterations=6, tolerance=FINE_TOLERANCE_SIGMA)
+CONTROL = FitControl(free_blur=False, iterations=6, tolerance=0.003)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +93,8 @@ class JointFit:
         Change of each radius (px) by one standard uncertainty of the contrast, with the correlated change of
         the blur, and by one of the remaining uncertainty of the blur: two independent errors common to all
         disks.
+    prior : ContrastPrior
+        Of the contrasts, with those contacts that have their own.
     correlation : NoiseCorrelation
         Of the noise that neighbouring pixels share.
     """
@@ -85,7 +106,8 @@ class JointFit:
     covariance: NDArray[np.float64]
     own_covariance: NDArray[np.float64]
     radius_shifts: NDArray[np.float64]
-    correlation: NoiseCorrelation = INDEPENDENT
+    prior: ContrastPrior
+    correlation: NoiseCorrelation = field(default_factory=NoiseCorrelation.independent)
 
     def optics(self, covariance: NDArray[np.float64], *, binning: int) -> SharedOptics:
         """Contrast and blur with a given covariance, in pixels of the frame."""
@@ -172,18 +194,13 @@ def settle_optics(
     Returns
     -------
     JointFit
-        A fit with contrast and blur right to a fraction of their uncertainties stays as it is. Where no
-        contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
+        A fit with contrast and blur right to a fraction of their uncertainties stays as it is.
     """
-    joint = None
-    if not _is_unseen(problem, fit, optics_prior):
-        joint = _newton(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
-        problem = replace(problem, prior=ContrastPrior(joint.contrast, joint.spread))
-    if joint is None or _is_unseen(problem, joint.fit, optics_prior):
-        start = fit if joint is None else joint.fit
-        return _profiled(problem, start, float(np.median(inflation)), wide_contrast)
+    joint = _newton(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
     if joint.contrast > problem.shown_contrast:
-        problem = replace(problem, largest_contrast=problem.shown_contrast)
+        problem = replace(
+            problem, prior=problem.prior.at(problem.shown_contrast), largest_contrast=problem.shown_contrast
+        )
         return _newton(problem, joint.fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
     return joint
 
@@ -198,30 +215,31 @@ def _newton(
 ) -> JointFit:
     """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
     most = problem.largest_contrast
-    contrast, spread = min(problem.prior.mean, most), problem.prior.std / problem.prior.mean
+    contrast, prior = min(problem.prior.mean, most), problem.prior.at(min(problem.prior.mean, most))
     noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
     last_step = np.zeros(2)
     for remaining in reversed(range(OPTICS_STEPS)):
-        scores = DiskScores.of(fit, contrast=contrast, spread=spread)
+        scores = DiskScores.of(fit, prior)
         gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
         gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
         covariance = np.asarray(np.linalg.inv(own + optics_prior.information), float)
         step = covariance @ gradient
         bounds = np.array([np.log(most / contrast), NARROWEST - fit.blur])
         step = _within_bounds(step, gradient, own + optics_prior.information, bounds)
-        if not remaining or problem.work.is_done or not _is_worth_a_fit(step, fit, scores, covariance):
+        if not remaining or not _is_worth_a_fit(step, fit, scores, covariance):
             break
         step *= 0.5 if step @ last_step < 0 else 1.0
         longest = np.array([LONGEST_CONTRAST_STEP, LONGEST_BLUR_STEP * fit.blur])
         last_step = step = np.clip(step, -longest, longest)
         contrast, blur = contrast * float(np.exp(step[0])), fit.blur + float(step[1])
+        prior = prior.at(contrast)
         if abs(step[0]) < LINEAR_STEP and abs(step[1]) < LINEAR_STEP * blur:
             fit = replace(fit, disks=fit.disks + scores.response @ step, blur=blur)
             break
         stepped = replace(
             problem,
             noise=replace(problem.noise, slope=noise_slope * contrast),
-            prior=ContrastPrior(contrast, spread * contrast),
+            prior=prior,
         )
         fit = fit_disks(
             stepped, _follow(fit.disks, scores, step), blur=blur, control=CONTROL, brightness=fit.brightness,
@@ -233,16 +251,9 @@ def _newton(
     least_information = np.diag(1e-6 / np.array([1.0, fit.blur]) ** 2)
     own_covariance = np.asarray(np.linalg.inv(own + least_information), float)
     return JointFit(
-        fit, contrast, spread * contrast, wide_contrast, covariance, own_covariance,
-        radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance),
+        fit, contrast, prior.std, wide_contrast, covariance, own_covariance,
+        radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance), prior=prior,
     )  # fmt: skip
-
-
-def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> bool:
-    """Whether no contact shows its contrast, and nothing else tells contrast and blur."""
-    std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
-    free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
-    return free and hides_contrast(fit)
 
 
 def hides_contrast(fit: FittedDisks) -> bool:
@@ -255,22 +266,6 @@ def _widest(fit: FittedDisks) -> float:
     """Radius that the widest contacts reach."""
     radius = np.sort(fit.disks[:, RADIUS])
     return float(radius[-min(FEWEST_WIDE_DISKS, len(radius))])
-
-
-def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
-    """The fit at the most probable contrast of small contacts.
-
-    Where disks do not fit, one beyond what the frame shows is uncertain at least by how far it lies beyond.
-    """
-    profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
-    if float(np.median(profile.fit.chi_square)) > POOR_CHI_SQUARE:
-        beyond = float(np.log(profile.contrast / problem.shown_contrast))
-        profile = replace(profile, log_std=max(profile.log_std, beyond))
-    covariance, prior = profile.covariance, profile.problem.prior
-    shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
-    return JointFit(
-        profile.fit, profile.contrast, prior.std, wide_contrast, covariance, covariance, radius_shifts=shifts
-    )
 
 
 def _without_point_spread_shape(information: NDArray, fit: FittedDisks) -> NDArray[np.float64]:
@@ -341,10 +336,15 @@ class DiskScores:
         return self.response[:, RADIUS]
 
     @classmethod
-    def of(cls, fit: FittedDisks, *, contrast: float, spread: float) -> "DiskScores":
-        """From the last normal equations of a fit with this contrast and relative spread as its prior."""
-        tight = 1.0 / (spread * contrast) ** 2
-        excess = fit.disks[:, CONTRAST] - contrast
+    def of(cls, fit: FittedDisks, prior: ContrastPrior) -> "DiskScores":
+        """From the last normal equations of a fit with this prior.
+
+        A contact with a contrast of its own says nothing about the common one.
+        """
+        contrast = prior.mean
+        mean, std = prior.of_disks(fit.disks, fit.blur)
+        tight = np.where(prior.is_odd(fit.disks) >= 0, 0.0, 1.0 / std**2)
+        excess = fit.disks[:, CONTRAST] - mean
         normal = fit.information[:, :4, :4].copy()
         cross = np.zeros((len(normal), 4, 2))
         cross[:, 3, 0], cross[:, :, 1] = -tight * contrast, fit.information[:, :4, 4]
@@ -386,3 +386,39 @@ def _nearest_semidefinite(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     """Symmetric matrices with the negative eigenvalues that rounding leaves set to zero."""
     values, vectors = np.linalg.eigh(matrices)
     return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2))
+
+
+def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[np.float64]) -> ContrastPrior:
+    """Prior of the contrasts from what the wide contacts of a frame show.
+
+    Parameters
+    ----------
+    fit : FittedDisks
+        With a loose prior.
+    problem : FitProblem
+        Its contrast is assumed, with the spread `ASSUMED_SPREAD_FRACTION`, if fewer than three contacts are wide.
+    inflation : ndarray, shape (n,)
+        Factor of the variance of each contrast for noise that neighbouring pixels share.
+    """
+    wide, default = wide_disks(fit), problem.contrast
+    values, stds = fit.disks[wide, CONTRAST], fit.std[wide, CONTRAST] * np.sqrt(inflation[wide])
+    if len(values) < FEWEST_WIDE_DISKS:
+        spread = ASSUMED_SPREAD_FRACTION * default
+        return ContrastPrior(default, spread, spread, problem.prior.odd)
+    middle = float(np.median(values))
+    usual = np.ones(len(values), np.bool_)
+    excess = (MAD_TO_STD * float(np.median(np.abs(values - middle)))) ** 2
+    for _ in range(ODD_ROUNDS):
+        limit = np.maximum(ODD_SIGMA * np.sqrt(excess + stds**2), ODD_FRACTION * middle)
+        usual = np.abs(values - middle) < limit
+        if np.count_nonzero(usual) < FEWEST_WIDE_DISKS:
+            usual = np.ones(len(values), np.bool_)
+            break
+        excess = max(float(np.var(values[usual]) - np.mean(stds[usual] ** 2)), 0.0)
+        middle = float(np.average(values[usual], weights=1.0 / (stds[usual] ** 2 + excess)))
+    weights = 1.0 / (stds[usual] ** 2 + excess)
+    std = float(np.sqrt(excess + 1.0 / weights.sum() + (LEAST_SPREAD_FRACTION * middle) ** 2))
+    small = std
+    if not usual.all():
+        small = float(np.hypot(std, np.sqrt(np.mean(np.where(usual, 0.0, values - middle) ** 2))))
+    return ContrastPrior(middle, std, small, fit.disks[np.flatnonzero(wide)[~usual]])

@@ -119,6 +119,10 @@ class SharedOptics:
             spread=self.spread * factor,
         )
 
+    def without_contrast(self) -> "SharedOptics":
+        """Without what is known of the contrast."""
+        return replace(self, contrast=np.nan, contrast_std=0.0, correlation=0.0)
+
     def with_edge(self, shift_px: float, shift_std_px: float | None) -> "SharedOptics":
         """With what a reference contact has told of the edge; unchanged without an uncertainty."""
         return self if shift_std_px is None else replace(self, known_edge=KnownEdge(shift_px, shift_std_px))

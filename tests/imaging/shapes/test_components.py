@@ -5,7 +5,7 @@ import pytest
 from scipy import ndimage
 
 from contactimg.imaging.count.split_touching import _disks_of_row
-from contactimg.imaging.shapes.components import label_components
+from contactimg.imaging.detect.components import label_components
 
 
 @pytest.mark.parametrize("density", [0.05, 0.3, 0.6])

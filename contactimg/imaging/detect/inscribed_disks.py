@@ -2,7 +2,7 @@
 
 They include every contact that reaches half height, and both of two that touch. A disk with a radius below
 1.18 blur widths does not reach it; such contacts are found as peaks of the residuals
-(`contactimg.imaging.shapes.peaks`).
+(`contactimg.imaging.detect.peaks`).
 """
 
 import cv2
@@ -10,8 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.pixels.masks import Mask, visible_fraction
-from contactimg.imaging.shapes.components import label_components
 
 SMALLEST_INSCRIBED = 2.0
 """Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
@@ -22,74 +20,84 @@ ROUND_MOMENT_EXCESS = 0.01
 of the pixels themselves), ..."""
 ROUND_WIDTH_EXCESS_PX = 1.7
 """... and its sides exceed the diameter by less than this. Both chosen by hand; sensitivity not measured."""
-LEAST_VISIBLE_FRACTION = 0.2
-"""Of the area of a disk outside holes, below which it is no candidate. Chosen by hand."""
+LARGEST_HOLE_SHARE = 0.1
+"""Area of a hole over that of its region up to which it is filled. By hand: mottling, not a ring."""
+ONE_SHAPE_LACK = 0.03
+"""Share of its area that a region lacks against the ellipse of its second moments, below which it is one contact.
+Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any ellipse."""
+LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
+"""Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make smaller
+regions look like anything."""
 PENETRATION = 0.7
 """Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
 CELL_PX = 32.0
 """Side of the cells in which neighbours are looked up; it affects the time alone."""
 
 
-def find_inscribed(
-    image: NDArray[np.float32], level: float, *, smoothing: float, valid: Mask
-) -> NDArray[np.float64]:
-    """Disks inscribed in the regions above ``level``, largest first.
+def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Whether each region is a disk by its second moment and its sides, and not cut by the border.
 
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-    level : float
-    smoothing : float, px
-        Standard deviation of a Gaussian filter against holes due to noise: about the blur, or 0.
-    valid : Mask
-        0 for pixels without a value; they do not bound a disk.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        x, y, radius (px); they overlap no more than touching contacts do.
+    A disk has the least second moment of all regions of its area: ``area^2/(2 pi)``.
     """
-    smooth = image
-    if smoothing > 0:
-        blurred = cv2.GaussianBlur(image, (0, 0), smoothing, borderType=cv2.BORDER_REPLICATE)
-        smooth = np.asarray(blurred, np.float32)
-    if valid is None:
-        return _inscribed_by_region(smooth, level)
-    # holes count as inside, but a hole alone is no contact
-    disks = _inscribed(((smooth > level) | (valid == 0)).astype(np.uint8), (True, True, True, True))
-    return disks[visible_fraction(disks, image.shape, valid) > LEAST_VISIBLE_FRACTION]
-
-
-def _inscribed_by_region(image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
-    """One disk for each round region above ``level``, and the disks inscribed in the others."""
-    regions = label_components(image, level)
     radius = np.sqrt(regions["area"] / np.pi)
     longest = np.maximum(regions["right"] - regions["left"], regions["bottom"] - regions["top"]) + 1
     cut = (
-        (regions["left"] == 0) | (regions["right"] == image.shape[1] - 1)
-        | (regions["top"] == 0) | (regions["bottom"] == image.shape[0] - 1)
+        (regions["left"] == 0) | (regions["right"] == shape[1] - 1)
+        | (regions["top"] == 0) | (regions["bottom"] == shape[0] - 1)
     )  # fmt: skip
-    # a disk has the least second moment of all regions of its area: area^2/(2 pi)
-    excess = 2.0 * np.pi * regions["moment"] / regions["area"] ** 2.0 - 1.0
-    round_ = (
+    excess = 2.0 * np.pi * regions["moment"] / np.maximum(regions["area"], 1) ** 2.0 - 1.0
+    return (
         ~cut
-        & (excess < ROUND_MOMENT_EXCESS + 1.0 / regions["area"])
+        & (radius > SMALLEST_ROUND)
+        & (excess < ROUND_MOMENT_EXCESS + 1.0 / np.maximum(regions["area"], 1))
         & (longest < 2.0 * radius + ROUND_WIDTH_EXCESS_PX)
     )
-    disks = np.column_stack([regions["x"], regions["y"], radius])[round_ & (radius > SMALLEST_ROUND)]
-    others = [_inscribed_in(region, image, level) for region in regions[~round_ & (radius > SMALLEST_ROUND)]]
-    disks = np.vstack([disks, *others])
-    return disks[np.argsort(-disks[:, 2], kind="stable")]
 
 
-def _inscribed_in(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64]:
-    """Disks inscribed in one region."""
+def disks_in_region(
+    region: np.void, image: NDArray[np.float32], level: float
+) -> tuple[NDArray[np.float64], bool]:
+    """Disks inscribed in one region above a level, x, y, radius (px), and whether it is one ellipse as a whole.
+
+    Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
+    ellipse when all its holes are is one contact, the disk of its area.
+    """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
     own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
     cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
-    return _inscribed(own, cut) + np.array([left, top, 0.0])
+    corner = np.array([left, top, 0.0])
+    if not any(cut):
+        whole = own.copy()
+        _fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
+        moments = cv2.moments(whole, binaryImage=True)
+        area = moments["m00"]
+        spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
+            moments["mu11"] / area
+        ) ** 2
+        if (
+            area > LEAST_WHOLE_PX2
+            and 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9))) < ONE_SHAPE_LACK
+        ):
+            disk = np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
+            return disk + corner, True
+    _fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))
+    disks = _inscribed(own, cut)
+    if not len(disks):
+        disks = np.array([[region["x"] - left, region["y"] - top, np.sqrt(region["area"] / np.pi)]])
+    return disks + corner, False
+
+
+def _fill_small_holes(mask: NDArray[np.uint8], largest: float) -> None:
+    """Fill the holes of a region up to an area, in place."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=4)
+    rows, columns = mask.shape
+    for k in range(1, count):
+        x, y, width, height, area = stats[k]
+        inside = x > 0 and y > 0 and x + width < columns and y + height < rows
+        if inside and area <= largest:
+            mask[labels == k] = 1
 
 
 def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.pixels.robust import median
-from contactimg.imaging.shapes.components import label_components
+from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.pixels.robust import median, quantile
 
 MOST_SLOPES = 8000
 """Pixels at half height that are read: their median is good to 1.4 % of the scatter."""
@@ -13,6 +13,8 @@ LEAST_SLOPES = 20
 """With fewer, the blur is the default. Chosen by hand."""
 DEFAULT_BLUR_PX = 1.5
 """Blur where the rims do not show it, px: typical of the paper's frames."""
+FLAT_RATIO = 0.4
+"""Slope over the ninth decile below which a pixel at half height belongs to no rim. By hand."""
 HALF_HEIGHT_BAND = (0.4, 0.6)
 """Fractions of the plateau between which a pixel counts as at half height; the slope varies by 3 % (theory:
 ``exp(-z^2/2)`` with ``Phi(z) = 0.6``)."""
@@ -36,7 +38,9 @@ def estimate_blur(image: NDArray[np.float32], plateau: float) -> float:
     slopes = _slopes(image, low, high, MOST_SLOPES)
     if len(slopes) < LEAST_SLOPES:
         return DEFAULT_BLUR_PX
-    width = plateau / max(median(slopes), 1e-6 * plateau) / np.sqrt(2 * np.pi)
+    # plateaus of fainter contacts have the level of half height as well, but no slope
+    steep = slopes[slopes > FLAT_RATIO * quantile(slopes, 0.9)]
+    width = plateau / max(median(steep), 1e-6 * plateau) / np.sqrt(2 * np.pi)
     return float(np.sqrt(max(width**2 - SMOOTHING_VARIANCE_PX2, LEAST_VARIANCE_PX2)))
 
 

@@ -1,0 +1,305 @@
+"""Candidates for contacts: regions above half of their own plateau, each described without a model.
+
+Regions are found at half of the contrast that most of them have. A region much brighter is outlined again at
+half of its own plateau, and what stands out of the noise below half of the common contrast is outlined at
+half of its own. Round regions are one disk; the others are covered by inscribed disks.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.compiled import njit
+from contactimg.imaging.detect.components import label_runs
+from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round
+from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.masks import Mask, visible_fraction
+from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
+
+SUPPORT_SIGMA = 5.0
+"""Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
+LOWER_RATIO = 0.6
+"""Level, over half of the common contrast, at which a region is outlined again before it is split. By hand."""
+LIGHT_SIGMA = 8.0
+"""Light of a faint region in standard deviations of the noise. As for counted components: noise stays below 6."""
+CORE_FRACTION = 0.75
+"""Pixels above this fraction of the peak of a region make its plateau. By hand."""
+WIDE_PX2 = 30.0
+"""Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
+1 - exp(-2) = 86 % of it at the centre."""
+ODD_RATIO = 1.3
+"""Plateau over the common contrast, or its inverse, from which a region is outlined at its own half. Theory: the
+edge at the wrong level is then off by a quarter of a blur width."""
+NOISY_RATIO = 12.0
+"""Contrast over noise below which the image is smoothed before it is outlined. Theory: twice six sigma."""
+LARGEST_LIGHT_RATIO = 0.35
+"""Peak over the common contrast below which small faint regions are left to the matched filter. By hand."""
+LEAST_AREA_PX2 = 4
+"""Area above which a region that is not round is a candidate. By hand: less is noise, or left to the filter."""
+LEAST_VISIBLE = 0.2
+"""Share of a disk outside holes, below which it is no candidate. By hand."""
+WEIGHT_CAP = 8.0
+"""Area over the median one up to which a region counts in the common contrast. By hand: no single region
+decides."""
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Plateau that most regions have, above the background.
+
+    Parameters
+    ----------
+    plateau : float
+        Grey levels; 0 where nothing stands out.
+    resolved : bool
+        Whether regions wide enough to show it were found.
+    std : float
+        Standard uncertainty, grey levels.
+    """
+
+    plateau: float
+    resolved: bool
+    std: float = float("nan")
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """Disks that may be contacts.
+
+    Parameters
+    ----------
+    places : ndarray, shape (n, 3)
+        x, y, radius (px), largest first.
+    plateau : ndarray, shape (n,)
+        Of the region that each lies in, grey levels.
+    own : ndarray of bool, shape (n,)
+        Whether the region was outlined at half of its own plateau, not of the common one.
+    whole : ndarray of bool, shape (n,)
+        Whether the region is no disk, but one ellipse as a whole.
+    """
+
+    places: NDArray[np.float64]
+    plateau: NDArray[np.float64]
+    own: NDArray[np.bool_]
+    whole: NDArray[np.bool_]
+
+
+def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = None) -> Contrast:
+    """The plateau that most regions of a difference image have, contacts positive.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+    noise : float
+        Standard deviation of a background pixel.
+    valid : Mask
+    """
+    for side in (2, 4, 8):
+        coarse = _coarse(image, valid, side)
+        floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / side), 1e-6)
+        regions, runs = label_runs(coarse, floor)
+        regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
+        wide = half_area * side**2 > WIDE_PX2
+        if not len(plateau):
+            continue
+        # noise alone reaches 1.3 times the level from which it stands out in a million pixels
+        clear = plateau > 1.5 * floor
+        if not (wide & clear).any() and side < 8 and float(plateau.max()) < 3.0 * floor:
+            continue
+        if (wide & clear).any():
+            values, areas = plateau[wide & clear], half_area[wide & clear]
+            weights = np.minimum(areas, WEIGHT_CAP * np.median(areas))
+            middle = _weighted_median(values, weights)
+            usual = np.abs(values / middle - 1.0) < 0.3
+            spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
+            return Contrast(middle, True, spread / np.sqrt(max(np.count_nonzero(usual), 1)) + 0.005 * middle)
+        peak = quantile(plateau, 0.95)
+        return Contrast(peak, False, peak * np.log(10.0) / np.sqrt(12.0))
+    return Contrast(0.0, resolved=False)
+
+
+def find_candidates(
+    image: NDArray[np.float32], contrast: float, noise: float, valid: Mask, *, blur: float
+) -> Candidates:
+    """Disks in the regions that stand out of a difference image.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Contacts positive; 0 in holes.
+    contrast : float
+        Common contrast, grey levels.
+    noise : float
+        Standard deviation of a background pixel.
+    valid : Mask
+        0 for pixels without a value; they do not bound a disk.
+    blur : float, px
+        Standard deviation of the blur, for smoothing where the contrast is low.
+    """
+    smooth, smooth_noise = image, noise
+    if contrast < NOISY_RATIO * noise:
+        smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
+        smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
+    level = max(0.5 * contrast, SUPPORT_SIGMA * smooth_noise)
+    regions, runs = label_runs(smooth, level)
+    regions, plateau, half_area = _with_plateaus(smooth, regions, runs)
+    bright = (plateau > ODD_RATIO * contrast) & (half_area > WIDE_PX2)
+    places, others = [np.empty((0, 3))], [np.empty((0, 3))]
+
+    def add(disks: NDArray, height: NDArray | float, *, own_level: bool, whole: bool = False) -> None:
+        places.append(disks)
+        heights = np.broadcast_to(height, len(disks))
+        others.append(np.column_stack([heights, np.full(len(disks), own_level), np.full(len(disks), whole)]))
+
+    one = is_round(regions, smooth.shape) & ~bright
+    add(_disks_of(regions[one]), plateau[one], own_level=False)
+    for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
+        disks, whole = disks_in_region(regions[k], smooth, level)
+        lower = _whole_at_lower_level(regions[k], smooth, level) if len(disks) > 1 else None
+        if lower is not None:
+            add(lower, plateau[k], own_level=True, whole=True)
+        else:
+            add(disks, plateau[k], own_level=False, whole=whole)
+    for k in np.flatnonzero(bright):
+        for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
+            add(disks, height, own_level=True, whole=whole)
+    for region, height, corner, window in _faint_regions(image, valid, noise, level, regions):
+        disks, whole = disks_in_region(region, window, 0.5 * height)
+        add(disks + np.array([*corner, 0.0]), height, own_level=True, whole=whole)
+    disks, other = np.vstack(places), np.vstack(others)
+    order = np.argsort(-disks[:, 2], kind="stable")
+    if valid is not None and len(disks):
+        order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
+    return Candidates(disks[order], other[order, 0], other[order, 1] > 0, other[order, 2] > 0)
+
+
+def _whole_at_lower_level(
+    region: np.void, image: NDArray[np.float32], level: float
+) -> NDArray[np.float64] | None:
+    """The disk of a region that is one ellipse at a lower level, which mottling does not cut up; None if none is."""
+    margin = 4
+    top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
+    window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
+    parts, runs = label_runs(window, LOWER_RATIO * level)
+    at = _component_at(runs, np.array([region["peak_x"] - left]), np.array([region["peak_y"] - top]))
+    if len(at) != 1:
+        return None
+    disks, whole = disks_in_region(parts[at[0]], window, LOWER_RATIO * level)
+    return disks + np.array([left, top, 0.0]) if whole and len(disks) == 1 else None
+
+
+def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.float32]:
+    """Means over squares; 0 where no pixel is seen."""
+    means = block_means(image, valid, side=side)
+    return means if valid is None else np.where(np.isfinite(means), means, np.float32(0.0))
+
+
+def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
+    """Scatter of means over squares about a background of 0, from the negative ones, which no contact is among."""
+    below = coarse[::3, ::2]
+    below = below[below < 0.0]
+    return max(-MAD_TO_STD * median(below), least) if below.size > 100 else least
+
+
+def _weighted_median(values: NDArray, weights: NDArray) -> float:
+    """The value at which half of the weight is reached."""
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def _disks_of(regions: NDArray[np.void]) -> NDArray[np.float64]:
+    """Disks of the areas and centroids of regions."""
+    return np.column_stack([regions["x"], regions["y"], np.sqrt(regions["area"] / np.pi)])
+
+
+def _with_plateaus(
+    image: NDArray[np.float32], regions: NDArray[np.void], runs: NDArray[np.int64]
+) -> tuple[NDArray[np.void], NDArray[np.float64], NDArray[np.float64]]:
+    """Regions, their plateaus, and their areas above half of them (pixels of the image)."""
+    plateau, half_area = np.zeros(len(regions)), np.zeros(len(regions))
+    _measure_plateaus(image, runs, regions["peak"].astype(np.float64), plateau, half_area)
+    return regions, plateau, half_area
+
+
+@njit(cache=True)
+def _measure_plateaus(image, runs, peak, plateau, half_area):
+    """Mean of the pixels above `CORE_FRACTION` of the peak of each region, and its area above half of that."""
+    count = np.zeros(len(peak))
+    for i in range(len(runs)):
+        y, first, last, k = runs[i]
+        for x in range(first, last + 1):
+            value = image[y, x]
+            if value > CORE_FRACTION * peak[k]:
+                plateau[k] += value
+                count[k] += 1.0
+    for k in range(len(peak)):
+        plateau[k] /= max(count[k], 1.0)
+    for i in range(len(runs)):
+        y, first, last, k = runs[i]
+        for x in range(first, last + 1):
+            if image[y, x] > 0.5 * plateau[k]:
+                half_area[k] += 1.0
+
+
+def _at_own_half(
+    region: np.void, image: NDArray[np.float32], level: float, plateau: float
+) -> list[tuple[float, NDArray[np.float64], bool]]:
+    """Disks of a bright region at half of its own plateau, and of what was beside it at half of the rest's."""
+    top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
+    box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
+    corner = np.array([box[1].start, box[0].start, 0.0])
+    window = np.ascontiguousarray(image[box])
+    inner, _ = label_runs(window, 0.5 * plateau)
+    found, covered = [], np.zeros(window.shape, np.uint8)
+    for part in inner:
+        disks, whole = disks_in_region(part, window, 0.5 * plateau)
+        found.append((plateau, disks + corner, whole))
+        for x, y, a in disks:
+            cv2.circle(covered, (round(x), round(y)), int(np.ceil(1.15 * a + 2)), 1, cv2.FILLED)
+    rest = np.where(covered > 0, np.float32(0.0), window)
+    for part in label_runs(rest, level)[0]:
+        if part["area"] > WIDE_PX2:
+            disks, whole = disks_in_region(part, rest, level)
+            found.append((2.0 * level, disks + corner, whole))
+    return found
+
+
+def _faint_regions(image, valid, noise, level, regions):
+    """Regions that stand out of the noise and contain none found before, each in a window of its own.
+
+    Yields the region, its plateau, the corner of the window and the window.
+    """
+    coarse = _coarse(image, valid, 2)
+    coarse_noise = _coarse_noise(coarse, noise / 2.0)
+    floor = np.float32(max(SUPPORT_SIGMA * coarse_noise, 1e-6))
+    if not floor < level:
+        return
+    support, runs = label_runs(coarse, float(floor))
+    support, plateau, half_area = _with_plateaus(coarse, support, runs)
+    taken = np.zeros(len(support), np.bool_)
+    # a few pixels of noise on a faint plateau reach the level as well
+    outlined = regions[regions["area"] > LEAST_AREA_PX2]
+    if len(outlined):
+        taken[_component_at(runs, outlined["peak_x"] // 2, outlined["peak_y"] // 2)] = True
+    light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
+    shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
+    for k in np.flatnonzero(shown):
+        top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)
+        box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
+        window = cv2.GaussianBlur(image[box], (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+        for part in label_runs(window, 0.5 * float(plateau[k]))[0]:
+            if part["area"] > 0.5 * WIDE_PX2:
+                yield part, float(plateau[k]), (left, top), window
+
+
+def _component_at(runs: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
+    """Numbers of the components that contain some pixels; pixels in none are left out."""
+    width = int(runs[:, 2].max(initial=0)) + 2
+    start, end = runs[:, 0] * width + runs[:, 1], runs[:, 0] * width + runs[:, 2]
+    place = y * width + np.minimum(x, width - 1)
+    k = np.searchsorted(start, place, side="right") - 1
+    inside = (k >= 0) & (place <= end[np.maximum(k, 0)])
+    return np.unique(runs[k[inside], 3])

@@ -1,0 +1,327 @@
+"""The table of evidence of a frame, and the rules that reject, flag or measure each candidate in another way.
+
+Every rule is a predicate on the columns of the table. A candidate is rejected for the first reason that holds;
+flags are independent. Unusual brightness is a flag, never a reason. Where no model describes a contact, its
+counted area is reported: a contact that is seen does not disappear.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ellipe
+
+from contactimg.imaging.detect.hand_edits import HandEdit
+from contactimg.imaging.detect.overlap import count_touching
+from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
+from contactimg.imaging.fit.disks import render_disks
+from contactimg.imaging.fit.method import FrameFit
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, X, Y, touches
+from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.profile.optics import combine_errors
+from contactimg.tables import Flag, Reason
+
+Columns = dict[str, NDArray]
+"""Columns of a table, arrays of the same length."""
+
+PLACE = ("x_px", "y_px", "radius_px")
+"""Columns that say where a candidate is."""
+POOR_CHI_SQUARE = 1.5
+"""Mean chi-square about the rim above which a contact has the flag POOR_FIT. By hand."""
+UNDESCRIBED_CHI_SQUARE = 3.0
+"""The same above which the model does not describe a contact. By hand."""
+LOW_SIGNAL_SIGMA = 10.0
+"""Light below which a contact has the flag LOW_SIGNAL. By hand: twice the detection limit."""
+LEAST_LIGHT_SIGMA, LEAST_POOR_LIGHT_SIGMA = 2.0, 5.0
+"""Light below which a disk is left out, and below which one that fits badly is. By hand."""
+LEAST_VISIBLE = 0.1
+"""Share of a disk inside the image below which it is not measured. By hand."""
+EDGE_GAP_BLUR_WIDTHS = 2.0
+"""Rims closer to the border have the flag EDGE. Theory: 98 % of the edge's light lies within."""
+LEAST_RISE = 0.25
+"""Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By hand."""
+OWN_RISE = 0.5
+"""Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
+frame alone and the reference alone."""
+LONGEST = 3.5
+"""Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By hand."""
+SHARP_PX2 = 2.5
+"""Counted pixels up to which a candidate that does not fit is a hot pixel. Theory: a point behind a blur of
+0.5 px has four pixels above half height."""
+LINEARITY = 0.01
+"""Error of the response of a camera at mid-level, of the contrast, that no fit can see. By hand: usual for CCD
+cameras; it moves every edge by ``LINEARITY s sqrt(2 pi)``."""
+DISAGREES_SIGMA = 4.0
+"""Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate 6e-5."""
+COUNT_VARIANCE = 1.0 / 12.0
+"""Variance of the place of the edge in a pixel, px^2 (theory)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Contacts and rejected candidates of a frame, and what the rules were decided on.
+
+    Parameters
+    ----------
+    contacts, rejected : dict of arrays
+    rows : ndarray of int
+        Row of each contact among the disks of the fit.
+    evidence : dict of arrays
+        One row for each contact.
+    unmatched : list of HandEdit
+        Corrections by hand that meet no contact.
+    """
+
+    contacts: Columns
+    rejected: Columns
+    rows: NDArray[np.intp]
+    evidence: Columns = field(default_factory=dict)
+    unmatched: list[HandEdit] = field(default_factory=list)
+
+
+Rule = tuple[Reason, Callable[[Columns], NDArray[np.bool_]]]
+
+RULES: list[Rule] = [
+    (Reason.BY_HAND, lambda e: e["excluded"]),
+    (Reason.OUT_OF_SIGHT, lambda e: e["visible"] < LEAST_VISIBLE),
+    (
+        Reason.NOISE,
+        lambda e: e["signal"] < np.where(e["poor"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
+    ),
+    (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
+    (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
+    (Reason.TOO_SHARP, lambda e: e["undescribed"] & (e["counted"] <= SHARP_PX2)),
+    (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
+]
+"""Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""
+
+FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
+    (Flag.EDGE, lambda e: e["cut"]),
+    (Flag.MERGED, lambda e: e["touching"] > 0),
+    (Flag.SATURATED, lambda e: e["saturated"]),
+    (Flag.TOO_SMALL, lambda e: e["radius"] - e["radius_std"] < e["blur"]),
+    (Flag.POOR_FIT, lambda e: e["poor"]),
+    (Flag.LOW_SIGNAL, lambda e: e["signal"] < LOW_SIGNAL_SIGMA),
+    (Flag.BRIGHTNESS, lambda e: e["odd"]),
+    (Flag.COUNTED, lambda e: e["use_count"]),
+    (Flag.DISAGREES, lambda e: np.abs(e["count_z"]) > DISAGREES_SIGMA),
+    (Flag.MANUAL, lambda e: e["manual"]),
+]
+"""Flags of the contacts that are kept."""
+
+
+def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True) -> Judged:
+    """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds."""
+    problem, fit, binning = result.problem, result.fit, result.problem.binning
+    e = _evidence(foreground, result, free=shape == "free")
+    if not dust:
+        e["own_rise"] = np.ones(len(fit.disks))
+    table = _columns(result, e)
+    finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
+    reason = np.full(len(finite), "", object)
+    reason[~finite] = Reason.NOISE
+    for name, holds in RULES:
+        now = holds(e) & (reason == "")
+        reason[now & (~e["manual"] | (name == Reason.BY_HAND))] = name
+    flags = np.zeros(len(finite), np.int64)
+    for flag, shown in FLAGS:
+        flags |= np.where(shown(e), int(flag), 0)
+    table["flags"] = flags
+    kept = np.flatnonzero(reason == "")
+    kept = kept[np.lexsort([table["x_px"][kept], table["y_px"][kept]])]
+    bad = reason != ""
+    dropped = np.column_stack(
+        [problem.in_frame(result.dropped[:, [X, Y]]), result.dropped[:, RADIUS] * binning]
+    )
+    places = np.column_stack([table[name] for name in PLACE])
+    every = np.vstack([dropped, places[bad]])
+    rejected = {"x_px": every[:, 0], "y_px": every[:, 1], "radius_px": every[:, 2]}
+    rejected["reason"] = np.append(np.full(len(dropped), Reason.UNNECESSARY), reason[bad].astype(str))
+    unmatched = [] if result.edited is None else result.edited.unmatched + result.edited.vanished(kept)
+    return Judged(
+        {name: values[kept] for name, values in table.items()}, rejected, kept,
+        {name: values[kept] for name, values in e.items() if np.ndim(values)}, unmatched,
+    )  # fmt: skip
+
+
+def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Columns:
+    """The table: one row for each disk of the fit; lengths in px of the fit."""
+    problem, fit, joint = result.problem, result.fit, result.joint
+    disks, n, blur = fit.disks, len(fit.disks), fit.blur
+    model = render_disks(disks, blur, problem.image.shape)
+    complete = type(fit)(**{**vars(fit), "model": model})
+    looked = look_at_pixels(problem, complete)
+    radius, contrast = disks[:, RADIUS], disks[:, CONTRAST]
+    std = np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
+    poor = (fit.chi_square > POOR_CHI_SQUARE) & (looked.rim_chi_square > POOR_CHI_SQUARE)
+    undescribed = poor & (np.minimum(fit.chi_square, looked.rim_chi_square) > UNDESCRIBED_CHI_SQUARE)
+    plateau = np.where(np.isfinite(looked.plateau), looked.plateau, contrast)
+    again = np.flatnonzero(undescribed | free)
+    if len(again):  # at half of their own plateau
+        looked = looked.updated(again, look_at_pixels(problem, complete, half=0.5 * plateau, rows=again))
+    slope = np.maximum(contrast, 1e-9) / (blur * np.sqrt(2.0 * np.pi))
+    place = COUNT_VARIANCE + fit.brightness**-1 * problem.noise.variance / slope**2
+    count_std = np.sqrt(2.0 * np.pi * np.maximum(radius, 1.0) * place)
+    ring = np.where(np.isfinite(looked.ring), looked.ring, 0.0)
+    mean = looked.light / np.maximum(np.pi * radius**2, 1.0)
+    ellipse = np.zeros(n, np.bool_)
+    ellipse[result.ellipses.rows] = True
+    edited = result.edited
+    # counted pixels of small contacts say little about their area
+    resolved = radius > 1.5 * blur
+    count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
+    hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
+    use_count = ((undescribed & ~ellipse & (np.abs(count_z) > 2.0)) | hollow) & resolved
+    use_count |= free & (looked.area > 0)
+    rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
+    reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
+    gap = _gap_to_border(disks, problem.image.shape)
+    cut = (gap < reach) | touches(problem.valid, 0, disks, reach)
+    return {
+        "radius": radius,
+        "radius_std": std,
+        "blur": np.full(n, blur),
+        "signal": radius / (2.0 * std),
+        "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
+        / np.maximum(contrast, 1e-9),
+        "own_rise": own_rise(foreground, problem.in_frame(disks[:, [X, Y]]), radius * problem.binning, blur),
+        "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
+        "poor": poor,
+        "undescribed": undescribed,
+        "rim_chi_square": looked.rim_chi_square,
+        "core_chi_square": looked.core_chi_square,
+        "counted": looked.area,
+        "expected": looked.expected,
+        "count_std": count_std,
+        "count_z": count_z,
+        "use_count": use_count,
+        "border": looked.border,
+        "elongation": looked.elongation,
+        "ring": ring / np.maximum(contrast, 1e-9),
+        "surrounded": np.isfinite(looked.ring),
+        "x": looked.x,
+        "y": looked.y,
+        "odd": rows >= 0,
+        "ellipse": ellipse,
+        "touching": count_touching(disks, blur),
+        "cut": cut,
+        "saturated": touches(problem.saturated, 1, disks, radius),
+        "excluded": np.zeros(n, np.bool_) if edited is None else edited.excluded,
+        "manual": np.zeros(n, np.bool_) if edited is None else edited.new,
+    }
+
+
+def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
+    """Rise in the frame alone over that in frame and reference together; 1 without a reference.
+
+    Dust that darkened the reference and has gone looks like a bright contact in the difference.
+    """
+    pair = foreground.frame_pair
+    if pair.reference is None or not len(places):
+        return np.ones(len(places))
+    share = np.ones(len(places))
+    # most contacts lie where the reference shows nothing: a few pixels of it tell
+    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, radius + 4.0 * blur)
+    rows = np.flatnonzero(dip > max(0.2 * foreground.contrast.plateau, 4.0 * foreground.noise))
+    disks = np.column_stack([places, radius])[rows]
+    own, other = (
+        foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)
+    )
+    both = own - other
+    known = np.isfinite(both) & (both > 1e-9)
+    share[rows[known]] = own[known] / both[known]
+    return share
+
+
+def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArray[np.float64]:
+    """Mean of five pixels at each place minus the median of eight around it."""
+    rows, columns = image.shape
+
+    def at(x: NDArray, y: NDArray) -> NDArray[np.float64]:
+        i, j = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((y, rows), (x, columns)))
+        return np.asarray(image[i, j], float)
+
+    (x, y), angles = places.T[:, :, None], np.arange(8) * np.pi / 4
+    near = at(x + np.array([0, 1, -1, 0, 0]), y + np.array([0, 0, 0, 1, -1])).mean(axis=1)
+    around = at(x + distance[:, None] * np.cos(angles), y + distance[:, None] * np.sin(angles))
+    return near - np.median(around, axis=1)
+
+
+def _columns(result: FrameFit, e: Columns) -> Columns:
+    """Columns of the contacts in pixels of the frame, for all disks of the fit."""
+    problem, fit, binning = result.problem, result.fit, result.problem.binning
+    disks, n, blur = fit.disks, len(fit.disks), fit.blur
+    radius, std = disks[:, RADIUS].copy(), np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
+    shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
+    film = np.zeros(n) if result.film is None else result.film.errors(radius)
+    edge = np.sqrt((LINEARITY * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
+    if result.edge is not None and len(result.edge.undecided) == n:
+        edge = np.hypot(edge, result.edge.undecided)
+    x, y, area = disks[:, X].copy(), disks[:, Y].copy(), np.pi * radius**2
+    major, minor, angle = radius.copy(), radius.copy(), np.full(n, np.nan)
+    shape = np.full(n, "disk", object)
+    spread = np.full((3, n), np.nan)
+    perimeter = 2.0 * np.pi * radius
+    for row, ellipse in zip(result.ellipses.rows, result.ellipses.fitted, strict=True):
+        scale = radius[row] / ellipse.parameters[RADIUS]
+        major[row], minor[row] = scale * ellipse.half_axes
+        angle[row], shape[row] = ellipse.angle, "ellipse"
+        spread[:, row] = ellipse.shape_std
+        perimeter[row] = 4.0 * major[row] * ellipe(1.0 - (minor[row] / major[row]) ** 2)
+        std[row] = max(std[row], float(np.sqrt(ellipse.covariance[RADIUS, RADIUS])))
+    counted = e["use_count"]
+    if counted.any():
+        k = np.flatnonzero(counted)
+        # what the count misses or adds for a disk of this size and blur, it does for the contact as well
+        part = area[k] * e["counted"][k] / np.maximum(e["expected"][k], 1.0)
+        x[k], y[k], shape[k] = e["x"][k], e["y"][k], "free"
+        error = np.hypot(e["count_std"][k], 0.5 * (part - area[k]))
+        area[k], radius[k] = part, np.sqrt(part / np.pi)
+        std[k] = error / (2.0 * np.pi * np.maximum(radius[k], 0.5))
+        ratio = np.sqrt(np.maximum(e["elongation"][k], 1.0))
+        major[k], minor[k] = radius[k] * ratio, radius[k] / ratio
+        shifts[k] = 0.0
+    poor = e["poor"] & ~counted
+    error = (e["counted"] - e["expected"]) / (2.0 * np.pi * np.maximum(radius, 0.5))
+    std = np.where(poor & (np.abs(e["count_z"]) > 2.0), np.hypot(std, error), std)
+    total = combine_errors(std, np.column_stack([shifts, edge]))
+    return {
+        "x_px": problem.in_frame(x),
+        "y_px": problem.in_frame(y),
+        "radius_px": radius * binning,
+        "radius_std_px": total * binning,
+        "contrast_shift_px": shifts[:, 0] * binning,
+        "blur_shift_px": shifts[:, 1] * binning,
+        "edge_shift_px": edge * binning,
+        "shape": shape,
+        "area_px2": area * binning**2,
+        "area_std_px2": 2.0 * np.pi * radius * total * binning**2,
+        "visible_area_px2": area * e["visible"] * binning**2,
+        "semi_major_px": major * binning,
+        "semi_minor_px": minor * binning,
+        "angle_rad": angle,
+        "semi_major_std_px": spread[0] * binning,
+        "semi_minor_std_px": spread[1] * binning,
+        "angle_std_rad": spread[2],
+        "perimeter_px": perimeter * binning,
+    }
+
+
+def _common_shift(e: Columns) -> float:
+    """Mean distance between the edges of the fit and of the counted pixels, with its standard error, px.
+
+    The count knows no model of the edge: by what both agree, the edge assumed is the one that is there.
+    """
+    used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
+    if not used.any():
+        return 0.0
+    rims = 2.0 * np.pi * e["radius"][used]
+    apart = float(np.sum(e["counted"][used] - e["expected"][used]) / rims.sum())
+    return float(np.hypot(apart, np.sqrt(np.sum(e["count_std"][used] ** 2)) / rims.sum()))
+
+
+def _gap_to_border(disks: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Distance of the centres to the border of the image, negative outside."""
+    x, y, (rows, columns) = disks[:, X], disks[:, Y], shape
+    return np.asarray(np.minimum.reduce([x + 0.5, columns - 0.5 - x, y + 0.5, rows - 0.5 - y]))

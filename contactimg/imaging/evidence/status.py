@@ -1,0 +1,290 @@
+"""What the table of evidence says of the frame as a whole: one status, and sentences that say what to do."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.detect.candidates import measure_contrast
+from contactimg.imaging.evidence.background_left import BackgroundLeft
+from contactimg.imaging.evidence.rules import Columns
+from contactimg.imaging.fit.learned_edge import describe_edge
+from contactimg.imaging.fit.method import FrameFit
+from contactimg.imaging.foreground import Foreground
+from contactimg.tables import Flag, Status
+
+RESOLVED = 0.05
+"""Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5 % of
+the radius of a small contact and 7.5 % of its force."""
+LIGHT_CHANGE = 1.5
+"""Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
+SPOILED_SHARE, FEWEST_SPOILED = 0.2, 3
+"""Share of contacts (and least number) with a flag that spoils a frame. By hand: one odd contact of two says
+nothing about a frame."""
+FALSE_SHARE, FEWEST_FALSE = 0.05, 3
+"""Share of the candidates, and number, that prove to be no contacts, above which others may be left. By hand."""
+UNEXPLAINED_SHARE = 0.05
+"""Share of the bright pixels that belong to nothing, above which contacts are missing. By hand."""
+DARK_SHARE = 0.004
+"""Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it make
+0.013."""
+UNSURROUNDED_SHARE = 0.5
+"""Share of contacts without background around them above which the frame shows too little. By hand."""
+LEAST_SIDE_PX = 8
+"""Rows and columns that a frame needs. Theory: a contact of one pixel and two blur widths on either side."""
+UNEVENNESS = 0.02
+"""Unevenness of the background over the contrast above which the light was not followed. By hand: it moves the
+radius of a contact of two blur widths by 1 %."""
+LEAST_FOLLOWED, LEAST_FREE = 0.85, 0.02
+"""Share of the free background on which the light was followed, at least; share of the frame that contacts must
+leave free for a statement on it. By hand."""
+COMMON_SIGMA, COMMON_AREA = 5.0, 0.01
+"""Standard errors, and share of the area, by which the counted pixels of all contacts together differ from what
+the model expects, above which the edge is not the one assumed. False-alarm rate 6e-7; by hand."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Status of a frame.
+
+    Parameters
+    ----------
+    status : str
+        "ok", or the most important defect.
+    message : str
+        Sentences for the user, joined by semicolons.
+    measurable : bool
+        Whether "no contact" is a result; False if the frame does not allow one.
+    """
+
+    status: str
+    message: str
+    measurable: bool
+
+
+@dataclass(frozen=True, eq=False)
+class FrameEvidence:
+    """What the rules on a frame are decided on.
+
+    Parameters
+    ----------
+    foreground : Foreground
+    contacts, rejected : dict of arrays
+    evidence : dict of arrays
+        Of the contacts; empty for counted ones.
+    contrast_relative_std : float
+        Of the contrast that the frame alone shows.
+    fit : FrameFit or None
+    background : BackgroundLeft
+    unexplained : float
+        Share of the bright pixels that belong to no contact.
+    noise : str
+        What the noise says of the file; empty for a camera's.
+    """
+
+    foreground: Foreground
+    contacts: Columns
+    rejected: Columns
+    evidence: Columns
+    contrast_relative_std: float
+    fit: FrameFit | None
+    background: BackgroundLeft
+    unexplained: float
+    noise: str = ""
+
+    @property
+    def count(self) -> int:
+        """Number of contacts."""
+        return len(self.contacts["x_px"])
+
+    def flagged(self, flag: Flag) -> int:
+        """Number of contacts with a flag."""
+        return int(np.count_nonzero(np.asarray(self.contacts["flags"], np.int64) & int(flag)))
+
+    def spoiled(self, flag: Flag) -> int:
+        """The same where they are so many, or all, that they spoil the frame; else 0."""
+        n = self.flagged(flag)
+        many = n >= FEWEST_SPOILED and n > SPOILED_SHARE * self.count
+        return n if many or (n and n == self.count) else 0
+
+
+def judge_frame(seen: FrameEvidence) -> Verdict:
+    """Status, message and measurability of a frame."""
+    pair, difference = seen.foreground.frame_pair, seen.foreground.difference
+    if pair.trivial:
+        # a frame equal to its reference does show that there is no contact; the others show nothing
+        return Verdict(pair.defect, pair.message, measurable=pair.defect == Status.IDENTICAL)
+    found = [*_light(seen), *_contacts(seen)]
+    remarks = [difference.remark, *_remarks(seen)]
+    if pair.reference is None and not pair.defect:
+        remarks.insert(0, "no reference: the background was estimated from the frame")
+    message = "; ".join(text for text in [pair.message, *(text for _, text in found), *remarks] if text)
+    status = pair.defect or next((status for status, _ in found if status), Status.OK)
+    changed = any(status == Status.LIGHT_CHANGED for status, _ in found)
+    return Verdict(status, message, measurable=bool(seen.count or not changed))
+
+
+def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
+    """Defects of light, reference and background, gravest first."""
+    difference, left = seen.foreground.difference, seen.background
+    ratio = float(difference.illumination.coefficients[0, 0])
+    if difference.ratio and not 1 / LIGHT_CHANGE < ratio < LIGHT_CHANGE:
+        what = "contacts fill" if seen.count else "one contact fills"
+        text = f"the background is {ratio:.2g} times the reference: the light changed or {what} the frame"
+        yield Status.LIGHT_CHANGED, text
+    elif not seen.count:
+        yield Status.NO_CONTACT, _why_no_contact(seen.foreground)
+    if difference.registration_failed:
+        yield Status.NOT_REGISTERED, ""
+    if min(seen.foreground.image.shape) < LEAST_SIDE_PX and seen.count:
+        rows, columns = seen.foreground.image.shape
+        text = f"the frame has {rows} x {columns} pixels: contacts and their background need {LEAST_SIDE_PX} each way"
+        yield Status.LITTLE_BACKGROUND, text
+    if left.free_share >= LEAST_FREE:
+        if difference.ratio and left.dark_share > DARK_SHARE:
+            yield (
+                Status.WRONG_REFERENCE,
+                f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, by a "
+                "fifth of the contrast and more: does the reference show contacts, or another place?",
+            )
+        if left.found_share < LEAST_FOLLOWED:
+            yield (
+                Status.LITTLE_BACKGROUND,
+                f"the light was followed on {100 * left.found_share:.0f} % only of the background that contacts "
+                "leave free: it changed in a way that was not followed",
+            )
+        if left.uneven > UNEVENNESS:
+            text = (
+                f"the background is uneven by {100 * left.uneven:.3g} % of the contrast after all corrections"
+            )
+            yield Status.LIGHT_NOT_FOLLOWED, text
+    if seen.noise:
+        yield Status.FILTERED, seen.noise
+
+
+def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
+    """Defects of the contacts, gravest first."""
+    if seen.fit is not None:
+        yield from _edges(seen.fit)
+        if seen.fit.limited:
+            yield Status.UNRESOLVED, "more spots stand out than are fitted in a frame of this size"
+    reasons = np.asarray(seen.rejected["reason"])
+    dust = int(np.count_nonzero(reasons == "dust in the reference"))
+    false = int(np.count_nonzero(np.isin(reasons, FALSE_REASONS)))
+    total = false + seen.count
+    if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_FALSE:
+        text = f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of another place?"
+        yield Status.WRONG_REFERENCE, text
+    if false >= FEWEST_FALSE and false > FALSE_SHARE * total:
+        text = (
+            f"{false} of {total} candidates proved to be no contacts; others may be left among the contacts"
+        )
+        yield Status.FALSE_CANDIDATES, text
+    if seen.unexplained > UNEXPLAINED_SHARE:
+        text = (
+            f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
+        )
+        yield Status.UNRESOLVED, text
+    if n := seen.spoiled(Flag.SATURATED):
+        yield (
+            Status.SATURATED,
+            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii depend on "
+            "a brightness that is not seen",
+        )
+    poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
+    if n := seen.spoiled(poor):
+        yield Status.POOR_FIT, f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
+    if text := _common_disagreement(seen.evidence):
+        yield Status.DISAGREES, text
+    if len(seen.evidence) and seen.count:
+        alone = 1.0 - float(np.mean(seen.evidence["surrounded"]))
+        if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_SPOILED else 0.99):
+            text = f"no background is seen around {100 * alone:.0f} % of the contacts"
+            yield Status.LITTLE_BACKGROUND, text
+    if seen.count and seen.contrast_relative_std > RESOLVED and seen.fit is None:
+        yield "", ""
+
+
+FALSE_REASONS = ["not seen: hardly brighter inside than around it", "piece of a scratch"]
+"""Reasons of rejection that say that a candidate was mistaken."""
+
+
+def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
+    """What the edges say."""
+    if fit.film is not None:
+        verdict = fit.film.verdict
+        yield Status.FILM if verdict.contradicted else "", verdict.remark()
+    if fit.edge is not None:
+        families = set(fit.edge.families)
+        known = fit.known_edge is not None
+        soft = bool({"softness", "rim"} & families) and not known
+        status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
+        yield status, describe_edge(fit.edge, binning=fit.problem.binning)
+
+
+def _common_disagreement(e: Columns) -> str:
+    """What to say if the counted pixels of all contacts together differ from those that the model expects."""
+    if not len(e) or not len(e["counted"]):
+        return ""
+    used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
+    if np.count_nonzero(used) < FEWEST_SPOILED:
+        return ""
+    apart, std = e["counted"][used] - e["expected"][used], e["count_std"][used]
+    share = float(apart.sum() / max(e["expected"][used].sum(), 1.0))
+    z = float(apart.sum() / np.sqrt(np.sum(std**2)))
+    if abs(z) < COMMON_SIGMA or abs(share) < COMMON_AREA:
+        return ""
+    return (
+        f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} standard "
+        "errors): the edge of the contacts is not the one assumed"
+    )
+
+
+def _remarks(seen: FrameEvidence) -> Iterator[str]:
+    """What is worth knowing without being a defect."""
+    foreground = seen.foreground
+    unit = foreground.frame_pair.unit
+    if np.isfinite(foreground.refused_contrast):
+        yield (
+            f"the frame shows a contrast of {foreground.shown.plateau * unit:.3g} grey levels, not the "
+            f"{foreground.refused_contrast * unit:.3g} given, which were not used"
+        )
+    if seen.count and seen.contrast_relative_std > RESOLVED:
+        source = "given" if np.isfinite(foreground.prior_optics.contrast) else "estimated from their light"
+        contrast = (
+            foreground.contrast.plateau
+            if seen.fit is None or seen.fit.joint is None
+            else (seen.fit.joint.contrast)
+        )
+        yield (
+            "the contacts are too small to show their brightness: the radii depend on a contrast of "
+            f"{contrast * unit:.3g} grey levels, {source}"
+        )
+    if n := seen.flagged(Flag.BRIGHTNESS):
+        yield f"{n} of {seen.count} contacts have a brightness of their own"
+    if seen.fit is not None and (n := seen.flagged(Flag.COUNTED)):
+        yield f"the areas of {n} of {seen.count} contacts are those of their counted pixels"
+
+
+def _why_no_contact(foreground: Foreground) -> str:
+    """One sentence on a frame in which nothing was found."""
+    if foreground.shown.resolved:
+        level = foreground.shown.plateau * foreground.frame_pair.unit
+        return f"something stands out by {level:.3g} grey levels, but it is no contact for the assumed optics"
+    opposite = measure_contrast(-foreground.image, foreground.noise, foreground.frame_pair.valid)
+    if not opposite.resolved:
+        return "nothing stands out of the noise"
+    one, other = ("brighter", "darker")[:: foreground.sign]
+    return f"nothing {one} than the background stands out, but something {other}: is the polarity right?"
+
+
+def unexplained_share(foreground: Foreground, model: NDArray[np.float32], rejected: Columns) -> float:
+    """Share of the bright pixels, of every fourth row and column, that no contact explains."""
+    step, image = 4, foreground.image
+    shown, explained = image[::step, ::step], model[: image.shape[0] : step, : image.shape[1] : step]
+    bright = shown > max(0.5 * foreground.contrast.plateau, 5.0 * foreground.noise)
+    total = int(np.count_nonzero(bright))
+    if not total or explained.shape != shown.shape:
+        return 0.0
+    return float(np.count_nonzero(bright & (explained < 0.2 * shown)) / total)

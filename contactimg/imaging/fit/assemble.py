@@ -1,0 +1,306 @@
+"""How many disks: fit the candidates, add disks where light is left, drop those that the pixels do not need.
+
+What is left is looked at as the image was at first: wide regions of the residual become candidates, and a
+matched filter finds small ones. Groups that fit badly get other covers of the same pixels.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.compiled import njit
+from contactimg.imaging.detect.candidates import Candidates, find_candidates
+from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
+from contactimg.imaging.fit.covers import find_better_covers
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
+from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.significance import find_insignificant
+from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.timings import stage
+
+MOST_DISKS_PER_PX2 = 1.0 / 40.0
+"""Disks over pixels at most: three times as many as contacts of two pixels in radius in a close packing."""
+MOST_DISKS = 100_000
+"""Disks of a frame at most; five times the largest crowd that was measured."""
+GROWTH_RATIO = 1.3
+"""Largest fitted radius over that of the candidate, besides one blur width. By hand."""
+COVER_GROWTH_RATIO = 1.1
+"""The same over that in a better cover. By hand."""
+NEIGHBOUR_BLUR_WIDTHS = 3.0
+"""Gap within which an added or dropped disk changes its neighbours. By hand."""
+RIM_BLUR_WIDTHS = 5.0
+"""Distance that counts as near a rim, where imperfect edges leave light. By hand."""
+LEAST_RIM_PEAK = 0.12
+"""Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
+ROUGH_RATIO = 1.5
+"""Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter. By hand:
+compression and sharpening ring beside contacts."""
+ODD_PLATEAU_RATIO = 1.15
+"""Plateau over the common contrast, or its inverse, from which a wide candidate starts with its own. By hand."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assembled:
+    """Disks that together explain an image.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    fit : FittedDisks
+    dropped : ndarray, shape (m, 3)
+        x, y, radius (px) of disks that were tried and are not needed.
+    smallest : float, px
+        Radius of the smallest isolated disk that stands out of the noise.
+    limited : bool
+        Whether there were more candidates than are fitted.
+    ellipses : Ellipses
+        Disks that stand for ellipses in the image of the problem.
+    """
+
+    problem: FitProblem
+    fit: FittedDisks
+    dropped: NDArray[np.float64]
+    smallest: float
+    limited: bool
+    ellipses: Ellipses
+
+
+@stage("detection")
+def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: str) -> Assembled:
+    """Find and fit the disks of an image, with a loose prior of the contrasts.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    blur : float, px
+        To start from, pixel included.
+    free_blur : bool
+        Fit the blur as well.
+    shape : {"auto", "disk", "ellipse", "free"}
+        Whether ellipses are looked for.
+    """
+    contrast, noise = problem.contrast, problem.pixel_noise
+    found = find_candidates(problem.image, contrast, noise, problem.valid, blur=blur)
+    most = min(int(MOST_DISKS_PER_PX2 * problem.image.size) + 1, MOST_DISKS)
+    limited = len(found.places) > most
+    problem, disks, largest = _start(problem, found, blur, most)
+    work = _Assembly(problem, disks, largest, found.whole[:most], blur=blur, free_blur=free_blur)
+    if shape == "auto":
+        work.find_ellipses(found.whole[:most])
+    work.drop_insignificant()
+    work.add_wide_residuals()
+    fit = work.fit
+    peaks, lowest = find_peaks(
+        problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
+    )
+    smallest = float(_disks_of_peaks(np.array([[0.0, 0.0, lowest]]), fit.blur, contrast)[0, RADIUS])
+    at_rim = _near_rims(peaks, fit.disks, RIM_BLUR_WIDTHS * fit.blur)
+    peaks = peaks[(peaks[:, 2] > np.maximum(lowest, np.where(at_rim, LEAST_RIM_PEAK * contrast, 0.0)))]
+    scatter = _scatter_around(problem.image, fit.model, peaks, fit.blur)
+    # behind the filter white noise is smaller by this; rests of compression are less so
+    behind = 2.0 / (2.0 * np.sqrt(np.pi) * fit.blur)
+    rough = scatter > ROUGH_RATIO * noise
+    peaks = peaks[~rough | (peaks[:, 2] > FALSE_ALARM_SIGMA * behind * scatter)]
+    limited |= len(peaks) > most - len(fit.disks)
+    peaks = peaks[: max(most - len(fit.disks), 0)]
+    if len(peaks):
+        work.add(_disks_of_peaks(peaks, fit.blur, contrast))
+    if free_blur and not len(disks) and len(work.fit.disks):
+        work.fit_blur()
+    work.improve_covers()
+    work.drop_insignificant(final=True)
+    return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
+
+
+def _start(
+    problem: FitProblem, found: Candidates, blur: float, most: int
+) -> tuple[FitProblem, NDArray[np.float64], NDArray[np.float64]]:
+    """The problem with the odd plateaus, the disks to start from, and the upper bounds of their radii."""
+    places, plateau, own = found.places[:most], found.plateau[:most], found.own[:most]
+    (x, y, a), shape, contrast = places.T, problem.image.shape, problem.contrast
+    ratio = plateau / contrast
+    odd = own | ((ratio > ODD_PLATEAU_RATIO) | (ratio < 1.0 / ODD_PLATEAU_RATIO)) & (a > 3.0 * blur)
+    disks = np.column_stack([places, np.where(odd, plateau, contrast)])
+    prior = replace(problem.prior, odd=np.vstack([problem.prior.odd, disks[odd]]))
+    # a disk cut by the border may be much larger than what is inscribed
+    cut = np.minimum.reduce([x, y, shape[1] - 1 - x, shape[0] - 1 - y]) < a + blur
+    return replace(problem, prior=prior), disks, np.where(cut, np.inf, GROWTH_RATIO * a + blur)
+
+
+class _Assembly:
+    """The disks of an image while some are added, dropped and replaced.
+
+    Attributes
+    ----------
+    problem : FitProblem
+    fit : FittedDisks
+    largest : ndarray, shape (n,), px
+        Upper bounds of the radii.
+    whole : ndarray of bool, shape (n,)
+        Disks that stand for a region that is no disk, but one contact.
+    dropped : list of ndarray, shape (m, 3)
+        x, y, radius of the disks dropped so far.
+    ellipses : Ellipses
+    """
+
+    def __init__(
+        self, problem: FitProblem, disks: NDArray, largest: NDArray, whole: NDArray[np.bool_],
+        *, blur: float, free_blur: bool,
+    ):  # fmt: skip
+        control = FitControl(free_blur and len(disks) > 0, robust=False, iterations=3)
+        self.problem, self.largest, self.whole, self.ellipses = problem, largest, whole, NO_ELLIPSES
+        self.fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        self.dropped = [np.empty((0, 3))]
+
+    def add(self, disks: NDArray[np.float64]) -> None:
+        """Add disks, which are free to grow, and drop those near them that are not significant."""
+        rows = np.concatenate([np.arange(len(self.fit.disks)), np.full(len(disks), -1)])
+        self.largest = np.concatenate([self.largest, 2.0 * disks[:, RADIUS] + 4.0 * self.fit.blur])
+        self.whole = np.concatenate([self.whole, np.zeros(len(disks), np.bool_)])
+        active = self._refit(np.vstack([self.fit.disks, disks]), rows, 5)
+        self.drop_insignificant(active)
+
+    def add_wide_residuals(self) -> None:
+        """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""
+        problem, fit = self.problem, self.fit
+        rest = problem.image - fit.model
+        found = find_candidates(rest, problem.contrast, problem.pixel_noise, problem.valid, blur=fit.blur)
+        wide = (found.places[:, 2] > 2.0 * fit.blur) & (found.plateau > LEAST_RIM_PEAK * problem.contrast)
+        if not wide.any():
+            return
+        places, plateau = found.places[wide], found.plateau[wide]
+        inside = _near_rims(places, fit.disks, 0.0)
+        places, plateau = places[~inside], plateau[~inside]
+        if not len(places):
+            return
+        disks = np.column_stack([places, plateau])
+        odd = np.vstack([problem.prior.odd, disks[np.abs(plateau / problem.contrast - 1.0) > 0.15]])
+        self.problem = replace(problem, prior=replace(problem.prior, odd=odd))
+        self.add(disks)
+
+    def drop_insignificant(self, among: NDArray[np.bool_] | None = None, *, final: bool = False) -> None:
+        """Drop the disks (all, or among some) that the pixels do not need."""
+        dropped = find_insignificant(self.fit, self.problem, final=final)
+        dropped = dropped if among is None else among & dropped
+        if not dropped.any():
+            return
+        self.dropped.append(self.fit.disks[dropped, :3])
+        erase_disks(self.problem, self.fit, dropped)
+        active = _near(self.fit.disks, dropped, self.fit.blur)[~dropped]
+        self.largest, self.whole = self.largest[~dropped], self.whole[~dropped]
+        self.ellipses = self.ellipses.kept(~dropped)
+        self._refit(self.fit.disks[~dropped], np.flatnonzero(~dropped), 4, active)
+
+    def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
+        """Replace the regions that are ellipses by disks of equal area in the image."""
+        nothing = np.diag([1e-8, 1e-8])
+        found = find_ellipses(self.problem, self.fit, self.problem.prior, nothing, among=tried)
+        if not len(found.rows):
+            return
+        self.problem, disks = made_round(self.problem, self.fit, found)
+        self.ellipses = found
+        control = FitControl(free_blur=False, robust=False, iterations=3)
+        self.fit = fit_disks(self.problem, disks, blur=self.fit.blur, control=control)
+
+    def fit_blur(self) -> None:
+        """Fit the blur too, after a start without wide disks, if that explains far more."""
+        control, fit = FitControl(robust=False, iterations=4), self.fit
+        misfit = float(np.median(fit.chi_square))
+        if misfit < 1.5:
+            return
+        for _ in range(2):
+            fit = fit_disks(self.problem, fit.disks, blur=fit.blur, control=control, largest=self.largest)
+        if float(np.median(fit.chi_square)) < 0.5 * misfit:
+            self.fit = fit
+
+    def improve_covers(self) -> None:
+        """Replace the disks of groups that fit badly by better covers of the same pixels."""
+        covers = find_better_covers(self.problem, self.fit, self.whole)
+        if not covers.replaced.any():
+            return
+        erase_disks(self.problem, self.fit, covers.replaced)
+        kept, new = np.flatnonzero(~covers.replaced), covers.new
+        self.ellipses = self.ellipses.kept(~covers.replaced)
+        self.whole = np.concatenate([self.whole[kept], np.zeros(len(new), np.bool_)])
+        self.largest = np.concatenate([self.largest[kept], COVER_GROWTH_RATIO * new[:, RADIUS]])
+        rows = np.concatenate([kept, np.full(len(new), -1)])
+        self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)
+
+    def _refit(
+        self,
+        disks: NDArray[np.float64],
+        rows: NDArray[np.int64],
+        iterations: int,
+        active: NDArray[np.bool_] | None = None,
+    ) -> NDArray[np.bool_]:
+        """Fit the active disks, by default the new ones and their neighbours; which are active.
+
+        ``rows`` are the rows of the disks in the present fit, -1 for new ones.
+        """
+        old = self.fit
+        active = _near(disks, rows < 0, old.blur) if active is None else active
+        control = FitControl(free_blur=False, robust=False, iterations=iterations)
+        fit = fit_disks(
+            self.problem, disks, blur=old.blur, control=control, largest=self.largest, active=active,
+            start=ModelImage(old.model, rows >= 0),
+        )  # fmt: skip
+        # the disks held fixed keep their uncertainty and misfit
+        std, chi_square, pixels = fit.std.copy(), fit.chi_square.copy(), fit.pixels.copy()
+        fixed, source = ~active, rows[~active]
+        std[fixed], pixels[fixed] = old.std[source], old.pixels[source]
+        chi_square[fixed] = old.chi_square[source]
+        self.fit = replace(fit, std=std, chi_square=chi_square, pixels=pixels)
+        return active
+
+
+@njit(cache=True)
+def _scatter_around(image, model, peaks, blur):
+    """Root mean square residual around each peak, the peak itself left out."""
+    rows, columns = image.shape
+    inner, outer = 2.0 * blur + 1.0, 4.0 * blur + 6.0
+    out = np.zeros(len(peaks))
+    for i in range(len(peaks)):
+        x, y = peaks[i, 0], peaks[i, 1]
+        total, count = 0.0, 0
+        for row in range(max(int(y - outer), 0), min(int(y + outer) + 1, rows)):
+            for column in range(max(int(x - outer), 0), min(int(x + outer) + 1, columns)):
+                r = np.hypot(column - x, row - y)
+                if inner < r < outer:
+                    rest = image[row, column] - model[row, column]
+                    total += rest * rest
+                    count += 1
+        out[i] = np.sqrt(total / max(count, 1))
+    return out
+
+
+def _near_rims(places: NDArray, disks: NDArray, reach: float) -> NDArray[np.bool_]:
+    """Places in a disk or closer than ``reach`` to its rim."""
+    points = np.column_stack([places[:, :2], np.zeros(len(places))])
+    is_disk = np.arange(len(disks) + len(places)) < len(disks)
+    return _neighbours(np.vstack([disks[:, :3], points]), is_disk, reach)[len(disks) :]
+
+
+def _disks_of_peaks(peaks: NDArray, blur: float, contrast: float) -> NDArray[np.float64]:
+    """Disk whose filtered image has the height of each peak."""
+    height = np.clip(peaks[:, 2] / contrast, 1e-3, 0.9)
+    radius = np.sqrt(-4.0 * blur**2 * np.log1p(-height))
+    return np.column_stack([peaks[:, :2], radius, np.full(len(peaks), contrast)])
+
+
+def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np.bool_]:
+    """The changed disks, and those whose rim they influence."""
+    return _neighbours(disks, changed, NEIGHBOUR_BLUR_WIDTHS * blur)
+
+
+@njit(cache=True)
+def _neighbours(disks, changed, gap):
+    """The changed disks, and those whose rim is closer than ``gap`` to the rim of one."""
+    out = changed.copy()
+    pairs = find_pairs(disks, 0.5 * gap)
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        out[i] |= changed[j]
+        out[j] |= changed[i]
+    return out

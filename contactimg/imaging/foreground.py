@@ -1,0 +1,99 @@
+"""What is measured: a difference image in which contacts are positive, its noise and its contrast."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.contrast.noise import estimate_noise
+from contactimg.imaging.detect.candidates import Contrast, measure_contrast
+from contactimg.imaging.pixels.frame_pair import FramePair
+from contactimg.imaging.profile.optics import SharedOptics
+
+HOLE_REACH_PX, LEAST_WEIGHT = 2, 0.3
+"""Distance from which a hole is filled, and share of pixels seen there that it takes. By hand: dead lines, not
+masks."""
+CONTRADICTION_RATIO = 1.3
+"""Ratio of measured to prior contrast above which the frame contradicts the prior. By hand: blur can only make
+a frame show less than its contrast."""
+
+
+@dataclass(frozen=True, eq=False)
+class Foreground:
+    """A difference image with contacts positive, and what is known of it before a fit.
+
+    Parameters
+    ----------
+    image : ndarray of float32, shape (rows, columns)
+        Holes filled from the pixels next to them.
+    sign : int
+        1 for contacts brighter than the background, else -1.
+    frame_pair : FramePair
+        Frame and reference.
+    difference : DifferenceImage
+    noise : float
+        Standard deviation of a background pixel.
+    shown : Contrast
+        As the frame itself shows it.
+    contrast : Contrast
+        To measure with: the prior, unless the frame contradicts it; else the one shown.
+    prior_optics : SharedOptics
+        Prior knowledge of contrast and blur, without what the frame contradicts.
+    refused_contrast : float
+        Prior contrast that the frame contradicts; NaN if there is none.
+    """
+
+    image: NDArray[np.float32]
+    sign: int
+    frame_pair: FramePair
+    difference: DifferenceImage
+    noise: float
+    shown: Contrast
+    contrast: Contrast
+    prior_optics: SharedOptics
+    refused_contrast: float
+
+    @property
+    def largest_contrast(self) -> float:
+        """Largest contrast that the grey levels can show; infinite where no full scale is known."""
+        return self.frame_pair.largest_contrast(self.difference.level, self.sign)
+
+    @property
+    def shown_contrast(self) -> float:
+        """Largest contrast of contacts that show theirs."""
+        return self.frame_pair.shown_contrast(self.difference.level, self.sign)
+
+
+def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """The image with holes filled from the pixels next to them, so that a dead line does not cut a contact."""
+    side = (2 * HOLE_REACH_PX + 1,) * 2
+    seen = valid.astype(np.float32)
+    weight = cv2.blur(seen, side, borderType=cv2.BORDER_REPLICATE)
+    around = cv2.blur(image * seen, side, borderType=cv2.BORDER_REPLICATE)
+    fill = np.where(
+        weight > LEAST_WEIGHT, around / np.maximum(weight, np.float32(LEAST_WEIGHT)), np.float32(0.0)
+    )
+    return np.where(valid > 0, image, fill)
+
+
+def find_foreground(
+    frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics
+) -> Foreground:
+    """Measure noise and contrast of a difference image; ``sign`` makes contacts positive."""
+    image = difference.image if sign > 0 else -difference.image
+    if frame_pair.valid is not None:
+        image = _filled(image, frame_pair.valid)
+    noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
+    shown, refused = Contrast(0.0, resolved=False), float("nan")
+    if not frame_pair.trivial:
+        shown = measure_contrast(image, noise, frame_pair.valid)
+    contrast = shown
+    if np.isfinite(prior.contrast) and not frame_pair.trivial:
+        if shown.resolved and shown.plateau > CONTRADICTION_RATIO * prior.contrast:
+            refused = prior.contrast
+            prior = prior.without_contrast()
+        else:
+            contrast = Contrast(prior.contrast, shown.resolved, prior.contrast_std)
+    return Foreground(image, sign, frame_pair, difference, noise, shown, contrast, prior, refused)
