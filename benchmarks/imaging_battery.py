@@ -51,6 +51,8 @@ REACH_PX, REACH = 1.5, 0.5
 """A contact is matched within the larger of this distance and this share of its radius."""
 STD_OF_SUM, STD_OF_ODD, COVERAGE, FOUND, BELOW = 3.0, 3.3, 0.85, 0.95, 0.02
 PATIENCE_S = 60
+START, END = "<!-- table: battery -->", "<!-- end -->"
+"""Marks around the table in a page of the documentation."""
 OTSU_PIXELS = 4
 ORDER = ["right", "said", "WRONG", "EXC"]
 
@@ -392,6 +394,7 @@ def parse(argv=None):
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--repeat", type=int, default=1, help="measurements of a frame, the fastest counts")
     parser.add_argument("--csv", help="file for the numbers of all frames")
+    parser.add_argument("--page", help="page of the documentation whose table is written anew")
     parser.add_argument("--pictures", help="folder for pictures of the frames that are not right")
     parser.add_argument("--verbose", action="store_true", help="each frame as it is done, and tracebacks")
     parser.add_argument("--list", action="store_true", help="the names of the worlds")
@@ -446,7 +449,12 @@ def main(argv=None):
     )
     if options.csv:
         rows.to_csv(options.csv, index=False)
-    print(report(rows))
+    text = report(rows)
+    print(text)
+    if options.page:
+        before, _, rest = Path(options.page).read_text().partition(START)
+        after = rest.partition(END)[2]
+        Path(options.page).write_text(f"{before}{START}\n```text\n{text}\n```\n{END}{after}")
 
 
 if __name__ == "__main__":

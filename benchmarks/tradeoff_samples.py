@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 import cv2
-from imaging_scores import markdown, put_table
+from page_tables import markdown, put_table
 
 from contactimg import read_scene
 from contactimg.files import write_figure

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from hostile_frames import checkerboard, clouds, ramp, rings, stripes
 
 from contactimg.imaging.measure import ImageMeasurement, measure_image
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.tables import Flag
 
 METHODS, POLARITIES = ("disk", "threshold"), ("bright", "dark", "auto")

@@ -4,11 +4,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from contact_frames import Optics, match, render, scatter
+from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.fit import residual_light
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.pose.pairs import pair_points
 from contactimg.render import render_contacts, render_reference
 from contactimg.scene import scene_from_dict

@@ -5,10 +5,10 @@ import numpy as np
 import pandas as pd
 import pytest
 from contact_frames import Optics, coverage, expose, match, scatter, sub_pixel_shift, surface_texture
+from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from hostile_frames import dirty_plate, hostile_frame
 
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.imaging.shapes.labelled_regions import label_regions
 from contactimg.tables import Flag
 

@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from contact_frames import Optics, expose, match, render, scatter
+from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.measure import ImageMeasurement, measure_image
 from contactimg.imaging.profile.blurred_disk import blurred_disk
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
 from contactimg.tables import Flag
 
 OPTICS = Optics(shape=(260, 340), dust=3)

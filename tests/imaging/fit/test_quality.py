@@ -3,11 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from contactimg.imaging.fit.quality import FrameFit, _tabulate
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import fit_disks, render_disks
 from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
-from contactimg.imaging.fit.quality import FrameFit, _tabulate
 from contactimg.imaging.fit.shared_optics import JointFit
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, WORK_PER_FIT
+from contactimg.imaging.fit.work import Work
 from scipy import ndimage
 
 from contactimg.imaging.fit import coarse_rims, method
-from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, WORK_PER_FIT
-from contactimg.imaging.fit.work import Work
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from contactimg.imaging.fit.undecided_edge import USUAL_SIZE, EdgeEvidence, undecided_modes
 from edge_frames import edge_frame
 
 from contactimg.forces import total_area
 from contactimg.imaging.fit.edge_scores import SHARED, Edge
 from contactimg.imaging.fit.pooling import pool_edges
-from contactimg.imaging.fit.undecided_edge import USUAL_SIZE, EdgeEvidence, undecided_modes
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.edge_shape import PARAMETERS, RESPONSE
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics

@@ -15,13 +15,13 @@ from any_images import (
     stored_as,
 )
 from contact_frames import Optics, render, scatter
+from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, WORK_PER_FIT
+from contactimg.imaging.fit.work import TooMuchWork, Work
+from contactimg.imaging.judge import review
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.fit.disks import FitControl, fit_disks
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
-from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, WORK_PER_FIT
-from contactimg.imaging.fit.work import TooMuchWork, Work
-from contactimg.imaging.judge import review
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag, Status
 

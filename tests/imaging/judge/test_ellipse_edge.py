@@ -5,11 +5,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from contactimg.imaging.judge import ellipse_edge, shape_ladder
+from contactimg.imaging.judge.climbed_table import ClimbedTable
 from edge_frames import edge_frame, errors
 
 from contactimg.imaging import measure
-from contactimg.imaging.judge import ellipse_edge, shape_ladder
-from contactimg.imaging.judge.climbed_table import ClimbedTable
 from contactimg.imaging.kernels.ellipse_equations import axes_of, rim_distance
 from contactimg.imaging.kernels.radial_sums import INNER_NODES, add_profiles, radial_nodes, sum_residuals
 from contactimg.imaging.measure import measure_image

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from contactimg.imaging.judge import shape_ladder
+from contactimg.imaging.judge.noise_inside import gain_of_texture
 from shape_frames import ellipse, frame
 
 from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation
-from contactimg.imaging.judge import shape_ladder
-from contactimg.imaging.judge.noise_inside import gain_of_texture
 from contactimg.imaging.measure import measure_image
 
 PLACES = [(x, y, 10.0 + 0.5 * ((x + 2 * y) % 7)) for x in range(30, 260, 50) for y in range(30, 200, 50)]

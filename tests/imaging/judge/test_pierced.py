@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from contactimg.imaging.judge import pierced
 from edge_frames import edge_frame
 from shape_frames import ellipse, frame
 
-from contactimg.imaging.judge import pierced
 from contactimg.imaging.measure import measure_image
 
 

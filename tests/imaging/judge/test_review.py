@@ -5,15 +5,15 @@ import numpy as np
 import pandas as pd
 import pytest
 from contact_frames import Optics, expose, match, scatter
-from degraded_frames import degraded_pair
-
-from contactimg.forces import SHARED_SHIFTS
 from contactimg.imaging.judge import review as review_module
 from contactimg.imaging.judge.agreement import Agreement
 from contactimg.imaging.judge.review import _with_disagreement
+from contactimg.imaging.reject.detections import PLACE, Detections
+from degraded_frames import degraded_pair
+
+from contactimg.forces import SHARED_SHIFTS
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.imaging.reject.detections import PLACE, Detections
 from contactimg.tables import Flag, Reason, Status
 
 OPTICS = Optics(shape=(360, 480), dust=4)

@@ -3,7 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-
 from contactimg.imaging.judge.agreement import compare
 from contactimg.imaging.judge.second_opinion import Scenery, is_outshone, measure_again, measure_rise
 from contactimg.imaging.kernels.contact_light import sum_light

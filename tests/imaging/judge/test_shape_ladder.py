@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from shape_frames import bone, ellipse, frame, ring, triangle
-
 from contactimg.imaging.judge import shape_ladder
 from contactimg.imaging.judge.common_distortion import ANGULAR_BINS, RADIAL_BINS, has_own_misfit
 from contactimg.imaging.judge.shape_scene import ShapeScene
+from shape_frames import bone, ellipse, frame, ring, triangle
+
 from contactimg.imaging.measure import measure_image
 from contactimg.pipeline.frame import outlines_table
 
