@@ -57,8 +57,8 @@ def process(
     With several FOLDERs each is measured as if alone, into a folder of its name inside the output folder;
     combined/ then holds all_contacts.csv and all_frames.csv, with the name of the folder in the column run.
 
-    Exit codes: 0 done; 1 a frame failed, or no frame shows anything that can be measured (all black or white,
-    for example), as frames.csv says; 2 nothing done.
+    Exit codes: 0 done; 1 a frame failed, or no frame has a result to rely on (all black, or without contact,
+    without a pose or with forces off the load, for example), as frames.csv says; 2 nothing done.
 
     \b
     Examples:
@@ -148,7 +148,7 @@ def _process_folder(
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
         from contactimg.pipeline.written_run import write_run
-        from contactimg.tables import FAILED
+        from contactimg.tables import NO_RESULT, Status
 
     scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
     relative = stated.get("tolerance", {}).get("relative")
@@ -178,4 +178,4 @@ def _process_folder(
         echo_frames(run.frames, title=f"{folder}, method {method}", statuses=run.statuses)
         law = "" if run.law is None else run.law.sentence()
         say(acts and f"calibration {calibration}: {acts}", law, run.film)
-    return int(not run.measurable or run.statuses[FAILED] > 0)
+    return int(Status.FAILED in run.statuses or set(run.statuses) <= NO_RESULT)

@@ -31,7 +31,7 @@ from contactimg.tables.schemas import (
     TRADEOFF,
     Schema,
 )
-from contactimg.tables.statuses import FAILED, Status
+from contactimg.tables.statuses import FAILED, NO_RESULT, Status
 
 __all__ = [
     "AREA",
@@ -48,6 +48,7 @@ __all__ = [
     "LOADS",
     "MATCHES",
     "NORMALISED",
+    "NO_RESULT",
     "OUTLINES",
     "PRESSURE_LAW",
     "PROFILE",

@@ -207,6 +207,15 @@ def test_reference_as_a_frame_has_no_contacts_and_a_status(series, tmp_path):
     assert (row["n_contacts"], row["area_m2"], row["force_sum_N"]) == (0, 0, 0)
 
 
+def test_a_reference_swapped_with_a_frame_is_not_success(series, tmp_path):
+    frames = [series / f"frame_{k}.tif" for k in (1, 2, 3)]
+    shown, empty = tifffile.imread(frames[2]), tifffile.imread(series / "reference.tif")
+    tifffile.imwrite(series / "reference.tif", shown)
+    for path in frames:
+        tifffile.imwrite(path, empty)
+    assert process(series, "-o", tmp_path / "out") == 1
+
+
 def test_no_reference_is_said_once_for_all_frames(series, tmp_path, capsys):
     edit(series / "scene.toml", 'reference = "reference.tif"\n', "")
     (series / "reference.tif").unlink()
@@ -350,7 +359,7 @@ def test_frames_that_show_nothing_are_not_success(series, tmp_path, capsys):
     assert frames["area_m2"].isna().all()
     capsys.readouterr()
     assert main(["process", "--help"]) == 0
-    assert "1 a frame failed, or no frame shows anything that can be measured" in " ".join(
+    assert "1 a frame failed, or no frame has a result to rely on" in " ".join(
         capsys.readouterr().out.split()
     )
 
@@ -472,7 +481,8 @@ def test_a_file_called_reference_is_never_a_frame(series, tmp_path, scene):
 
 def test_another_pattern_is_said_in_the_message(series, tmp_path):
     edit(series / "scene.toml", "6e-06", "9e-06")
-    assert process(series, "-o", tmp_path / "out") == 0
+    assert process(series, "-o", tmp_path / "out") == 1
+    assert set(frames_of(tmp_path / "out")["status"]) == {"no pose"}
     assert frames_of(tmp_path / "out")["message"].str.contains("fall on an asperity").all()
 
 
