@@ -131,6 +131,16 @@ def test_frames_without_a_scene_are_measured_in_pixels_and_with_a_pixel_size_in_
     np.testing.assert_allclose(metres["radius_m"], 6e-6 * contacts["radius_px"], rtol=1e-12)
 
 
+def test_a_reference_is_looked_for_in_the_folder_as_well(series, tmp_path):
+    (series / "scene.toml").unlink()
+    (series / "reference.tif").rename(series / "ref.tif")
+    options = ["--reference", "ref.tif", "--loads", "loads.csv", "-o", tmp_path / "out"]
+    assert process(series, *options) == 0
+    frames = frames_of(tmp_path / "out")
+    assert frames.index.tolist() == ["frame_1.tif", "frame_2.tif", "frame_3.tif"]
+    assert frames["load_N"].notna().all()
+
+
 def test_python_m_contactimg_answers_help():
     run = subprocess.run(
         [sys.executable, "-m", "contactimg", "--help"], capture_output=True, text=True, check=True
