@@ -239,10 +239,14 @@ def test_no_reference_is_said_once_for_all_frames(series, tmp_path, capsys):
 
 def test_a_frame_has_one_short_line_and_all_of_it_with_verbose(capsys):
     shared, own = "the light changed", "a remark of this frame alone, " + 20 * "at length "
-    table = {"frame": ["a.tif", "b.tif", "c.tif"], "message": [f"{shared}; {own}", shared, ""]}
-    frames = FRAMES.conform({**table, "status": ["ok"] * 3})
+    messages = [f"{shared}; {own}", shared, "how well it went"]
+    statuses = ["poor fit", "ok", "ok"]
+    frames = FRAMES.conform({"frame": ["a.tif", "b.tif", "c.tif"], "message": messages, "status": statuses})
     echo_frames(frames, title="three frames")
-    lines = capsys.readouterr().out.splitlines()
+    printed = capsys.readouterr().out
+    lines = printed.splitlines()
+    assert "how well it went" not in printed
+    assert "remarks on 1 of these frames are in frames.csv" in printed
     assert lines.count(f"2 frames from a.tif on: {shared}") == 1
     (line,) = [line for line in lines if line.startswith("a.tif: ")]
     assert line.endswith("... (--verbose)")
@@ -252,7 +256,9 @@ def test_a_frame_has_one_short_line_and_all_of_it_with_verbose(capsys):
         echo_frames(frames, title="three frames")
     finally:
         logging.getLogger("contactimg").setLevel(logging.WARNING)
-    assert f"a.tif: {own}".strip() in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"a.tif: {own}".strip() in printed
+    assert "c.tif: how well it went" in printed
 
 
 # nothing done: one sentence, exit code 2, and an earlier run untouched
