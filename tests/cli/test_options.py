@@ -1,11 +1,13 @@
 """A command is made of a function, and an option of a key of the scene."""
 
+import re
 from typing import Annotated, Literal
 
 import click
 import pytest
 from click.testing import CliRunner
 
+from contactimg.cli import commands
 from contactimg.cli.options import Count, NonNegative, SceneOption, command, scene_options
 from contactimg.scene import section_keys
 
@@ -80,3 +82,45 @@ def test_a_unit_adds_no_digits(value):
     option = SceneOption("--pixel-size-um", "camera", "pixel_size_m")
     assert option.in_scene(float(value)) == pytest.approx(float(f"{value!r}e-6"), rel=1e-14)
     assert option.in_scene(5.9) == 5.9e-6
+
+
+OPTIONS = """
+analyse: --annulus-mm --calibration --cluster --confidence --friction-std-N --load-max-N --load-min-N
+    --load-relative-std --load-std-N --load-tolerance --min-contacts --min-radius-px --models/--no-models
+    -o/--output --smooth --smooth-stress-MPa --smooth-stress-std-MPa --topography --workers
+asperities: --depth --form --height-unit --min-height-um -o/--output --pixel-size-um
+calibrate jkr: --cluster --frames --loads --no-plausibility -o/--output --pixel-size-um --polarity
+    --reference --scene --workers
+calibrate modulus: --calibration --cluster --frames --jkr --loads --no-plausibility -o/--output
+    --pixel-size-um --polarity --reference --scene --threshold --workers --young-modulus-MPa
+    --young-modulus-std-MPa
+calibrate plateau: --cluster --frames --loads --no-plausibility -o/--output --pixel-size-um --polarity
+    --reference --scene --workers
+calibrate threshold: --cluster --frames --jkr --loads --no-plausibility -o/--output --pixel-size-um
+    --polarity --reference --scene --workers --young-modulus-MPa --young-modulus-std-MPa
+effects: --load-N --no-plausibility -o --output --tolerance
+export: --fiji --labels --napari --no-plausibility -o/--output --units --xlsx
+import-rois: --author --frame --no-plausibility -o/--output
+init: --force --lens-radius-mm --no-input --no-plausibility --pixel-size-um --young-modulus-MPa
+overlay: --min-radius-px --no-plausibility -o/--output --workers
+predict: --annulus-mm --cluster --coupling --displacement-um --load-N --model --no-plausibility
+    -o/--output --patterns --tolerance --workers
+process: --calibration --cluster --format --frames --loads --method --no-plausibility
+    --numbers/--no-numbers -o/--output --pictures/--no-pictures --pixel-size-um --polarity --reference
+    --scene --shape --threshold --tolerance --workers
+report: --max-pictures -o/--output --with
+review: --no-browser --origin --port --workers
+simulate: --cluster --no-plausibility -o/--output --plan --workers
+tradeoff: --fine --knob --load-N --no-plausibility -o/--output --tolerance
+"""
+"""Names that users script against, beside --quiet, --verbose and --timings, which every command has."""
+
+
+@pytest.mark.parametrize("line", re.sub(r"\n +", " ", OPTIONS.strip()).splitlines())
+def test_every_option_is_there(line):
+    names, options = line.split(": ")
+    command = commands
+    for name in names.split():
+        command = command.get_command(click.Context(command), name)
+    there = {"/".join([*param.opts, *param.secondary_opts]) for param in command.params}
+    assert there >= {*options.split(), "--quiet", "--verbose", "--timings"}
