@@ -86,12 +86,12 @@ def _echo_messages(frames: "pd.DataFrame") -> None:
     fine = set(frames.loc[frames["status"] == "ok", "frame"])
     whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
     untold = 0
-    for names, said in lines.items():
-        many = "all frames" if len(names) == len(frames) else f"{len(names)} frames from {names[0]} on"
-        text = f"{names[0] if len(names) == 1 else many}: {'; '.join(said)}"
+    for those, said in lines.items():
+        many = "all frames" if len(those) == len(frames) else f"{len(those)} frames from {those[0]} on"
+        text = f"{those[0] if len(those) == 1 else many}: {'; '.join(said)}"
         if whole:
             say(text)
-        elif len(names) == 1 and names[0] in fine:
+        elif len(those) == 1 and those[0] in fine:
             untold += 1
         else:
             say(textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
