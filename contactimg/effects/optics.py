@@ -257,7 +257,9 @@ class Camera:
             systematic, noise = float(np.sum(step.mean(axis=0) ** 2)), float(np.sum(step**2)) / len(step)
         else:
             total, size = step.sum(axis=1), float(mean.sum()) ** 2
-            systematic, noise = float(total.mean()) ** 2, float(np.mean(total**2))
+            systematic = float(total.mean()) ** 2
+            # the same number twice if contacts err independently; one alone scatters with few realisations
+            noise = float(np.mean(total**2) + np.sum(step**2) / len(step)) / 2
         chance = float(step.var(axis=0, ddof=1).sum()) / len(step)
         square = noise if effect in NOISE else max(systematic - chance, 0.0)
         return float(np.sqrt(square / size)) if size > 0 else float(square > 0)
