@@ -202,9 +202,10 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
         bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=confidence)
         for column in (chosen[:, 1], chosen[:, 2], where)
     )
-    p_star = exponential(open_ended(place, breaks), factor=single.reference)
-    gain = _chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks)
-    return BrokenLaw(below, above, p_star, float(np.exp(chosen[0, 0])), single, davies_bound(gain))
+    p_value = davies_bound(_chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks))
+    place = open_ended(place, breaks, supported=p_value < 1 - confidence)
+    p_star = exponential(place, factor=single.reference)
+    return BrokenLaw(below, above, p_star, float(np.exp(chosen[0, 0])), single, p_value)
 
 
 def _sums_of_blocks(
