@@ -148,6 +148,7 @@ def solve_scene(
         coupling=coupling,
         law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
+        poisson_ratio=elastic.poisson_ratio,
     )
 
 

@@ -53,6 +53,7 @@ class AdhesiveState:
     indentation: float
     residual: float
     contacts: "AdhesiveContacts | None" = None
+    unsettled: float = 0.0
 
     def scattered(self, size: int) -> tuple[Values, Values, Values]:
         """Force, contact radius and penetration of all asperities."""
@@ -90,8 +91,11 @@ class AdhesivePath:
         return self._settle(radius, previous.indentation / p.depth, first=first)
 
     def refined(self, state: AdhesiveState, steps: int) -> tuple["AdhesivePath", AdhesiveState, int]:
-        """Full coupling from the state with point forces: alternate field corrections and contacts."""
-        path, difference = self, np.inf
+        """Full coupling from the state with point forces: alternate field corrections and contacts.
+
+        If they do not settle, the iteration that came closest, with what the radii still changed by.
+        """
+        path, closest, difference = self, (np.inf, self, state), np.inf
         for _ in range(MAX_FIELD_UPDATES):
             if not state.rows.size:
                 return path, state, steps
@@ -103,11 +107,10 @@ class AdhesivePath:
             difference, state = float(np.abs(radius - guess).max() / guess.max()), following
             if difference <= FIELD_UPDATE_CHANGE:
                 return path, state, steps
-        raise ConvergenceError(
-            f"full coupling of the adhesive contacts did not converge: the radii still change by "
-            f"{difference:.3g} of the largest after {MAX_FIELD_UPDATES} updates, tolerance "
-            f'{FIELD_UPDATE_CHANGE:.3g}; use coupling "asymptotic"'
-        )
+            if difference < closest[0]:
+                closest = difference, path, state
+        unsettled, path, state = closest
+        return path, replace(state, unsettled=unsettled), steps
 
     def _refine(self, at: ScaledProblem, state: AdhesiveState, contact_radius: Values) -> ScaledProblem:
         """The problem with the field corrections of a state; ``at`` holds the shifted summits."""
