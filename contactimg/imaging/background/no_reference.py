@@ -1,13 +1,9 @@
 """Estimate the background of a frame from the frame itself, and the polarity of its contacts.
 
-The lower envelope of the block means (a morphological opening by a window wider than the contacts) follows
-uneven illumination from gap to gap. A polynomial through it flattens the frame, and the lowest well-populated
-level of what is left is the background. Where small contacts leave hardly a block free, squares of 2 px in
-the gaps between them take the place of the blocks. Where contacts cover most of a frame, a single polynomial
-cannot follow the little background there is: then the envelope itself is subtracted, and the upper envelope
-(a closing) gives the height of the contacts.
-
-With the wrong polarity the frame shows a net between disks, not disks: that determines the polarity.
+Where contacts leave a flat background between them, a polynomial follows that, and which side the rest of the
+frame is on tells the polarity. In a crowd, squares of 2 px between the contacts take the place of the blocks:
+their lower envelope is followed by a polynomial, and the lowest well-populated level of what is left is the
+background. With the wrong polarity a crowd shows a net between disks, not disks.
 """
 
 from dataclasses import replace
@@ -17,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.envelope import envelope, fit_envelope, window_side
+from contactimg.imaging.background.envelope import fit_envelope
+from contactimg.imaging.background.even_out import even_out, find_background_regions
 from contactimg.imaging.background.find_illumination import (
     RIM_SCATTER,
     SQUARE_PX,
@@ -34,27 +31,24 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
+from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.shapes.labelled_regions import label_regions
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-CROWDED_FRACTION = 0.5  # of the blocks: if fewer are background, contacts hide what a polynomial would follow
+FLAT_SHARE = 0.2  # of the blocks: so large a flat region is the background; by hand
 FAINTEST_FRACTION = 0.2  # of the median level: a background that is darker anywhere is not divided by
 LEAST_QUIET_SHARE = 0.35
 """Share of the blocks without a rim in them, below which squares take their place. Chosen: dots of 4 px every
 18 px leave 0.29 of the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7."""
 SAMPLE_PIXELS = 250_000  # of a frame that are looked at for that; accuracy: 4,000 blocks
-LEAST_SQUARES_SHARE = 0.1  # of the squares: background that there must be between the contacts
 TILE_SQUARES = 32
 """Squares in one side of the tiles over which the light between small contacts is followed beyond the
 polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them."""
 LEAST_TILE_SHARE = 0.05  # of the squares of a tile: background that shows its light
-GAP_FRACTION = 0.15  # of the height of the contacts: darker blocks lie between them
-LOWEST_HEIGHT_FRACTION = 0.3  # of the median height of the contacts: where it is less, the field of view ends
 ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
-ENVELOPE_SMOOTHING = 0.15  # standard deviation of the Gaussian that smooths the envelopes, of the window
 
 
 def estimate_background(
@@ -84,33 +78,57 @@ def estimate_background(
     >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))]
     [True, True, False]
     """
-    sign = np.float32(-1.0 if dark else 1.0)
-    blocks = sign * block_means(frame, valid)
-    finite = np.isfinite(blocks)
-    between = None
+    image = np.asarray(frame, np.float32)
+    return _flat_background(image, valid) or _background_of_crowd(image, valid, -1 if dark else 1)
+
+
+def estimate_either_background(
+    frame: NDArray[np.float32], *, valid: Mask = None
+) -> tuple[DifferenceImage, int]:
+    """The background for contacts of unknown polarity, and the sign that makes them positive.
+
+    A background that is flat between contacts shows the sign. In a crowd both are tried, and the one whose
+    foreground is more like disks is taken.
+    """
+    flat = _flat_background(frame, valid)
+    if flat is not None:
+        polarity = find_polarity(block_means(flat.image, flat.valid), flat.illumination.background)
+        return flat, -1 if polarity == "dark" else 1
+    both = [(_background_of_crowd(frame, valid, sign), sign) for sign in (1, -1)]
+    return max(both, key=lambda one: _roundness(one[0], one[1], valid))
+
+
+def _flat_background(frame: NDArray[np.float32], valid: Mask) -> DifferenceImage | None:
+    """Frame minus the light that flat blocks show, whatever the sign of the contacts; None in a crowd."""
     if _hides_blocks(frame, valid):
-        between = _light_between(sign * block_means(frame, valid, side=SQUARE_PX), frame.shape)
-    if between is not None:
-        polynomial, uneven = between
-        illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
-        middle = abs(float(np.median(polynomial.at_blocks(blocks.shape, frame.shape))))
-        return _divide_by_illumination(frame - sign * uneven, illumination, middle, blocks.shape, sign)
-    lower = fit_envelope(blocks, frame.shape)
-    flat = blocks - lower.at_blocks(blocks.shape, frame.shape)
-    least = _least_scatter(flat, blocks[finite])
-    start, scatter = find_background_level(flat, background_is="lowest", least=least)
-    rest = fit_illumination(
-        flat, frame.shape, level=start, scatter=max(scatter, least), least_scatter=max(least, 1e-9)
+        return None
+    blocks = block_means(frame, valid)
+    finite = np.isfinite(blocks)
+    scatter = max(neighbour_scatter(blocks), _least_scatter(blocks, blocks[finite]), 1e-9)
+    largest = find_background_regions(blocks, scatter) == 1
+    if np.mean(largest) < FLAT_SHARE * np.mean(finite):
+        return None
+    members = np.where(largest, blocks, np.float32(np.nan))
+    light = fit_illumination(
+        members,
+        frame.shape,
+        level=float(np.median(blocks[largest])),
+        scatter=2.0 * scatter,
+        least_scatter=scatter,
     )
-    total = sign * (lower.coefficients + rest.coefficients)
-    illumination = Illumination(total, rest.background, rest.scatter)
-    level = float(np.median(np.abs(blocks[rest.background]))) if rest.background.any() else abs(start)
-    if np.mean(rest.background) > CROWDED_FRACTION or not finite.all():
-        return _divide_by_illumination(frame, illumination, level, blocks.shape, sign)
-    image = sign * _flatten_crowd(sign * frame, blocks)
-    gaps = np.abs(block_means(image)) < GAP_FRACTION * np.percentile(np.abs(image[::8, ::8]), 90)
-    illumination = Illumination(total, gaps, rest.scatter)
-    return DifferenceImage(image, level, np.ones_like(blocks), illumination, None)
+    near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
+    level = float(np.median(np.abs(blocks[largest])))
+    return _divide_by_illumination(frame, replace(light, background=near), level, blocks.shape, valid)
+
+
+def _background_of_crowd(frame: NDArray[np.float32], valid: Mask, sign: int) -> DifferenceImage:
+    """Frame minus the light in the gaps of a crowd, where contacts times ``sign`` are bright."""
+    squares = np.float32(sign) * block_means(frame, valid, side=SQUARE_PX)
+    polynomial, uneven = _light_between(squares, frame.shape)
+    illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
+    blocks = (-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK))
+    level = abs(float(np.median(polynomial.at_blocks(blocks, frame.shape))))
+    return _divide_by_illumination(frame - np.float32(sign) * uneven, illumination, level, blocks, valid)
 
 
 def _hides_blocks(frame: NDArray[np.float32], valid: Mask) -> bool:
@@ -129,8 +147,8 @@ def _hides_blocks(frame: NDArray[np.float32], valid: Mask) -> bool:
 
 def _light_between(
     squares: NDArray[np.float32], shape: tuple[int, int]
-) -> tuple[Illumination, NDArray[np.float32]] | None:
-    """The light between small contacts that leave hardly a block free; None where nothing shows it.
+) -> tuple[Illumination, NDArray[np.float32]]:
+    """The light between contacts that leave hardly a block free.
 
     ``squares`` are means over squares of 2 px, contacts positive. The light is a polynomial and, at each
     pixel, what tiles of the image show beyond it.
@@ -142,8 +160,6 @@ def _light_between(
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
     level, scatter = find_background_level(flat, background_is="lowest", scatter=expected)
     rest = fit_illumination(flat, shape, level=level, scatter=min(scatter, 2.0 * expected))
-    if np.mean(rest.background) < LEAST_SQUARES_SHARE:
-        return None
     flat -= rest.at_blocks(squares.shape, shape).astype(np.float32)
     uneven = _tile_means(flat, rest.background, shape)
     flat -= uneven[::SQUARE_PX, ::SQUARE_PX]
@@ -183,19 +199,8 @@ def _least_scatter(flat: NDArray, blocks: NDArray) -> float:
     return (ROUGHEST_STEP_FRACTION if equal else SMALLEST_SCATTER_FRACTION) * level
 
 
-def estimate_either_background(
-    frame: NDArray[np.float32], *, valid: Mask = None
-) -> tuple[DifferenceImage, int]:
-    """The background for contacts of unknown polarity, and the sign that makes them positive.
-
-    Both are tried; the one whose foreground is more like disks is taken.
-    """
-    both = [(estimate_background(frame, valid=valid, dark=dark), -1 if dark else 1) for dark in (False, True)]
-    return max(both, key=lambda one: _roundness(one[0], one[1], valid))
-
-
 def _divide_by_illumination(
-    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], sign: np.float32
+    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], valid: Mask
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light.
 
@@ -204,35 +209,15 @@ def _divide_by_illumination(
     at_blocks = illumination.at_blocks(blocks, frame.shape)
     background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
     image = frame - background
-    subtracted = DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None)
-    if not at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # subtracted before, or hardly any light
-        return subtracted
-    noise = estimate_noise(image, illumination.background)
-    if stands_out_by_itself(sign * image, at_blocks / level, noise=noise):
-        return subtracted
-    image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
-    return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), illumination, None)
-
-
-def _flatten_crowd(image: NDArray[np.float32], blocks: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Image of bright contacts minus its lower envelope, contacts scaled to their median contrast."""
-    width = ENVELOPE_SMOOTHING * window_side(image.shape)
-    low, high = (
-        cv2.GaussianBlur(
-            envelope(blocks, image.shape, operation), (0, 0), width, borderType=cv2.BORDER_REPLICATE
-        )
-        for operation in (cv2.MORPH_OPEN, cv2.MORPH_CLOSE)
-    )
-    height = high - low
-    median_height = max(float(np.median(height[height >= 0.5 * height.max()])), 1e-6)
-    gain = median_height / np.maximum(height, LOWEST_HEIGHT_FRACTION * median_height)
-    size = (blocks.shape[1] * BLOCK, blocks.shape[0] * BLOCK)
-    rows, columns = image.shape
-    low, gain = (
-        cv2.resize(part.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
-        for part in (low, gain)
-    )
-    return np.asarray((image - low) * gain)
+    if at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # else subtracted before, or hardly any light
+        noise = estimate_noise(image, illumination.background)
+        sign = -1.0 if find_polarity(block_means(image, valid), illumination.background) == "dark" else 1.0
+        if not stands_out_by_itself(np.float32(sign) * image, at_blocks / level, noise=noise):
+            image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
+            brightness = (at_blocks / level).astype(np.float32)
+            return even_out(DifferenceImage(image, level, brightness, illumination, None, valid=valid))
+    subtracted = DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None, valid=valid)
+    return even_out(subtracted, relative=False)
 
 
 def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
