@@ -19,8 +19,8 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from contactimg.imaging.background.align import align_strips
-from contactimg.imaging.background.align_far import FarSearch
+from contactimg.imaging.background.register import align_strips
+from contactimg.imaging.background.register import FarSearch
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.divide import (
     BLUR_PX,
@@ -30,11 +30,11 @@ from contactimg.imaging.background.divide import (
     WIDE_PX,
     _moved_gaussian,
 )
-from contactimg.imaging.background.divide_rows import DIRT_SIGMA
+from contactimg.imaging.background.divide import DIRT_SIGMA
 from contactimg.imaging.background.find_illumination import find_background_level
 from contactimg.imaging.background.illumination import BACKGROUND_CLIP_SIGMA, Illumination, fit_illumination
 from contactimg.imaging.background.no_reference import estimate_background
-from contactimg.imaging.background.resample import filter_rows_and_columns, shift_kernel
+from contactimg.imaging.background.alignment import filter_rows_and_columns, shift_kernel
 from contactimg.imaging.contrast.noise import LARGEST_LAG, NoiseCorrelation
 from contactimg.imaging.fit.covers import Replacement
 from contactimg.imaging.fit.disks import FitControl, fit_disks
@@ -193,32 +193,32 @@ CASES = {
     "far": Case(
         "far search for the shift",
         {"background.subtract.search_alignment": find_nothing},
-        "background.align_far",
+        "background.register",
     ),
     "turn": Case(
         "rotation and scale in the far search",
-        {"background.align_far._align_tiles": give(None)},
-        "background.align_far._align_tiles background.align_far._fit_similarity",
+        {"background.register._align_tiles": give(None)},
+        "background.register._align_tiles background.register._fit_similarity",
     ),
     "closely": Case(
         "shift from all rows, or from dirt alone",
         {"background.subtract.align_all_rows": align_strips},
-        "background.align.align_all_rows background.align._find_dirt",
+        "background.register.align_all_rows background.register._find_dirt",
     ),
     "wiener": Case(
         "Wiener weights of the reference: plain division",
         {"background.subtract.divide_by_reference": divide_plainly},
-        "background.divide background.divide_rows",
+        "background.divide background.divide",
     ),
     "fixed": Case(
         "Wiener weights of the reference: a fixed blur of 0.7 px",
         {"background.subtract.divide_by_reference": partial(divide_plainly, blur_px=NARROW_PX)},
-        "background.divide background.divide_rows",
+        "background.divide background.divide",
     ),
     "band": Case(
         "Wiener weights of the reference: one band",
         {"background.subtract.divide_by_reference": divide_by_one_band},
-        "background.divide background.divide_rows",
+        "background.divide background.divide",
     ),
     "squares": Case(
         "illumination from the gaps of a crowd",

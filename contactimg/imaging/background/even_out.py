@@ -32,6 +32,10 @@ FLAT_SPAN = (
     4.0  # range over 3 x 3 blocks after a median, in scatters of a block; by hand: steps of 8 scatters
 )
 PIERCED = 2.0  # area over that of the inscribed disk: a disk has 1, an ellipse its ratio of axes; by hand
+NO_DISK, LARGE_SHARE = (
+    1.3,
+    0.05,
+)  # the same of a region as large as this share of the blocks: a square has 1.3
 WIDE_SHARE = 0.1  # of the blocks: no contact at the border of a frame without reference is so large; by hand
 FEWEST_BLOCKS = 60  # of a region: a contact that fills so many has a radius of 35 px; by hand
 MOST_REGIONS = 8  # that are followed, the largest; a bound of the work
@@ -135,7 +139,8 @@ def find_background_regions(
     chosen = []
     for k in largest:
         inside = labels == k
-        pierced = area[k] >= PIERCED * np.pi * float(half_width[inside].max()) ** 2
+        disk = np.pi * (float(half_width[inside].max()) - 0.5) ** 2
+        pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
         at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
         wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
         if pierced or wide or (k == largest[0] if known is None else np.mean(known[inside]) > 0.5):

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.envelope import fit_envelope
 from contactimg.imaging.background.even_out import even_out, find_background_regions
 from contactimg.imaging.background.find_illumination import (
     RIM_SCATTER,
@@ -22,7 +21,6 @@ from contactimg.imaging.background.find_illumination import (
     neighbour_scatter,
     scatter_inside,
 )
-from contactimg.imaging.background.height_with_light import stands_out_by_itself
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     SMALLEST_SCATTER_FRACTION,
@@ -31,10 +29,13 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
+from contactimg.imaging.contrast.plateau import WIDE_AREA
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
+from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import median, robust_std
 from contactimg.imaging.shapes.labelled_regions import label_regions
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
@@ -49,6 +50,16 @@ TILE_SQUARES = 32
 polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them."""
 LEAST_TILE_SHARE = 0.05  # of the squares of a tile: background that shows its light
 ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
+LEAST_LIGHT_SPREAD = 0.1
+"""Scatter of the logarithm of the background below which it hardly matters. Chosen: matched frames have 0.05,
+and a wrong decision changes a small contact by a twentieth of its radius there."""
+HEIGHT_FRACTION = 0.3  # of the plateau: regions above it are contacts; as for foreign objects
+FEWEST_HEIGHTS = 20  # contacts that tell; theory: their scatter is then known to a sixth
+CLIP_SIGMA = 2.5  # robust standard deviations; false-alarm rate 1e-2 (theory: normal deviates)
+ROUNDS = 4  # of clipping; accuracy
+DECISION_SIGMA = 3.0
+"""Standard uncertainties by which the exponent must differ from 1/2. False-alarm rate 1e-3."""
+WINDOW_FRACTION = 1.0 / 6.0  # of the longer side of the image: the envelope goes below narrower contacts
 
 
 def estimate_background(
@@ -156,7 +167,7 @@ def _light_between(
     finite = np.isfinite(squares)
     expected = max(neighbour_scatter(squares), _least_scatter(squares, squares[finite]))
     # the lowest square of a block lies between contacts; that it is low by its noise, the rest corrects
-    lower = fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
+    lower = _fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
     level, scatter = find_background_level(flat, background_is="lowest", scatter=expected)
     rest = fit_illumination(flat, shape, level=level, scatter=min(scatter, 2.0 * expected))
@@ -166,6 +177,19 @@ def _light_between(
     scatter = one_sided_scatter(flat[rest.background])
     background = np.abs(flat) < BACKGROUND_CLIP_SIGMA * max(scatter, expected)
     return Illumination(lower.coefficients + rest.coefficients, background, scatter), uneven
+
+
+def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
+    """Polynomial through the lower envelope (an opening by a disk) of blocks; NaN = no data."""
+    finite = np.isfinite(blocks)
+    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
+    side = max(int(max(shape) * WINDOW_FRACTION / BLOCK) | 1, 3)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    smooth = cv2.medianBlur(filled, 3)
+    lower = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
+    middle = float(np.median(lower))
+    scatter = 2.0 * robust_std(lower, centre=middle)
+    return fit_illumination(np.where(finite, lower, np.nan), shape, level=middle, scatter=scatter)
 
 
 def _tile_means(
@@ -232,3 +256,55 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     regions = label_regions(image, 0.5 * contrast.plateau)
     total = float(regions.area.sum())
     return float(np.minimum(np.pi * regions.half_width**2, regions.area).sum()) / total if total else 0.0
+
+
+def stands_out_by_itself(
+    image: NDArray[np.float32], brightness: NDArray[np.float64], *, noise: float
+) -> bool:
+    """Whether the heights of the contacts do not go with the light.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Frame minus background, contacts positive.
+    brightness : ndarray, shape (block rows, block columns)
+        Background of each block relative to its level.
+    noise : float
+        Of a background pixel, grey levels.
+
+    Returns
+    -------
+    bool
+        True if the height goes as a power of the background that is clearly less than 1/2.
+    """
+    logs = np.log(np.maximum(brightness, 1e-3))
+    if float(np.std(logs)) < LEAST_LIGHT_SPREAD:
+        return False
+    binned = BinnedImage.of(image)
+    plateau = measure_contrast(image, noise, None).plateau
+    if not plateau > 0.0:
+        return False
+    regions = label_regions(binned.image, HEIGHT_FRACTION * plateau)
+    used = ~regions.long & (regions.area >= WIDE_AREA)
+    row, column = (
+        np.minimum(place[used] * binned.step / BLOCK, size - 1).astype(int)
+        for place, size in zip((regions.y, regions.x), logs.shape, strict=True)
+    )
+    slope, std = _robust_slope(logs[row, column], np.log(regions.peak[used]))
+    return bool(slope + DECISION_SIGMA * std < 0.5)
+
+
+def _robust_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+    """Slope of a line without outliers, and its standard uncertainty; infinite if too little tells it."""
+    kept, slope, std = np.ones(len(x), np.bool_), 0.0, np.inf
+    for _ in range(ROUNDS):
+        if np.count_nonzero(kept) < FEWEST_HEIGHTS or not np.ptp(x[kept]) > 0.0:
+            return 0.0, np.inf
+        dx = x - x[kept].mean()
+        slope = float(dx[kept] @ y[kept] / (dx[kept] @ dx[kept]))
+        rest = y - slope * dx
+        rest -= median(rest[kept])
+        scatter = robust_std(rest[kept], centre=0.0)
+        std = scatter / float(np.sqrt(dx[kept] @ dx[kept]))
+        kept = np.abs(rest) <= CLIP_SIGMA * scatter
+    return slope, std
