@@ -6,7 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
+from contact_frames import FINITE
 from hostile_frames import checkerboard, clouds, ramp, rings, stripes
 
 from contactimg.imaging.measure import ImageMeasurement, measure_image
@@ -239,10 +239,10 @@ def look_at(image, reference, *, method, polarity, least_rise=0.0, known_scale=T
     if beyond and (known_scale or not hidden):
         found.append(f"contrast {result.contrast:.4g} beyond the range")
     places = disks[["x_px", "y_px", "radius_px"]].to_numpy()
-    if not np.isfinite(disks[list(CONTACT_COLUMNS)].to_numpy(float)).all():
+    if not np.isfinite(disks[list(FINITE)].to_numpy(float)).all():
         found.append("numbers that are not finite")
     rise = stand_out(result.difference, places, np.sign(result.contrast) or 1)
-    rise[[row for row, lines in result.outlines if len(lines) > 1]] = np.inf  # rings: dark inside
+    rise[[row for row, lines in result.outlines() if len(lines) > 1]] = np.inf  # rings: dark inside
     invisible = int(np.count_nonzero(rise <= least_rise))
     if invisible:
         found.append(f"{invisible} of {len(rise)} contacts do not stand out")

@@ -10,6 +10,11 @@ import cv2
 import numpy as np
 import pandas as pd
 
+FINITE = (
+    "x_px", "y_px", "radius_px", "radius_std_px", "contrast_shift_px", "blur_shift_px", "edge_shift_px",
+    "area_px2", "area_std_px2", "visible_area_px2", "semi_major_px", "semi_minor_px",
+)  # fmt: skip
+"""Columns of the contacts of a frame that are numbers whatever the frame shows."""
 CAMERAS = {"low": (3.0, 6.0), "mid": (20.0, 10.0), "high": (150.0, 16.0)}
 
 

@@ -3,11 +3,9 @@
 import numpy as np
 import pandas as pd
 import pytest
-from contact_frames import Optics, match, render, scatter
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
+from contact_frames import FINITE, Optics, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.fit import residual_light
 from contactimg.imaging.measure import measure_image
 from contactimg.pose.pairs import pair_points
 from contactimg.render import render_contacts, render_reference
@@ -115,17 +113,6 @@ def test_light_scattered_far_makes_no_contacts(rng):
     assert found.rejected["reason"].str.contains("not needed to explain").any()
 
 
-def test_disks_that_all_look_unneeded_beside_a_halo_are_kept(rng, monkeypatch):
-    optics = Optics(shape=(300, 400), halo=0.2)
-    frame, reference = render(scatter(20, optics, rng), optics, rng)
-    monkeypatch.setattr(
-        residual_light, "find_insignificant", lambda fit, *_, **__: np.ones(len(fit.disks), np.bool_)
-    )
-    found = measure_image(frame, reference, polarity="bright", full_scale=255.0)
-    assert len(found.disks) >= 20
-    assert np.isfinite(found.disks["radius_px"]).all()
-
-
 @pytest.mark.slow
 def test_five_thousand_contacts(rng):
     truth = scatter(5000, Optics(), rng, radii=(1.5, 5.0))
@@ -134,7 +121,7 @@ def test_five_thousand_contacts(rng):
     found = measure_image(frame, reference, polarity="bright", full_scale=255.0).disks
     pairs = match(truth, found)
     assert len(pairs) >= 0.999 * max(len(found), len(truth))
-    assert np.isfinite(found[list(CONTACT_COLUMNS)].to_numpy(float)).all()
+    assert np.isfinite(found[list(FINITE)].to_numpy(float)).all()
     error = found["radius_px"].to_numpy()[pairs[:, 1]] - truth["radius_px"].to_numpy()[pairs[:, 0]]
     assert abs(error.mean()) < 0.005
     assert np.sqrt(np.mean(error**2)) < 0.03
@@ -241,7 +228,7 @@ def test_a_small_part_of_a_crowd_stays_finite(size, rng):
     _, frame, reference = crowd(rng)
     part = (slice(200, 200 + size), slice(400, 400 + size))
     found = measure_image(frame[part], reference[part], polarity="bright", full_scale=255.0)
-    assert np.isfinite(found.disks[list(CONTACT_COLUMNS)].to_numpy(float)).all()
+    assert np.isfinite(found.disks[list(FINITE)].to_numpy(float)).all()
 
 
 @pytest.mark.parametrize(("polarity", "options"), [("auto", {"contrast": -0.5}), ("bright", {"halo": 0.2})])
@@ -333,7 +320,7 @@ HARD = {
 def test_hard_frames_give_finite_rows_and_a_status(name, method):
     make, count = HARD[name]
     measurement = measure_image(*make(), method=method)
-    numbers = measurement.disks[list(CONTACT_COLUMNS)].to_numpy(float)
+    numbers = measurement.disks[list(FINITE)].to_numpy(float)
     assert np.isfinite(numbers).all()
     assert measurement.status
     if count is not None:

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from contact_frames import Optics, coverage, expose, match, scatter, sub_pixel_shift, surface_texture
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
+from contact_frames import FINITE, Optics, coverage, expose, match, scatter, sub_pixel_shift, surface_texture
 from hostile_frames import dirty_plate, hostile_frame
 
 from contactimg.imaging.measure import measure_image
@@ -251,7 +250,7 @@ def test_a_grain_on_a_contact_is_flagged_or_does_no_harm():
 def test_nonsense_is_measured_without_harm(seed):
     frame, reference, options = hostile_frame(seed)
     result = measure_image(frame, reference, **options)
-    table = result.disks[list(CONTACT_COLUMNS)].to_numpy(float)
+    table = result.disks[list(FINITE)].to_numpy(float)
     assert np.isfinite(table).all()
     assert (result.disks[["radius_px", "radius_std_px"]] > 0).all(axis=None)
     assert (result.disks.radius_px <= np.hypot(*frame.shape)).all()

@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from contact_frames import Optics, expose, match, render, scatter
-from contactimg.imaging.reject.detections import CONTACT_COLUMNS
+from contact_frames import FINITE, Optics, expose, match, render, scatter
 
 from contactimg.errors import FrameError, InputError
 from contactimg.imaging.measure import ImageMeasurement, measure_image
@@ -38,7 +37,7 @@ def usual():
 def assert_sound(result):
     """Every row finite, flags known, labels 1, 2, ..., types as promised."""
     assert isinstance(result, ImageMeasurement)
-    assert np.isfinite(result.disks[[*CONTACT_COLUMNS, "area_px2", "semi_major_px"]].to_numpy(float)).all()
+    assert np.isfinite(result.disks[list(FINITE)].to_numpy(float)).all()
     assert (result.disks.radius_std_px > 0).all()
     assert (result.disks.radius_px > 0).all()
     assert list(result.disks.label) == list(range(1, len(result.disks) + 1))

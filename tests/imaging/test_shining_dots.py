@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from contactimg.imaging.background.height_with_light import stands_out_by_itself
+from contactimg.imaging.background.no_reference import stands_out_by_itself
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.tables import Status

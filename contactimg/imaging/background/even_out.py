@@ -32,6 +32,11 @@ FLAT_SPAN = (
     4.0  # range over 3 x 3 blocks after a median, in scatters of a block; by hand: steps of 8 scatters
 )
 PIERCED = 2.0  # area over that of the inscribed disk: a disk has 1, an ellipse its ratio of axes; by hand
+NO_DISK, LARGE_SHARE = (
+    1.3,
+    0.05,
+)  # the same of a region as large as this share of the blocks: a square has 1.3
+WIDE_SHARE = 0.1  # of the blocks: no contact at the border of a frame without reference is so large; by hand
 FEWEST_BLOCKS = 60  # of a region: a contact that fills so many has a radius of 35 px; by hand
 MOST_REGIONS = 8  # that are followed, the largest; a bound of the work
 # Their levels
@@ -50,11 +55,14 @@ UNEXPLAINED_SHARE = (
 LEAST_SHARE = 0.05  # of the blocks that are flat background; by hand: fewer do not tell
 
 
-def even_out(difference: DifferenceImage) -> DifferenceImage:
-    """The difference image without flicker of its rows and columns and with all of its background at zero."""
-    flickering = difference
+def even_out(difference: DifferenceImage, *, relative: bool = True) -> DifferenceImage:
+    """The difference image without flicker of its rows and columns and with all of its background at zero.
+
+    ``relative``: contacts transmit a fraction of the light, so that they are corrected with it.
+    """
+    flickering, light_level = difference, difference.level if relative else 0.0
     for axis in (1, 0):
-        difference = _without_flicker(difference, axis)
+        difference = _without_flicker(difference, axis, light_level)
     blocks = block_means(difference.image, difference.valid)
     background = difference.illumination.background
     if background.shape != blocks.shape:  # small contacts leave no block free
@@ -68,7 +76,7 @@ def even_out(difference: DifferenceImage) -> DifferenceImage:
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
     if not _is_uneven(blocks, background, scatter):
         return difference
-    regions = find_background_regions(blocks, scatter, background)
+    regions = find_background_regions(blocks, scatter, background, with_reference=difference.ratio)
     left = [follow_region(blocks, regions == k, difference.image.shape, scatter)
             for k in range(1, int(regions.max()) + 1)]  # fmt: skip
     members = regions > 0
@@ -80,10 +88,10 @@ def even_out(difference: DifferenceImage) -> DifferenceImage:
     places = _nearest(regions)
     levels = np.select([places == k + 1 for k in range(len(left))], left).astype(np.float32)
     background = np.abs(blocks - levels) < BACKGROUND_CLIP_SIGMA * scatter
-    light = 1.0 + levels / difference.level if difference.level > 0 else np.float32(1.0)
+    light = 1.0 + levels / light_level if light_level > 0 else np.float32(1.0)
     return replace(
         difference,
-        image=_subtract_left(difference.image, _at_pixels(difference.image, left, regions), difference.level),
+        image=_subtract_left(difference.image, _at_pixels(difference.image, left, regions), light_level),
         brightness=np.asarray(difference.brightness * np.maximum(light, 0.1), np.float32),
         illumination=replace(difference.illumination, background=background),
     )
@@ -111,12 +119,17 @@ def _flat_blocks(blocks: NDArray[np.float32], scatter: float) -> NDArray[np.bool
 
 
 def find_background_regions(
-    blocks: NDArray[np.float32], scatter: float, known: NDArray[np.bool_]
+    blocks: NDArray[np.float32],
+    scatter: float,
+    known: NDArray[np.bool_] | None = None,
+    *,
+    with_reference: bool = False,
 ) -> NDArray[np.int32]:
     """Number of the flat background region that each block is in, the largest region first; 0 for none.
 
-    A region is background where most of its blocks are ``known`` to be, or where it is larger than the
-    largest disk in it.
+    A region is background where most of its blocks are ``known`` to be (without such knowledge the largest
+    one), or where it is larger than the largest disk in it; without a reference also where it lies at the
+    border and is larger than contacts are.
     """
     flat = _flat_blocks(blocks, scatter)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(flat.astype(np.uint8), connectivity=4)
@@ -126,8 +139,11 @@ def find_background_regions(
     chosen = []
     for k in largest:
         inside = labels == k
-        pierced = area[k] >= PIERCED * np.pi * float(half_width[inside].max()) ** 2
-        if pierced or np.mean(known[inside]) > 0.5:
+        disk = np.pi * (float(half_width[inside].max()) - 0.5) ** 2
+        pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
+        at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
+        wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
+        if pierced or wide or (k == largest[0] if known is None else np.mean(known[inside]) > 0.5):
             chosen.append(k)
     number = np.zeros(count, np.int32)
     number[chosen] = np.arange(1, len(chosen) + 1)
@@ -202,7 +218,7 @@ def _subtract_left(
     return np.asarray((image - left) / np.maximum(1.0 + left / np.float32(level), np.float32(0.1)))
 
 
-def _without_flicker(difference: DifferenceImage, axis: int) -> DifferenceImage:
+def _without_flicker(difference: DifferenceImage, axis: int, level: float) -> DifferenceImage:
     """The difference image without what the background of a row (axis 1) or column (axis 0) has in common."""
     image, background = difference.image, difference.illumination.background
     noise = one_sided_scatter(sample_background(image, background, NOISE_SAMPLE))
@@ -221,9 +237,7 @@ def _without_flicker(difference: DifferenceImage, axis: int) -> DifferenceImage:
     means, count = _line_means(image, background, 1, halves=1)
     offset = means * shared.mean() / (shared.mean() + noise**2 / np.maximum(count, 1e-3))
     left = offset.astype(np.float32)
-    return replace(
-        difference, image=_subtract_left(difference.image, left if axis else left.T, difference.level)
-    )
+    return replace(difference, image=_subtract_left(difference.image, left if axis else left.T, level))
 
 
 def _line_means(

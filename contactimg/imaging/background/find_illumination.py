@@ -5,13 +5,11 @@ is too bright and scatters more than the blocks of the reference. Squares of 2 p
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.envelope import fit_envelope
 from contactimg.imaging.background.illumination import (
     FIT_BLOCKS,
     SMALLEST_SCATTER_FRACTION,
@@ -35,21 +33,6 @@ CROWD_SCATTER = 1.1  # of what noise and texture explain: blocks that scatter mo
 RIM_SCATTER, RIM_FRACTION = 3.0, 0.1
 """A frame is crowded if in more than this fraction of the blocks the squares scatter by so many times what
 noise and texture explain: those blocks contain rims of contacts."""
-
-TILE_BLOCKS, EMPTY_SHARE, LARGEST_LOST_SHARE = 8, 0.1, 0.005
-"""Side of a tile in blocks; share of its blocks below which it has no background; share of such tiles above
-which the envelope of the blocks is followed as well. Chosen: contacts up to 30 px that cover a fifth of a
-frame make 0.002, light that was not followed in one corner 0.013."""
-LARGEST_SHARE_LEFT = 0.02
-"""Share of such tiles with which the other illumination is taken. Chosen: light that is no cubic leaves
-0.04."""
-SAME_BACKGROUND_SIGMA = 10.0
-"""Distance of the plain background from the other illumination, in scatters of the blocks, where it lies
-on it at most. Chosen: contacts of 14 levels of 80 are at 35."""
-
-MOST_SCATTER_RATIO = 3.0
-"""Scatter of the blocks about the other illumination over that about the plain one. Chosen: changed light
-gives 0.9, a contact wider than the window of the envelope 17."""
 
 CHANGE_SCATTER = 0.25  # of the scatter of the blocks: squares must change the illumination by more
 DARKEST_FRACTION = 0.05  # of the squares: those least covered by contacts
@@ -80,8 +63,6 @@ def find_illumination(
     blocks, expected = means(BLOCK)
     level, scatter = find_background_level(blocks, background_is=background_is)
     coarse = fit_illumination(blocks, shape, level=level, scatter=scatter)
-    if _lost_share(coarse.background) > LARGEST_LOST_SHARE:
-        coarse = _follow_envelope(blocks, shape, coarse, background_is=background_is)
     if coarse.scatter <= CROWD_SCATTER * expected:
         return coarse
     squares, expected = means(SQUARE_PX)
@@ -95,46 +76,6 @@ def find_illumination(
     fine = fit_illumination(squares, shape, level=level, scatter=min(scatter, 2.0 * expected))
     change = np.abs(fine.at_blocks(blocks.shape, shape) - coarse.at_blocks(blocks.shape, shape))
     return fine if np.median(change) > CHANGE_SCATTER * coarse.scatter else coarse
-
-
-def _lost_share(background: NDArray[np.bool_]) -> float:
-    """Share of the tiles of an image with next to no background block."""
-    rows, columns = (size // TILE_BLOCKS * TILE_BLOCKS for size in background.shape)
-    if not rows * columns:
-        return 0.0
-    tiles = background[:rows, :columns].reshape(rows // TILE_BLOCKS, TILE_BLOCKS, -1, TILE_BLOCKS)
-    return float(np.mean(tiles.mean(axis=(1, 3)) < EMPTY_SHARE))
-
-
-def _follow_envelope(
-    blocks: NDArray, shape: tuple[int, int], plain: Illumination, *, background_is: BackgroundLevel
-) -> Illumination:
-    """The illumination from the envelope of the blocks, if it is followed where the plain one is not.
-
-    A single level to start from is that of one side of the frame where the light changed by a multiple of the
-    scatter; the envelope follows the background across the frame.
-    """
-    signs = {"lowest": (1.0,), "highest": (-1.0,)}.get(background_is, (1.0, -1.0))
-    for sign in signs:
-        envelope = fit_envelope(np.asarray(sign * blocks, np.float32), shape)
-        flat = blocks - sign * envelope.at_blocks(blocks.shape, shape)
-        side: BackgroundLevel = "lowest" if sign > 0 else "highest"
-        level, scatter = find_background_level(flat, background_is=side)
-        rest = fit_illumination(flat, shape, level=level, scatter=scatter)
-        other = replace(rest, coefficients=rest.coefficients + sign * envelope.coefficients)
-        everywhere = _lost_share(other.background) < LARGEST_SHARE_LEFT
-        tight = other.scatter <= MOST_SCATTER_RATIO * plain.scatter
-        if everywhere and tight and _goes_through(other, plain, blocks, shape):
-            return other
-    return plain
-
-
-def _goes_through(light: Illumination, plain: Illumination, blocks: NDArray, shape: tuple[int, int]) -> bool:
-    """Whether the background of the plain illumination lies on the other as well: contacts do not."""
-    if not plain.background.any():
-        return True
-    offset = (blocks - light.at_blocks(blocks.shape, shape))[plain.background]
-    return abs(float(np.median(offset))) < SAME_BACKGROUND_SIGMA * max(light.scatter, plain.scatter)
 
 
 def _scatter_of_darkest(squares: NDArray, background_is: BackgroundLevel) -> float:

@@ -1,13 +1,9 @@
 """Estimate the background of a frame from the frame itself, and the polarity of its contacts.
 
-The lower envelope of the block means (a morphological opening by a window wider than the contacts) follows
-uneven illumination from gap to gap. A polynomial through it flattens the frame, and the lowest well-populated
-level of what is left is the background. Where small contacts leave hardly a block free, squares of 2 px in
-the gaps between them take the place of the blocks. Where contacts cover most of a frame, a single polynomial
-cannot follow the little background there is: then the envelope itself is subtracted, and the upper envelope
-(a closing) gives the height of the contacts.
-
-With the wrong polarity the frame shows a net between disks, not disks: that determines the polarity.
+Where contacts leave a flat background between them, a polynomial follows that, and which side the rest of the
+frame is on tells the polarity. In a crowd, squares of 2 px between the contacts take the place of the blocks:
+their lower envelope is followed by a polynomial, and the lowest well-populated level of what is left is the
+background. With the wrong polarity a crowd shows a net between disks, not disks.
 """
 
 from dataclasses import replace
@@ -17,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.difference_image import DifferenceImage
-from contactimg.imaging.background.envelope import envelope, fit_envelope, window_side
+from contactimg.imaging.background.even_out import even_out, find_background_regions
 from contactimg.imaging.background.find_illumination import (
     RIM_SCATTER,
     SQUARE_PX,
@@ -25,7 +21,6 @@ from contactimg.imaging.background.find_illumination import (
     neighbour_scatter,
     scatter_inside,
 )
-from contactimg.imaging.background.height_with_light import stands_out_by_itself
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     SMALLEST_SCATTER_FRACTION,
@@ -34,27 +29,37 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
+from contactimg.imaging.contrast.plateau import WIDE_AREA
+from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
+from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.pixels.robust import median, robust_std
 from contactimg.imaging.shapes.labelled_regions import label_regions
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
-CROWDED_FRACTION = 0.5  # of the blocks: if fewer are background, contacts hide what a polynomial would follow
+FLAT_SHARE = 0.2  # of the blocks: so large a flat region is the background; by hand
 FAINTEST_FRACTION = 0.2  # of the median level: a background that is darker anywhere is not divided by
 LEAST_QUIET_SHARE = 0.35
 """Share of the blocks without a rim in them, below which squares take their place. Chosen: dots of 4 px every
 18 px leave 0.29 of the blocks alone, 500 contacts of 1.5-30 px on 1600 x 1200 pixels leave 0.7."""
 SAMPLE_PIXELS = 250_000  # of a frame that are looked at for that; accuracy: 4,000 blocks
-LEAST_SQUARES_SHARE = 0.1  # of the squares: background that there must be between the contacts
 TILE_SQUARES = 32
 """Squares in one side of the tiles over which the light between small contacts is followed beyond the
 polynomial: 64 px, many contacts wide where blocks of 8 px are not free of them."""
 LEAST_TILE_SHARE = 0.05  # of the squares of a tile: background that shows its light
-GAP_FRACTION = 0.15  # of the height of the contacts: darker blocks lie between them
-LOWEST_HEIGHT_FRACTION = 0.3  # of the median height of the contacts: where it is less, the field of view ends
 ROUGHEST_STEP_FRACTION = 5e-3  # of the level, between blocks of a compressed image: one grey level of 200
-ENVELOPE_SMOOTHING = 0.15  # standard deviation of the Gaussian that smooths the envelopes, of the window
+LEAST_LIGHT_SPREAD = 0.1
+"""Scatter of the logarithm of the background below which it hardly matters. Chosen: matched frames have 0.05,
+and a wrong decision changes a small contact by a twentieth of its radius there."""
+HEIGHT_FRACTION = 0.3  # of the plateau: regions above it are contacts; as for foreign objects
+FEWEST_HEIGHTS = 20  # contacts that tell; theory: their scatter is then known to a sixth
+CLIP_SIGMA = 2.5  # robust standard deviations; false-alarm rate 1e-2 (theory: normal deviates)
+ROUNDS = 4  # of clipping; accuracy
+DECISION_SIGMA = 3.0
+"""Standard uncertainties by which the exponent must differ from 1/2. False-alarm rate 1e-3."""
+WINDOW_FRACTION = 1.0 / 6.0  # of the longer side of the image: the envelope goes below narrower contacts
 
 
 def estimate_background(
@@ -84,33 +89,57 @@ def estimate_background(
     >>> [bool(abs(image[row, column]) < 1) for row, column in ((20, 200), (150, 10), (70, 80))]
     [True, True, False]
     """
-    sign = np.float32(-1.0 if dark else 1.0)
-    blocks = sign * block_means(frame, valid)
-    finite = np.isfinite(blocks)
-    between = None
+    image = np.asarray(frame, np.float32)
+    return _flat_background(image, valid) or _background_of_crowd(image, valid, -1 if dark else 1)
+
+
+def estimate_either_background(
+    frame: NDArray[np.float32], *, valid: Mask = None
+) -> tuple[DifferenceImage, int]:
+    """The background for contacts of unknown polarity, and the sign that makes them positive.
+
+    A background that is flat between contacts shows the sign. In a crowd both are tried, and the one whose
+    foreground is more like disks is taken.
+    """
+    flat = _flat_background(frame, valid)
+    if flat is not None:
+        polarity = find_polarity(block_means(flat.image, flat.valid), flat.illumination.background)
+        return flat, -1 if polarity == "dark" else 1
+    both = [(_background_of_crowd(frame, valid, sign), sign) for sign in (1, -1)]
+    return max(both, key=lambda one: _roundness(one[0], one[1], valid))
+
+
+def _flat_background(frame: NDArray[np.float32], valid: Mask) -> DifferenceImage | None:
+    """Frame minus the light that flat blocks show, whatever the sign of the contacts; None in a crowd."""
     if _hides_blocks(frame, valid):
-        between = _light_between(sign * block_means(frame, valid, side=SQUARE_PX), frame.shape)
-    if between is not None:
-        polynomial, uneven = between
-        illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
-        middle = abs(float(np.median(polynomial.at_blocks(blocks.shape, frame.shape))))
-        return _divide_by_illumination(frame - sign * uneven, illumination, middle, blocks.shape, sign)
-    lower = fit_envelope(blocks, frame.shape)
-    flat = blocks - lower.at_blocks(blocks.shape, frame.shape)
-    least = _least_scatter(flat, blocks[finite])
-    start, scatter = find_background_level(flat, background_is="lowest", least=least)
-    rest = fit_illumination(
-        flat, frame.shape, level=start, scatter=max(scatter, least), least_scatter=max(least, 1e-9)
+        return None
+    blocks = block_means(frame, valid)
+    finite = np.isfinite(blocks)
+    scatter = max(neighbour_scatter(blocks), _least_scatter(blocks, blocks[finite]), 1e-9)
+    largest = find_background_regions(blocks, scatter) == 1
+    if np.mean(largest) < FLAT_SHARE * np.mean(finite):
+        return None
+    members = np.where(largest, blocks, np.float32(np.nan))
+    light = fit_illumination(
+        members,
+        frame.shape,
+        level=float(np.median(blocks[largest])),
+        scatter=2.0 * scatter,
+        least_scatter=scatter,
     )
-    total = sign * (lower.coefficients + rest.coefficients)
-    illumination = Illumination(total, rest.background, rest.scatter)
-    level = float(np.median(np.abs(blocks[rest.background]))) if rest.background.any() else abs(start)
-    if np.mean(rest.background) > CROWDED_FRACTION or not finite.all():
-        return _divide_by_illumination(frame, illumination, level, blocks.shape, sign)
-    image = sign * _flatten_crowd(sign * frame, blocks)
-    gaps = np.abs(block_means(image)) < GAP_FRACTION * np.percentile(np.abs(image[::8, ::8]), 90)
-    illumination = Illumination(total, gaps, rest.scatter)
-    return DifferenceImage(image, level, np.ones_like(blocks), illumination, None)
+    near = np.abs(blocks - light.at_blocks(blocks.shape, frame.shape)) < BACKGROUND_CLIP_SIGMA * light.scatter
+    level = float(np.median(np.abs(blocks[largest])))
+    return _divide_by_illumination(frame, replace(light, background=near), level, blocks.shape, valid)
+
+
+def _background_of_crowd(frame: NDArray[np.float32], valid: Mask, sign: int) -> DifferenceImage:
+    """Frame minus the light in the gaps of a crowd, where contacts times ``sign`` are bright."""
+    squares = np.float32(sign) * block_means(frame, valid, side=SQUARE_PX)
+    polynomial, uneven = _light_between(squares, frame.shape)
+    illumination = replace(polynomial, coefficients=sign * polynomial.coefficients)
+    blocks = (-(-frame.shape[0] // BLOCK), -(-frame.shape[1] // BLOCK))
+    level = abs(float(np.median(polynomial.at_blocks(blocks, frame.shape))))
+    return _divide_by_illumination(frame - np.float32(sign) * uneven, illumination, level, blocks, valid)
 
 
 def _hides_blocks(frame: NDArray[np.float32], valid: Mask) -> bool:
@@ -129,8 +158,8 @@ def _hides_blocks(frame: NDArray[np.float32], valid: Mask) -> bool:
 
 def _light_between(
     squares: NDArray[np.float32], shape: tuple[int, int]
-) -> tuple[Illumination, NDArray[np.float32]] | None:
-    """The light between small contacts that leave hardly a block free; None where nothing shows it.
+) -> tuple[Illumination, NDArray[np.float32]]:
+    """The light between contacts that leave hardly a block free.
 
     ``squares`` are means over squares of 2 px, contacts positive. The light is a polynomial and, at each
     pixel, what tiles of the image show beyond it.
@@ -138,18 +167,29 @@ def _light_between(
     finite = np.isfinite(squares)
     expected = max(neighbour_scatter(squares), _least_scatter(squares, squares[finite]))
     # the lowest square of a block lies between contacts; that it is low by its noise, the rest corrects
-    lower = fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
+    lower = _fit_envelope(_lowest(np.where(finite, squares, np.inf)), shape)
     flat = (squares - lower.at_blocks(squares.shape, shape)).astype(np.float32)
     level, scatter = find_background_level(flat, background_is="lowest", scatter=expected)
     rest = fit_illumination(flat, shape, level=level, scatter=min(scatter, 2.0 * expected))
-    if np.mean(rest.background) < LEAST_SQUARES_SHARE:
-        return None
     flat -= rest.at_blocks(squares.shape, shape).astype(np.float32)
     uneven = _tile_means(flat, rest.background, shape)
     flat -= uneven[::SQUARE_PX, ::SQUARE_PX]
     scatter = one_sided_scatter(flat[rest.background])
     background = np.abs(flat) < BACKGROUND_CLIP_SIGMA * max(scatter, expected)
     return Illumination(lower.coefficients + rest.coefficients, background, scatter), uneven
+
+
+def _fit_envelope(blocks: NDArray[np.float32], shape: tuple[int, int]) -> Illumination:
+    """Polynomial through the lower envelope (an opening by a disk) of blocks; NaN = no data."""
+    finite = np.isfinite(blocks)
+    filled = np.where(finite, blocks, np.median(blocks[finite]) if finite.any() else 0.0).astype(np.float32)
+    side = max(int(max(shape) * WINDOW_FRACTION / BLOCK) | 1, 3)
+    window = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    smooth = cv2.medianBlur(filled, 3)
+    lower = cv2.morphologyEx(smooth, cv2.MORPH_OPEN, window, borderType=cv2.BORDER_REPLICATE)
+    middle = float(np.median(lower))
+    scatter = 2.0 * robust_std(lower, centre=middle)
+    return fit_illumination(np.where(finite, lower, np.nan), shape, level=middle, scatter=scatter)
 
 
 def _tile_means(
@@ -183,19 +223,8 @@ def _least_scatter(flat: NDArray, blocks: NDArray) -> float:
     return (ROUGHEST_STEP_FRACTION if equal else SMALLEST_SCATTER_FRACTION) * level
 
 
-def estimate_either_background(
-    frame: NDArray[np.float32], *, valid: Mask = None
-) -> tuple[DifferenceImage, int]:
-    """The background for contacts of unknown polarity, and the sign that makes them positive.
-
-    Both are tried; the one whose foreground is more like disks is taken.
-    """
-    both = [(estimate_background(frame, valid=valid, dark=dark), -1 if dark else 1) for dark in (False, True)]
-    return max(both, key=lambda one: _roundness(one[0], one[1], valid))
-
-
 def _divide_by_illumination(
-    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], sign: np.float32
+    frame: NDArray, illumination: Illumination, level: float, blocks: tuple[int, int], valid: Mask
 ) -> DifferenceImage:
     """Frame minus background, relative to it: contacts transmit a fraction of the light.
 
@@ -204,35 +233,15 @@ def _divide_by_illumination(
     at_blocks = illumination.at_blocks(blocks, frame.shape)
     background = illumination.at_rows(np.arange(frame.shape[0]), frame.shape)
     image = frame - background
-    subtracted = DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None)
-    if not at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # subtracted before, or hardly any light
-        return subtracted
-    noise = estimate_noise(image, illumination.background)
-    if stands_out_by_itself(sign * image, at_blocks / level, noise=noise):
-        return subtracted
-    image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
-    return DifferenceImage(image, level, (at_blocks / level).astype(np.float32), illumination, None)
-
-
-def _flatten_crowd(image: NDArray[np.float32], blocks: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Image of bright contacts minus its lower envelope, contacts scaled to their median contrast."""
-    width = ENVELOPE_SMOOTHING * window_side(image.shape)
-    low, high = (
-        cv2.GaussianBlur(
-            envelope(blocks, image.shape, operation), (0, 0), width, borderType=cv2.BORDER_REPLICATE
-        )
-        for operation in (cv2.MORPH_OPEN, cv2.MORPH_CLOSE)
-    )
-    height = high - low
-    median_height = max(float(np.median(height[height >= 0.5 * height.max()])), 1e-6)
-    gain = median_height / np.maximum(height, LOWEST_HEIGHT_FRACTION * median_height)
-    size = (blocks.shape[1] * BLOCK, blocks.shape[0] * BLOCK)
-    rows, columns = image.shape
-    low, gain = (
-        cv2.resize(part.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)[:rows, :columns]
-        for part in (low, gain)
-    )
-    return np.asarray((image - low) * gain)
+    if at_blocks.min() >= FAINTEST_FRACTION * level > 0:  # else subtracted before, or hardly any light
+        noise = estimate_noise(image, illumination.background)
+        sign = -1.0 if find_polarity(block_means(image, valid), illumination.background) == "dark" else 1.0
+        if not stands_out_by_itself(np.float32(sign) * image, at_blocks / level, noise=noise):
+            image *= np.float32(level) / np.maximum(background, np.float32(0.5 * FAINTEST_FRACTION * level))
+            brightness = (at_blocks / level).astype(np.float32)
+            return even_out(DifferenceImage(image, level, brightness, illumination, None, valid=valid))
+    subtracted = DifferenceImage(image, level, np.ones(blocks, np.float32), illumination, None, valid=valid)
+    return even_out(subtracted, relative=False)
 
 
 def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
@@ -247,3 +256,55 @@ def _roundness(difference: DifferenceImage, sign: int, valid: Mask) -> float:
     regions = label_regions(image, 0.5 * contrast.plateau)
     total = float(regions.area.sum())
     return float(np.minimum(np.pi * regions.half_width**2, regions.area).sum()) / total if total else 0.0
+
+
+def stands_out_by_itself(
+    image: NDArray[np.float32], brightness: NDArray[np.float64], *, noise: float
+) -> bool:
+    """Whether the heights of the contacts do not go with the light.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Frame minus background, contacts positive.
+    brightness : ndarray, shape (block rows, block columns)
+        Background of each block relative to its level.
+    noise : float
+        Of a background pixel, grey levels.
+
+    Returns
+    -------
+    bool
+        True if the height goes as a power of the background that is clearly less than 1/2.
+    """
+    logs = np.log(np.maximum(brightness, 1e-3))
+    if float(np.std(logs)) < LEAST_LIGHT_SPREAD:
+        return False
+    binned = BinnedImage.of(image)
+    plateau = measure_contrast(image, noise, None).plateau
+    if not plateau > 0.0:
+        return False
+    regions = label_regions(binned.image, HEIGHT_FRACTION * plateau)
+    used = ~regions.long & (regions.area >= WIDE_AREA)
+    row, column = (
+        np.minimum(place[used] * binned.step / BLOCK, size - 1).astype(int)
+        for place, size in zip((regions.y, regions.x), logs.shape, strict=True)
+    )
+    slope, std = _robust_slope(logs[row, column], np.log(regions.peak[used]))
+    return bool(slope + DECISION_SIGMA * std < 0.5)
+
+
+def _robust_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+    """Slope of a line without outliers, and its standard uncertainty; infinite if too little tells it."""
+    kept, slope, std = np.ones(len(x), np.bool_), 0.0, np.inf
+    for _ in range(ROUNDS):
+        if np.count_nonzero(kept) < FEWEST_HEIGHTS or not np.ptp(x[kept]) > 0.0:
+            return 0.0, np.inf
+        dx = x - x[kept].mean()
+        slope = float(dx[kept] @ y[kept] / (dx[kept] @ dx[kept]))
+        rest = y - slope * dx
+        rest -= median(rest[kept])
+        scatter = robust_std(rest[kept], centre=0.0)
+        std = scatter / float(np.sqrt(dx[kept] @ dx[kept]))
+        kept = np.abs(rest) <= CLIP_SIGMA * scatter
+    return slope, std

@@ -12,9 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.align import GOOD_STD_PX, align_all_rows, align_strips
-from contactimg.imaging.background.align_far import search_alignment
-from contactimg.imaging.background.alignment import UNKNOWN, Alignment
+from contactimg.imaging.background.alignment import UNKNOWN, Alignment, move_reference
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.divide import DARKEST_FRACTION, divide_by_reference
 from contactimg.imaging.background.even_out import even_out
@@ -24,7 +22,7 @@ from contactimg.imaging.background.find_illumination import (
     neighbour_scatter,
 )
 from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.resample import move_reference
+from contactimg.imaging.background.register import GOOD_STD_PX, align_all_rows, align_strips, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.timings import stage

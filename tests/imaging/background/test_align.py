@@ -15,18 +15,17 @@ from contact_frames import (
 )
 from scipy import ndimage
 
-from contactimg.imaging.background.alignment import Alignment
-from contactimg.imaging.background.divide import _fit_taps
-from contactimg.imaging.background.divide_rows import _double_row
-from contactimg.imaging.background.find_illumination import find_background_level
-from contactimg.imaging.background.illumination import fit_illumination
-from contactimg.imaging.background.no_reference import estimate_background
-from contactimg.imaging.background.resample import (
+from contactimg.imaging.background.alignment import (
+    Alignment,
     filter_rows_and_columns,
     move_rows,
     shift_kernel,
     shift_whole_pixels,
 )
+from contactimg.imaging.background.divide import _double_row, _fit_taps
+from contactimg.imaging.background.find_illumination import find_background_level
+from contactimg.imaging.background.illumination import fit_illumination
+from contactimg.imaging.background.no_reference import estimate_background
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.measure import measure_image

@@ -8,9 +8,10 @@ from contact_frames import Optics, match, render
 
 from contactimg.imaging.contrast.noise import Noise, NoiseCorrelation, measure_correlation
 from contactimg.imaging.detect.overlap import overlapping
-from contactimg.imaging.fit.disks import FitControl, contrast_prior, fit_disks, render_disks
+from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
 from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import ContrastPrior, FitProblem
+from contactimg.imaging.fit.shared_optics import contrast_prior
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.imaging.kernels.solve import invert_4x4
 from contactimg.imaging.measure import measure_image
@@ -103,8 +104,9 @@ def test_contrast_prior_measures_the_spread_of_contrasts(rng):
     truth = grid(rng, radii=(6, 12))
     truth[:, 3] *= 1 + 0.05 * rng.standard_normal(len(truth))
     image = render_disks(truth, 1.5, (264, 264)) + rng.normal(0, 2.0, (264, 264)).astype(np.float32)
-    found = fit(image, truth.copy(), blur=1.5, noise=2.0, width=30.0)
-    prior = contrast_prior(found, default=100.0, inflation=np.ones(len(truth)))
+    problem = FitProblem(image, Noise(4.0), ContrastPrior(100.0, 30.0))
+    found = fit_disks(problem, truth.copy(), blur=1.5, control=FitControl())
+    prior = contrast_prior(found, problem, inflation=np.ones(len(truth)))
     # 36 contrasts give their spread to 1/sqrt(72) = 12 %, three times that
     assert prior.std == pytest.approx(np.std(truth[:, 3]), rel=0.36)
     assert prior.mean == pytest.approx(truth[:, 3].mean(), abs=3 * prior.std / 6)

@@ -1,4 +1,4 @@
-"""Edges sharper than the pixels, two grey levels, clipped and compressed frames; work that is bounded.
+"""Edges sharper than the pixels, two grey levels, clipped and compressed frames.
 
 `tests/data/sharp_disks` holds parts of the reference images of ISO/TR 19672 (MIT licence beside them): black
 disks of one diameter on white, without blur and noise. Truth is the area of the dark pixels.
@@ -9,11 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from contactimg.imaging.fit.settings import FIRST_STEP_RATIO, WORK_PER_FIT
-from contactimg.imaging.fit.work import Work
 from scipy import ndimage
 
-from contactimg.imaging.fit import coarse_rims, method
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Flag
 
@@ -209,54 +206,6 @@ def test_small_contacts_are_never_brighter_than_the_camera_can_show(rng):
     light = 200 - 190 * cv2.GaussianBlur(coverage, (0, 0), 2.0) + rng.normal(0, 1, coverage.shape)
     for frame, limit in ((levels(light), 201), (levels(255 - light), 201)):
         assert abs(measure_image(frame).contrast) <= limit
-
-
-def test_work_is_bounded_and_said():
-    """Letters are groups that no disks explain."""
-    image = np.full((400, 500), 200, np.uint8)
-    for k in range(18):
-        text = "Contacts and letters " + "abcdefghij"[k % 10] * 3
-        cv2.putText(image, text, (10, 22 + 21 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.7, 40, 2, cv2.LINE_AA)
-    counted = []
-    usual = Work.of_frame.__func__
-    with pytest.MonkeyPatch.context() as patch:
-
-        def of_frame(cls, pixels):
-            counted.append(usual(cls, pixels))
-            return counted[-1]
-
-        patch.setattr(Work, "of_frame", classmethod(of_frame))
-        found = measure_image(image, polarity="dark")
-    # the last fits of a frame are made with whatever it contains, but no step is begun beyond this
-    work = counted[0]
-    assert work.ran_out
-    assert work.done < FIRST_STEP_RATIO * work.limit + 20 * WORK_PER_FIT
-    assert found.status != "ok"
-
-
-@pytest.mark.parametrize(("blur", "looks"), [(0.0, 2), (1.4, 1)])
-def test_a_first_look_at_some_rows_passes_over_usual_rims_alone(blur, looks, rng, monkeypatch):
-    """A fourth of the rows shows that rims are usual; sharp ones are looked at again, and get noise."""
-    dark = np.tile(binary(15)[0], (4, 4))
-    light = cv2.GaussianBlur(dark, (0, 0), blur) if blur else dark
-    steps, rims = [], []
-    excess, allow = coarse_rims._excess, coarse_rims.allow_for_coarse_rims
-
-    def look(problem, fit, noise, every, share):
-        steps.append(every)
-        return excess(problem, fit, noise, every, share)
-
-    def allowed(problem, fit, **options):
-        out = allow(problem, fit, **options)
-        rims.append(out.noise.rim)
-        return out
-
-    monkeypatch.setattr(coarse_rims, "FIRST_LOOK_PIXELS", 200)  # as many as a small frame has
-    monkeypatch.setattr(coarse_rims, "_excess", look)
-    monkeypatch.setattr(method, "allow_for_coarse_rims", allowed)
-    measure_image(levels(200 - 150 * light + rng.normal(0, 6, dark.shape)), polarity="dark")
-    assert len(set(steps)) == looks
-    assert (min(rims) > 0.0) == (blur == 0.0)
 
 
 @pytest.mark.parametrize(

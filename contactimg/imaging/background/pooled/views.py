@@ -6,15 +6,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.alignment import Alignment
-from contactimg.imaging.background.find_illumination import BackgroundLevel
-from contactimg.imaging.background.illumination import Illumination
-from contactimg.imaging.background.resample import (
+from contactimg.imaging.background.alignment import (
+    Alignment,
     filter_rows_and_columns,
     move_rows,
     shift_kernel,
     shift_whole_pixels,
 )
+from contactimg.imaging.background.find_illumination import BackgroundLevel
+from contactimg.imaging.background.illumination import Illumination
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.frame_pair import FramePair

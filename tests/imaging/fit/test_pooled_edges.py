@@ -1,51 +1,16 @@
-"""Edges that few contacts do not exclude: in the uncertainty, and lent by frames with more contacts."""
+"""Edges that frames with many contacts show, pooled and lent to frames with few."""
 
 import numpy as np
 import pytest
-from contactimg.imaging.fit.undecided_edge import USUAL_SIZE, EdgeEvidence, undecided_modes
 from edge_frames import edge_frame
 
 from contactimg.forces import total_area
-from contactimg.imaging.fit.edge_scores import SHARED, Edge
 from contactimg.imaging.fit.pooling import pool_edges
 from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.edge_shape import PARAMETERS, RESPONSE
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 
-SIZE = SHARED + len(PARAMETERS)
 WINDOW = (slice(0, 260), slice(0, 300))  # an eighth of the frame
-NO_OPTICS = (np.zeros(2), np.diag([1.0, 1.0]))
-
-
-def evidence_of(contacts, response=0.0):
-    """Contacts of which each knows each parameter to its usual size, at a best defect of the response."""
-    information = contacts * np.diag(np.append(np.ones(SHARED), USUAL_SIZE**-2))
-    score = np.zeros(SIZE)
-    score[SHARED + RESPONSE] = information[SHARED + RESPONSE, SHARED + RESPONSE] * response
-    ones = np.ones(3)
-    return EdgeEvidence(
-        Edge.plain(1.4), score, information, np.array([2.0, 4.0, 8.0]), np.outer(ones, np.ones(SIZE))
-    )
-
-
-def undecided(contacts, response=0.0):
-    """Root of the summed squares of the modes of one contact."""
-    radius, field = np.full(1, 4.0), np.zeros((1, 5))
-    modes = undecided_modes(evidence_of(contacts, response), (), NO_OPTICS, radius=radius, field=field)
-    return float(np.linalg.norm(modes))
-
-
-def test_what_is_undecided_falls_faster_than_the_noise():
-    # the noise falls as n^(-1/2): a hundred times more contacts leave less than a tenth
-    few, many = undecided(1.0), undecided(100.0)
-    assert few > 0
-    assert many < 0.1 * few
-
-
-def test_residuals_that_hint_at_an_edge_widen_by_its_shift():
-    # 0.5 +- 0.08: six standard uncertainties, so the shift of 0.5 px for an exponent of 0.5 counts in full
-    assert undecided(100.0, 0.5) == pytest.approx(0.5, rel=0.25)
-    assert undecided(100.0, 0.0) < 0.05
 
 
 def knowledge(families, best, count, tight=1e4):

@@ -1,0 +1,58 @@
+"""Images that nobody made for contacts do no harm; `tests/fuzz/fuzz_images.py` runs hundreds."""
+
+import time
+
+import numpy as np
+import pytest
+from any_images import METHODS, faults, made_images, more_images, odd_images, photographs, reference_of, sized
+
+from contactimg.imaging.measure import measure_image
+
+IMAGES, ODD = made_images(96), odd_images(96)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", IMAGES)
+def test_any_image_is_measured_without_harm(name, method):
+    names = sorted(IMAGES)
+    number = names.index(name)
+    other = IMAGES[names[(number + 3) % len(names)]]
+    kind, polarity = ("none", "right", "wrong")[number % 3], ("bright", "dark")[number % 2]
+    assert not faults(IMAGES[name], reference_of(kind, IMAGES[name], other), method=method, polarity=polarity)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ODD)
+def test_what_a_laboratory_may_save_is_measured_without_harm(name, method):
+    number = sorted(ODD).index(name)
+    other, kind = ODD[sorted(ODD)[number - 7]], ("none", "right", "wrong")[number % 3]
+    for polarity in ("bright", "dark"):
+        assert not faults(ODD[name], reference_of(kind, ODD[name], other), method=method, polarity=polarity)
+
+
+NO_CONTACTS = {
+    "text": made_images(240)["text"],
+    "checkerboard": more_images(240)["plain checkerboard"],
+    "photograph of coins": sized(photographs()["coins"], 60_000, np.random.default_rng(1)),
+    "portrait": sized(photographs()["astronaut"], 60_000, np.random.default_rng(2)),
+    "cell": sized(photographs()["cell"], 60_000, np.random.default_rng(4)),
+    "stripes": made_images(240)["stripes"],
+}
+
+
+@pytest.mark.parametrize("name", NO_CONTACTS)
+def test_a_picture_of_other_things_ends_soon_and_is_not_ok(name):
+    start = time.process_time()
+    result = measure_image(NO_CONTACTS[name])
+    # an ordinary frame of this size takes 0.1 s; the slowest machine is ten times slower
+    assert time.process_time() - start < 20.0
+    assert result.status != "ok"
+    assert result.message
+
+
+def test_no_contrast_that_contacts_show_is_beyond_what_the_frame_spans():
+    """Sharp dots as floats of no stated full scale: the fit once took 1.6 times the highest pixel."""
+    dots = more_images(200)["plain dots"] / np.float32(255)
+    result = measure_image(dots, polarity="bright")
+    assert len(result.disks) > 100
+    assert abs(result.contrast) <= np.ptp(dots) * (1 + 1e-6)

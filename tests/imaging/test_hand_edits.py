@@ -1,0 +1,78 @@
+"""Corrections by hand: exclude, add, split, merge, by both methods."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from contact_frames import Optics, match, render
+
+from contactimg.imaging.detect.hand_edits import HandEdit
+from contactimg.imaging.measure import measure_image
+from contactimg.tables import Flag, Reason
+
+METHODS = pytest.mark.parametrize("method", ["disk", "threshold"])
+OPTICS = Optics(shape=(160, 220), dust=0)
+TRUTH = pd.DataFrame(
+    [(40, 40, 9.0), (110, 40, 7.0), (122.5, 40, 6.0), (180, 45, 11.0), (50, 110, 8.0), (150, 110, 10.0)],
+    columns=["x_px", "y_px", "radius_px"],
+)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return render(TRUTH, OPTICS, np.random.default_rng(9))
+
+
+def edited(pair, method, *edits):
+    return measure_image(*pair, method=method, edits=edits)
+
+
+def at(disks, x, y):
+    """The contact nearest to a place."""
+    return disks.iloc[int(np.argmin(np.hypot(disks["x_px"] - x, disks["y_px"] - y)))]
+
+
+@METHODS
+def test_an_excluded_contact_is_rejected_by_hand_and_the_others_stay(pair, method):
+    alone = edited(pair, method)
+    result = edited(pair, method, HandEdit("exclude", 1, 40.0, 41.0))
+    assert len(result.disks) == len(alone.disks) - 1
+    assert np.hypot(result.disks["x_px"] - 40, result.disks["y_px"] - 40).min() > 20
+    assert (result.rejected["reason"] == Reason.BY_HAND).sum() == 1
+    others = np.hypot(alone.disks["x_px"] - 40, alone.disks["y_px"] - 40) > 20
+    np.testing.assert_allclose(
+        result.disks["radius_px"], alone.disks.loc[others, "radius_px"].to_numpy(), atol=0.02
+    )
+
+
+@METHODS
+def test_a_contact_drawn_again_is_measured_and_marked(pair, method):
+    edits = HandEdit("exclude", 1, 180.0, 45.0), HandEdit("add", 2, 181.0, 44.0, 9.0)
+    result = edited(pair, method, *edits)
+    assert len(result.disks) == len(edited(pair, method).disks)
+    again = at(result.disks, 180, 45)
+    assert int(again["flags"]) & int(Flag.MANUAL)
+    if method == "disk":
+        assert again["radius_px"] == pytest.approx(11.0, abs=4 * again["radius_std_px"])
+
+
+@METHODS
+def test_a_contact_can_be_split_and_two_merged(pair, method):
+    count = len(edited(pair, method).disks)
+    assert count == len(TRUTH)
+    split = edited(pair, method, HandEdit("split", 1, 180.0, 45.0))
+    assert len(split.disks) == count + 1
+    near = np.hypot(split.disks["x_px"] - 180, split.disks["y_px"] - 45) < 11
+    assert near.sum() == 2
+    assert (split.disks.loc[near, "flags"] & int(Flag.MANUAL) > 0).all()
+    merged = edited(pair, method, HandEdit("merge", 1, points=((110.0, 40.0), (122.5, 40.0))))
+    assert len(merged.disks) == count - 1
+    one = at(merged.disks, 116, 40)
+    assert int(one["flags"]) & int(Flag.MANUAL)
+    assert one["area_px2"] == pytest.approx(np.pi * (7.0**2 + 6.0**2), rel=0.3)
+
+
+@METHODS
+def test_edits_that_meet_nothing_are_named(pair, method):
+    result = edited(pair, method, HandEdit("exclude", 7, 200.0, 140.0))
+    assert "these edits match no contact: row 7 (exclude at (200, 140))" in result.message
+    assert len(match(TRUTH, result.disks)) == len(TRUTH)

@@ -1,0 +1,97 @@
+"""What is given to a measurement from outside, and what must not change its result."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from camera_worlds import make_scene
+from contact_frames import match
+
+from contactimg.imaging.measure import measure_image
+from contactimg.imaging.profile.film_rim import FilmRim, FilmSetting
+from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.optics.film import Light
+
+
+@pytest.fixture(scope="module")
+def plain():
+    scene = make_scene("plain", 25, 13)
+    return scene, measure_image(scene.frame, scene.reference)
+
+
+def radii(disks):
+    """Radii, ordered by size: contacts of a frame may change their place."""
+    return np.sort(disks["radius_px"].to_numpy())
+
+
+TURNS = {
+    "mirrored": lambda image: image[:, ::-1],
+    "upside down": lambda image: image[::-1],
+    "transposed": lambda image: image.T,
+}
+
+
+@pytest.mark.parametrize("method", ["disk", "threshold"])
+@pytest.mark.parametrize("turn", TURNS)
+def test_a_turned_frame_has_the_same_contacts(turn, method, plain):
+    scene, _ = plain
+    pair = scene.frame, scene.reference
+    straight = measure_image(*pair, method=method).disks
+    turned = measure_image(*(np.ascontiguousarray(TURNS[turn](image)) for image in pair), method=method).disks
+    assert len(turned) == len(straight)
+    # pixels are summed in another order, and blocks begin at another border
+    limit = 0.3 * np.median(straight["radius_std_px"])
+    np.testing.assert_allclose(radii(turned), radii(straight), atol=limit)
+
+
+@pytest.mark.parametrize("method", ["disk", "threshold"])
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.float64])
+def test_a_frame_in_other_units_has_the_same_contacts(dtype, method, plain):
+    scene, _ = plain
+    alone = measure_image(scene.frame, scene.reference, method=method)
+    pair = (image.astype(dtype) * dtype(257) for image in (scene.frame, scene.reference))
+    scaled = measure_image(*pair, method=method, full_scale=257.0 * 255)
+    np.testing.assert_allclose(scaled.disks["radius_px"], alone.disks["radius_px"], rtol=1e-3)
+    assert scaled.contrast == pytest.approx(257 * alone.contrast, rel=1e-3)
+
+
+def test_optics_of_other_frames_narrow_the_uncertainty(plain):
+    scene, alone = plain
+    prior = SharedOptics(alone.contrast, 0.001 * alone.contrast, np.nan, alone.blur_px, 0.001)
+    helped = measure_image(scene.frame, scene.reference, optics=prior)
+    assert len(helped.disks) == len(alone.disks)
+    assert (
+        helped.disks["contrast_shift_px"].abs().mean() < 0.5 * alone.disks["contrast_shift_px"].abs().mean()
+    )
+    assert (helped.disks["radius_std_px"] <= 1.01 * alone.disks["radius_std_px"].to_numpy()).all()
+
+
+def test_a_given_blur_is_exact(plain):
+    scene, alone = plain
+    given = measure_image(scene.frame, scene.reference, blur_px=1.38)
+    assert given.blur_px == pytest.approx(1.38, abs=1e-6)
+    assert (given.disks["blur_shift_px"].abs() < 1e-6).all()
+    assert (alone.disks["blur_shift_px"].abs() > 0).any()
+
+
+def test_measuring_twice_gives_the_same(plain):
+    scene, alone = plain
+    pd.testing.assert_frame_equal(measure_image(scene.frame, scene.reference).disks, alone.disks)
+
+
+def test_a_film_that_is_stated_takes_the_fringes_out_of_the_radii():
+    scene = make_scene("Newton white 3 um", 25, 13)
+    rim = FilmRim(Light(1.52, 1.41, 560e-9, 70e-9, (450e-9, 680e-9)), 100e-6, 3e-6)
+    errors = {}
+    for name, film in (("none", None), ("stated", FilmSetting(rim))):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            disks = measure_image(scene.frame, scene.reference, film=film).disks
+        pairs = match(scene.truth, disks)
+        assert len(pairs) == len(scene.truth)
+        found = disks.iloc[pairs[:, 1]]
+        error = found["radius_px"].to_numpy() - scene.truth["radius_px"].to_numpy()[pairs[:, 0]]
+        errors[name] = np.mean(error), np.mean(np.abs(error) < 2 * found["radius_std_px"].to_numpy())
+    assert abs(errors["stated"][0]) < 0.5 * abs(errors["none"][0])
+    assert errors["stated"][1] >= 0.85
