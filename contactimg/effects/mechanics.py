@@ -229,7 +229,9 @@ class Comparison:
             self.base = self.solve(self.on)
         except ConvergenceError:
             if self.alone.base_gap.beyond_models:
-                raise ModelRangeError(f"at {load:g} N {self.alone.base_gap.sentence}; lower the load") from None
+                raise ModelRangeError(
+                    f"at {load:g} N {self.alone.base_gap.sentence}; lower the load"
+                ) from None
             refuse_engulfed(self.alone)
             raise
         # adhesive solutions do not tell the gaps of asperities out of contact

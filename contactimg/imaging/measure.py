@@ -1,6 +1,7 @@
 """Measure the contacts of one frame.
 
-The steps: check the input, pair frame and reference, take out what the sensor adds, subtract the background, find
+The steps: check the input, pair frame and reference, take out what the sensor adds, subtract the
+background, find
 and measure the contacts by one of the two methods, decide on each and on the frame, tabulate.
 """
 
@@ -59,14 +60,16 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 REACH_BLUR_WIDTHS = 4.0
 """Distance from a rim from which on a block is background. Theory: 3e-5 of an edge is left there."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
-"""Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes shorter."""
-CONTACT_TYPES: dict[str, Any] = {
-    "x_px": "float64", "y_px": "float64", "radius_px": "float64", "radius_std_px": "float64", "flags": "int64",
-    "contrast_shift_px": "float64", "blur_shift_px": "float64", "edge_shift_px": "float64", "shape": "str",
-    "area_px2": "float64", "area_std_px2": "float64", "visible_area_px2": "float64", "semi_major_px": "float64",
-    "semi_minor_px": "float64", "angle_rad": "float64", "semi_major_std_px": "float64",
-    "semi_minor_std_px": "float64", "angle_std_rad": "float64", "perimeter_px": "float64",
-}  # fmt: skip
+"""Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
+shorter."""
+CONTACT_TYPES: dict[str, Any] = dict.fromkeys(
+    (
+        "x_px", "y_px", "radius_px", "radius_std_px", "contrast_shift_px", "blur_shift_px", "edge_shift_px",
+        "area_px2", "area_std_px2", "visible_area_px2", "semi_major_px", "semi_minor_px", "angle_rad",
+        "semi_major_std_px", "semi_minor_std_px", "angle_std_rad", "perimeter_px",
+    ),
+    "float64",
+) | {"shape": "str", "flags": "int64"}  # fmt: skip
 """Columns of the contacts of a frame, with their types."""
 
 
@@ -136,7 +139,7 @@ class ImageMeasurement:
         return bool(self.own_optics.contrast_relative_std < RESOLVED)
 
     def outlines(self) -> list[tuple[int, list[NDArray[np.float64]]]]:
-        """Row of each contact of free shape, and its level lines (x, y) at half of its plateau, the outer first."""
+        """Row of each contact of free shape, and its level lines (x, y) at half height, the outer first."""
         found = []
         image = self.foreground.image
         for row in np.flatnonzero(self.disks["shape"] == "free"):
@@ -148,7 +151,9 @@ class ImageMeasurement:
                 continue
             plateau = float(np.quantile(window, 0.9))
             lines = find_contours(np.pad(window, 1), 0.5 * plateau)
-            lines = [line[:, ::-1] - 1.0 + np.array([left, top]) for line in lines if len(line) > SHORTEST_OUTLINE]
+            lines = [
+                line[:, ::-1] - 1.0 + np.array([left, top]) for line in lines if len(line) > SHORTEST_OUTLINE
+            ]
             if lines:
                 found.append((int(row), sorted(lines, key=len, reverse=True)))
         return found
@@ -253,7 +258,7 @@ def measure_image(
     seen = FrameEvidence(
         foreground, judged.contacts, judged.rejected, judged.evidence, own.contrast_relative_std, result,
         _background(foreground, judged.contacts, result.fit.blur * binning),
-        unexplained_share(foreground, model, judged.rejected) if binning == 1 else 0.0,
+        unexplained_share(foreground, model) if binning == 1 else 0.0,
     )  # fmt: skip
     verdict = judge_frame(seen)
     return _tabulate(

@@ -61,12 +61,6 @@ class Status(enum.StrEnum):
     LITTLE_BACKGROUND = "little background"
     """The light could be followed on next to no background although contacts leave room, no background is
     seen around most contacts, or the frame has fewer than eight rows or columns."""
-    FILTERED = "filtered"
-    """The noise is not that of a camera: the file was filtered, compressed or processed. Filters move edges by what no fit
-    can see; take frames as the camera writes them."""
-    INTERLACED = "interlaced"
-    """Odd rows are displaced against even ones by half a pixel or more: the camera reads them one after the
-    other, and the image moved. Rims are jagged, and areas biased."""
     NONLINEAR = "nonlinear response"
     """The edges of the contacts look like those of a camera whose grey levels are not proportional to light
     (a gamma). The radii take it into account as far as the edges show it; ``[camera] gamma`` settles it."""

@@ -1,9 +1,11 @@
 """The method "threshold": count the pixels above a fraction of the contrast, as the paper does.
 
 A contact is a connected component of the pixels above ``background + fraction (plateau - background)``; its
-radius is ``sqrt(area/pi)``. Components that consist of several contacts are split. The uncertainty of a radius
-has five parts (`rim_errors`): counting, noise, the scatter of the contrasts, the uncertainty of the contrast, and
-the distance of the threshold from the rim of the contact behind the blur; the last two are shared by all contacts.
+radius is ``sqrt(area/pi)``. Components that consist of several contacts are split. The uncertainty of a
+radius has five parts (`rim_errors`): counting, noise, the scatter of the contrasts, the uncertainty of the
+contrast, and
+the distance of the threshold from the rim of the contact behind the blur; the last two are shared by all
+contacts.
 """
 
 from collections.abc import Sequence
@@ -38,7 +40,8 @@ TYPICAL_BLUR_PX = 1.4
 NOISY_CONTRAST_TO_NOISE = 12.0
 """Contrast over noise below which noise notches the outline of components. Theory: twice six sigma."""
 SHARPEST_SLOPE_PX = 0.45
-"""Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or more."""
+"""Blur below which rims lie between pixels and their slopes show nothing. By hand: slopes give 0.59 px or
+more."""
 LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over the brightest light of contacts that do not show it. By hand, as for the fit."""
 LEAST_PLATEAU_STD = 0.02
@@ -91,7 +94,8 @@ def measure_by_count(
 
     Notes
     -----
-    The radius is that of the counted pixels, whatever the blur; ``edge_shift_px`` says how far that is from the rim.
+    The radius is that of the counted pixels, whatever the blur; ``edge_shift_px`` says how far that is from
+    the rim.
     """
     contrast, pair, image = foreground.contrast, foreground.frame_pair, foreground.image
     contacts, rejected = count_contacts(
@@ -129,7 +133,7 @@ def measure_by_count(
 def _with_unseen_contrast(
     foreground: Foreground, radius_px: NDArray[np.float64], crossing: Crossing
 ) -> tuple[Crossing, float]:
-    """The crossing with what contacts do not show of their contrast, and the error of the contrast measured."""
+    """The crossing with what contacts hide of their contrast, and the error of that measured."""
     shown = foreground.shown
     if not len(radius_px):
         return crossing, shown.std

@@ -21,23 +21,26 @@ from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 SUPPORT_SIGMA = 5.0
 """Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
 LOWER_RATIO = 0.6
-"""Level, over half of the common contrast, at which a region is outlined again before it is split. By hand."""
+"""Level, over half of the common contrast, at which a region is outlined again before it is split. By
+hand."""
 LIGHT_SIGMA = 8.0
-"""Light of a faint region in standard deviations of the noise. As for counted components: noise stays below 6."""
+"""Light of a faint region in standard deviations of the noise. As for counted components: noise stays below
+6."""
 CORE_FRACTION = 0.75
 """Pixels above this fraction of the peak of a region make its plateau. By hand."""
 WIDE_PX2 = 30.0
 """Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
 1 - exp(-2) = 86 % of it at the centre."""
 ODD_RATIO = 1.3
-"""Plateau over the common contrast, or its inverse, from which a region is outlined at its own half. Theory: the
-edge at the wrong level is then off by a quarter of a blur width."""
+"""Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
+Theory: the edge at the wrong level is then off by a quarter of a blur width."""
 NOISY_RATIO = 12.0
 """Contrast over noise below which the image is smoothed before it is outlined. Theory: twice six sigma."""
 LARGEST_LIGHT_RATIO = 0.35
 """Peak over the common contrast below which small faint regions are left to the matched filter. By hand."""
 LEAST_AREA_PX2 = 4
-"""Area above which a region that is not round is a candidate. By hand: less is noise, or left to the filter."""
+"""Area above which a region that is not round is a candidate. By hand: less is noise, or left to the
+filter."""
 LEAST_VISIBLE = 0.2
 """Share of a disk outside holes, below which it is no candidate. By hand."""
 WEIGHT_CAP = 8.0
@@ -114,9 +117,11 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
             middle = _weighted_median(values, weights)
             usual = np.abs(values / middle - 1.0) < 0.3
             spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
-            return Contrast(middle, True, spread / np.sqrt(max(np.count_nonzero(usual), 1)) + 0.005 * middle)
+            return Contrast(
+                middle, resolved=True, std=spread / np.sqrt(max(np.count_nonzero(usual), 1)) + 0.005 * middle
+            )
         peak = quantile(plateau, 0.95)
-        return Contrast(peak, False, peak * np.log(10.0) / np.sqrt(12.0))
+        return Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
     return Contrast(0.0, resolved=False)
 
 
@@ -178,7 +183,7 @@ def find_candidates(
 def _whole_at_lower_level(
     region: np.void, image: NDArray[np.float32], level: float
 ) -> NDArray[np.float64] | None:
-    """The disk of a region that is one ellipse at a lower level, which mottling does not cut up; None if none is."""
+    """The disk of a region that is one ellipse at a lower level, which mottling does not cut up, or None."""
     margin = 4
     top, left = max(int(region["top"]) - margin, 0), max(int(region["left"]) - margin, 0)
     window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
@@ -197,7 +202,7 @@ def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.fl
 
 
 def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
-    """Scatter of means over squares about a background of 0, from the negative ones, which no contact is among."""
+    """Scatter of means over squares about a background of 0, from the negative ones: no contact is."""
     below = coarse[::3, ::2]
     below = below[below < 0.0]
     return max(-MAD_TO_STD * median(below), least) if below.size > 100 else least
@@ -226,7 +231,7 @@ def _with_plateaus(
 
 @njit(cache=True)
 def _measure_plateaus(image, runs, peak, plateau, half_area):
-    """Mean of the pixels above `CORE_FRACTION` of the peak of each region, and its area above half of that."""
+    """Mean of the pixels near the peak of each region (`CORE_FRACTION`), and its area above half of it."""
     count = np.zeros(len(peak))
     for i in range(len(runs)):
         y, first, last, k = runs[i]
@@ -247,7 +252,7 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
 def _at_own_half(
     region: np.void, image: NDArray[np.float32], level: float, plateau: float
 ) -> list[tuple[float, NDArray[np.float64], bool]]:
-    """Disks of a bright region at half of its own plateau, and of what was beside it at half of the rest's."""
+    """Disks of a bright region at half of its own plateau, and of what was beside it."""
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
     corner = np.array([box[1].start, box[0].start, 0.0])

@@ -23,11 +23,12 @@ ROUND_WIDTH_EXCESS_PX = 1.7
 LARGEST_HOLE_SHARE = 0.1
 """Area of a hole over that of its region up to which it is filled. By hand: mottling, not a ring."""
 ONE_SHAPE_LACK = 0.03
-"""Share of its area that a region lacks against the ellipse of its second moments, below which it is one contact.
-Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any ellipse."""
+"""Share of its area that a region lacks against the ellipse of its second moments, below which it is one
+contact. Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any
+ellipse."""
 LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
-"""Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make smaller
-regions look like anything."""
+"""Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make
+smaller regions look like anything."""
 PENETRATION = 0.7
 """Fraction of its radius inside a larger disk above which a disk is part of the larger one's rim. By hand."""
 CELL_PX = 32.0
@@ -57,7 +58,7 @@ def is_round(regions: NDArray[np.void], shape: tuple[int, ...]) -> NDArray[np.bo
 def disks_in_region(
     region: np.void, image: NDArray[np.float32], level: float
 ) -> tuple[NDArray[np.float64], bool]:
-    """Disks inscribed in one region above a level, x, y, radius (px), and whether it is one ellipse as a whole.
+    """Disks inscribed in one region above a level, and whether it is one ellipse as a whole.
 
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
     ellipse when all its holes are is one contact, the disk of its area.

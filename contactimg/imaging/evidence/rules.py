@@ -1,6 +1,7 @@
 """The table of evidence of a frame, and the rules that reject, flag or measure each candidate in another way.
 
-Every rule is a predicate on the columns of the table. A candidate is rejected for the first reason that holds;
+Every rule is a predicate on the columns of the table. A candidate is rejected for the first reason that
+holds;
 flags are independent. Unusual brightness is a flag, never a reason. Where no model describes a contact, its
 counted area is reported: a contact that is seen does not disappear.
 """
@@ -40,20 +41,23 @@ LEAST_VISIBLE = 0.1
 EDGE_GAP_BLUR_WIDTHS = 2.0
 """Rims closer to the border have the flag EDGE. Theory: 98 % of the edge's light lies within."""
 LEAST_RISE = 0.25
-"""Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By hand."""
+"""Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By
+hand."""
 OWN_RISE = 0.5
 """Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
 frame alone and the reference alone."""
 LONGEST = 3.5
-"""Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By hand."""
+"""Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
+hand."""
 SHARP_PX2 = 2.5
 """Counted pixels up to which a candidate that does not fit is a hot pixel. Theory: a point behind a blur of
 0.5 px has four pixels above half height."""
 LINEARITY = 0.01
-"""Error of the response of a camera at mid-level, of the contrast, that no fit can see. By hand: usual for CCD
-cameras; it moves every edge by ``LINEARITY s sqrt(2 pi)``."""
+"""Error of the response of a camera at mid-level, of the contrast, that no fit can see. By hand: usual for
+CCD cameras; it moves every edge by ``LINEARITY s sqrt(2 pi)``."""
 DISAGREES_SIGMA = 4.0
-"""Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate 6e-5."""
+"""Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate
+6e-5."""
 COUNT_VARIANCE = 1.0 / 12.0
 """Variance of the place of the edge in a pixel, px^2 (theory)."""
 

@@ -15,33 +15,34 @@ from contactimg.imaging.foreground import Foreground
 from contactimg.tables import Flag, Status
 
 RESOLVED = 0.05
-"""Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5 % of
-the radius of a small contact and 7.5 % of its force."""
+"""Relative standard uncertainty of the contrast above which a frame counts as not showing it. By hand: 2.5
+% of the radius of a small contact and 7.5 % of its force."""
 LIGHT_CHANGE = 1.5
 """Ratio of the background to the reference, or its inverse, above which the light has changed. By hand."""
 SPOILED_SHARE, FEWEST_SPOILED = 0.2, 3
 """Share of contacts (and least number) with a flag that spoils a frame. By hand: one odd contact of two says
 nothing about a frame."""
 FALSE_SHARE, FEWEST_FALSE = 0.05, 3
-"""Share of the candidates, and number, that prove to be no contacts, above which others may be left. By hand."""
+"""Share of the candidates, and number, that prove to be no contacts, above which others may be left. By
+hand."""
 UNEXPLAINED_SHARE = 0.05
 """Share of the bright pixels that belong to nothing, above which contacts are missing. By hand."""
 DARK_SHARE = 0.004
-"""Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it make
-0.013."""
+"""Share of dark blocks above which the reference is that of another place. By hand: fifteen contacts in it
+make 0.013."""
 UNSURROUNDED_SHARE = 0.5
 """Share of contacts without background around them above which the frame shows too little. By hand."""
 LEAST_SIDE_PX = 8
 """Rows and columns that a frame needs. Theory: a contact of one pixel and two blur widths on either side."""
 UNEVENNESS = 0.02
-"""Unevenness of the background over the contrast above which the light was not followed. By hand: it moves the
-radius of a contact of two blur widths by 1 %."""
+"""Unevenness of the background over the contrast above which the light was not followed. By hand: it moves
+the radius of a contact of two blur widths by 1 %."""
 LEAST_FOLLOWED, LEAST_FREE = 0.85, 0.02
-"""Share of the free background on which the light was followed, at least; share of the frame that contacts must
-leave free for a statement on it. By hand."""
+"""Share of the free background on which the light was followed, at least; share of the frame that contacts
+must leave free for a statement on it. By hand."""
 COMMON_SIGMA, COMMON_AREA = 5.0, 0.01
-"""Standard errors, and share of the area, by which the counted pixels of all contacts together differ from what
-the model expects, above which the edge is not the one assumed. False-alarm rate 6e-7; by hand."""
+"""Standard errors, and share of the area, by which the counted pixels of all contacts together differ from
+what the model expects, above which the edge is not the one assumed. False-alarm rate 6e-7; by hand."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,6 @@ class FrameEvidence:
     background : BackgroundLeft
     unexplained : float
         Share of the bright pixels that belong to no contact.
-    noise : str
-        What the noise says of the file; empty for a camera's.
     """
 
     foreground: Foreground
@@ -91,7 +90,6 @@ class FrameEvidence:
     fit: FrameFit | None
     background: BackgroundLeft
     unexplained: float
-    noise: str = ""
 
     @property
     def count(self) -> int:
@@ -139,28 +137,29 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         yield Status.NOT_REGISTERED, ""
     if min(seen.foreground.image.shape) < LEAST_SIDE_PX and seen.count:
         rows, columns = seen.foreground.image.shape
-        text = f"the frame has {rows} x {columns} pixels: contacts and their background need {LEAST_SIDE_PX} each way"
+        text = (
+            f"the frame has {rows} x {columns} pixels: contacts and their background need {LEAST_SIDE_PX} "
+            "each way"
+        )
         yield Status.LITTLE_BACKGROUND, text
     if left.free_share >= LEAST_FREE:
         if difference.ratio and left.dark_share > DARK_SHARE:
-            yield (
-                Status.WRONG_REFERENCE,
-                f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, by a "
-                "fifth of the contrast and more: does the reference show contacts, or another place?",
+            text = (
+                f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, by "
+                "a fifth of the contrast and more: does the reference show contacts, or another place?"
             )
+            yield Status.WRONG_REFERENCE, text
         if left.found_share < LEAST_FOLLOWED:
-            yield (
-                Status.LITTLE_BACKGROUND,
-                f"the light was followed on {100 * left.found_share:.0f} % only of the background that contacts "
-                "leave free: it changed in a way that was not followed",
+            text = (
+                f"the light was followed on {100 * left.found_share:.0f} % only of the background that "
+                "contacts leave free: it changed in a way that was not followed"
             )
+            yield Status.LITTLE_BACKGROUND, text
         if left.uneven > UNEVENNESS:
             text = (
                 f"the background is uneven by {100 * left.uneven:.3g} % of the contrast after all corrections"
             )
             yield Status.LIGHT_NOT_FOLLOWED, text
-    if seen.noise:
-        yield Status.FILTERED, seen.noise
 
 
 def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
@@ -174,7 +173,10 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
     false = int(np.count_nonzero(np.isin(reasons, FALSE_REASONS)))
     total = false + seen.count
     if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_FALSE:
-        text = f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of another place?"
+        text = (
+            f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of another "
+            "place?"
+        )
         yield Status.WRONG_REFERENCE, text
     if false >= FEWEST_FALSE and false > FALSE_SHARE * total:
         text = (
@@ -187,11 +189,11 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         )
         yield Status.UNRESOLVED, text
     if n := seen.spoiled(Flag.SATURATED):
-        yield (
-            Status.SATURATED,
-            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii depend on "
-            "a brightness that is not seen",
+        text = (
+            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii depend "
+            "on a brightness that is not seen"
         )
+        yield Status.SATURATED, text
     poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
     if n := seen.spoiled(poor):
         yield Status.POOR_FIT, f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
@@ -202,8 +204,6 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_SPOILED else 0.99):
             text = f"no background is seen around {100 * alone:.0f} % of the contacts"
             yield Status.LITTLE_BACKGROUND, text
-    if seen.count and seen.contrast_relative_std > RESOLVED and seen.fit is None:
-        yield "", ""
 
 
 FALSE_REASONS = ["not seen: hardly brighter inside than around it", "piece of a scratch"]
@@ -236,8 +236,8 @@ def _common_disagreement(e: Columns) -> str:
     if abs(z) < COMMON_SIGMA or abs(share) < COMMON_AREA:
         return ""
     return (
-        f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} standard "
-        "errors): the edge of the contacts is not the one assumed"
+        f"the pixels above half height make areas {100 * share:+.2g} % of those of the fit ({z:+.2g} "
+        "standard errors): the edge of the contacts is not the one assumed"
     )
 
 
@@ -279,7 +279,7 @@ def _why_no_contact(foreground: Foreground) -> str:
     return f"nothing {one} than the background stands out, but something {other}: is the polarity right?"
 
 
-def unexplained_share(foreground: Foreground, model: NDArray[np.float32], rejected: Columns) -> float:
+def unexplained_share(foreground: Foreground, model: NDArray[np.float32]) -> float:
     """Share of the bright pixels, of every fourth row and column, that no contact explains."""
     step, image = 4, foreground.image
     shown, explained = image[::step, ::step], model[: image.shape[0] : step, : image.shape[1] : step]

@@ -35,10 +35,11 @@ RIM_BLUR_WIDTHS = 5.0
 LEAST_RIM_PEAK = 0.12
 """Height of a residual peak near a rim that becomes a disk, of the contrast. By hand: for imperfect rims."""
 ROUGH_RATIO = 1.5
-"""Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter. By hand:
-compression and sharpening ring beside contacts."""
+"""Scatter of the residuals around a peak over the noise from which the peak must stand out of that scatter.
+By hand: compression and sharpening ring beside contacts."""
 ODD_PLATEAU_RATIO = 1.15
-"""Plateau over the common contrast, or its inverse, from which a wide candidate starts with its own. By hand."""
+"""Plateau over the common contrast, or its inverse, from which a wide candidate starts with its own. By
+hand."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
-"""What the pixels about each disk show, all other disks subtracted: plateau, surroundings, area at half height.
+"""What the pixels about each disk show, all others subtracted: plateau, surroundings, counted area.
 
-One compiled pass over the windows of all disks. A pixel at the distance r from the centre of a disk of radius a
-behind a blur s lies at ``u = (r - a)/s``.
+One compiled pass over the windows of all disks. A pixel at the distance r from the centre of a disk of
+radius a behind a blur s lies at ``u = (r - a)/s``.
 """
 
 from dataclasses import dataclass
@@ -106,7 +106,7 @@ def look_at_pixels(
     out = np.zeros((n, len(COLUMNS)))
     _look(
         problem.image, fit.model, for_kernel(problem.valid), disks, fit.blur, variance, float(slope),
-        np.ascontiguousarray(level, float), _values(problem.profile), problem.profile.outer, out,
+        np.ascontiguousarray(level, float), _values(problem.profile), out,
     )  # fmt: skip
     with np.errstate(invalid="ignore", divide="ignore"):
         return _summarise(out, disks, problem)
@@ -149,7 +149,9 @@ def _summarise(out: NDArray, disks: NDArray, problem: FitProblem) -> ContactPixe
 
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
-def _look(image, model, valid, disks, s, variance, slope, half, heights, outer, out):
+def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
+    image, model, valid, disks, s, variance, slope, half, heights, out
+):
     """Sums over the pixels about each disk; see `COLUMNS`."""
     rows, columns = image.shape
     masked = valid.shape == image.shape

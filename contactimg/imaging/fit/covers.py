@@ -64,8 +64,8 @@ UNSETTLED_CHI_SQUARE_RATIO = 1.5
 """Chi-square over its expectation below which the same disks are refitted first. By hand."""
 
 MOST_WINDOW_SHARE = 1.5
-"""Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By hand:
-a crowd of which half is covered takes 0.7."""
+"""Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
+hand: a crowd of which half is covered takes 0.7."""
 
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""

@@ -25,7 +25,8 @@ from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
 from contactimg.timings import stage
 
 GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
-"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further off."""
+"""Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further
+off."""
 BRIGHTEST_RATIO = 5.0
 """Largest contrast of a contact over the expected one. By hand."""
 RADIUS_TOLERANCE_SIGMA = 0.1

@@ -315,8 +315,8 @@ class _Search:
     ) -> Values:
         """Shift of the radii by the other family of edges that would change the areas most, px.
 
-        Each at the size that the residuals and its prior make most probable: where they exclude a family that is
-        next to nothing, where they cannot tell it is what the family may be.
+        Each at the size that the residuals and its prior make most probable: where they exclude a family
+        that is next to nothing, where they cannot tell it is what the family may be.
         """
         disks, prior = joint.fit.disks, self.prior(current)
         most, shift = 0.0, np.zeros(len(disks))

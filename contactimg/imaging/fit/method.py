@@ -1,4 +1,4 @@
-"""The method "disk": a blurred disk for each contact; noise, halo, contrast, blur and edge from the frame itself.
+"""The method "disk": a blurred disk for each contact, with what all share from the frame itself.
 
 In turn: disks are assembled at a first contrast (`assemble`), halo and remaining background are removed
 (`residual_light`), contrast and blur are settled (`shared_optics`), and the edge that all contacts share is
@@ -229,7 +229,7 @@ class _Frame:
     def refine(
         self, problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, free_blur: bool = False
     ) -> JointFit:
-        """Last fit, with correlation of the noise, contrast and spread of the contrasts from the fit before."""
+        """Last fit, with correlation of the noise and spread of the contrasts from the fit before."""
         radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
         gain, known_spread = 1.0 + noise.slope, self.foreground.prior_optics.spread
         correlation = measure_correlation(image, fit.model, problem.background, noise=problem.pixel_noise)

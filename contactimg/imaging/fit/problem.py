@@ -26,7 +26,8 @@ ODD_STD_FRACTION = 0.3
 WIDE_RADIUS_BLUR_WIDTHS = 2.5
 """Wider contacts show their contrast. Theory: 1 - exp(-2.5^2/2) = 96 % of it at the centre."""
 SAME_PLACE_RADII = 0.6
-"""Distance between a disk and a contact with a contrast of its own, in radii, up to which they are the same."""
+"""Distance between a disk and a contact with a contrast of its own, in radii, up to which they are the
+same."""
 
 
 @dataclass(frozen=True, eq=False)

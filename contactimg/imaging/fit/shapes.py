@@ -19,7 +19,8 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitP
 POOR_CHI_SQUARE = 1.5
 """Mean chi-square about the rim above which a disk does not describe a contact. By hand."""
 LEAST_ELONGATION = 1.12
-"""Ratio of the axes of the counted pixels from which an ellipse is tried. By hand: pixels and noise make 1.05."""
+"""Ratio of the axes of the counted pixels from which an ellipse is tried. By hand: pixels and noise make
+1.05."""
 ELLIPSE_SIGNIFICANCE = 30.0
 """``e' V^-1 e`` of an ellipticity that is not chance. False-alarm rate 3e-7: chi-square of two degrees of
 freedom."""
@@ -70,7 +71,7 @@ def find_ellipses(
     among: NDArray[np.bool_] | None = None,
     rows: NDArray[np.intp] | None = None,
 ) -> Ellipses:
-    """Ellipses among the disks of a fit: where no disk describes a contact, ``everywhere``, or of some ``rows``.
+    """Ellipses where no disk describes a contact, ``everywhere``, or of some ``rows``.
 
     ``covariance`` is that of (ln contrast, blur); ``among`` are the disks that may be ellipses.
     """

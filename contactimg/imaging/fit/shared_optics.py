@@ -57,8 +57,8 @@ ASSUMED_SPREAD_FRACTION = 0.03
 LEAST_SPREAD_FRACTION = 1e-4
 """Smallest spread of the contrasts. Accuracy: keeps the prior finite."""
 ODD_SIGMA = 5.0
-"""Standard deviations from the common contrast beyond which a contact shows a contrast of its own. False-alarm
-rate: 6e-7 of a normal deviate."""
+"""Standard deviations from the common contrast beyond which a contact shows a contrast of its own.
+False-alarm rate: 6e-7 of a normal deviate."""
 ODD_FRACTION = 0.03
 """Least departure of such a contrast. By hand: less moves the radius of a small contact by 1.5 %."""
 ODD_ROUNDS = 4
@@ -396,7 +396,8 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
     fit : FittedDisks
         With a loose prior.
     problem : FitProblem
-        Its contrast is assumed, with the spread `ASSUMED_SPREAD_FRACTION`, if fewer than three contacts are wide.
+        Its contrast is assumed, with the spread `ASSUMED_SPREAD_FRACTION`, if fewer than three contacts are
+        wide.
     inflation : ndarray, shape (n,)
         Factor of the variance of each contrast for noise that neighbouring pixels share.
     """

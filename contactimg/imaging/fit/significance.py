@@ -20,8 +20,8 @@ SPECK_RADIUS_PX = 0.5
 def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) -> NDArray[np.bool_]:
     """Disks whose light is not significant, that lie in a larger one, or that are a faint part of another.
 
-    A faint disk that stands alone is a faint contact. One that fits badly may be two close ones: it is dropped
-    only in the ``final`` selection.
+    A faint disk that stands alone is a faint contact. One that fits badly may be two close ones: it is
+    dropped only in the ``final`` selection.
     """
     radius = fit.disks[:, RADIUS]
     weak = radius < 2.0 * SIGNIFICANT_LIGHT_SIGMA * fit.std[:, RADIUS]  # light goes as radius^2

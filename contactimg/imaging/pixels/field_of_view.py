@@ -122,7 +122,8 @@ def find_dead_lines(image: NDArray, valid: Mask) -> Mask:
         padded = np.pad(profile, 2, mode="edge")
         around = np.median(np.stack([padded[k : k + len(profile)] for k in (0, 1, 3, 4)]), axis=0)
         step = profile - around
-        # differences of lines that are next to each other carry the scene; their robust scatter is the measure
+        # differences of lines that are next to each other carry the scene; their robust scatter is the
+        # measure
         scatter = max(robust_std(step, centre=0.0), 1e-3 * max(float(np.abs(profile).mean()), 1e-6))
         dead = np.abs(step) > DEAD_SIGMA * scatter
         if not dead.any() or np.mean(dead) > DEAD_SHARE:
