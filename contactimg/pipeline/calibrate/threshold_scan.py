@@ -147,7 +147,7 @@ def _count_frame(
 def count_at(
     measurement: ImageMeasurement, threshold: float, *, holes: NDArray[np.bool_] | None = None
 ) -> pd.DataFrame:
-    """Contacts of a measured frame at another threshold, from its difference image without foreign objects.
+    """Contacts of a measured frame at another threshold, from its difference image.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def count_at(
     DataFrame
         Columns label, x_px, y_px, radius_px, radius_std_px, flags.
     """
-    signed = measurement.foreground
+    signed = measurement.difference * np.float32(np.sign(measurement.contrast))
     if holes is not None:
         signed = np.where(holes, np.float32(0.0), signed)
     contacts = count_at_fraction(
