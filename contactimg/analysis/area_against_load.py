@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -311,7 +312,7 @@ def fit_area_law(
     if replicates is None:
         exponent = exponent.widened(zero_stds[1], confidence=confidence)
     places = good["place"].nunique()
-    found = {"reference": reference, "scatter": fit.scatter, "n_places": places}
+    found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": places}
     law = power_law(exponent, offset, x=load, **found, confidence=confidence)
     exact = Estimate(exponent.value, 0.0, exponent.value, exponent.value)
     return replace(law, zero=zero, here=exact.widened(float(here), confidence=confidence))

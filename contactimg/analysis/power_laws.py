@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -182,7 +183,7 @@ def fit_power_law(
             bootstrap_estimate(float(v), r, blocks=len(names), confidence=confidence)
             for v, r in zip(fit.parameters, lines.T, strict=True)
         )
-    found = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
+    found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
     return power_law(exponent, offset, x=x, **found, confidence=confidence)
 
 

@@ -174,7 +174,7 @@ class JkrSeries:
             spread=np.append(noise, none),
         )
         found = fit_linear(basis, points, scatter=scatter)
-        covariance = _robust_covariance(basis(points.x)[0], found) / np.outer(size, size)
+        covariance = _robust_covariance(basis(np.append(self.radius, none))[0], found) / np.outer(size, size)
         freedom = float(found.freedom)
         if datum:  # a zero counts as fitted as far as the loads narrow what is stated of it
             told = 1 - found.covariance[-1, -1] * (scale / self.zero_std) ** 2

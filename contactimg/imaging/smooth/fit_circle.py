@@ -8,6 +8,7 @@ the radius.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -22,6 +23,8 @@ from contactimg.optics.film import ExcessTable
 from contactimg.optics.wide_edge import EdgeLight, edge_light
 
 Values = NDArray[np.float64]
+
+Loss = Literal["linear", "cauchy"]
 
 WIDEST_FILM_PX = 80.0
 """Width of the film up to which its fringes are sampled. Chosen by hand."""
@@ -132,7 +135,7 @@ def fit_circle(
     """
     line, start = _start(samples, model, opening, blur_px)
     numbers = samples.sector
-    loss = "linear"  # at first, so that an edge far from the rough circle counts
+    loss: Loss = "linear"  # at first, so that an edge far from the rough circle counts
     for _ in range(PASSES):
         kept = _subset(samples, np.isin(samples.sector, numbers))
         arc = len(np.unique(kept.sector)) / SECTORS
@@ -177,7 +180,7 @@ def _start(
 
 
 def _fit(
-    samples: EdgeSamples, line: _Line, start: Values, *, fixed: list[int], loss: str
+    samples: EdgeSamples, line: _Line, start: Values, *, fixed: list[int], loss: Loss
 ) -> tuple[Values, float]:
     """Least squares for the numbers of the edge but the fixed ones, and the misfit."""
     free = np.setdiff1d(np.arange(len(start)), fixed)
