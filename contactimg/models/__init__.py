@@ -17,7 +17,8 @@ Read in this order:
   ``contact_solver`` (puts these together), ``work_limit`` (what one solution may cost);
 - ``base_gap``: whether the base planes touch between the asperities; ``surroundings``: what a pattern that
   goes on beyond the table would carry;
-- ``adhesive``: the same with JKR adhesion, on ``adhesive_asperity_law`` and ``adhesive_full_coupling``;
+- ``adhesive``: the same with JKR adhesion, on ``adhesive_asperity_law``, ``adhesive_path``
+  (contacts that break and form, with their fields under full coupling) and ``adhesive_proof``;
 - ``height_distributions``, ``greenwood_williamson``, ``greenwood_tripp``: averages over random surfaces;
 - ``ensemble``: many random patterns, one after the other.
 """
