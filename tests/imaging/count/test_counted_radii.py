@@ -6,7 +6,6 @@ from contact_frames import Optics, coverage, match, render, scatter
 from scipy import ndimage
 
 from contactimg.forces import SHARED_SHIFTS
-from contactimg.imaging.count import split_touching
 from contactimg.imaging.measure import measure_image
 from contactimg.tables import Status
 
@@ -102,16 +101,3 @@ def test_light_that_is_not_behind_the_rims_is_said(rng):
     assert "pixel count" in found.message
     error, disks = errors_and_shifts(truth, found)
     assert np.mean(np.abs(error) < 2 * disks["radius_std_px"].to_numpy()) > 0.9
-
-
-def test_a_disk_that_gets_no_pixel_is_no_part(monkeypatch):
-    y, x = np.mgrid[0:24, 0:44]
-    inside = (np.hypot(x - 12, y - 12) < 9) | (np.hypot(x - 29, y - 12) < 9)
-    disks = np.array(
-        [[12.0, 12.0, 9.0], [29.0, 12.0, 9.0], [20.5, 12.0, 1.0]]
-    )  # the last lies in both others
-    monkeypatch.setattr(split_touching, "_inscribe", lambda *_: disks)
-    parts, split = split_touching.split_components(inside.astype(np.float32), 0.5)
-    assert (parts["area"] > 200).all()
-    assert parts["area"].sum() == inside.sum()
-    assert split.tolist() == [True, True]
