@@ -145,8 +145,8 @@ def _light(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
     if left.free_share >= LEAST_FREE:
         if difference.ratio and left.dark_share > DARK_SHARE:
             text = (
-                f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, by "
-                "a fifth of the contrast and more: does the reference show contacts, or another place?"
+                f"{100 * left.dark_share:.3g} % of the background stand out of the reference the wrong way, "
+                "by a fifth of the contrast and more: does the reference show contacts, or another place?"
             )
             yield Status.WRONG_REFERENCE, text
         if left.found_share < LEAST_FOLLOWED:
@@ -174,8 +174,8 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
     total = false + seen.count
     if dust > 0.5 * (dust + seen.count) and dust >= FEWEST_FALSE:
         text = (
-            f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of another "
-            "place?"
+            f"{dust} of {dust + seen.count} spots are in the reference, not in the frame: is it that of "
+            "another place?"
         )
         yield Status.WRONG_REFERENCE, text
     if false >= FEWEST_FALSE and false > FALSE_SHARE * total:
@@ -190,8 +190,8 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         yield Status.UNRESOLVED, text
     if n := seen.spoiled(Flag.SATURATED):
         text = (
-            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii depend "
-            "on a brightness that is not seen"
+            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii "
+            "depend on a brightness that is not seen"
         )
         yield Status.SATURATED, text
     poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
