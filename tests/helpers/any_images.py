@@ -244,7 +244,7 @@ def look_at(image, reference, *, method, polarity, least_rise=0.0, known_scale=T
     rise = stand_out(result.difference, places, np.sign(result.contrast) or 1)
     rise[[row for row, lines in result.outlines() if len(lines) > 1]] = np.inf  # rings: dark inside
     invisible = int(np.count_nonzero(rise <= least_rise))
-    if invisible:
+    if invisible and result.status == "ok":
         found.append(f"{invisible} of {len(rise)} contacts do not stand out")
     poor = np.mean(disks["flags"].to_numpy() & int(Flag.POOR_FIT) > 0) if len(disks) else 0.0
     if (poor == 1.0 or (poor > MOST_POOR and len(disks) >= 3)) and result.status == "ok":

@@ -5,6 +5,7 @@ the radii are within two of theirs, and recall and precision reach 0.95 (`benchm
 """
 
 import sys
+import warnings
 from functools import cache
 from pathlib import Path
 
@@ -28,11 +29,11 @@ WRONG_AND_OK = {
     ("Newton laser 3 um", 25): NO_FILM,
     ("Newton 20 nm 3 um", 25): NO_FILM,
     ("Newton white 3 um", 25): NO_FILM,
+    ("plate", 25): "a bright rim and a gradient without a reference: the background is not known well enough",
 }
 """Frames that are wrong and called "ok", and why."""
 BELOW_COUNTING = {
-    ("crowd, no ref", 25): "half of the frame is covered: the background is not known well enough",
-    ("patch", 25): "the background of the frame differs from that of the reference by a sharp step",
+    ("step", 25): "the background of the frame differs from that of the reference by a sharp step",
     ("mottled", 25): COVERED,
     ("ellipses 2", 25): COVERED,
 }
@@ -46,7 +47,8 @@ def measured(world, count):
     options = {"polarity": scene.polarity, "full_scale": scene.full_scale}
     result = measure_image(scene.frame, scene.reference, **options)
     assert result.status == "ok" or result.message
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # means over no contacts
         return score(scene, result, None)
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from contact_frames import Optics, coverage
-from contactimg.imaging.evidence.background_left import inspect_background
 
 from contactimg.forces import SHARED_SHIFTS
+from contactimg.imaging.evidence.background_left import inspect_background
 from contactimg.imaging.measure import measure_image
 
 SHAPE = (300, 400)

@@ -40,7 +40,7 @@ def test_a_turned_frame_has_the_same_contacts(turn, method, plain):
     straight = measure_image(*pair, method=method).disks
     turned = measure_image(*(np.ascontiguousarray(TURNS[turn](image)) for image in pair), method=method).disks
     assert len(turned) == len(straight)
-    # pixels are summed in another order, and blocks begin at another border; a count differs by a pixel or two
+    # pixels are summed in another order, and blocks begin at another border; counts differ by a pixel
     if method == "disk":
         limit = 0.5 * np.median(straight["radius_std_px"])
         np.testing.assert_allclose(radii(turned), radii(straight), atol=limit)

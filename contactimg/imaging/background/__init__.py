@@ -6,9 +6,10 @@ the illumination, the blocks that are background, and the alignment of the frame
 Read in this order:
 
 - ``subtract``: the steps with a reference. Which blocks are background and how the illumination
-  changed (``find_illumination``, which fits an ``Illumination``); where the frame lies (``align``, and
-  ``align_far`` if it lies far away; the result is an ``Alignment``); the reference moved there
-  (``resample``); the frame divided by it (``divide``, with its compiled pass ``divide_rows``).
+  changed (``find_illumination``, which fits an ``Illumination``); where the frame lies (``register``, with an
+  ``Alignment`` as the result), by which the reference is moved; the frame divided by it (``divide``).
 - ``no_reference``: the background of a frame without reference, from the frame itself.
+- ``even_out``: the last step of both. Flicker, steps, patches and slow waves that no polynomial describes.
+- ``series``: the mean of all other frames of a series in place of one reference.
 - ``difference_image``: the result.
 """
