@@ -16,7 +16,7 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -100,13 +100,15 @@ def _folder_of(module: str, path: Path) -> Path | None:
     """The folder for the machine code of a module, marked as used now; None where nothing can be stored."""
     if module not in _folders:
         store = _store()
-        folder = None if store is None else store / f"{module}-{digest_of_sources(path)}"
-        if folder is not None:
-            if not folder.exists():
-                _remove_unused(folder.parent.glob(f"{module}-*"))
-            folder.mkdir(exist_ok=True)
-            os.utime(folder)
-        _folders[module] = folder
+        _folders[module] = None
+        with suppress(OSError):
+            if store is not None:
+                folder = store / f"{module}-{digest_of_sources(path)}"
+                if not folder.exists():
+                    _remove_unused(store.glob(f"{module}-*"))
+                folder.mkdir(exist_ok=True)
+                os.utime(folder)
+                _folders[module] = folder
     return _folders[module]
 
 
@@ -124,7 +126,7 @@ def _store() -> Path | None:
     return None
 
 
-def _remove_unused(folders: Any) -> None:
+def _remove_unused(folders: Iterable[Path]) -> None:
     """Remove those of the folders that no process has used for some time."""
     for folder in folders:
         with suppress(OSError):

@@ -83,7 +83,7 @@ def test_where_no_pose_is_found_the_status_says_so_and_overlay_refuses(small_ser
     table = pd.read_csv(folder / "asperities.csv")
     table[["x_m", "y_m"]] = np.random.default_rng(2).uniform(0, table[["x_m", "y_m"]].max(), (len(table), 2))
     table.to_csv(folder / "asperities.csv", index=False)
-    assert main(["process", str(folder), "-o", str(tmp_path / "out"), "--no-pictures", "--quiet"]) == 0
+    assert main(["process", str(folder), "-o", str(tmp_path / "out"), "--no-pictures", "--quiet"]) == 1
     frames = pd.read_csv(tmp_path / "out" / "frames.csv")
     assert "no pose" in set(frames["status"])
     assert frames["message"].str.contains("centre_m").any()

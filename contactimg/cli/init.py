@@ -1,12 +1,13 @@
 """``contactimg init``: a first scene.toml for a folder of frames."""
 
+import json
 import re
 import shlex
 import textwrap
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -86,7 +87,9 @@ def init(
         if value is None:
             value = found if no_input else _ask(question, found)
         known[question.section] = known.get(question.section, {}) | {question.key: value}
-    known = {name: {key: value for key, value in keys.items() if value} for name, keys in known.items()}
+    for keys in known.values():
+        for key in [key for key, value in keys.items() if value in (None, "", [])]:
+            del keys[key]
     known = {name: keys for name, keys in known.items() if keys}
     open_experiment(plausible(scene_from_dict(known, name="the answers", folder=folder)), pulled=True)
     write_text(_template(known), path)
@@ -202,18 +205,7 @@ def _template(known: shared.Stated) -> str:
             lines += textwrap.wrap(str(field.description), 100, initial_indent="# ", subsequent_indent="# ")
             value = known.get(section, {}).get(key)
             default = None if field.is_required() else field.default
-            if value is not None:
-                lines.append(_toml(key, value))
-            else:
-                lines.append(f"# {key} =" if default is None else f"# {_toml(key, default)}")
+            shown = default if value is None else value
+            text = "" if shown is None else json.dumps(shown, ensure_ascii=False)  # on one line, as in TOML
+            lines.append(f"{'# ' if value is None else ''}{key} = {text}".rstrip())
     return "\n".join(lines) + "\n"
-
-
-def _toml(key: str, value: Any) -> str:
-    """A key and its value on one line."""
-    import tomli_w
-
-    if isinstance(value, (list, tuple)):
-        items = ", ".join(_toml("x", item).removeprefix("x = ") for item in value)
-        return f"{key} = [{items}]"
-    return tomli_w.dumps({key: value}).strip()

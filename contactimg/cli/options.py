@@ -140,7 +140,9 @@ Workers = Annotated[
     "Number of processes that work in parallel.  [default: one, and one per CPU core as soon as that saves time]",
 ]
 OneWorker = Annotated[Count, "Number of processes that work in parallel."]
-Load = Annotated[float | None, "Normal load in newtons.  [default: the largest that the scene states]"]
+Load = Annotated[
+    float | None, "--load-N", "Normal load in newtons.  [default: the largest that the scene states]"
+]
 Annulus = Annotated[float, "Width of the rings around the apex over which profiles are averaged, in mm."]
 
 

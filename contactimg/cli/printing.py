@@ -70,27 +70,36 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
     With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
     """
     echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
-    _echo_messages(dict(zip(frames["frame"], frames["message"], strict=True)))
+    _echo_messages(frames)
     total = sum((statuses or {}).values())
     if total > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
         say(f"and {total - len(frames):,} more frames, in frames.csv; of all {total:,}: {counts}")
 
 
-def _echo_messages(messages: Mapping[str, str]) -> None:
-    """Print what several frames have in common once, and one line of each frame for the rest."""
+def _echo_messages(frames: "pd.DataFrame") -> None:
+    """Print what several frames have in common once, and one line of each frame that is not "ok"."""
     remarks = dict[str, list[str]]()
-    for frame, message in messages.items():
+    for frame, message in zip(frames["frame"], frames["message"], strict=True):
         for remark in filter(None, message.split("; ")):
             remarks.setdefault(remark, []).append(frame)
     lines = dict[tuple[str, ...], list[str]]()
-    for remark, frames in remarks.items():
-        lines.setdefault(tuple(frames), []).append(remark)
+    for remark, names in remarks.items():
+        lines.setdefault(tuple(names), []).append(remark)
+    fine = set(frames.loc[frames["status"] == "ok", "frame"])
     whole = logging.getLogger("contactimg").isEnabledFor(logging.INFO)
-    for frames, said in lines.items():
-        many = "all frames" if len(frames) == len(messages) else f"{len(frames)} frames from {frames[0]} on"
-        text = f"{frames[0] if len(frames) == 1 else many}: {'; '.join(said)}"
-        say(text if whole else textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
+    untold = 0
+    for those, said in lines.items():
+        many = "all frames" if len(those) == len(frames) else f"{len(those)} frames from {those[0]} on"
+        text = f"{those[0] if len(those) == 1 else many}: {'; '.join(said)}"
+        if whole:
+            say(text)
+        elif len(those) == 1 and those[0] in fine:
+            untold += 1
+        else:
+            say(textwrap.shorten(text, WIDTH_OF_FILES, placeholder=" ... (--verbose)"))
+    if untold:
+        say(f"remarks on {untold} of these frames are in frames.csv; --verbose prints them")
 
 
 def _frame_cells(row: Mapping[Hashable, Any]) -> Cells:

@@ -60,8 +60,8 @@ def process(
     With several FOLDERs each is measured as if alone, into a folder of its name inside the output folder;
     combined/ then holds all_contacts.csv and all_frames.csv, with the name of the folder in the column run.
 
-    Exit codes: 0 done; 1 a frame failed, or no frame shows anything that can be measured (all black or white,
-    for example), as frames.csv says; 2 nothing done.
+    Exit codes: 0 done; 1 a frame failed, or no frame has a result to rely on (all black, or without contact,
+    without a pose or with forces off the load, for example), as frames.csv says; 2 nothing done.
 
     \b
     Examples:
@@ -151,7 +151,7 @@ def _process_folder(
         from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
-        from contactimg.tables import FAILED
+        from contactimg.tables import NO_RESULT, Status
 
     scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
     relative = stated.get("tolerance", {}).get("relative")
@@ -182,5 +182,5 @@ def _process_folder(
         echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
         law, film = (str(facts.get(name) or "") for name in ("law", "film_summary"))
         say(acts and f"calibration {calibration}: {acts}", law, film)
-    measurable = frames[["area_m2", "n_contacts"]].notna().any(axis=None)
-    return int(not measurable or (frames["status"] == FAILED).any())
+    statuses = set(frames["status"])
+    return int(Status.FAILED in statuses or statuses <= NO_RESULT)

@@ -36,7 +36,7 @@ def scene_of_folder(
     folder : path-like
         With a ``scene.toml``, or with frames only.
     stated : Stated
-        Keys that replace those of the scene; files are relative to the working directory.
+        Keys that replace those of the scene; files are relative to the working directory or the folder.
     scene_file : path-like or None
         Instead of the scene file in the folder; files that are missing in the folder are those beside it.
     calibration : path-like or None
@@ -61,7 +61,7 @@ def scene_of_folder(
         record, method = read_calibration(calibration), stated.get("measure", {}).get("method")
         apply_calibration(data, record, sets_method=method is None)
         refuse_idle(data, record, calibration, method)
-    return _plausible(data, stated | {"images": _absolute(stated.get("images", {}))}, folder)
+    return _plausible(data, stated | {"images": _located(stated.get("images", {}), folder)}, folder)
 
 
 def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
@@ -104,13 +104,14 @@ def _copied(scene: Scene) -> Stated:
     return {section: dict(keys) for section, keys in scene.source.items()}
 
 
-def _absolute(images: dict[str, Any]) -> dict[str, Any]:
-    """Keys with the files that options name, as a scene in another folder finds them."""
+def _located(images: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Keys with the files that options name: in the working directory, or else in the folder of frames."""
     found = dict(images)
     for key in ("reference", "loads"):
         if key in images:
             names = [images[key]] if isinstance(images[key], str) else images[key]
-            paths = [str(Path(name).resolve()) for name in names]
+            here = [not _has(folder, name) or _has(Path(), name) for name in names]
+            paths = [str(Path(name).resolve()) if k else name for k, name in zip(here, names, strict=True)]
             found[key] = paths[0] if len(paths) == 1 else paths
     return found
 
@@ -129,9 +130,13 @@ def _moved_to(folder: Path, scene: Scene) -> Stated:
 
 def _beside(name: str, folder: Path, scene_folder: Path) -> str:
     """The name if the folder has such files, else the path beside the scene file."""
+    return name if _has(folder, name) else str((scene_folder / name).resolve())
+
+
+def _has(folder: Path, name: str) -> bool:
+    """Whether a name or a glob leads to files from the folder."""
     relative = not Path(name).is_absolute()
-    there = named_file(name, folder).exists() or (relative and any(folder.glob(name)))
-    return name if there else str((scene_folder / name).resolve())
+    return named_file(name, folder).exists() or (relative and any(folder.glob(name)))
 
 
 # --- what a calibration acts on

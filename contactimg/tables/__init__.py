@@ -36,7 +36,7 @@ from contactimg.tables.schemas import (
     UNCERTAINTIES,
     Schema,
 )
-from contactimg.tables.statuses import FAILED, Status
+from contactimg.tables.statuses import FAILED, NO_RESULT, Status
 
 __all__ = [
     "AREA",
@@ -52,6 +52,7 @@ __all__ = [
     "LOADS",
     "MATCHES",
     "NORMALISED",
+    "NO_RESULT",
     "OUTLINES",
     "PRESSURE_LAW",
     "PROFILE",

@@ -85,3 +85,17 @@ class Status(enum.StrEnum):
 
 
 FAILED = Status.FAILED
+NO_RESULT = frozenset(
+    {
+        Status.FAILED,
+        Status.NO_CONTACT,
+        Status.ALL_HOLES,
+        Status.BLACK,
+        Status.WHITE,
+        Status.CONSTANT,
+        Status.IDENTICAL,
+        Status.NO_POSE,
+        Status.OFF_LOAD,
+    }
+)
+"""Statuses of frames that have no result to rely on, or not the one that the scene asks for."""

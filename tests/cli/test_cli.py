@@ -131,6 +131,16 @@ def test_frames_without_a_scene_are_measured_in_pixels_and_with_a_pixel_size_in_
     np.testing.assert_allclose(metres["radius_m"], 6e-6 * contacts["radius_px"], rtol=1e-12)
 
 
+def test_a_reference_is_looked_for_in_the_folder_as_well(series, tmp_path):
+    (series / "scene.toml").unlink()
+    (series / "reference.tif").rename(series / "ref.tif")
+    options = ["--reference", "ref.tif", "--loads", "loads.csv", "-o", tmp_path / "out"]
+    assert process(series, *options) == 0
+    frames = frames_of(tmp_path / "out")
+    assert frames.index.tolist() == ["frame_1.tif", "frame_2.tif", "frame_3.tif"]
+    assert frames["load_N"].notna().all()
+
+
 def test_python_m_contactimg_answers_help():
     run = subprocess.run(
         [sys.executable, "-m", "contactimg", "--help"], capture_output=True, text=True, check=True
@@ -207,6 +217,15 @@ def test_reference_as_a_frame_has_no_contacts_and_a_status(series, tmp_path):
     assert (row["n_contacts"], row["area_m2"], row["force_sum_N"]) == (0, 0, 0)
 
 
+def test_a_reference_swapped_with_a_frame_is_not_success(series, tmp_path):
+    frames = [series / f"frame_{k}.tif" for k in (1, 2, 3)]
+    shown, empty = tifffile.imread(frames[2]), tifffile.imread(series / "reference.tif")
+    tifffile.imwrite(series / "reference.tif", shown)
+    for path in frames:
+        tifffile.imwrite(path, empty)
+    assert process(series, "-o", tmp_path / "out") == 1
+
+
 def test_no_reference_is_said_once_for_all_frames(series, tmp_path, capsys):
     edit(series / "scene.toml", 'reference = "reference.tif"\n', "")
     (series / "reference.tif").unlink()
@@ -220,10 +239,14 @@ def test_no_reference_is_said_once_for_all_frames(series, tmp_path, capsys):
 
 def test_a_frame_has_one_short_line_and_all_of_it_with_verbose(capsys):
     shared, own = "the light changed", "a remark of this frame alone, " + 20 * "at length "
-    table = {"frame": ["a.tif", "b.tif", "c.tif"], "message": [f"{shared}; {own}", shared, ""]}
-    frames = FRAMES.conform({**table, "status": ["ok"] * 3})
+    messages = [f"{shared}; {own}", shared, "how well it went"]
+    statuses = ["poor fit", "ok", "ok"]
+    frames = FRAMES.conform({"frame": ["a.tif", "b.tif", "c.tif"], "message": messages, "status": statuses})
     echo_frames(frames, title="three frames")
-    lines = capsys.readouterr().out.splitlines()
+    printed = capsys.readouterr().out
+    lines = printed.splitlines()
+    assert "how well it went" not in printed
+    assert "remarks on 1 of these frames are in frames.csv" in printed
     assert lines.count(f"2 frames from a.tif on: {shared}") == 1
     (line,) = [line for line in lines if line.startswith("a.tif: ")]
     assert line.endswith("... (--verbose)")
@@ -233,7 +256,9 @@ def test_a_frame_has_one_short_line_and_all_of_it_with_verbose(capsys):
         echo_frames(frames, title="three frames")
     finally:
         logging.getLogger("contactimg").setLevel(logging.WARNING)
-    assert f"a.tif: {own}".strip() in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert f"a.tif: {own}".strip() in printed
+    assert "c.tif: how well it went" in printed
 
 
 # nothing done: one sentence, exit code 2, and an earlier run untouched
@@ -350,7 +375,7 @@ def test_frames_that_show_nothing_are_not_success(series, tmp_path, capsys):
     assert frames["area_m2"].isna().all()
     capsys.readouterr()
     assert main(["process", "--help"]) == 0
-    assert "1 a frame failed, or no frame shows anything that can be measured" in " ".join(
+    assert "1 a frame failed, or no frame has a result to rely on" in " ".join(
         capsys.readouterr().out.split()
     )
 
@@ -472,7 +497,8 @@ def test_a_file_called_reference_is_never_a_frame(series, tmp_path, scene):
 
 def test_another_pattern_is_said_in_the_message(series, tmp_path):
     edit(series / "scene.toml", "6e-06", "9e-06")
-    assert process(series, "-o", tmp_path / "out") == 0
+    assert process(series, "-o", tmp_path / "out") == 1
+    assert set(frames_of(tmp_path / "out")["status"]) == {"no pose"}
     assert frames_of(tmp_path / "out")["message"].str.contains("fall on an asperity").all()
 
 

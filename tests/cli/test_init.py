@@ -60,6 +60,8 @@ def test_answers_are_asked_for_again_and_enter_means_not_known(frames, monkeypat
 def test_a_scene_that_is_there_and_an_implausible_answer_are_refused(frames, capsys):
     assert main(["init", str(frames), "--no-input", "--lens-radius-mm", "128800"]) == 2
     assert "radius_m" in capsys.readouterr().err
+    assert main(["init", str(frames), "--no-input", "--pixel-size-um", "0"]) == 2
+    assert "pixel_size_m must be greater than 0, got 0.0" in capsys.readouterr().err
     assert not (frames / "scene.toml").exists()
     (frames / "scene.toml").write_text("[camera]\npixel_size_m = 6e-6\n")
     assert main(["init", str(frames), "--no-input"]) == 2
