@@ -33,6 +33,7 @@ from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.models.adhesive import COUPLINGS as ADHESIVE_COUPLINGS
 from contactimg.models.adhesive import solve_adhesive_after
 from contactimg.models.asperity_laws import left_out_for
+from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.full_coupling import bounded_saddle
 from contactimg.models.interacting import solve_interacting
@@ -104,7 +105,7 @@ def coupling_level(*, coupling: bool, full_coupling: bool) -> Level:
 
 def solve_scene(
     scene: Scene,
-    asperities: pd.DataFrame,
+    asperities: pd.DataFrame | CompositeSummits,
     *,
     load: float | LoadSpring,
     coupling: str,
@@ -116,7 +117,8 @@ def solve_scene(
 
     Scene, table, load, tolerance, history and errors are those of `contactimg.prediction.predict_contacts`;
     ``coupling`` is one of the levels "none", "asymptotic", "hertz" and "full", and ``[effects]`` does not
-    enter there. ``start`` is a solution of the same table, from which contacts without adhesion start.
+    enter there. Contacts without adhesion also take composite summits for a table, and start from a solution
+    of the same.
     """
     scene.check_effects()
     indenter, elastic = scene.need("indenter", "a contact model"), scene.need("elastic", "a contact model")
@@ -136,8 +138,10 @@ def solve_scene(
         solve = partial(solve_adhesive_after, history, work_of_adhesion=elastic.work_of_adhesion)
     if tolerance is not None:
         solve = partial(solve, tolerance=tolerance)
+    if not isinstance(asperities, CompositeSummits):
+        asperities = shaped_asperities(asperities, scene)
     return solve(
-        shaped_asperities(asperities, scene),
+        asperities,
         indenter_radius=indenter.radius,
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,
@@ -204,7 +208,11 @@ class Comparison:
 
     def __init__(self, scene: Scene, table: pd.DataFrame, load: float) -> None:
         self.scene, self.table, self.load = scene, table, load
-        self.elastic = scene.need("elastic", PURPOSE)
+        self.elastic, indenter = scene.need("elastic", PURPOSE), scene.need("indenter", PURPOSE)
+        self.apex: tuple[float, float] = indenter.apex
+        self.summits = CompositeSummits.of(
+            shaped_asperities(table, scene), indenter_radius=indenter.radius, apex=indenter.apex
+        )
         self.solved: dict[frozenset[str], InteractingSolution] = {}
         self.seconds: dict[frozenset[str], float] = {}
         self.steps: dict[str, State] = {}
@@ -241,12 +249,13 @@ class Comparison:
         switches = {name: "on" if name in effects else "off" for name in MECHANICAL_EFFECTS}
         scene = self.scene.model_copy(update={"effects": self.scene.effects.model_copy(update=switches)})
         level = coupling_level(coupling="coupling" in effects, full_coupling="full_coupling" in effects)
-        load = self.load if "adhesion" in effects else max(self.load, 0.0)
-        residual = (
-            None if "adhesion" in effects else min(RESIDUAL, RESIDUAL_FRACTION * scene.tolerance.relative)
-        )
+        table: pd.DataFrame | CompositeSummits = self.table
+        load, residual = self.load, None
+        if "adhesion" not in effects:
+            table, load = self.summits, max(self.load, 0.0)
+            residual = min(RESIDUAL, RESIDUAL_FRACTION * scene.tolerance.relative)
         began = time.thread_time()
-        solution = solve_scene(scene, self.table, load=load, coupling=level, tolerance=residual, start=start)
+        solution = solve_scene(scene, table, load=load, coupling=level, tolerance=residual, start=start)
         self.seconds[key] = time.thread_time() - began
         return self.solved.setdefault(key, solution)
 
@@ -312,12 +321,6 @@ class Comparison:
             without=self.answer(without),
             complete=self.answer(self.complete),
         )
-
-    @property
-    def apex(self) -> tuple[float, float]:
-        """Where the lens's apex stands, m."""
-        apex: tuple[float, float] = self.scene.need("indenter", PURPOSE).apex
-        return apex
 
     def answer(self, state: State) -> Answer:
         """The contacts of a state that was added up: others than those of the base may touch."""
