@@ -6,8 +6,9 @@ force, radius and penetration of every contact. To first order these differences
 is the base with all that is missing from it, and an answer without some effects is the complete one less what
 they add.
 
-More contacts than `PART_CONTACTS` are solved as a whole only for coupling and layer; the other effects, which
-act in a contact and among its nearest neighbours, are compared on the part of the scene about the apex.
+More contacts than `PART_CONTACTS` are solved as a whole only for coupling and layer, without adhesion; the
+other effects, which act in a contact and among its nearest neighbours, are compared on the part of the scene
+about the apex.
 """
 
 import time
@@ -147,6 +148,7 @@ def solve_scene(
         coupling=coupling,
         law=profile or ("sphere" if effects.sphere_profile == "on" else "hertz"),
         thickness=elastic.thickness if effects.layer == "on" else np.inf,
+        poisson_ratio=elastic.poisson_ratio,
     )
 
 
@@ -220,15 +222,20 @@ class Comparison:
         off = scene.effects.switched_off(*MECHANICAL_EFFECTS)
         self.on = {"coupling"} - off
         self.on |= {name for name in ("adhesion", "layer") if name not in off and not self.lacks(name)}
+        dry = bool(self.lacks("adhesion")) or self.alone.touching.size > PART_CONTACTS
+        if dry:
+            self.on -= {"adhesion"}
         try:
             self.base = self.solve(self.on)
         except ConvergenceError:
             if self.alone.base_gap.beyond_models:
-                raise ModelRangeError(f"at {load:g} N {self.alone.base_gap.sentence}; lower the load") from None
+                raise ModelRangeError(
+                    f"at {load:g} N {self.alone.base_gap.sentence}; lower the load"
+                ) from None
             refuse_engulfed(self.alone)
             raise
         # adhesive solutions do not tell the gaps of asperities out of contact
-        self.by_depth = np.isfinite(self.base.penetration) & (self.lacks("adhesion") != "")
+        self.by_depth = np.isfinite(self.base.penetration) & dry
         self.complete = self.state(self.base)
 
     def solve(
@@ -283,13 +290,14 @@ class Comparison:
                 self.reasons[effect] = f"{UNSOLVED}: {error}"
                 return
             nothing = np.zeros(len(self.table))
-            other, reason = State(nothing, nothing, nothing - self.base.indentation, 0.0), str(error)
+            other = State(nothing, nothing, nothing - self.base.indentation, 0.0)
+            self.reasons[effect] = str(error)
         else:
-            other, reason = self.state(solution), REASONS[effect](self, solution)
+            other = self.state(solution)
+            self.reasons[effect] = reason(self, effect, solution)
             times = [self.seconds[frozenset(chosen)] for chosen in (others, self.on)]
             times[0] += times[1] * (effect == "full_coupling")  # which has started from the base
             self.costs[effect] = max(times[effect in self.on] / times[effect not in self.on], 1.0)
-        self.reasons[effect] = reason
         if effect in self.on:
             self.steps[effect] = base.plus(other, -1.0)
         else:
@@ -366,10 +374,30 @@ class Comparison:
         return Comparison(scene, table, float(force.sum()))
 
 
-def _coupling_reason(pair: Comparison, alone: InteractingSolution) -> str:
+def reason(pair: Comparison, effect: str, other: InteractingSolution) -> str:
+    """The number that decides on an effect, from a compared problem and its other solution."""
+    base, elastic, rows = pair.base, pair.elastic, pair.base.touching
+    if effect == "coupling":
+        return _unequal_displacement(*((base, other) if effect in pair.on else (other, base)))
+    if effect == "full_coupling":
+        largest = np.sqrt(np.max(pair.curvature_changes, initial=0.0))
+        return f"the neighbours change the radii of curvature by up to {largest:.2g}"
+    if effect == "layer":
+        extent = np.hypot(base.x[rows] - base.x[rows].mean(), base.y[rows] - base.y[rows].mean()).max()
+        return f"the loaded region's radius is {extent / elastic.thickness:.2g} of the thickness"
+    if effect == "sphere_profile":
+        return f"a/R up to {base.validity.max_strain:.2f}"
+    dry = other if effect in pair.on else base
+    if not dry.touching.size:
+        return "without adhesion there is no contact at this load"
+    force = float(dry.force[dry.touching].mean())
+    pull = 3 * np.pi * elastic.work_of_adhesion * float(dry.composite_radius[dry.touching].mean())
+    gain = (pull + np.sqrt(2 * pull * force + pull**2)) / force
+    return f"it adds {gain:.0%} to a^3 of a contact of {force:.2g} N"
+
+
+def _unequal_displacement(coupled: InteractingSolution, alone: InteractingSolution) -> str:
     """How unequally the neighbours lower the contacts."""
-    coupled = pair.base if "coupling" in pair.on else alone
-    alone = alone if "coupling" in pair.on else pair.base
     lowered = (coupled.indentation - coupled.penetration) - (alone.indentation - alone.penetration)
     known = np.isfinite(lowered) & (coupled.force > 0)
     force, lowered = coupled.force[known], lowered[known]
@@ -378,47 +406,6 @@ def _coupling_reason(pair: Comparison, alone: InteractingSolution) -> str:
         return "no contact bears a load with coupling"
     spread = np.sqrt(float(force @ (lowered - force @ lowered / total) ** 2) / total)
     return f"the displacement by the neighbours varies by {spread * total / sunk:.2g} of the mean indentation"
-
-
-def _curvature_reason(pair: Comparison, _: InteractingSolution) -> str:
-    """How much the neighbours change the curvatures."""
-    largest = np.sqrt(np.max(pair.curvature_changes, initial=0.0))
-    return f"the neighbours change the radii of curvature by up to {largest:.2g}"
-
-
-def _adhesion_reason(pair: Comparison, other: InteractingSolution) -> str:
-    """How much adhesion adds to a contact of the mean force."""
-    dry = other if "adhesion" in pair.on else pair.base
-    rows = dry.touching
-    if not rows.size:
-        return "without adhesion there is no contact at this load"
-    force = float(dry.force[rows].mean())
-    pull = 3 * np.pi * pair.elastic.work_of_adhesion * float(dry.composite_radius[rows].mean())
-    gain = (pull + np.sqrt(2 * pull * force + pull**2)) / force
-    return f"it adds {gain:.0%} to a^3 of a contact of {force:.2g} N"
-
-
-def _layer_reason(pair: Comparison, _: InteractingSolution) -> str:
-    """The loaded region against the thickness."""
-    rows = pair.base.touching
-    x, y = pair.base.x[rows], pair.base.y[rows]
-    extent = float(np.hypot(x - x.mean(), y - y.mean()).max())
-    return f"the loaded region's radius is {extent / pair.elastic.thickness:.2g} of the thickness"
-
-
-def _sphere_reason(pair: Comparison, _: InteractingSolution) -> str:
-    """The largest contact against its asperity."""
-    return f"a/R up to {pair.base.validity.max_strain:.2f}"
-
-
-REASONS: dict[str, Callable[[Comparison, InteractingSolution], str]] = {
-    "coupling": _coupling_reason,
-    "full_coupling": _curvature_reason,
-    "adhesion": _adhesion_reason,
-    "layer": _layer_reason,
-    "sphere_profile": _sphere_reason,
-}
-"""Effect -> the number that decides, from the compared problem and its other solution."""
 
 
 @dataclass(frozen=True, eq=False)

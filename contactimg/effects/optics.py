@@ -109,16 +109,8 @@ class Part:
         chosen = (x >= -0.5) & (x <= shape[1] - 0.5) & (y >= -0.5) & (y <= shape[0] - 0.5) & (radius > 0)
         if not chosen.any():
             return None
-        x0, y0 = np.median(x[chosen]), np.median(y[chosen])
-        quarters = [
-            chosen & (right == (x >= x0)) & (below == (y >= y0))
-            for right in (True, False)
-            for below in (True, False)
-        ]
-        quarter = max(quarters, key=np.count_nonzero)
-        if np.count_nonzero(quarter) >= FEWEST_CONTACTS:
-            chosen = quarter
-        low, high = _window(x[chosen], y[chosen], radius[chosen], shape)
+        chosen, rows, columns = busiest_quarter(x, y, radius, chosen, fewest=FEWEST_CONTACTS)
+        low, high = np.array([rows.start, columns.start]), np.minimum([rows.stop, columns.stop], shape)
         table = pd.DataFrame(
             {"x_px": x[chosen] - low[1], "y_px": y[chosen] - low[0], "radius_px": radius[chosen]}
         )
@@ -134,12 +126,36 @@ class Part:
         return cls(smaller, CONTACTS.conform(table), _sphere_radii(scene, contacts)[chosen])
 
 
-def _window(x: Values, y: Values, radius: Values, shape: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
-    """First and last row and column of a frame about some contacts."""
-    around = radius.max() + MARGIN_PX
-    low = np.floor(np.maximum([y.min() - around, x.min() - around], 0)).astype(np.intp)
-    high = np.ceil(np.minimum([y.max() + around, x.max() + around], shape)).astype(np.intp)
-    return low, np.maximum(high, low + 1)
+def busiest_quarter(
+    x: Values, y: Values, radius: Values, shown: NDArray[np.bool_], *, fewest: int
+) -> tuple[NDArray[np.bool_], slice, slice]:
+    """The quarter of a frame about the median place of some contacts that holds the most of them.
+
+    It holds contacts from the middle of the loaded region to its rim, and so of all sizes.
+
+    Parameters
+    ----------
+    x, y, radius, shown : ndarray, shape (n,), px
+        Contacts, and which of them count.
+    fewest : int
+        If the quarter holds fewer, all that count are taken.
+
+    Returns
+    -------
+    chosen : ndarray of bool, shape (n,)
+    rows, columns : slice
+        Of the frame about these; the stop may lie beyond its end.
+    """
+    right, below = x >= np.median(x[shown]), y >= np.median(y[shown])
+    quarters = [shown & (right == one) & (below == two) for one in (True, False) for two in (True, False)]
+    chosen = max(quarters, key=np.count_nonzero)
+    if np.count_nonzero(chosen) < fewest:
+        chosen = shown
+    around = float(radius[chosen].max()) + MARGIN_PX
+    rows, columns = (
+        slice(int(max(v[chosen].min() - around, 0.0)), int(v[chosen].max() + around) + 1) for v in (y, x)
+    )
+    return chosen, rows, columns
 
 
 def _sphere_radii(scene: Scene, contacts: pd.DataFrame) -> Values:
@@ -163,7 +179,6 @@ class Camera:
         self.lights: dict[Shown, tuple[NDArray, NDArray]] = {}
         self.radii: dict[Shown, list[tuple[NDArray[np.intp], Values]]] = {}
         self.seconds: dict[Shown, float] = {}
-        self.clipped = False
 
     def light(self, shown: Shown) -> tuple[NDArray, NDArray]:
         """Grey levels of frame and reference before the sensor."""
@@ -191,7 +206,6 @@ class Camera:
             noisy = noisy + np.sqrt(levels / simulate.electrons_per_level) * noise[0]
         if "read_noise" in shown:
             noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * noise[1]
-        self.clipped |= bool(noisy.min() < 0 or noisy.max() > 2**simulate.bit_depth - 1)
         return digitise(
             noisy,
             bit_depth=simulate.bit_depth,
@@ -241,7 +255,9 @@ class Camera:
             systematic, noise = float(np.sum(step.mean(axis=0) ** 2)), float(np.sum(step**2)) / len(step)
         else:
             total, size = step.sum(axis=1), float(mean.sum()) ** 2
-            systematic, noise = float(total.mean()) ** 2, float(np.mean(total**2))
+            systematic = float(total.mean()) ** 2
+            # the same number twice if contacts err independently; one alone scatters with few realisations
+            noise = float(np.mean(total**2) + np.sum(step**2) / len(step)) / 2
         chance = float(step.var(axis=0, ddof=1).sum()) / len(step)
         square = noise if effect in NOISE else max(systematic - chance, 0.0)
         return float(np.sqrt(square / size)) if size > 0 else float(square > 0)
@@ -339,18 +355,12 @@ def _estimate(
         leaving, changes = _leaving_contacts(scene, contacts, outputs)
         return EffectEstimate(effect, max(changes.values()), leaving, 1.0, changes)
     reason = _reason(effect, camera)
-    if NO_FILM in reason or (effect == "saturation" and not _clips(camera, shown)):
+    if NO_FILM in reason:
         return EffectEstimate(effect, 0.0, reason)
     changes = {name: camera.change(name, effect, shown) for name in outputs}
     keys = (shown | {effect}) - SENSOR, (shown - {effect}) - SENSOR
     cost = max(camera.seconds[keys[0]] / camera.seconds[keys[1]], 1.0)
     return EffectEstimate(effect, max(changes.values()), reason, cost, changes)
-
-
-def _clips(camera: Camera, shown: Shown) -> bool:
-    """Whether any pixel reaches full scale or zero."""
-    camera.measure(shown)
-    return camera.clipped
 
 
 def _leaving_contacts(

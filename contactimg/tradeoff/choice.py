@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.effects.optics import busiest_quarter
 from contactimg.effects.output_change import stated_change
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
@@ -25,9 +26,6 @@ SAFETY_FACTOR = 1.1
 
 FEWEST_CONTACTS = 20
 """Contacts that a quarter holds at least if it stands for the whole. Chosen by hand."""
-
-MARGIN_PX = 30.0
-"""Background around the part of a frame to which disks are fitted. Chosen: four blocks of its estimate."""
 
 
 @dataclass(frozen=True)
@@ -145,8 +143,9 @@ def count_error(
     """
     if not len(counted):
         return inf
-    part = _quarter(counted, image.shape)
-    rows, columns = part
+    x, y, a = (counted[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
+    _, rows, columns = busiest_quarter(x, y, a, np.ones(x.size, bool), fewest=FEWEST_CONTACTS)
+    part = rows, columns
     fitted = fit(image[part], None if reference is None else reference[part]).disks
     if not len(fitted):
         return inf
@@ -156,26 +155,6 @@ def count_error(
         return inf
     stated = stated_change(output, radius=counted["radius_px"], std=counted["radius_std_px"])
     return SAFETY_FACTOR * hypot(disk_change(output, counted_there, fitted), stated)
-
-
-def _quarter(disks: pd.DataFrame, shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Rows and columns of the quarter about the median place that holds the most disks, cropped to them.
-
-    It holds contacts from the middle of the loaded region to its rim, and so of all sizes; of few disks
-    the whole is taken.
-    """
-    x, y, a = (disks[name].to_numpy(float) for name in ("x_px", "y_px", "radius_px"))
-    right, below = x >= np.median(x), y >= np.median(y)
-    quarters = [(right == one) & (below == other) for one in (True, False) for other in (True, False)]
-    chosen = max(quarters, key=np.count_nonzero)
-    if np.count_nonzero(chosen) < FEWEST_CONTACTS:
-        chosen = np.ones(x.size, bool)
-    around = float(a[chosen].max()) + MARGIN_PX
-    rows, columns = (
-        slice(int(max(v[chosen].min() - around, 0)), int(min(v[chosen].max() + around, length)) + 1)
-        for v, length in zip((y, x), shape, strict=True)
-    )
-    return rows, columns
 
 
 def _inside(disks: pd.DataFrame, rows: slice, columns: slice) -> pd.DataFrame:

@@ -199,6 +199,24 @@ def test_of_many_contacts_a_part_is_solved_that_bears_what_it_bears_in_the_whole
     assert np.abs(part.base.force - expected).sum() < 1e-3 * expected.sum()
 
 
+def test_of_many_adhesive_contacts_only_the_part_adheres():
+    """The equations of adhesive contacts are a full matrix: the whole is solved without adhesion."""
+    _, table, load = mechanical_scene("SA+ large load")
+    elastic = {"young_modulus_Pa": 3e6, "work_of_adhesion_J_m2": 1e-3}
+    scene = scene_from_dict({"indenter": {"radius_m": SA_LENS}, "elastic": elastic})
+    found = estimate_mechanics(scene, table, load=load)
+    whole, part = found.compared
+    assert (whole.base.branch, part.base.branch) == ("", "first loading")
+    # of a mean contact: a^3 grows by sqrt(6 pi w R/p) = 2.7 %, its area by two thirds of that
+    p = load / whole.base.touching.size
+    expected = 2 / 3 * np.sqrt(6 * np.pi * 1e-3 * 1e-4 / p)
+    assert changes_of(found)["adhesion"]["area"] == pytest.approx(expected, rel=0.3)
+
+
+def changes_of(mechanics):
+    return {estimate.effect: estimate.changes for estimate in mechanics.estimates}
+
+
 def test_without_load_there_is_nothing_unless_contacts_adhere():
     table = hexagon(1e-4)
     assert set(changes(plan_of(table, 0.0)).values()) == {0.0}

@@ -120,6 +120,23 @@ def test_what_acts_through_coupling_goes_with_it():
 # the plan and the scene
 
 
+def test_an_effect_without_a_solution_is_left_out_and_named(monkeypatch):
+    scene, table, load = mechanical_scene("close pair")
+    assert make_plan(scene, table, load=load).is_on("full_coupling")
+    solve = mechanics.solve_scene
+
+    def no_full_coupling(*args, coupling, **options):
+        if coupling == "full":
+            raise contactimg.ConvergenceError("full coupling did not converge")
+        return solve(*args, coupling=coupling, **options)
+
+    monkeypatch.setattr(mechanics, "solve_scene", no_full_coupling)
+    plan = make_plan(scene, table, load=load)
+    assert not plan.is_on("full_coupling")
+    sentence = "full_coupling is not compared: no solution to compare with: full coupling did not converge"
+    assert sentence in plan.limits
+
+
 def test_apply_makes_every_mechanical_switch_explicit_and_plans_the_same_again():
     scene, table, load = mechanical_scene("layer of 1 mm")
     plan = make_plan(scene, table, load=load)
@@ -243,6 +260,22 @@ def test_effects_prints_the_numbers_and_writes_them(folder, capsys):
     assert main([*loose, "-o", str(out), "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     assert (pd.read_csv(out / "effects.csv")["decision"] == "off").all()
+
+
+@pytest.mark.parametrize("output", ["all", "profile"])
+def test_effects_takes_every_output_and_leaves_all_to_the_plan(folder, capsys, output):
+    scene = (folder / "scene.toml").read_text()
+    (folder / "scene.toml").write_text(scene + '\n[effects]\ncoupling = "off"\n')
+    arguments = ["effects", str(folder), "--load-N", "0.1", "--output", output]
+    assert main(arguments) == 0
+    ordered = capsys.readouterr().out
+    assert "off (scene)" in ordered
+    assert "coupling is switched off although" in ordered
+    assert main([*arguments, "--auto"]) == 0
+    planned = capsys.readouterr().out
+    assert f"{output} to 2 %" in planned
+    assert "(scene)" not in planned
+    assert "with everything on" in planned
 
 
 @pytest.mark.parametrize(
