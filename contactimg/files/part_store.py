@@ -4,8 +4,10 @@ import hashlib
 import json
 import logging
 import pickle
+import secrets
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import partial
 from pathlib import Path, PurePath
@@ -13,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
+from platformdirs import user_state_path
 from pydantic import BaseModel
 
 from contactimg.engine.calls import in_parallel
@@ -68,6 +71,23 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"a {type(value).__name__} has no fingerprint")
 
 
+def _key_of_user() -> str:
+    """A secret of this user, part of every name: part files that somebody else left in a folder are not read.
+
+    Part files are pickled, and reading one may run what it says. Without a place for the secret every run has
+    its own, and goes on from nothing.
+    """
+    path = user_state_path("contactimg") / "part_key"
+    with suppress(OSError, InputError):
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with replacing(path) as part:
+                part.write_text(secrets.token_hex())
+            path.chmod(0o600)
+        return path.read_text()
+    return secrets.token_hex()
+
+
 class PartStore:
     """Results in part files, each named by the digest of all it depends on.
 
@@ -85,12 +105,13 @@ class PartStore:
 
     def __init__(self, folder: Path, record: Mapping[str, Any], *, resumes: bool = True) -> None:
         self.folder, self.resumes = folder.resolve(), resumes
-        self._versions = [record.get("versions"), record.get("platform"), source_digest()]
+        versions = (record.get("versions"), record.get("platform"), source_digest())
+        self._basis = [_key_of_user(), *versions]
         self._digests = {entry["path"]: entry.get("sha256") for entry in record.get("inputs", [])}
 
     def common(self, settings: object, others: Sequence[Path] = ()) -> str:
         """What the names of several parts have in common: settings, and the content of files."""
-        return fingerprint([self._versions, settings, [self._digest(path) for path in others]])
+        return fingerprint([self._basis, settings, [self._digest(path) for path in others]])
 
     def name(self, common: str, path: Path | None, job: object) -> str | None:
         """Name of the part of a frame in a file, or of a job without one; None if the file has no digest."""

@@ -258,7 +258,7 @@ def _solved(
     return store.results(ensemble.solve, jobs, names, workers=workers, lost=lost, said=said)
 
 
-def _lost(loads: int, error: Exception, _index: int) -> list[str]:
+def _lost(loads: int, error: Exception, _index: int) -> "list[PatternSums | str]":
     """The failure of a pattern whose workers were ended."""
     return [f"its solution {error}"] * loads
 

@@ -44,37 +44,6 @@ class FailedFrame:
         return cls({"frame": name, "status": Status.FAILED, "message": message})
 
 
-class Jobs(Sequence[Any]):
-    """Frames to measure, each with the arguments that are made when it is its turn.
-
-    Parameters
-    ----------
-    frames : sequence of FrameSource
-    numbers : sequence of int, optional
-        Which of them; default: all.
-    arguments : callable, optional
-        Gives what a frame's measurement needs besides its pixels, from the frame's number.
-    """
-
-    def __init__(
-        self,
-        frames: Sequence[FrameSource],
-        numbers: Sequence[int] | None = None,
-        arguments: Callable[[int], tuple[Any, ...]] | None = None,
-    ) -> None:
-        self._frames = frames
-        self._numbers = range(len(frames)) if numbers is None else numbers
-        self._arguments = arguments
-
-    def __len__(self) -> int:
-        return len(self._numbers)
-
-    def __getitem__(self, index: Any) -> Any:
-        """One job."""
-        number = self._numbers[index]
-        return self._frames[number], *(self._arguments(number) if self._arguments else ())
-
-
 def for_each_frame(
     experiment: Experiment,
     measure: Callable[..., Result],
@@ -105,7 +74,7 @@ def for_each_frame(
     result of ``measure``, or FailedFrame
         In order, a few frames in memory at a time.
     """
-    whole, jobs = jobs is None, Jobs(experiment.frames) if jobs is None else jobs
+    whole, jobs = jobs is None, [(frame,) for frame in experiment.frames] if jobs is None else jobs
     if not jobs:
         return
     reference = read_reference(experiment)

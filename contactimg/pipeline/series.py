@@ -1,11 +1,11 @@
 """Measure a series: each frame alone, some again with the optics of the series, then pose and forces."""
 
 import logging
-from array import array
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,7 +21,7 @@ from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
 from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.measured_series import MeasuredSeries
-from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -135,16 +135,16 @@ def _measure_frames(
     optics = _OpticsOfSeries.of(parts, options.scene.measure.method)
     if optics is None:
         return parts, shape
-    again = array("q", (k for k, part in enumerate(parts) if optics.gains(k, part)))
+    again = [k for k, part in enumerate(parts) if optics.gains(k, part)]
 
     def lent(k: int) -> SharedOptics:
         return optics.for_frame(k).scaled(parts[k].level or 1.0)
 
     if background is None:
-        jobs = Jobs(experiment.frames, again, lambda k: (lent(k),))
+        jobs: list[tuple[Any, ...]] = [(experiment.frames[k], lent(k)) for k in again]
     else:
         measure = background.measure
-        jobs = Jobs(experiment.frames, again, lambda k: background.arguments(k, lent(k)))
+        jobs = [(experiment.frames[k], *background.arguments(k, lent(k))) for k in again]
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
         part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured

@@ -1,6 +1,7 @@
 """A run that was ended is taken up: what was measured is not measured again, and the files are the same."""
 
 import pickle
+import sys
 from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
@@ -178,6 +179,24 @@ def test_other_inputs_settings_or_versions_have_other_names(tmp_path):
             names |= {store.name(common, tmp_path / "a.tif", job) for job in (1, 2)}
     assert len(names) == 3 * 2 * 2
     assert not (tmp_path / "store").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="sets the place of a user's files as Linux does")
+def test_parts_of_another_user_are_not_read(tmp_path, monkeypatch):
+    calls = []
+
+    def names_of(user):
+        monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / user))
+        store = PartStore(tmp_path / "store", {})
+        return [store.name(store.common("squares"), None, 3)]
+
+    mine = names_of("me")
+    assert squares(PartStore(tmp_path / "store", {}), mine, calls, [3]) == [9]
+    assert names_of("me") == mine
+    assert names_of("somebody") != mine
+    (tmp_path / "file").touch()
+    assert names_of("file") != names_of("file")  # no place for a secret
+    assert calls == [3]
 
 
 def test_a_file_without_digest_is_not_kept(tmp_path):

@@ -16,7 +16,7 @@ from contactimg.pipeline.background.looks import is_measured
 from contactimg.pipeline.background.pooling import SeriesBackground, pool_views
 from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
 from contactimg.pipeline.measured_frame import MeasuredFrame
-from contactimg.pipeline.parallel import FailedFrame, Jobs, for_each_frame
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -76,8 +76,9 @@ def measure_on_background(
         return parts, None
     if background is None:
         return parts, None
-    numbers = array("q", (k for k, part in enumerate(series.parts) if is_measured(part)))
-    jobs, again = Jobs(experiment.frames, numbers, background.arguments), list(series.parts)
+    numbers = [k for k, part in enumerate(series.parts) if is_measured(part)]
+    jobs = [(experiment.frames[k], *background.arguments(k)) for k in numbers]
+    again = list(series.parts)
     second = for_each_frame(experiment, background.measure, jobs, workers=workers, store=store)
     ratios = array("d")
     for k, part in zip(numbers, second, strict=True):
@@ -99,7 +100,7 @@ def _without_reference(series: Series, ghosts: int) -> Series:
     fault = f"the reference shows {ghosts} spots like contacts that no frame confirms"
     logger.warning("%s; it is not used", fault)
     call = partial(_measure_alone, options=series.options)
-    jobs = Jobs(series.experiment.frames)
+    jobs = [(frame,) for frame in series.experiment.frames]
     new = for_each_frame(series.experiment, call, jobs, workers=series.workers, store=series.store)
     parts = [
         old if isinstance(part, FailedFrame) or not is_measured(old) else part
