@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
-from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS, annulus_edges, annulus_moments
+from contactimg.analysis.annuli import MIN_PLACES_FOR_SCATTER, SECTORS
 from contactimg.analysis.estimates import Estimate, bootstrap_estimate, bootstrap_weights
 from contactimg.analysis.linear_fit import LinearFit, Points, fit_line
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
@@ -31,9 +32,6 @@ SAME_LOAD_TOLERANCE = 0.05
 error falls by 2 %."""
 
 AREA_SECTORS, FORCE_SECTORS = ([f"{name}_{k}" for k in range(SECTORS)] for name in ("area", "force"))
-
-ONE_ANNULUS = 1.0
-"""Width (m) of the annulus that holds all contacts. Chosen: wider than any sample."""
 
 
 def sampling_std(contacts: pd.DataFrame) -> float:
@@ -144,10 +142,11 @@ def _sector_sums(contacts: pd.DataFrame, centre: tuple[float, float] | None) -> 
     """Area and force of the contacts of a frame in each sector about the centre."""
     areas, forces = np.full((2, SECTORS), np.nan)
     if centre is not None and len(contacts) and contacts[["x_m", "y_m", "force_N"]].notna().all(axis=None):
-        edges = annulus_edges(contacts, centre=centre, width=ONE_ANNULUS)
-        moments = annulus_moments(contacts, centre=centre, edges=edges[[0, -1]], sectors=SECTORS)
-        areas, forces = np.pi * moments["aa"].to_numpy(float), moments["p"].to_numpy(float)
-    return dict(zip(AREA_SECTORS, areas, strict=True)) | dict(zip(FORCE_SECTORS, forces, strict=True))
+        x, y, a, p = (contacts[name].to_numpy(float) for name in ("x_m", "y_m", "radius_m", "force_N"))
+        turn = np.arctan2(y - centre[1], x - centre[0]) / (2 * np.pi) % 1.0
+        sector = np.minimum(turn * SECTORS, SECTORS - 1).astype(int)
+        areas, forces = (np.bincount(sector, part, SECTORS) for part in (np.pi * a**2, p))
+    return dict(zip([*AREA_SECTORS, *FORCE_SECTORS], [*areas, *forces], strict=True))
 
 
 def group_loads(loads: Sequence[float] | Values, *, tolerance: float) -> NDArray[np.intp]:
@@ -313,7 +312,7 @@ def fit_area_law(
     if replicates is None:
         exponent = exponent.widened(zero_stds[1], confidence=confidence)
     places = good["place"].nunique()
-    found = {"reference": reference, "scatter": fit.scatter, "n_places": places}
+    found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": places}
     law = power_law(exponent, offset, x=load, **found, confidence=confidence)
     exact = Estimate(exponent.value, 0.0, exponent.value, exponent.value)
     return replace(law, zero=zero, here=exact.widened(float(here), confidence=confidence))

@@ -7,6 +7,7 @@ annulus cancel on the average, whatever their covariance.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -162,7 +163,11 @@ def fit_contact_law(
     (value,) = _fitted(line, own)
     rest = own[1, 0] - line(own[0, 0])[0] @ value
     scatter = float(np.sqrt(np.average(rest**2, weights=own[3, 0])))
-    found = {"reference": reference, "scatter": scatter, "n_places": blocks if by_place else 1}
+    found: dict[str, Any] = {
+        "reference": reference,
+        "scatter": scatter,
+        "n_places": blocks if by_place else 1,
+    }
     if blocks < MIN_PLACES_FOR_SCATTER:
         offset, exponent = (Estimate(float(v), np.nan, -np.inf, np.inf) for v in value)
         return _unbroken(power_law(exponent, offset, x=pressure, **found, confidence=confidence))
@@ -202,9 +207,10 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
         bootstrap_estimate(float(column[0]), column[1:], blocks=blocks, confidence=confidence)
         for column in (chosen[:, 1], chosen[:, 2], where)
     )
-    p_star = exponential(open_ended(place, breaks), factor=single.reference)
-    gain = _chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks)
-    return BrokenLaw(below, above, p_star, float(np.exp(chosen[0, 0])), single, davies_bound(gain))
+    p_value = davies_bound(_chi_square_of_breaks(fits[..., 1] - fits[..., 2], blocks))
+    place = open_ended(place, breaks, supported=p_value < 1 - confidence)
+    p_star = exponential(place, factor=single.reference)
+    return BrokenLaw(below, above, p_star, float(np.exp(chosen[0, 0])), single, p_value)
 
 
 def _sums_of_blocks(
@@ -224,7 +230,7 @@ def _sums_of_blocks(
         shape = len(blocks), int(annulus.max()) + 1
         cell = np.searchsorted(blocks, part["block"]) * shape[1] + annulus
         sums = [np.bincount(cell, part[name].to_numpy(float), shape[0] * shape[1]) for name in SUMS]
-        tables.append(np.reshape(sums, (len(SUMS), *shape)))
+        tables.append(np.array(sums, np.float64).reshape(len(SUMS), *shape))
     return tables, len(blocks)
 
 

@@ -1,6 +1,7 @@
 """Numbers with their uncertainty: Student's intervals, and the bootstrap over places or sectors."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,17 +41,23 @@ class Estimate:
     low: float
     high: float
 
-    def widened(self, std: float, *, confidence: float = 0.95) -> "Estimate":
-        """The same value with one more standard uncertainty, in quadrature."""
-        reach = float(stats.norm.ppf((1 + confidence) / 2)) * std
-        low, high = self.value - np.hypot(self.value - self.low, reach), self.high - self.value
-        high = self.value + np.hypot(high, reach)
-        return Estimate(self.value, float(np.hypot(self.std, std)), float(low), float(high))
+    def widened(self, std: float, *, confidence: float = 0.95) -> Self:
+        """The same value with one more standard uncertainty, in quadrature.
 
-    def scaled(self, factor: float) -> "Estimate":
+        Examples
+        --------
+        >>> Estimate(1.0, 0.03, 0.94, 1.06).widened(0.04).std
+        0.05
+        """
+        reach = float(stats.norm.ppf((1 + confidence) / 2)) * std
+        low = self.value - float(np.hypot(self.value - self.low, reach))
+        high = self.value + float(np.hypot(self.high - self.value, reach))
+        return replace(self, std=float(np.hypot(self.std, std)), low=low, high=high)
+
+    def scaled(self, factor: float) -> Self:
         """The same value with uncertainty and interval wider by a factor."""
         low, high = (self.value + factor * (limit - self.value) for limit in (self.low, self.high))
-        return Estimate(self.value, factor * self.std, low, high)
+        return replace(self, std=factor * self.std, low=low, high=high)
 
 
 def student_estimate(value: float, std: float, *, freedom: float, confidence: float = 0.95) -> Estimate:

@@ -180,9 +180,16 @@ def _floor(y: Values) -> float:
 
 
 def solve_moments(instrument: Values, terms: Values, y: Values, weights: Values) -> Values:
-    """Parameters for which the weighted residuals do not vary with the instruments: ``sum w psi r = 0``."""
+    """Parameters for which the weighted residuals do not vary with the instruments: ``sum w psi r = 0``.
+
+    Of parameters that the points do not tell apart, those of least norm.
+    """
     weighted = np.swapaxes(instrument * weights[..., None], -1, -2)
-    return np.asarray(np.linalg.solve(weighted @ terms, weighted @ y[..., None])[..., 0])
+    matrix, side = weighted @ terms, weighted @ y[..., None]
+    try:
+        return np.asarray(np.linalg.solve(matrix, side)[..., 0])
+    except np.linalg.LinAlgError:
+        return np.asarray((np.linalg.pinv(matrix) @ side)[..., 0])
 
 
 def _solve(basis: Basis, points: Points, scatter: float, freedom: int, *, settled: bool = True) -> LinearFit:

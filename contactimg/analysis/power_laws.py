@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -182,7 +183,7 @@ def fit_power_law(
             bootstrap_estimate(float(v), r, blocks=len(names), confidence=confidence)
             for v, r in zip(fit.parameters, lines.T, strict=True)
         )
-    found = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
+    found: dict[str, Any] = {"reference": reference, "scatter": fit.scatter, "n_places": len(names)}
     return power_law(exponent, offset, x=x, **found, confidence=confidence)
 
 
@@ -259,10 +260,9 @@ def fit_broken_law(
     -----
     ``ln y = c + m (ln x - u)``, ``m`` the one exponent below ``u`` and the other above, continuous at ``u``:
     the same fit with the terms of two lines that meet at each of sixty breaks, of which the best one is
-    refined. The interval of the break is the range where chi-square stays below ``1 + t^2/(n - 4)`` times its
-    minimum (a profile likelihood, not symmetric), or below its minimum plus ``t^2`` if the minimum is below
-    the degrees of freedom. Exponents have Student's intervals. ``p_value`` is Davies' bound for a parameter,
-    the break, that exists only under the alternative hypothesis.
+    refined. Exponents and the logarithm of the break have Student's intervals; that of the break is open
+    where it reaches the end of those tried. ``p_value`` is Davies' bound for a parameter, the break, that
+    exists only under the alternative hypothesis.
 
     References
     ----------
@@ -289,26 +289,23 @@ def fit_broken_law(
     first = min(breaks, key=lambda place: float(fit(place, 0.0).chi_square))
     scatter = fit(first, None).scatter
     profile = np.array([misfit(place) for place in breaks])
-    best, step = int(profile.argmin()), float(breaks[1] - breaks[0])
+    best = int(profile.argmin())
     near = breaks[max(best - 1, 0)], breaks[min(best + 1, len(breaks) - 1)]
     place = float(optimize.minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-9}).x)
     found = fit(place, scatter)
     terms, slopes = two_lines(place)(u)
     gradient = np.column_stack([terms, -slopes @ found.parameters])
     stds = np.sqrt(np.diag(np.linalg.pinv((gradient * found.weights[:, None]).T @ gradient, hermitian=True)))
-    freedom, chi_square = len(logs) - 4, float(found.chi_square)
-    quantile = float(stats.t.ppf((1 + confidence) / 2, freedom))
-    unit = max(chi_square / freedom, 1.0)
-    within = breaks[profile <= chi_square + unit * quantile**2]
-    low, high = min([place, *within]) - step, max([place, *within]) + step
     gain = np.maximum(float(fit_line(logs, scatter=scatter).chi_square) - profile, 0.0)
-    below, above = (
-        student_estimate(float(found.parameters[k]), float(stds[k]), freedom=freedom, confidence=confidence)
-        for k in (1, 2)
+    values = [*found.parameters[1:], place]
+    below, above, where = (
+        student_estimate(float(value), float(std), freedom=len(logs) - 4, confidence=confidence)
+        for value, std in zip(values, stds[1:], strict=True)
     )
-    where = Estimate(place, float(stds[3]), low, high)
-    where = exponential(open_ended(where, breaks), factor=reference)
-    return BrokenLaw(below, above, where, float(np.exp(found.parameters[0])), single, davies_bound(gain))
+    p_value = davies_bound(gain)
+    where = open_ended(where, breaks, supported=p_value < 1 - confidence)
+    break_x, break_y = exponential(where, factor=reference), float(np.exp(found.parameters[0]))
+    return BrokenLaw(below, above, break_x, break_y, single, p_value)
 
 
 def break_places(x: Values) -> Values:
@@ -331,10 +328,11 @@ def break_places(x: Values) -> Values:
     return np.linspace(low, high, BREAKS)
 
 
-def open_ended(place: Estimate, breaks: Values) -> Estimate:
-    """A break whose interval is open where it reaches the end of those tried."""
-    low = place.low if place.low > breaks[0] else -np.inf
-    return replace(place, low=low, high=place.high if place.high < breaks[-1] else np.inf)
+def open_ended(place: Estimate, breaks: Values, *, supported: bool) -> Estimate:
+    """A break with an interval that is open at the ends of those tried; without support it is anywhere."""
+    low = place.low if supported and place.low > breaks[0] else -np.inf
+    high = place.high if supported and place.high < breaks[-1] else np.inf
+    return replace(place, low=low, high=high)
 
 
 def davies_bound(gain: Values) -> float:

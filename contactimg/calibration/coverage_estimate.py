@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from contactimg.analysis.estimates import Estimate
+
 COVERAGE = 0.95
 NORMAL_95 = float(stats.norm.ppf(0.5 + COVERAGE / 2))
 """Half-width of a normal distribution's 95 % interval in standard deviations, 1.96."""
@@ -21,7 +23,7 @@ ROUNDED_NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True)
-class CoverageEstimate:
+class CoverageEstimate(Estimate):
     """A number and its 95 % interval, which ``std`` stands for.
 
     Parameters
@@ -34,11 +36,6 @@ class CoverageEstimate:
     low, high : float
         Ends of the 95 % interval.
     """
-
-    value: float
-    std: float
-    low: float
-    high: float
 
     @classmethod
     def of_normal(cls, value: float, std: float) -> "CoverageEstimate":
@@ -67,20 +64,6 @@ class CoverageEstimate:
             "low_95": self.low,
             "high_95": self.high,
         }
-
-    def widened(self, std: float) -> "CoverageEstimate":
-        """The same value with one more standard uncertainty, in quadrature.
-
-        Examples
-        --------
-        >>> CoverageEstimate(1.0, 0.03, 0.94, 1.06).widened(0.04).std
-        0.05
-        """
-        low, high = (
-            self.value + sign * float(np.hypot(end - self.value, NORMAL_95 * std))
-            for sign, end in ((-1, self.low), (1, self.high))
-        )
-        return CoverageEstimate(self.value, float(np.hypot(self.std, std)), low, high)
 
 
 def estimate_from_draws(draws: NDArray[np.float64]) -> CoverageEstimate:

@@ -29,9 +29,9 @@ Values = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 CONSTANT_SHARE = 0.2
-"""Share of the noise variance, at the rms load, that does not grow with the load. Measured: of 0.003, 0.1 and
-1 the only one with which intervals hold the truth in 92-99 % of simulated series, whether the noise is in
-proportion to each load or the same at all of them."""
+"""Share of the noise variance, at the rms load, that does not grow with the load. Measured: with a fifth the
+intervals hold the truth in 93-100 % of simulated series of 3 to 12 loads, whether the noise is in proportion
+to each load or the same at all of them; with a twentieth in 90 % of some."""
 
 MOST_LEVERAGE = 0.6
 """Largest leverage by which a residual is enlarged. Measured: coverage is the same as without a limit, and
@@ -174,7 +174,7 @@ class JkrSeries:
             spread=np.append(noise, none),
         )
         found = fit_linear(basis, points, scatter=scatter)
-        covariance = _robust_covariance(basis(points.x)[0], found) / np.outer(size, size)
+        covariance = _robust_covariance(basis(np.append(self.radius, none))[0], found) / np.outer(size, size)
         freedom = float(found.freedom)
         if datum:  # a zero counts as fitted as far as the loads narrow what is stated of it
             told = 1 - found.covariance[-1, -1] * (scale / self.zero_std) ** 2

@@ -1,13 +1,14 @@
 """Fit the circle of a wide contact, to a hundredth of a pixel.
 
 The light across the edge, air film included (`contactimg.optics.wide_edge`), is fitted to the means of the
-image over sectors and rings. Free are centre, radius, contrast, background, blur and a wide halo. A Cauchy
-loss reduces the weight of dust and scratches, and the scatter of the sectors gives the uncertainty of the
-radius.
+image over sectors and rings. Free are centre, radius, ellipse, contrast, background, blur and a wide halo. A
+Cauchy loss reduces the weight of dust and scratches, and the scatter of the sectors gives the uncertainty of
+the radius.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -23,6 +24,8 @@ from contactimg.optics.wide_edge import EdgeLight, edge_light
 
 Values = NDArray[np.float64]
 
+Loss = Literal["linear", "cauchy"]
+
 WIDEST_FILM_PX = 80.0
 """Width of the film up to which its fringes are sampled. Chosen by hand."""
 OUTLIER_SIGMA = 3.0
@@ -32,8 +35,8 @@ SCAN_OCTAVES = (-2.0, 4.0, 19)
 PARAMETER_COST = 2.0
 """Decrease of chi-square that a further parameter must bring. Theory: Akaike,
 doi:10.1109/TAC.1974.1100705."""
-PASSES = 2
-"""Fits, the later ones without stray sectors."""
+PASSES = 3
+"""Fits: one in plain least squares, then with the loss, the last one without stray sectors."""
 WIDEST_BLUR_PX = 20.0
 """Upper limit of the blur in the fit."""
 HALO_START = (0.02, 5.0)
@@ -46,11 +49,6 @@ MODEL_ERROR = 1e-3
 STRAY_SECTOR_SIGMA = 5.0
 """Robust standard deviations from the median beyond which a sector is left out. False-alarm rate 6e-7 a
 sector (theory: normal errors)."""
-ELLIPSE_PASSES, ELLIPSE_SIGMA, LEAST_ELLIPSE_PX = 5, 3.72, 0.02
-"""Fits of an ellipse, each about the edge that the last one straightened; size in its standard deviations
-from which it is no chance (theory: Rayleigh's law at a false-alarm rate of 1e-3); size that does no harm."""
-ROBUST_ITERATIONS = 5
-"""Iterations of the robust harmonics."""
 ELLIPSE_ARC = 0.75
 """Fraction of the circumference from which on an ellipse is told from a shifted circle. Chosen by hand."""
 LINE_STEP_PX = 0.1
@@ -112,15 +110,6 @@ class _Line:
         return step + np.interp(outside, self.grid, film, left=0.0, right=0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Fitted:
-    """A circle, its numbers (shift, radius, contrast, background, blur, halo, its width) and its film."""
-
-    circle: Circle
-    numbers: Values
-    line: _Line
-
-
 def fit_circle(
     samples: EdgeSamples, model: EdgeModel, *, opening: float, blur_px: float | None = None
 ) -> Circle:
@@ -144,60 +133,32 @@ def fit_circle(
     FrameError
         If too little of the edge is visible.
     """
-    ellipse = np.zeros(2)
-    for _ in range(ELLIPSE_PASSES):
-        found, step = _fit_round(_straightened(samples, ellipse), model, opening, blur_px)
-        if not np.hypot(*step) > max(ELLIPSE_SIGMA * found.ellipse_std_px, LEAST_ELLIPSE_PX):
-            break
-        ellipse = ellipse + step
-    along, across = found.ellipse_px
-    return replace(found, ellipse_px=(along + float(ellipse[0]), across + float(ellipse[1])))
-
-
-def _straightened(samples: EdgeSamples, ellipse: Values) -> EdgeSamples:
-    """The samples as they would lie about a circle if the edge is an ellipse."""
-    excess = ellipse[0] * np.cos(2 * samples.azimuth) + ellipse[1] * np.sin(2 * samples.azimuth)
-    return replace(samples, distance=samples.distance - excess)
-
-
-def _fit_round(
-    samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None
-) -> tuple[Circle, Values]:
-    """The circle, and the second harmonic of the edge about it, good for large ones as well."""
-    used = np.ones(len(samples.value), bool)
+    line, start = _start(samples, model, opening, blur_px)
+    numbers = samples.sector
+    loss: Loss = "linear"  # at first, so that an edge far from the rough circle counts
     for _ in range(PASSES):
-        kept = _subset(samples, used)
-        _refuse_short(np.unique(kept.sector))
-        fitted = _fit(kept, model, opening, blur_px)
-        offsets, azimuths, numbers = _sector_offsets(kept, fitted)
-        _refuse_short(numbers)
-        spread = MAD_TO_STD * float(np.median(np.abs(offsets - np.median(offsets))))
-        stray = np.abs(offsets - np.median(offsets)) > STRAY_SECTOR_SIGMA * max(spread, 1e-6)
-        if not stray.any():
-            break
-        used &= ~np.isin(samples.sector, numbers[stray])
-    found = _with_uncertainty(fitted.circle, offsets[~stray], azimuths[~stray])
-    plain, azimuths, _ = _sector_offsets(samples, fitted, tame=False)
-    return found, _second_harmonic(plain, azimuths) if found.arc > ELLIPSE_ARC else np.zeros(2)
+        kept = _subset(samples, np.isin(samples.sector, numbers))
+        arc = len(np.unique(kept.sector)) / SECTORS
+        _refuse_short(arc)
+        # of a short arc an ellipse cannot be told from a shift
+        fixed = [] if arc > ELLIPSE_ARC else [3, 4]
+        start, misfit = _fit(kept, line, start, fixed=fixed, loss=loss)
+        offsets, azimuths, numbers = _sector_offsets(kept, start, line)
+        _refuse_short(len(numbers) / SECTORS)
+        if loss == "cauchy":
+            off = np.abs(offsets - np.median(offsets))
+            near = off <= STRAY_SECTOR_SIGMA * max(MAD_TO_STD * float(np.median(off)), 1e-6)
+            offsets, azimuths, numbers = offsets[near], azimuths[near], numbers[near]
+            if near.all():
+                break
+        loss = "cauchy"
+    return _with_uncertainty(_fitted_circle(samples.circle, start, misfit), offsets, azimuths)
 
 
-def _refuse_short(sectors: NDArray[np.intp]) -> None:
+def _refuse_short(arc: float) -> None:
     """Raise if too few sectors show the edge."""
-    if len(sectors) < SHORTEST_ARC * SECTORS:
+    if arc < SHORTEST_ARC:
         raise FrameError(f"less than {SHORTEST_ARC:.0%} of the contact's edge can be used")
-
-
-def _second_harmonic(offsets: Values, azimuths: Values) -> Values:
-    """Cosine and sine part of the offsets of all sectors, without regard to outlying ones."""
-    waves = [f(k * azimuths) for k in (1, 2) for f in (np.cos, np.sin)]
-    design, weight = np.column_stack([np.ones(len(azimuths)), *waves]), np.ones(len(azimuths))
-    for _ in range(ROBUST_ITERATIONS):
-        root = np.sqrt(weight)
-        numbers = np.linalg.lstsq(design * root[:, None], offsets * root, rcond=None)[0]
-        rest = offsets - design @ numbers
-        spread = MAD_TO_STD * float(np.median(np.abs(rest)))
-        weight = 1 / (1 + (rest / max(OUTLIER_SIGMA * spread, 1e-6)) ** 2)
-    return np.asarray(numbers[3:])
 
 
 def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
@@ -206,44 +167,56 @@ def _subset(samples: EdgeSamples, used: NDArray[np.bool_]) -> EdgeSamples:
     return replace(samples, **{name: getattr(samples, name)[used] for name in names})
 
 
-def _fit(
-    samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None, *, centred: bool = False
-) -> _Fitted:
-    """Robust least squares for centre (unless centred), radius, contrast, background, blur and halo."""
+def _start(
+    samples: EdgeSamples, model: EdgeModel, opening: float, blur_px: float | None
+) -> tuple[_Line, Values]:
+    """The film's light, and shift, radius, ellipse, contrast, background, blur and halo to start from."""
     high, low = np.percentile(samples.value, [90, 10])
     if not high > low:
         raise FrameError("the light is the same on both sides of the contact's edge")
     blur = float(np.hypot(1.5 if blur_px is None else blur_px, PIXEL_VARIANCE**0.5))
     line, radius = _film_about(samples.outline_px, model, opening, blur)
-    start = np.array([0.0, 0.0, radius, high - low, low, blur, *HALO_START])
-    cos, sin = np.cos(samples.azimuth), np.sin(samples.azimuth)
-    free = slice(2 if centred else 0, None)
+    return line, np.array([0.0, 0.0, radius, 0.0, 0.0, high - low, low, blur, *HALO_START])
+
+
+def _fit(
+    samples: EdgeSamples, line: _Line, start: Values, *, fixed: list[int], loss: Loss
+) -> tuple[Values, float]:
+    """Least squares for the numbers of the edge but the fixed ones, and the misfit."""
+    free = np.setdiff1d(np.arange(len(start)), fixed)
+    contrast = abs(start[5])
+    low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+    low[2], low[7:] = 0.5 * start[2], (PIXEL_VARIANCE**0.5, 0.0, HALO_WIDTH_PX[0])
+    high[7:] = WIDEST_BLUR_PX, HALO_MOST, HALO_WIDTH_PX[1]
+    scale = np.array([1.0, 1.0, 1.0, 1.0, 1.0, contrast, contrast, 1.0, 0.1, 2.0])
+    start = np.clip(start, low, high)
 
     def residuals(moved: Values) -> Values:
-        p = np.append(start[: free.start], moved)
-        outside = samples.distance - p[0] * cos - p[1] * sin - p[2]
-        return samples.weight * (_profile(outside, p, line) - samples.value)
+        p = start.copy()
+        p[free] = moved
+        return samples.weight * (_profile(_outside(samples, p), p, line) - samples.value)
 
-    unbound = np.full(5, np.inf)
-    lowest = np.array(
-        [*-unbound[:2], 0.5 * radius, *-unbound[:2], PIXEL_VARIANCE**0.5, 0.0, HALO_WIDTH_PX[0]]
-    )
-    highest = np.array([*unbound, WIDEST_BLUR_PX, HALO_MOST, HALO_WIDTH_PX[1]])
-    start = np.clip(start, lowest, highest)
     fit = optimize.least_squares(
         residuals,
         start[free],
-        bounds=(lowest[free], highest[free]),
-        loss="cauchy",
+        bounds=(low[free], high[free]),
+        loss=loss,
         f_scale=OUTLIER_SIGMA,
-        x_scale=[1.0, 1.0, 1.0, high - low, high - low, 1.0, 0.1, 2.0][free],
+        x_scale=scale[free],
         xtol=1e-7,
         ftol=1e-7,
         max_nfev=50,
     )
-    p = np.append(start[: free.start], fit.x)
-    misfit = float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(fit.x), 1)))
-    return _Fitted(_fitted_circle(samples.circle, p, misfit), p, line)
+    p = start.copy()
+    p[free] = fit.x
+    return p, float(np.sqrt(2 * fit.cost / max(len(samples.value) - len(free), 1)))
+
+
+def _outside(samples: EdgeSamples, p: Values) -> Values:
+    """Distances of samples outside the fitted edge, px."""
+    angle = samples.azimuth
+    edge = p[0] * np.cos(angle) + p[1] * np.sin(angle) + p[2]
+    return samples.distance - edge - p[3] * np.cos(2 * angle) - p[4] * np.sin(2 * angle)
 
 
 def _fitted_circle(rough: Circle, p: Values, misfit: float) -> Circle:
@@ -253,9 +226,10 @@ def _fitted_circle(rough: Circle, p: Values, misfit: float) -> Circle:
         x_px=rough.x_px + float(p[0]),
         y_px=rough.y_px + float(p[1]),
         radius_px=float(p[2]),
-        contrast=float(p[3]),
-        background=float(p[4]),
-        blur_px=float(np.sqrt(max(p[5] ** 2 - PIXEL_VARIANCE, 0.0))),
+        ellipse_px=(float(p[3]), float(p[4])),
+        contrast=float(p[5]),
+        background=float(p[6]),
+        blur_px=float(np.sqrt(max(p[7] ** 2 - PIXEL_VARIANCE, 0.0))),
         misfit=misfit,
     )
 
@@ -275,28 +249,25 @@ def _profile(outside: Values, p: Values, line: _Line) -> Values:
 
     A round edge lies inside a straight one by ``blur^2/(2 a)`` at half its height.
     """
-    _, _, radius, contrast, background, blur, halo, width = p
+    radius, contrast, background, blur, halo, width = p[[2, 5, 6, 7, 8, 9]]
     wide = float(np.hypot(blur, width))
     core_light = line.blurred(outside + blur**2 / (2 * radius), blur)
     halo_light = line.blurred(outside + wide**2 / (2 * radius), wide)
     return background + contrast * ((1 - halo) * core_light + halo * halo_light)
 
 
-def _sector_offsets(
-    samples: EdgeSamples, fitted: _Fitted, *, tame: bool = True
-) -> tuple[Values, Values, NDArray[np.intp]]:
-    """How far the edge lies outside the circle in each sector that shows it, its direction and its number.
+def _sector_offsets(samples: EdgeSamples, p: Values, line: _Line) -> tuple[Values, Values, NDArray[np.intp]]:
+    """How far the edge lies outside the fitted one in each sector that shows it; direction and number.
 
-    ``tame`` gives samples far off less weight: dust, but also an edge that lies a blur away.
+    Samples far off, of dust, have less weight.
     """
-    p, line = fitted.numbers, fitted.line
-    outside = samples.distance - p[0] * np.cos(samples.azimuth) - p[1] * np.sin(samples.azimuth) - p[2]
+    outside = _outside(samples, p)
     rest = samples.weight * (samples.value - _profile(outside, p, line))
-    step = 0.1 * p[5]
+    step = 0.1 * p[7]
     fall = (_profile(outside - step, p, line) - _profile(outside + step, p, line)) * (
         samples.weight / (2 * step)
     )
-    trust = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2) if tame else np.ones_like(rest)
+    trust = 1 / (1 + (rest / OUTLIER_SIGMA) ** 2)
     numbers, inverse = np.unique(samples.sector, return_inverse=True)
     slope = np.bincount(inverse, trust * fall**2)
     shown = slope > 0  # not where all samples lie far from the edge
@@ -308,24 +279,16 @@ def _sector_offsets(
 def _with_uncertainty(found: Circle, offsets: Values, azimuths: Values) -> Circle:
     """The circle with the uncertainties that the scatter of its sectors implies."""
     waves = [f(k * azimuths) for k in (1, 2) for f in (np.cos, np.sin)]
-    design = np.column_stack([np.ones(len(azimuths)), *waves])
     arc = len(offsets) / SECTORS
-    # of a short arc an ellipse cannot be told from a shift: the circle's three numbers only
-    design = design if arc > ELLIPSE_ARC else design[:, :3]
+    whole = arc > ELLIPSE_ARC
+    design = np.column_stack([np.ones(len(azimuths)), *waves])[:, : 5 if whole else 3]
     numbers = np.linalg.lstsq(design, offsets, rcond=None)[0]
     rest = offsets - design @ numbers
     variance = float(rest @ rest) / max(len(rest) - len(numbers), 1)
-    spread = variance * np.diag(np.linalg.inv(design.T @ design))
-    found = replace(
-        found,
-        radius_std_px=float(np.sqrt(spread[0])),
-        centre_std_px=float(np.sqrt(max(spread[1], spread[2]))),
-        arc=arc,
-    )
-    if arc <= ELLIPSE_ARC:
-        return found
-    ellipse = (float(numbers[3]), float(numbers[4]))
-    return replace(found, ellipse_px=ellipse, ellipse_std_px=float(np.sqrt(max(spread[3], spread[4]))))
+    stds = np.sqrt(variance * np.diag(np.linalg.inv(design.T @ design)))
+    ellipse = {"ellipse_std_px": float(max(stds[3:]))} if whole else {"ellipse_px": (np.nan, np.nan)}
+    radius_std, centre_std = float(stds[0]), float(max(stds[1:3]))
+    return replace(found, radius_std_px=radius_std, centre_std_px=centre_std, arc=arc, **ellipse)
 
 
 @dataclass(frozen=True)
@@ -369,9 +332,12 @@ def choose_opening(samples: Sequence[EdgeSamples], model: EdgeModel) -> Opening:
     means = [_azimuthal_mean(one) for one in samples]
 
     def cost(opening: float, among: Sequence[EdgeSamples] = means) -> float:
-        return sum(
-            _fit(one, model, opening, None, centred=True).circle.misfit ** 2 * len(one.value) for one in among
-        )
+        chi_square = 0.0
+        for one in among:
+            line, start = _start(one, model, opening, None)
+            misfit = _fit(one, line, start, fixed=[0, 1, 3, 4], loss="cauchy")[1]
+            chi_square += misfit**2 * len(one.value)
+        return chi_square
 
     scale = _natural_opening(means[0].circle.radius_px * model.pixel_size, model)
     logs = np.linspace(*SCAN_OCTAVES)
