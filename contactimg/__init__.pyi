@@ -78,6 +78,7 @@ from .pose import Pose as Pose
 from .pose.fit import PoseFit as PoseFit
 from .pose.fit import PoseSearch as PoseSearch
 from .pose.fit import fit_pose as fit_pose
+from .prediction import find_touching_load as find_touching_load
 from .render import Rendered as Rendered
 from .render import render_contacts as render_contacts
 from .render import render_frame as render_frame

@@ -1,7 +1,8 @@
-"""An incompressible elastic layer bonded to a rigid support: displacement of its surface by a point force.
+"""An elastic layer bonded to a rigid support: displacement of its surface by a point force.
 
-``u(r) = P/(pi E*) int_0^inf L(k t) J0(k r) dk`` with ``L(q) = (sinh 2q - 2q)/(cosh 2q + 1 + 2 q^2)``, for
-Poisson's ratio 1/2. Written as the half-space's ``P/(pi E* r)`` minus a smooth deficit,
+``u(r) = P/(pi E*) int_0^inf L(k t) J0(k r) dk`` with ``L(q) = (2 kappa sinh 2q - 4q)/(2 kappa cosh 2q + 1 +
+kappa^2 + 4 q^2)`` and ``kappa = 3 - 4 nu``, 1 for an incompressible layer. Written as the half-space's
+``P/(pi E* r)`` minus a smooth deficit,
 ``P/(pi E* t) phi(r/t)`` with ``phi(s) = int_0^inf (1 - L(q)) J0(q s) dq``.
 """
 
@@ -23,40 +24,43 @@ _REACH = 32.0
 """``r/t`` from which the layer's surface lies still: the deficit is ``t/r`` to 1e-11."""
 
 
-def response(wavenumber: ArrayLike) -> Values:
+def response(wavenumber: ArrayLike, *, poisson_ratio: float = 0.5) -> Values:
     """``L(q)``: compliance of the layer over that of the half-space at ``q = k t``.
 
     Parameters
     ----------
     wavenumber : array_like
         ``q``, without dimension.
+    poisson_ratio : float
 
     Returns
     -------
     ndarray
-        From ``2 q^3/3`` at long waves to 1 at short ones.
+        From ``2 q^3/3`` at long waves, or ``4 q (kappa - 1)/(kappa + 1)^2``, to 1 at short ones.
 
     Examples
     --------
     >>> [round(float(value), 4) for value in response([0.1, 1.0, 10.0])]
     [0.0007, 0.2406, 1.0]
     """
-    return 1 - _missing(np.asarray(wavenumber, dtype=np.float64))
+    return 1 - missing_response(np.asarray(wavenumber, dtype=np.float64), poisson_ratio)
 
 
-def _missing(q: Values) -> Values:
-    """1 - L, multiplied through by ``2 exp(-2q)`` so that nothing overflows or cancels."""
-    decay = np.exp(-2 * q)
-    return 2 * decay * (decay + 1 + 2 * q + 2 * q**2) / (1 + decay**2 + 2 * decay * (1 + 2 * q**2))
+def missing_response(q: Values, poisson_ratio: float) -> Values:
+    """1 - L, multiplied through by ``exp(-2q)`` so that nothing overflows or cancels."""
+    decay, kappa = np.exp(-2 * q), 3 - 4 * poisson_ratio
+    square = 1 + kappa**2 + 4 * q**2
+    return decay * (2 * kappa * decay + square + 4 * q) / (kappa * (1 + decay**2) + decay * square)
 
 
-def deficit(distance: ArrayLike) -> Values:
+def deficit(distance: ArrayLike, *, poisson_ratio: float = 0.5) -> Values:
     """``phi(s)``: what the support takes from the half-space's displacement, at ``s = r/t``.
 
     Parameters
     ----------
     distance : array_like
         ``s``, without dimension.
+    poisson_ratio : float
 
     Returns
     -------
@@ -70,7 +74,7 @@ def deficit(distance: ArrayLike) -> Values:
     """
     s = np.atleast_1d(non_negative("distance", distance, ""))
     nodes, weights = _quadrature()
-    inside = j0(np.minimum(s, _REACH)[..., None] * nodes) @ (weights * _missing(nodes))
+    inside = j0(np.minimum(s, _REACH)[..., None] * nodes) @ (weights * missing_response(nodes, poisson_ratio))
     return np.where(s < _REACH, inside, 1 / np.maximum(s, _REACH)).reshape(np.shape(distance))
 
 
@@ -82,7 +86,7 @@ def _quadrature() -> tuple[Values, Values]:
 
 
 @cache
-def deficit_table() -> tuple[Values, Values]:
+def deficit_table(poisson_ratio: float = 0.5) -> tuple[Values, Values]:
     """``phi`` and its derivative at multiples of `STEP` up to where the layer's surface lies still.
 
     Returns
@@ -98,11 +102,13 @@ def deficit_table() -> tuple[Values, Values]:
     s = STEP * np.arange(round(_REACH / STEP) + 1)
     nodes, weights = _quadrature()
     phase = s[:, None] * nodes
-    missing = weights * _missing(nodes)
+    missing = weights * missing_response(nodes, poisson_ratio)
     return j0(phase) @ missing, 0.0 - j1(phase) @ (missing * nodes)
 
 
-def surface_displacement(r: ArrayLike, *, load: float, contact_modulus: float, thickness: float) -> Values:
+def surface_displacement(
+    r: ArrayLike, *, load: float, contact_modulus: float, thickness: float, poisson_ratio: float = 0.5
+) -> Values:
     """Displacement of the layer's surface, into it, by a normal point force at a distance.
 
     Parameters
@@ -111,9 +117,10 @@ def surface_displacement(r: ArrayLike, *, load: float, contact_modulus: float, t
         Positive distances.
     load : float, N
     contact_modulus : float, Pa
-        ``E* = (4/3) E``: the layer is incompressible.
+        ``E*``: ``(4/3) E`` of an incompressible layer.
     thickness : float, m
         ``t``.
+    poisson_ratio : float
 
     Returns
     -------
@@ -141,4 +148,4 @@ def surface_displacement(r: ArrayLike, *, load: float, contact_modulus: float, t
     if np.any(distance == 0):
         raise InputError("r must be positive: the displacement under a point force is infinite")
     t, E = positive("thickness", thickness, "m"), positive("contact_modulus", contact_modulus, "Pa")
-    return load / (np.pi * E) * (1 / distance - deficit(distance / t) / t)
+    return load / (np.pi * E) * (1 / distance - deficit(distance / t, poisson_ratio=poisson_ratio) / t)

@@ -1,8 +1,8 @@
-"""A rigid sphere on a bonded incompressible layer, with adhesion: load at a contact radius.
+"""A rigid sphere on a bonded layer, with adhesion: load and indentation at a contact radius.
 
-The half-space's law with two factors that depend on ``a/t`` alone,
+The half-space's law with factors that depend on ``a/t`` and on Poisson's ratio alone,
 
-    P = H(a/t) K a^3/R - A(a/t) sqrt(6 pi w K a^3),
+    P = H(a/t) K a^3/R - A(a/t) sqrt(6 pi w K a^3),    delta = D(a/t) a^2/R - B(a/t) sqrt(2 pi w a/E*),
 
 because the pressure that the support reflects is linear in the pressure. With ``g(s) = int_s^a r p(r)
 (r^2 - s^2)^{-1/2} dr`` the contact is an integral equation of the second kind on ``0 < s < a``, smooth
@@ -23,7 +23,7 @@ from scipy.special import roots_legendre
 
 from contactimg.errors import ModelRangeError
 from contactimg.mechanics.checks import non_negative
-from contactimg.mechanics.layer import response
+from contactimg.mechanics.layer import missing_response
 
 Values = NDArray[np.float64]
 
@@ -41,13 +41,14 @@ WIDEST_WAVE = 24.0
 """``k t`` at which ``1 - L`` has fallen to 1e-18."""
 
 
-def layer_factors(radius_over_thickness: ArrayLike) -> tuple[Values, Values]:
+def layer_factors(radius_over_thickness: ArrayLike, *, poisson_ratio: float = 0.5) -> tuple[Values, Values]:
     """Factors of the Hertzian and of the adhesive part of the load on a layer.
 
     Parameters
     ----------
     radius_over_thickness : array_like
         ``a/t``, from 0 to 2.
+    poisson_ratio : float
 
     Returns
     -------
@@ -77,34 +78,35 @@ def layer_factors(radius_over_thickness: ArrayLike) -> tuple[Values, Values]:
             f"contact radii of up to {LARGEST_RATIO:g} thicknesses of the layer are within the model, got "
             f"{float(np.max(ratio)):.3g}"
         )
-    pairs = _table()(ratio)
-    return np.asarray(pairs[..., 0]), np.asarray(pairs[..., 1])
+    factors = factor_table(poisson_ratio)(ratio)
+    return np.asarray(factors[..., 0]), np.asarray(factors[..., 1])
 
 
 @cache
-def _table() -> CubicSpline:
-    """The two factors against the ratio."""
+def factor_table(poisson_ratio: float = 0.5) -> CubicSpline:
+    """``H``, ``A``, ``D`` and ``B`` against ``a/t``, from 0 to `LARGEST_RATIO`."""
     ratios = np.linspace(0.0, LARGEST_RATIO, round(LARGEST_RATIO / STEP) + 1)
-    return CubicSpline(ratios, [layer_factors_at(float(ratio)) for ratio in ratios])
+    return CubicSpline(ratios, [layer_factors_at(float(ratio), poisson_ratio) for ratio in ratios])
 
 
-def layer_factors_at(ratio: float) -> tuple[float, float]:
-    """The factors of `layer_factors` at one ratio, from the responses to a flat and a parabolic indenter."""
-    x, weight, q, missing = _quadrature()
+def layer_factors_at(ratio: float, poisson_ratio: float = 0.5) -> tuple[float, float, float, float]:
+    """``H``, ``A``, ``D`` and ``B`` at one ratio, from the responses to a flat and a parabolic indenter."""
+    x, weight, q, missing = _quadrature(poisson_ratio)
     waves = np.cos(ratio * np.outer(np.append(x, 1.0), q))  # the last row is the edge
     kernel = 2 / np.pi * ratio * (waves * missing) @ waves[:-1].T * weight
     sides = np.column_stack([np.ones_like(x), x**2])
     inside = np.linalg.solve(np.eye(len(x)) - kernel[:-1], sides)
     flat, parabola = 1.0 + kernel[-1] @ inside  # at the edge, where both right-hand sides are 1
     flat_sum, parabola_sum = weight @ inside
-    return float(1.5 * (flat_sum * parabola / flat - parabola_sum)), float(flat_sum / flat)
+    pressing = 1.5 * (flat_sum * parabola / flat - parabola_sum)
+    return float(pressing), float(flat_sum / flat), float(parabola / flat), float(1 / flat)
 
 
 @cache
-def _quadrature() -> tuple[Values, Values, Values, Values]:
+def _quadrature(poisson_ratio: float = 0.5) -> tuple[Values, Values, Values, Values]:
     """Nodes and weights on ``0 < s/a < 1``, wavenumbers, and ``1 - L`` there times their weights."""
     x, weight = roots_legendre(NODES)
     q, q_weight = roots_legendre(WAVES)
     wave = 0.5 * WIDEST_WAVE * (q + 1)
-    missing = (1 - response(wave)) * 0.5 * WIDEST_WAVE * q_weight
+    missing = missing_response(wave, poisson_ratio) * 0.5 * WIDEST_WAVE * q_weight
     return 0.5 * (x + 1), 0.5 * weight, wave, missing

@@ -21,7 +21,7 @@ from contactimg.models.adhesive_path import AdhesivePath
 from contactimg.models.adhesive_proof import AdhesiveProof
 from contactimg.models.asperity_laws import LAWS
 from contactimg.models.coupling import Kernel
-from contactimg.models.interacting import solve_interacting
+from contactimg.models.interacting import check_layer, solve_interacting
 from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed
 from contactimg.models.proof import ADHESION_RANGE_J_M2, check_range, refuse_beyond_floats
 from contactimg.models.scaled_problem import check_choice, scale_problem
@@ -41,6 +41,7 @@ class AdhesiveOptions(TypedDict, total=False):
     coupling: str
     law: str
     thickness: float
+    poisson_ratio: float
     tolerance: float
     max_iterations: int
 
@@ -58,6 +59,7 @@ def solve_adhesive(
     coupling: str = "asymptotic",
     law: str = "hertz",
     thickness: float = np.inf,
+    poisson_ratio: float = 0.5,
     start: InteractingSolution | None = None,
     tolerance: float = 1e-11,
     max_iterations: int = 30,
@@ -80,7 +82,9 @@ def solve_adhesive(
     law : {"hertz", "sphere"}
         Profile of an asperity: the paraboloid of JKR's law, or the exact sphere.
     thickness : float, m
-        Of a layer bonded to a rigid support (Poisson's ratio 1/2); infinite for a half-space.
+        Of a layer bonded to a rigid support; infinite for a half-space.
+    poisson_ratio : float
+        Of the layer.
     start : InteractingSolution, optional
         The previous solution: its contacts persist until they break. Without it the surfaces come into
         contact for the first time.
@@ -145,14 +149,22 @@ def solve_adhesive(
         )
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
-    previous = previous or _without_adhesion(asperities, conditions, coupling, law)
+    previous = previous or _without_adhesion(asperities, conditions, coupling, law, poisson_ratio)
+    aspect = 1.0 if law == "sphere" else 0.0
+    layer = float(thickness), poisson_ratio
+    if coupling == "none":  # independent contacts, of which none has neighbours to share the support with
+        layer = np.inf, poisson_ratio
     path = AdhesivePath(
         problem,
         AdhesiveLaw(
             w * problem.length / (contact_modulus * problem.depth**2),
-            aspect=problem.depth / problem.length if law == "sphere" else 0.0,
+            aspect * problem.depth / problem.length,
+            layer[0] / problem.length,
+            poisson_ratio,
         ),
-        None if coupling == "none" else Kernel.of_thickness(thickness / problem.length),
+        None
+        if coupling == "none"
+        else Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=True),
         tolerance,
         max_iterations,
     )
@@ -166,7 +178,8 @@ def solve_adhesive(
         iterations=steps,
         residual=state.residual,
     )
-    law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect=1.0 if law == "sphere" else 0.0)
+    check_layer(solution.radius, float(thickness))
+    law_in_si = AdhesiveLaw(w / conditions.contact_modulus, aspect, *layer)
     return AdhesiveProof(path, state, law_in_si, conditions, start).judge(solution)
 
 
@@ -304,7 +317,7 @@ def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of
 
 
 def _without_adhesion(
-    asperities: pd.DataFrame, conditions: ContactConditions, coupling: str, law: str
+    asperities: pd.DataFrame, conditions: ContactConditions, coupling: str, law: str, poisson_ratio: float
 ) -> InteractingSolution:
     """The solution without adhesion, whose contacts are the least that first loading brings about."""
     load = conditions.load
@@ -318,4 +331,5 @@ def _without_adhesion(
         coupling="none" if coupling == "none" else "asymptotic",
         law=law,
         thickness=conditions.thickness,
+        poisson_ratio=poisson_ratio,
     )

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.adhesive_full_coupling import correct_for_field
 from contactimg.models.asperity_laws import Caps
-from contactimg.models.coupling import DenseCoupling, Kernel
+from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
+from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.solution import InteractingSolution
 
@@ -53,6 +53,7 @@ class AdhesiveState:
     indentation: float
     residual: float
     contacts: "AdhesiveContacts | None" = None
+    unsettled: float = 0.0
 
     def scattered(self, size: int) -> tuple[Values, Values, Values]:
         """Force, contact radius and penetration of all asperities."""
@@ -90,8 +91,11 @@ class AdhesivePath:
         return self._settle(radius, previous.indentation / p.depth, first=first)
 
     def refined(self, state: AdhesiveState, steps: int) -> tuple["AdhesivePath", AdhesiveState, int]:
-        """Full coupling from the state with point forces: alternate field corrections and contacts."""
-        path, difference = self, np.inf
+        """Full coupling from the state with point forces: alternate field corrections and contacts.
+
+        If they do not settle, the iteration that came closest, with what the radii still changed by.
+        """
+        path, closest, difference = self, (np.inf, self, state), np.inf
         for _ in range(MAX_FIELD_UPDATES):
             if not state.rows.size:
                 return path, state, steps
@@ -103,29 +107,40 @@ class AdhesivePath:
             difference, state = float(np.abs(radius - guess).max() / guess.max()), following
             if difference <= FIELD_UPDATE_CHANGE:
                 return path, state, steps
-        raise ConvergenceError(
-            f"full coupling of the adhesive contacts did not converge: the radii still change by "
-            f"{difference:.3g} of the largest after {MAX_FIELD_UPDATES} updates, tolerance "
-            f'{FIELD_UPDATE_CHANGE:.3g}; use coupling "asymptotic"'
-        )
+            if difference < closest[0]:
+                closest = difference, path, state
+        unsettled, path, state = closest
+        return path, replace(state, unsettled=unsettled), steps
 
     def _refine(self, at: ScaledProblem, state: AdhesiveState, contact_radius: Values) -> ScaledProblem:
-        """The problem with the field corrections of a state; ``at`` holds the shifted summits."""
-        force, _, _ = state.scattered(contact_radius.size)
-        near = np.flatnonzero((contact_radius > 0) | (state.indentation > self.problem.gap))
-        a = contact_radius[near]
-        pull = np.sqrt(8 * np.pi * self.law.adhesion * a**3)
+        """The problem with the neighbours' fields over the width of each contact, at a state.
+
+        ``at`` holds the shifted summits. The terms are those of `contactimg.models.full_coupling` with JKR's
+        pressure: Hertz's at the same contact radius minus that of a flat punch. What makes a contact elliptic
+        is taken as without adhesion at the same contact radius.
+        """
+        p, aspect = self.problem, self.law.aspect
+        near = np.flatnonzero((contact_radius > 0) | (state.indentation > p.gap))
+        x, y, a, radius = at.x[near], at.y[near], contact_radius[near], p.radius[near]
+        force, pull = state.scattered(p.gap.size)[0][near], np.sqrt(8 * np.pi * self.law.adhesion * a**3)
         kernel = self.kernel if self.kernel is not None else Kernel.of_thickness(np.inf)
-        return correct_for_field(
-            self.problem,
-            at,
-            kernel,
-            near=near,
-            force=force[near],
-            pull=pull,
-            contact_radius=a,
-            aspect=self.law.aspect,
+        pairs = DenseCoupling(x, y, kernel)
+        wide = pressure_radius(a, radius, aspect)
+        fields = pairs.fields(force, wide, bounded_saddle(pairs.fields(force, wide), radius))
+        moment = pull * a**2
+        fields = replace(
+            fields,
+            excess=fields.excess - _punch_over_hertz(x, y, pull, a),
+            curvature=fields.curvature - _punch_curvature(pairs, moment),
         )
+        if kernel.thinness:
+            fields.excess[:] += _layer_part(pairs, x, y, moment)
+        terms = CapCorrection.of(fields, radius, a, aspect)
+        gap, bends, place = p.gap.copy(), np.zeros((p.gap.size, 2)), np.stack([p.x, p.y])
+        place[:, near] += np.stack([terms.shift_x, terms.shift_y])
+        gap[near] += terms.shifted_rise
+        bends[near] = terms.bends
+        return replace(p, x=place[0], y=place[1], gap=gap, bends=bends)
 
     def _settle(
         self, guess: Values, depth: float, *, first: bool, steps: int = 0
@@ -295,3 +310,32 @@ class AdhesiveContacts:
             penetration[near] -= (1 / r - self.path.kernel.deficit(r)) @ force / np.pi
         penetration[self.rows] = law.penetration(a, self.caps)
         return AdhesiveState(self.rows, a, force, penetration, depth, residual, self)
+
+
+def _punch_over_hertz(x: Values, y: Values, pull: Values, a: Values) -> Values:
+    """Displacement of a half-space by flat punches minus that by Hertz's pressure of the same forces."""
+    loaded = np.flatnonzero(a)
+    r = np.hypot(x[:, None] - x[loaded], y[:, None] - y[loaded])
+    apart = r > 0
+    ratio = a[loaded] / np.where(apart, r, np.inf)
+    inner = np.clip(ratio, 1e-3, 1.0)
+    punch = np.arcsin(inner) / inner
+    hertz = 0.75 * ((2 * inner**2 - 1) * punch + np.sqrt(1 - inner**2)) / inner**2
+    close = np.where(ratio > 1e-3, punch - hertz, ratio**2 / 15)
+    inside = np.pi / 2 / np.maximum(ratio, 1.0) - 0.75 * np.pi * (1 - 0.5 / np.maximum(ratio, 1.0) ** 2) / (
+        np.maximum(ratio, 1.0)
+    )
+    difference = np.where(ratio > 1, inside, close)
+    return np.where(apart, difference / np.where(apart, r, 1.0), 0.0) @ pull[loaded] / np.pi
+
+
+def _punch_curvature(pairs: DenseCoupling, moment: Values) -> Values:
+    """Half the Laplacian of that difference, ``p a^2/(15 r^3)`` for each ``p a^2`` of ``moment``."""
+    return pairs.fields(moment, (moment > 0).astype(np.float64)).quartic * 0.3 / QUARTIC
+
+
+def _layer_part(pairs: DenseCoupling, x: Values, y: Values, moment: Values) -> Values:
+    """Correction of that difference for a layer: 1/15 of ``sum p a^2`` times the Laplacian of the deficit."""
+    half_space = DenseCoupling(x, y, Kernel.of_thickness(np.inf))
+    weight = (moment > 0).astype(np.float64)
+    return (half_space.fields(moment, weight).curvature - pairs.fields(moment, weight).curvature) * 2 / 15

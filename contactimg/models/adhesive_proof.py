@@ -117,6 +117,11 @@ class AdhesiveProof:
             )
         overlap = self._overlap()
         status = judge(errors, self.path.tolerance)
+        if self.state.unsettled > MAX_RELATIVE_ERROR:
+            return (
+                "full coupling of the adhesive contacts did not settle: with the fields of the neighbours "
+                f"the contact radii still change by {self.state.unsettled:.2g} of the largest"
+            )
         if overlap.size and float(overlap.max()) > MAX_RELATIVE_ERROR * size:
             return (
                 f"{overlap.size} asperities without contact overlap the indenter, by up to "

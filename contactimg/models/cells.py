@@ -75,7 +75,7 @@ class Cells:
         )
         # a uniform pressure on a square of side h lowers its middle by 4 asinh(1)/(pi h) of the force
         uniform = 4 * np.arcsinh(1.0) / self.size
-        return DenseCoupling(column, row, kernel, own=uniform / np.pi)
+        return DenseCoupling(column, row, kernel, own=(uniform - kernel.relief[0]) / np.pi)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ diagonal matrix of ``s = sqrt(2 a)``. This matrix is close to the identity unles
 conjugate gradients need few steps.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
 import numpy as np
@@ -39,18 +39,38 @@ class Kernel:
         ``1/t``; zero for a half-space.
     value, slope : ndarray
         `contactimg.mechanics.layer.deficit_table`, empty for a half-space.
+    between : bool
+        Whether it acts between contacts only, because the law of a contact has what the support reflects of
+        its own pressure; else the support acts on the contact itself as on the others.
     """
 
     thinness: float
     value: Values
     slope: Values
+    between: bool = False
 
     @classmethod
-    def of_thickness(cls, thickness: float) -> "Kernel":
+    def of_thickness(cls, thickness: float, poisson_ratio: float = 0.5, *, between: bool = False) -> "Kernel":
         """The kernel of a layer; of a half-space if the thickness is infinite."""
         if np.isinf(thickness):
             return cls(0.0, np.zeros(0), np.zeros(0))
-        return cls(1 / thickness, *layer.deficit_table())
+        return cls(1 / thickness, *layer.deficit_table(poisson_ratio), between)
+
+    @property
+    def relief(self) -> tuple[float, float]:
+        """What a unit of ``q/pi`` does not do at its own place: the deficit and its Laplacian there."""
+        if not (self.between and self.thinness):
+            return 0.0, 0.0
+        value, _, laplacian = layer_deficit(0.0, self.thinness, self.value, self.slope)
+        return value, laplacian
+
+    def relieved(self, fields: "Fields", force: Values, contact_radius: Values) -> "Fields":
+        """Fields without what the contacts do to themselves."""
+        bend = self.relief[1] * force / np.pi
+        if not self.relief[1]:
+            return fields
+        excess = fields.excess + 0.1 * contact_radius**2 * bend
+        return replace(fields, excess=excess, curvature=fields.curvature + 0.5 * bend)
 
     def largest_rise(self) -> float:
         """Largest rise of a layer by a unit of ``q/pi``, ``max(phi(s) - 1/s)/t``; 0 for a half-space."""
@@ -192,7 +212,8 @@ class DenseCoupling:
 
     def __init__(self, x: Values, y: Values, kernel: Kernel, *, own: float | Values = 0.0) -> None:
         self._x, self._y, self._kernel = x, y, kernel
-        self._own = np.broadcast_to(np.asarray(own, dtype=np.float64), x.shape)
+        own = np.asarray(own, dtype=np.float64) + kernel.relief[0] / np.pi
+        self._own = np.broadcast_to(own, x.shape)
         self._matrix = np.empty((x.size, x.size))
         self._known = np.zeros(x.size, dtype=np.bool_)
 
@@ -248,9 +269,9 @@ class DenseCoupling:
         k = self._kernel
         loaded = np.flatnonzero(force * contact_radius)
         long = elongation(contact_radius, saddle)
-        return Fields(
-            *_pair_fields(self._x, self._y, loaded, force, contact_radius, long, k.thinness, k.value, k.slope)
-        )
+        table = k.thinness, k.value, k.slope
+        sums = _pair_fields(self._x, self._y, loaded, force, contact_radius, long, *table)
+        return k.relieved(Fields(*sums), force, contact_radius)
 
     def at_positions(self, x: Values, y: Values) -> "DenseCoupling":
         """The same coupling between candidates at other places."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -91,48 +92,38 @@ def solve_ensemble(
     unknown = [level for level in couplings if level not in COUPLINGS]
     if unknown:
         raise InputError(f"couplings must be among {', '.join(map(repr, COUPLINGS))}, got {unknown[0]!r}")
-    ensemble = _Ensemble(
+    solve = partial(
+        _solve_member,
         kind,
-        tuple(float(load) for load in loads),
-        side,
-        indenter_radius,
-        contact_modulus,
-        seed,
-        coverage,
-        tuple(couplings),
+        loads=tuple(float(load) for load in loads),
+        side=side,
+        seed=seed,
+        coverage=coverage,
+        couplings=tuple(couplings),
+        where={"indenter_radius": indenter_radius, "contact_modulus": contact_modulus},
     )
     members = ((k,) for k in range(first, patterns))
-    yield from in_parallel(ensemble.solve_member, members, count=patterns - first, workers=workers)
+    yield from in_parallel(solve, members, count=patterns - first, workers=workers)
 
 
-@dataclass(frozen=True)
-class _Ensemble:
-    """What all patterns of an ensemble have in common: the arguments of `solve_ensemble`."""
-
-    kind: str | CapLaw
-    loads: tuple[float, ...]
-    side: float
-    indenter_radius: float
-    contact_modulus: float
-    seed: int
-    coverage: float | None
-    couplings: tuple[str, ...]
-
-    def solve_member(self, index: int) -> EnsembleMember:
-        """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
-        rng = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(index,)))
-        pattern = generate_asperities(self.kind, side=self.side, coverage=self.coverage, rng=rng)
-        apex = (self.side / 2, self.side / 2)
-        summits = CompositeSummits.of(pattern, indenter_radius=self.indenter_radius, apex=apex)
-        solutions = {}
-        for coupling in self.couplings:
-            sweep = solve_loads(
-                summits,
-                loads=self.loads,
-                indenter_radius=self.indenter_radius,
-                contact_modulus=self.contact_modulus,
-                apex=apex,
-                coupling=coupling,
-            )
-            solutions.update({(coupling, load): one for load, one in zip(self.loads, sweep, strict=True)})
-        return EnsembleMember(index, solutions)
+def _solve_member(
+    kind: str | CapLaw,
+    index: int,
+    *,
+    loads: tuple[float, ...],
+    side: float,
+    seed: int,
+    coverage: float | None,
+    couplings: tuple[str, ...],
+    where: dict[str, float],
+) -> EnsembleMember:
+    """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
+    pattern = generate_asperities(kind, side=side, coverage=coverage, rng=rng)
+    apex = (side / 2, side / 2)
+    summits = CompositeSummits.of(pattern, indenter_radius=where["indenter_radius"], apex=apex)
+    solutions = {}
+    for coupling in couplings:
+        sweep = solve_loads(summits, loads=loads, apex=apex, coupling=coupling, **where)
+        solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
+    return EnsembleMember(index, solutions)

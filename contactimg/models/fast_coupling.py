@@ -190,7 +190,8 @@ class FastCoupling:
         """``C q`` at every candidate."""
         count_terms(0.5 * force.size)
         far = self._from_modes(self._to_modes(force))
-        far -= self._sharpness * 2 / np.pi**1.5 * force  # the smooth part's own value
+        # the smooth part's own value
+        far -= (self._sharpness * 2 / np.pi**1.5 - self._kernel.relief[0] / np.pi) * force
         return far + self._near.sum(force)
 
     def displacement_at(self, rows: Rows, force: Values) -> Values:
@@ -249,10 +250,11 @@ class FastCoupling:
         excess = self._from_modes(-(k_x**2 + k_y**2) * self._to_modes(widening))
         own = -8 / 3 * self._sharpness**3 / np.pi**1.5  # Laplacian of the smooth part at its centre
         near = self._near.fields(force, contact_radius, saddle)
-        return replace(
+        found = replace(
             near,
             excess=near.excess + excess - own * widening,
             slope_x=near.slope_x + slope_x,
             slope_y=near.slope_y + slope_y,
             curvature=near.curvature + curvature - own * 0.5 * force,
         )
+        return self._kernel.relieved(found, force, contact_radius)

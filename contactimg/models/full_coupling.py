@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw, LayerLaw
 from contactimg.models.asperity_laws import Caps, SphereLaw
 from contactimg.models.coupling import FIELD_NAMES, Fields
 from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
@@ -174,16 +175,22 @@ class FieldCorrection:
     @property
     def aspect(self) -> float:
         """Of the spheres; 0 for paraboloids."""
-        return self.base.law.aspect if isinstance(self.base.law, SphereLaw) else 0.0
+        law = self.base.law.contact if isinstance(self.base.law, LayerLaw) else self.base.law
+        return law.aspect if isinstance(law, SphereLaw | AdhesiveLaw) else 0.0
 
     def apply(self, system: ContactSystem, at: Iterate) -> tuple[ContactSystem, Iterate]:
         """The system corrected with the fields at an iterate, and that iterate evaluated in it."""
+        contact_radius = at.contact_radius
+        if isinstance(system.law, LayerLaw):  # of which the iterate has half the stiffness
+            contact_radius = system.law.contact_radius(at.penetration(system), system.caps)
         if not self.full:
-            fields = system.coupling.fields(at.force, at.contact_radius)
+            fields = system.coupling.fields(at.force, contact_radius)
             refined = replace(self.base, gap=self.base.gap + self._extrapolated(fields.excess))
             return refined, evaluate_iterate(refined, at.force, at.indentation, at.displacement)
         radius = self.base.caps.radius
-        terms = CapCorrection.of(self._fields(system, at), radius, at.contact_radius, self.aspect)
+        terms = CapCorrection.of(
+            self._fields(system, at.force, contact_radius), radius, contact_radius, self.aspect
+        )
         refined = replace(
             self.base,
             gap=self.base.gap + terms.shifted_rise,
@@ -193,13 +200,13 @@ class FieldCorrection:
         displacement = refined.coupling.displacement(at.force)
         return refined, evaluate_iterate(refined, at.force, at.indentation, displacement)
 
-    def _fields(self, system: ContactSystem, at: Iterate) -> Fields:
+    def _fields(self, system: ContactSystem, force: Values, contact_radius: Values) -> Fields:
         """The fields to try next; the ellipses that act on the neighbours are those tried last."""
         radius, saddle = self.base.caps.radius, None
         if self._tried:
             saddle = bounded_saddle(Fields(*self._tried[-1].reshape(len(FIELD_NAMES), -1)), radius)
-        wide = pressure_radius(at.contact_radius, radius, self.aspect)
-        fields = system.coupling.fields(at.force, wide, saddle)
+        wide = pressure_radius(contact_radius, radius, self.aspect)
+        fields = system.coupling.fields(force, wide, saddle)
         computed = np.stack([getattr(fields, name) for name in FIELD_NAMES])
         return Fields(*self._extrapolated(computed.ravel()).reshape(computed.shape))
 

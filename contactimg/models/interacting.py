@@ -14,8 +14,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from contactimg.errors import ConvergenceError, InputError
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
+from contactimg.mechanics.layer_contact import LARGEST_RATIO
 from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
+from contactimg.models.adhesive_asperity_law import AdhesiveLaw, LayerLaw
 from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.contact_solver import METHODS, ContactSolver
@@ -39,6 +41,7 @@ class InteractingOptions(TypedDict, total=False):
     coupling: str
     law: str | AxisymmetricProfile
     thickness: float
+    poisson_ratio: float
     method: str
     tolerance: float
     max_iterations: int
@@ -56,6 +59,7 @@ def solve_interacting(
     coupling: str = "asymptotic",
     law: str | AxisymmetricProfile = "hertz",
     thickness: float = np.inf,
+    poisson_ratio: float = 0.5,
     start: InteractingSolution | None = None,
     method: str = "auto",
     tolerance: float = 1e-12,
@@ -88,7 +92,11 @@ def solve_interacting(
         Profile of one asperity: a paraboloid, the exact sphere (Sneddon), or any other: a `PowerLawProfile`,
         a `TabulatedProfile`, or an object with their methods, with coupling ``"none"`` or ``"asymptotic"``.
     thickness : float, m
-        Of a layer bonded to a rigid support (Poisson's ratio 1/2); infinite for a half-space.
+        Of a layer bonded to a rigid support; infinite for a half-space. Each cap follows the exact law of a
+        layer, up to contact radii of two thicknesses; ellipsoids, caps of unequal modulus and profiles that
+        of a half-space on the surface that the support has lifted.
+    poisson_ratio : float
+        Of the layer.
     start : InteractingSolution, optional
         A solution of the same table at a similar load, to start from.
     method : {"auto", "dense", "fast"}
@@ -147,8 +155,9 @@ def solve_interacting(
             f"got one of {start.force.size}"
         )
     seed = None if start is None or not start.force.any() else start.force[problem.order] / problem.force_unit
-    kernel = Kernel.of_thickness(thickness / problem.length)
-    profile = _local_law(law, conditions, problem.length, problem.depth)
+    exact = isinstance(law, str) and problem.shapes is None and coupling != "none" and np.isfinite(thickness)
+    kernel = Kernel.of_thickness(thickness / problem.length, poisson_ratio, between=exact)
+    profile = _local_law(law, conditions, problem.length, problem.depth, poisson_ratio if exact else None)
     if isinstance(profile, ProfileLaw):
         profile.check(np.zeros(0), coupling)
     _check_shapes(problem, coupling, law)
@@ -162,16 +171,21 @@ def solve_interacting(
         max_iterations=max_iterations,
     )
     problem, system, iterate, steps = solver.solve(seed)
+    radius, penetration = iterate.contact_radius, iterate.penetration(system)
+    if isinstance(profile, LayerLaw):
+        radius = profile.contact_radius(penetration, system.caps)
+        check_layer(radius * problem.length, thickness)
     solution = problem.record(
         iterate.carried,
-        iterate.contact_radius,
-        iterate.penetration(system),
+        radius,
+        penetration,
         indentation=iterate.indentation,
         coupling=coupling,
         iterations=steps,
         residual=iterate.residual,
     )
-    forces = forces_from_indentation(solution, problem, system, _local_law(law, conditions, 1.0, 1.0))
+    in_si = _local_law(law, conditions, 1.0, 1.0, poisson_ratio if exact else None)
+    forces = forces_from_indentation(solution, problem, system, in_si)
     if isinstance(profile, ProfileLaw):
         profile.check(solution.radius, coupling)
     status = prove_forces(solution, problem.order, conditions, forces * float(contact_modulus), tolerance)
@@ -207,12 +221,30 @@ def _check_shapes(problem: ScaledProblem, coupling: str, law: str | Axisymmetric
 
 
 def _local_law(
-    law: str | AxisymmetricProfile, conditions: ContactConditions, length: float, depth: float
+    law: str | AxisymmetricProfile,
+    conditions: ContactConditions,
+    length: float,
+    depth: float,
+    poisson_ratio: float | None,
 ) -> AsperityLaw:
-    """The law of one asperity in units of length and depth (m)."""
+    """The law of one asperity in units of length and depth (m); with Poisson's ratio that of a layer."""
+    if isinstance(law, str) and poisson_ratio is not None:
+        aspect = depth / length if law == "sphere" else 0.0
+        return LayerLaw(AdhesiveLaw(0.0, aspect, conditions.thickness / length, poisson_ratio))
     if isinstance(law, str):
         return asperity_law(law, aspect=depth / length)
     return ProfileLaw(ProfileUnderLens(law, conditions.indenter_radius), length, depth)
+
+
+def check_layer(contact_radius: Values, thickness: float) -> None:
+    """Refuse contacts of more than `LARGEST_RATIO` thicknesses of the layer, m."""
+    widest = float(contact_radius.max(initial=0.0))
+    if widest > (1 - 1e-9) * LARGEST_RATIO * thickness:
+        raise ModelRangeError(
+            f"a contact would have a radius of {widest * 1e6:.4g} um or more on a layer of "
+            f"{thickness * 1e6:.4g} um: the law of a layer holds up to {LARGEST_RATIO:g} thicknesses; lower "
+            "the load"
+        )
 
 
 def forces_from_indentation(

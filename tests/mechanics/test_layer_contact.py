@@ -57,6 +57,6 @@ def test_a_thick_layer_is_a_half_space_and_the_support_acts_with_the_cube():
 
 def test_the_table_is_exact_between_its_nodes_and_ends_where_it_says():
     for ratio in (0.0531, 0.777, 1.993):
-        assert np.ravel(layer_factors(ratio)) == pytest.approx(layer_factors_at(ratio), rel=1e-8)
+        assert np.ravel(layer_factors(ratio)) == pytest.approx(layer_factors_at(ratio)[:2], rel=1e-8)
     with pytest.raises(ModelRangeError, match="up to 2 thicknesses"):
         layer_factors(2.1)

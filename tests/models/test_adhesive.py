@@ -178,3 +178,23 @@ def test_far_neighbours_of_an_adhesive_contact():
     # count to fourth order in a/r
     assert full.radius[0] - point.radius[0] == pytest.approx(-lowering / softness, rel=3 * a / r)
     assert full.radius[0] == pytest.approx(full.radius[1], rel=1e-12)
+
+
+def test_full_coupling_that_does_not_settle_is_approximate():
+    """A soft, sticky pattern: the closest iteration, with what its radii still change by."""
+    rng = np.random.default_rng(130)
+    rng.choice(3), rng.choice(2)
+    table = generate_asperities("RA+", side=1e-3, coverage=float(rng.uniform(0.2, 0.5)), rng=rng)
+    load = 10 ** rng.uniform(-7, -1.5)
+    work, modulus = 10 ** rng.uniform(-2.5, 0), 10 ** rng.uniform(4.5, 7)
+    solution = solve_adhesive(
+        table,
+        load=load,
+        indenter_radius=0.013,
+        contact_modulus=modulus,
+        work_of_adhesion=work,
+        coupling="full",
+        apex=(5e-4, 5e-4),
+    )
+    assert "did not settle" in solution.status
+    assert solution.load == pytest.approx(load, rel=1e-6)
