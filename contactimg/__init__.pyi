@@ -33,6 +33,7 @@ from .calibration.threshold import calibrate_threshold as calibrate_threshold
 from .errors import ContactimgError as ContactimgError
 from .errors import ConvergenceError as ConvergenceError
 from .errors import FrameError as FrameError
+from .errors import FrameWarning as FrameWarning
 from .errors import InputError as InputError
 from .errors import ModelRangeError as ModelRangeError
 from .files import open_experiment as open_experiment

@@ -15,6 +15,10 @@ class FrameError(InputError):
     """One frame cannot be read or measured; the other frames of its series are not concerned."""
 
 
+class FrameWarning(UserWarning):
+    """A frame was measured, but its status is not "ok": the message says why and what to do."""
+
+
 class ModelRangeError(InputError):
     """The problem lies outside the range in which the model has one meaningful solution."""
 

@@ -137,7 +137,7 @@ Output = Annotated[
 ]
 Workers = Annotated[
     Count | None,
-    "Number of processes that work in parallel.  [default: one, and one per CPU core as soon as that saves time]",
+    "Number of processes that work in parallel.  [default: one; one per CPU core as soon as that saves time]",
 ]
 OneWorker = Annotated[Count, "Number of processes that work in parallel."]
 Load = Annotated[

@@ -179,6 +179,7 @@ class Camera:
         self.lights: dict[Shown, tuple[NDArray, NDArray]] = {}
         self.radii: dict[Shown, list[tuple[NDArray[np.intp], Values]]] = {}
         self.seconds: dict[Shown, float] = {}
+        self.clipped = False
 
     def light(self, shown: Shown) -> tuple[NDArray, NDArray]:
         """Grey levels of frame and reference before the sensor."""
@@ -206,6 +207,7 @@ class Camera:
             noisy = noisy + np.sqrt(levels / simulate.electrons_per_level) * noise[0]
         if "read_noise" in shown:
             noisy = noisy + simulate.read_noise_electrons / simulate.electrons_per_level * noise[1]
+        self.clipped |= bool(noisy.min() < 0 or noisy.max() > 2**simulate.bit_depth - 1)
         return digitise(
             noisy,
             bit_depth=simulate.bit_depth,
@@ -355,12 +357,18 @@ def _estimate(
         leaving, changes = _leaving_contacts(scene, contacts, outputs)
         return EffectEstimate(effect, max(changes.values()), leaving, 1.0, changes)
     reason = _reason(effect, camera)
-    if NO_FILM in reason:
+    if NO_FILM in reason or (effect == "saturation" and not _clips(camera, shown)):
         return EffectEstimate(effect, 0.0, reason)
     changes = {name: camera.change(name, effect, shown) for name in outputs}
     keys = (shown | {effect}) - SENSOR, (shown - {effect}) - SENSOR
     cost = max(camera.seconds[keys[0]] / camera.seconds[keys[1]], 1.0)
     return EffectEstimate(effect, max(changes.values()), reason, cost, changes)
+
+
+def _clips(camera: Camera, shown: Shown) -> bool:
+    """Whether any pixel reaches full scale or zero."""
+    camera.measure(shown)
+    return camera.clipped
 
 
 def _leaving_contacts(

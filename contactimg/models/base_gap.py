@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from contactimg.compiled import njit
 from contactimg.errors import InputError
 from contactimg.models.coupling import Kernel, direct_sum, displacement_excess, layer_deficit
 from contactimg.models.fast_coupling import FastCoupling

@@ -1,5 +1,6 @@
 """Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
 
+import warnings
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any, Literal
@@ -8,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from contactimg.errors import InputError
+from contactimg.errors import FrameWarning, InputError
 from contactimg.frame import Frame
 from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
@@ -17,7 +18,7 @@ from contactimg.imaging.shapes.hand_edits import HandEdit
 from contactimg.pipeline.measured_frame import FrameTables, MeasuredFrame, SumOfCubes
 from contactimg.pose import Pose
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, OUTLINES, REJECTED
+from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
 from contactimg.tradeoff.choice import measure_cheapest
 
 
@@ -60,7 +61,13 @@ def measure_frame(
     Returns
     -------
     DataFrame
-        The contacts table, one row a contact; without contacts, an empty table with all its columns.
+        The contacts table, one row a contact; without contacts, an empty table with all its columns. Its
+        ``attrs`` hold the ``status`` of the frame (`contactimg.tables.Status`) and its ``message``.
+
+    Warns
+    -----
+    FrameWarning
+        Unless the status is "ok": the message says why, and what to do.
 
     Notes
     -----
@@ -84,6 +91,8 @@ def measure_frame(
     >>> table = measure_frame(50 + spot + noise[0], 50 + noise[1], pixel_size=1e-6)
     >>> len(table), round(float(table["radius_px"].iloc[0]), 1)
     (1, 9.5)
+    >>> table.attrs["status"]
+    'ok'
     """
     pixel_size = _positive("pixel_size", pixel_size, "the sample length that one pixel covers, in m")
     optics = SharedOptics()
@@ -105,7 +114,12 @@ def measure_frame(
         shape=shape,
     )
     pose = Pose(frame.shape, pixel_size)
-    return locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
+    contacts = locate_contacts(contacts_table(measurement, frame.name), pose, shift_px=(0.0, 0.0))
+    contacts.attrs |= {"status": measurement.status, "message": measurement.message}
+    if measurement.status != Status.OK:
+        text = measurement.message or "see contactimg.tables.Status"
+        warnings.warn(f"{frame.name or 'frame'}: {measurement.status}: {text}", FrameWarning, stacklevel=2)
+    return contacts
 
 
 def _positive(name: str, value: object, hint: str) -> float:

@@ -58,7 +58,15 @@ class ShownTables:
     def of_part(cls, part: MeasuredFrame) -> "ShownTables":
         """The tables of one frame, which are in no folder."""
         row = FRAMES.conform(pd.DataFrame([part.row]))
-        return cls(dict(zip(TABLES, (part.tables.contacts, row, part.tables.rejected, part.tables.outlines), strict=True)))
+        return cls(
+            dict(
+                zip(
+                    TABLES,
+                    (part.tables.contacts, row, part.tables.rejected, part.tables.outlines),
+                    strict=True,
+                )
+            )
+        )
 
     def rows(self, name: str, frame: str) -> pd.DataFrame:
         """The rows of a table that are about one frame."""
