@@ -6,10 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from contactimg.analysis.power_laws import fit_broken_law
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import fit_shear_stress
-from contactimg.analysis.power_laws import fit_power_law
+from contactimg.analysis.power_laws import fit_broken_law, fit_power_law
 from contactimg.analysis.topography import describe_topography
 from contactimg.plots import plot_areas, plot_friction, plot_pressure_law, plot_profile, plot_topography
 from contactimg.plots.laws import motion_of

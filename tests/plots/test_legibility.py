@@ -8,9 +8,8 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
-from contactimg.analysis.power_laws import fit_broken_law
 from contactimg.analysis.friction import fit_shear_stress
-from contactimg.analysis.power_laws import fit_power_law
+from contactimg.analysis.power_laws import fit_broken_law, fit_power_law
 from contactimg.analysis.topography import describe_topography
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.plots import (
