@@ -145,8 +145,10 @@ class MeanField:
 
     def sinking(self, asperities: pd.DataFrame) -> float:
         """By how much (m) the indentation from first touch is larger than that of the table `around`."""
-        where = {"indenter_radius": self.indenter_radius, "apex": self.apex}
-        alone, sunk = (composite_apexes(one, **where) for one in (asperities, self.around(asperities)))
+        alone, sunk = (
+            composite_apexes(one, indenter_radius=self.indenter_radius, apex=self.apex)
+            for one in (asperities, self.around(asperities))
+        )
         return float(alone["height_m"].max() - sunk["height_m"].max())
 
 
