@@ -183,7 +183,7 @@ def counted(monkeypatch):
     count(SphereLaw, "respond", "sphere")
     count(layer, "deficit_table", "layer")
     count(adhesive_path.AdhesiveContacts, "direction", "adhesion")
-    count(adhesive_path, "correct_for_field", "full adhesive")
+    count(adhesive_path, "_punch_over_hertz", "full adhesive")
     assert contact_solver.FieldCorrection is FieldCorrection
     assert interacting.asperity_law("sphere", aspect=1.0) == SphereLaw(1.0)
     return counts
