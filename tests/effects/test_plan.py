@@ -15,7 +15,7 @@ from contactimg.effects import mechanics
 from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import SAFETY_FACTOR, decide, make_plan
 from contactimg.files import read_scene, write_scene
-from contactimg.mechanics import layer
+from contactimg.mechanics import layer, sphere
 from contactimg.models import adhesive_path, contact_solver, interacting
 from contactimg.models.asperity_laws import SphereLaw
 from contactimg.models.coupling import DenseCoupling
@@ -181,6 +181,7 @@ def counted(monkeypatch):
     count(DenseCoupling, "displacement", "product")
     count(FieldCorrection, "apply", "full")
     count(SphereLaw, "respond", "sphere")
+    count(sphere, "scaled_indentation", "sphere")  # on a layer, and with adhesion
     count(layer, "deficit_table", "layer")
     count(adhesive_path.AdhesiveContacts, "direction", "adhesion")
     count(adhesive_path, "_punch_over_hertz", "full adhesive")
