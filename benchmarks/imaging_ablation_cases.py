@@ -381,7 +381,7 @@ CASES = {
     ),
     "choice": Case(
         "choice of the cheaper method: the fit",
-        {"tradeoff.choice.estimate_count_error": give(np.inf)},
+        {"tradeoff.choice.count_error": give(np.inf)},
         "tradeoff.choice count.expected_error",
     ),
 }

@@ -206,7 +206,7 @@ def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
     return (
         f"pixels above {crossing.fraction:.2g} of the contrast make radii {changed} "
         f"than those of the contacts, by {abs(middle):.2g} px in the median behind a blur of "
-        f"{crossing.blur_px:.2g} px; the uncertainties include that"
+        f"{crossing.blur_px:.2g} px, which the uncertainties include"
     )
 
 
