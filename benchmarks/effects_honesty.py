@@ -1,10 +1,8 @@
 """How honest the plan of the mechanical effects is, and what it saves.
 
     python benchmarks/effects_honesty.py scenes    # estimate against truth, every scene, output and effect
-    python benchmarks/effects_honesty.py patterns  # averages over patterns: coupling at small loads
-    python benchmarks/effects_honesty.py wide      # thousands of contacts: cells stand for the neighbours
+    python benchmarks/effects_honesty.py wide      # thousands of contacts: a part is compared
     python benchmarks/effects_honesty.py time      # auto against everything on, by turns in one process
-    python benchmarks/effects_honesty.py size      # cost of a plan over that of the solve, to 10^6 asperities
 
 The truth is the change of the output when one effect is switched off and all others are on.
 """
@@ -17,7 +15,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
 
-from effect_scenes import SA_LENS, SCENES, mechanical_scene, pattern
+from effect_scenes import SCENES, mechanical_scene
 
 from contactimg import generate_asperities, solve_adhesive, solve_interacting
 from contactimg.effects.mechanics import MECHANICAL_EFFECTS, estimate_mechanics
@@ -99,19 +97,6 @@ def scenes():
         )
 
 
-def patterns():
-    for load in (1e-3, 2e-3, 5e-3, 2e-2):
-        change = []
-        for seed in range(40):
-            scene = scene_from_dict({"indenter": {"radius_m": SA_LENS}, "elastic": {"young_modulus_Pa": 3e6}})
-            table = pattern("SA", side=4e-3, seed=seed)
-            change.append(estimate_mechanics(scene, table, load=load).estimates[0].change)
-        print(
-            f"SA+ at {load:g} N: coupling changes the area by {100 * np.mean(change):.2f} % on the average "
-            f"of 40 patterns (largest {100 * np.max(change):.2f} %)"
-        )
-
-
 def wide():
     for side, lens, load, thickness in (
         (0.02, 0.4, 2.0, 0.02),
@@ -172,31 +157,7 @@ def time_saved():
     print(f"| all together | {totals[0] / totals[2]:.2f} | {totals[1] / totals[2]:.2f} | |")
 
 
-def size():
-    for scale in (0.1, 1.0, 10.0):  # the same pressure and the same rise of the lens over the pattern
-        side, load, lens = 0.0736 * np.sqrt(scale), 4.5 * scale, 6.0 * scale
-        table = generate_asperities("SA", side=side, rng=np.random.default_rng(0))
-        scene = scene_from_dict(
-            {
-                "indenter": {"radius_m": lens, "apex_m": [side / 2, side / 2]},
-                "elastic": {"young_modulus_Pa": 3e6, "thickness_m": 0.2 * side},
-            }
-        )
-        estimate_mechanics(scene, table, load=load)
-        plan, point_forces = by_turns(
-            [
-                lambda s=scene, t=table, p=load: estimate_mechanics(s, t, load=p),
-                lambda s=scene, t=table, p=load: solve(s, t, p, {"coupling"}),
-            ],
-            repeats=3 if scale < 5 else 1,
-        )
-        print(
-            f"{len(table)} asperities: plan {plan:.3f} s, coupled solve {point_forces:.3f} s: "
-            f"{100 * plan / point_forces:.1f} %"
-        )
-
-
 if __name__ == "__main__":
-    parts = {"scenes": scenes, "patterns": patterns, "wide": wide, "time": time_saved, "size": size}
+    parts = {"scenes": scenes, "wide": wide, "time": time_saved}
     for part in sys.argv[1:] or parts:
         parts[part]()

@@ -163,8 +163,9 @@ def total_area(contacts: pd.DataFrame, *, unseen: Total = NOTHING, length_relati
 
 
 def _visible_areas(contacts: pd.DataFrame) -> pd.Series:
-    """Area of each contact that the image shows (m^2)."""
-    return contacts["visible_area_m2"].fillna(contacts["area_m2"])
+    """Area of each contact that the image shows (m^2); all of it where a table does not say."""
+    whole = contacts["area_m2"]
+    return contacts["visible_area_m2"].fillna(whole) if "visible_area_m2" in contacts else whole
 
 
 def total_force(

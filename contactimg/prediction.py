@@ -289,6 +289,7 @@ def _mean_field(scene: Scene, asperities: pd.DataFrame, load: float, *, coupled:
         contact_modulus=elastic.contact_modulus,
         apex=indenter.apex,
         thickness=elastic.thickness if scene.effects.layer == "on" and elastic.thickness else np.inf,
+        poisson_ratio=elastic.poisson_ratio,
         coupled=coupled,
     )
 
@@ -327,8 +328,8 @@ def _around_the_table(
     if outside < BORDER_SHARE:
         return ""
     return (
-        f"the contact region runs off the table: {100 * rim:.2g} % of the load is borne within one mean "
-        f"spacing of its rim, and a mean field outside would carry {100 * outside:.2g} % of the load; take a "
+        f"the contact region runs off the table: {100 * rim:.3g} % of the load is borne within one mean "
+        f"spacing of its rim, and a mean field outside would carry {100 * outside:.3g} % of the load; take a "
         'larger table, or [asperities] surroundings = "mean_field"'
     )
 

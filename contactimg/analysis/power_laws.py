@@ -15,8 +15,8 @@ from contactimg.analysis.estimates import (
     bootstrap_weights,
     student_estimate,
 )
-from contactimg.analysis.linear_fit import LinearFit, Points, fit_line, fit_linear, two_lines
-from contactimg.errors import InputError
+from contactimg.analysis.linear_fit import Points, fit_line, fit_linear, two_lines
+from contactimg.errors import ConvergenceError, InputError
 
 Values = NDArray[np.float64]
 
@@ -280,19 +280,24 @@ def fit_broken_law(
     breaks = break_places(u)
     single = fit_power_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation, confidence=confidence)
 
-    def fit(place: float, scatter: float | None) -> LinearFit:
-        return fit_linear(two_lines(place), logs, scatter=scatter)
+    def misfit(place: float, scatter: float) -> float:
+        """Chi-square; infinite where the points on one side do not decide on an exponent."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                return float(fit_linear(two_lines(place), logs, scatter=scatter).chi_square)
+        except ConvergenceError:
+            return np.inf
 
-    def misfit(place: float) -> float:
-        return float(fit(place, scatter).chi_square)
-
-    first = min(breaks, key=lambda place: float(fit(place, 0.0).chi_square))
-    scatter = fit(first, None).scatter
-    profile = np.array([misfit(place) for place in breaks])
+    first = min(breaks, key=lambda place: misfit(place, 0.0))
+    scatter = fit_linear(two_lines(first), logs).scatter
+    profile = np.array([misfit(place, scatter) for place in breaks])
     best = int(profile.argmin())
     near = breaks[max(best - 1, 0)], breaks[min(best + 1, len(breaks) - 1)]
-    place = float(optimize.minimize_scalar(misfit, bounds=near, method="bounded", options={"xatol": 1e-9}).x)
-    found = fit(place, scatter)
+    refined = optimize.minimize_scalar(
+        misfit, bounds=near, args=(scatter,), method="bounded", options={"xatol": 1e-9}
+    )
+    place = float(refined.x if refined.fun <= profile[best] else breaks[best])
+    found = fit_linear(two_lines(place), logs, scatter=scatter)
     terms, slopes = two_lines(place)(u)
     gradient = np.column_stack([terms, -slopes @ found.parameters])
     stds = np.sqrt(np.diag(np.linalg.pinv((gradient * found.weights[:, None]).T @ gradient, hermitian=True)))

@@ -107,17 +107,15 @@ def _noise_and_zero(calibration: JkrCalibration, here: JkrEstimates) -> list[Unc
         exact = solve_series(replace(series, zero_std=0.0), problem.used, problem.sphere)
         noise = np.minimum([exact.modulus.std, exact.work[0].std], stds)
         state = FITTED if calibration.load_zero_seen else ALLOWED
-        zero = UncertaintySource(
-            name, series.zero_std, "N", *(np.sqrt(stds**2 - noise**2) / sizes).tolist(), state
-        )
+        added = np.sqrt(stds**2 - noise**2) / sizes
+        zero = UncertaintySource(name, series.zero_std, "N", float(added[0]), float(added[1]), state)
     else:
         size = UNSTATED_ZERO * float(np.abs(series.load).max())
         moved = solve_series(replace(series, load=series.load - size), problem.used, problem.sphere)
         zero = UncertaintySource(name, size, "N", *here.change_to(moved), LEFT_OUT)
-    return [
-        UncertaintySource("noise of loads and radii", 1.0, "std", *(noise / sizes).tolist(), ALLOWED),
-        zero,
-    ]
+    own = noise / sizes
+    first = UncertaintySource("noise of loads and radii", 1.0, "std", float(own[0]), float(own[1]), ALLOWED)
+    return [first, zero]
 
 
 def _proportional(source: str, size: float, changes: tuple[float, float], state: str) -> UncertaintySource:

@@ -359,7 +359,9 @@ class Comparison:
         rows = np.flatnonzero((distance <= reach) & np.isfinite(base.penetration))
         x, y, force = base.x[rows], base.y[rows], base.force[rows]
         lowered = DenseCoupling(x, y, Kernel.of_thickness(np.inf)).displacement(force)
-        height = base.penetration[rows] + lowered / self.elastic.contact_modulus
+        # by Hertz's law of a half-space, which has no layer below the contact itself
+        hertz = np.cbrt(9 / 16 * (force / self.elastic.contact_modulus) ** 2 / base.law_radius[rows])
+        height = np.where(force > 0, hertz, base.penetration[rows]) + lowered / self.elastic.contact_modulus
         height += float(np.max(base.height)) - height.min()
         table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": height, "radius_m": base.law_radius[rows]})
         scene = self.scene.model_copy(

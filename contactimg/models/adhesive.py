@@ -138,8 +138,9 @@ def solve_adhesive(
     check_range("work_of_adhesion", w, ADHESION_RANGE_J_M2, "J/m^2")
     check_choice("coupling", coupling, COUPLINGS)
     check_choice("law", law, LAWS)
+    wanted = prescribed(load, indentation)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), *prescribed(load, indentation)
+        indenter_radius, float(contact_modulus), apex, float(thickness), *wanted, poisson_ratio
     )
     conditions.check()
     problem = scale_problem(asperities, conditions, depth=_depth_unit(asperities, conditions, w))
@@ -149,7 +150,7 @@ def solve_adhesive(
         )
     held = start is not None and bool(start.radius.any())  # without contacts nothing is remembered
     previous = start if start is not None and held else None
-    previous = previous or _without_adhesion(asperities, conditions, coupling, law, poisson_ratio)
+    previous = previous or _without_adhesion(asperities, conditions, coupling, law)
     aspect = 1.0 if law == "sphere" else 0.0
     layer = float(thickness), poisson_ratio
     if coupling == "none":  # independent contacts, of which none has neighbours to share the support with
@@ -317,7 +318,7 @@ def _depth_unit(asperities: pd.DataFrame, conditions: ContactConditions, work_of
 
 
 def _without_adhesion(
-    asperities: pd.DataFrame, conditions: ContactConditions, coupling: str, law: str, poisson_ratio: float
+    asperities: pd.DataFrame, conditions: ContactConditions, coupling: str, law: str
 ) -> InteractingSolution:
     """The solution without adhesion, whose contacts are the least that first loading brings about."""
     load = conditions.load
@@ -331,5 +332,5 @@ def _without_adhesion(
         coupling="none" if coupling == "none" else "asymptotic",
         law=law,
         thickness=conditions.thickness,
-        poisson_ratio=poisson_ratio,
+        poisson_ratio=conditions.poisson_ratio,
     )

@@ -135,7 +135,7 @@ class GapField:
 
     @cached_property
     def _kernel(self) -> Kernel:
-        return Kernel.of_thickness(self.conditions.thickness)
+        return Kernel.of_thickness(self.conditions.thickness, self.conditions.poisson_ratio)
 
     def undeformed(self, x: Values, y: Values) -> Values:
         """The gap without the displacement of the rubber."""

@@ -71,10 +71,8 @@ class CompositeSummits:
             return asperities
         _refuse_moduli(asperities)
         apexes = composite_columns(asperities, indenter_radius=indenter_radius, apex=apex)
-        x, y, height, base = (
-            asperities[name].to_numpy(dtype=np.float64) if name in asperities else None
-            for name in ("x_m", "y_m", "height_m", BASE_COLUMN)
-        )
+        x, y, height = asperities[["x_m", "y_m", "height_m"]].to_numpy(dtype=np.float64).T
+        base = asperities[BASE_COLUMN].to_numpy(dtype=np.float64) if BASE_COLUMN in asperities else None
         discs = np.stack([x, y, base_radius(height, equivalent_radii(asperities))])
         return cls(apexes, height, CapShapes.of(apexes), discs, base, place)
 

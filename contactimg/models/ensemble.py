@@ -100,7 +100,8 @@ def solve_ensemble(
         seed=seed,
         coverage=coverage,
         couplings=tuple(couplings),
-        where={"indenter_radius": indenter_radius, "contact_modulus": contact_modulus},
+        indenter_radius=indenter_radius,
+        contact_modulus=contact_modulus,
     )
     members = ((k,) for k in range(first, patterns))
     yield from in_parallel(solve, members, count=patterns - first, workers=workers)
@@ -115,15 +116,23 @@ def _solve_member(
     seed: int,
     coverage: float | None,
     couplings: tuple[str, ...],
-    where: dict[str, float],
+    indenter_radius: float,
+    contact_modulus: float,
 ) -> EnsembleMember:
     """Generate and solve one pattern with its own random stream, the child of the seed by its index."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
     pattern = generate_asperities(kind, side=side, coverage=coverage, rng=rng)
     apex = (side / 2, side / 2)
-    summits = CompositeSummits.of(pattern, indenter_radius=where["indenter_radius"], apex=apex)
+    summits = CompositeSummits.of(pattern, indenter_radius=indenter_radius, apex=apex)
     solutions = {}
     for coupling in couplings:
-        sweep = solve_loads(summits, loads=loads, apex=apex, coupling=coupling, **where)
+        sweep = solve_loads(
+            summits,
+            loads=loads,
+            indenter_radius=indenter_radius,
+            contact_modulus=contact_modulus,
+            apex=apex,
+            coupling=coupling,
+        )
         solutions.update({(coupling, load): one for load, one in zip(loads, sweep, strict=True)})
     return EnsembleMember(index, solutions)

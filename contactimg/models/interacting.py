@@ -143,8 +143,9 @@ def solve_interacting(
     30.0
     """
     _check(coupling, law, method, load)
+    wanted = prescribed(load, indentation)
     conditions = ContactConditions(
-        indenter_radius, float(contact_modulus), apex, float(thickness), *prescribed(load, indentation)
+        indenter_radius, float(contact_modulus), apex, float(thickness), *wanted, poisson_ratio
     )
     problem = scale_problem(asperities, conditions)
     if not problem.touches:

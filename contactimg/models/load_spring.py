@@ -82,6 +82,8 @@ class ContactConditions:
     load : float, LoadSpring or None
     indentation : float or None
         Exactly one of the two is given.
+    poisson_ratio : float
+        Of a layer.
     """
 
     indenter_radius: float
@@ -90,6 +92,7 @@ class ContactConditions:
     thickness: float
     load: float | LoadSpring | None
     indentation: float | None
+    poisson_ratio: float = 0.5
 
     @property
     def spring(self) -> LoadSpring | None:
@@ -110,6 +113,8 @@ class ContactConditions:
         """Refuse values that define no contact problem."""
         if not (np.isfinite(self.contact_modulus) and self.contact_modulus > 0):
             raise InputError(f"contact_modulus must be a positive modulus, got {self.contact_modulus!r} Pa")
+        if not -1 < self.poisson_ratio <= 0.5:
+            raise InputError(f"poisson_ratio must lie between -1 and 0.5, got {self.poisson_ratio!r}")
         if not self.thickness > 0:
             raise InputError(f"thickness must be positive (inf for a half-space), got {self.thickness!r} m")
         if (self.load is None) == (self.indentation is None):

@@ -27,6 +27,9 @@ HEIGHTS = 300
 CELLS_PER_SPACING = 2.0
 """Cells of the lattice outside along one mean spacing, for the load that they carry."""
 
+MOST_CELLS = 400
+"""Most cells of the lattice along one side: beyond, cells are larger. Chosen: 0.02 s."""
+
 
 @dataclass(frozen=True, eq=False)
 class MeanField:
@@ -43,7 +46,8 @@ class MeanField:
     indenter_radius : float, m
     apex : (float, float), m
     contact_modulus : float, Pa
-    thickness : float, m
+    kernel : Kernel
+        Of the layer, in 1/m.
     """
 
     rings: RingSolution
@@ -52,7 +56,7 @@ class MeanField:
     indenter_radius: float
     apex: tuple[float, float]
     contact_modulus: float
-    thickness: float
+    kernel: Kernel
 
     @classmethod
     def of(
@@ -65,6 +69,7 @@ class MeanField:
         contact_modulus: float,
         apex: tuple[float, float],
         thickness: float = np.inf,
+        poisson_ratio: float = 0.5,
         coupled: bool = True,
     ) -> "MeanField":
         """The mean field of a table that fills a rectangle, under a lens at a load (N)."""
@@ -80,14 +85,18 @@ class MeanField:
             contact_modulus=contact_modulus,
             load=load,
         )
-        spacing = float(np.sqrt(area / len(asperities)))
-        return cls(rings, rectangle, spacing, indenter_radius, apex, contact_modulus, thickness)
+        spacing, kernel = (
+            float(np.sqrt(area / len(asperities))),
+            Kernel.of_thickness(thickness, poisson_ratio),
+        )
+        return cls(rings, rectangle, spacing, indenter_radius, apex, contact_modulus, kernel)
 
     @cached_property
     def _cells(self) -> tuple[Values, Values, float]:
         """Centres of the cells outside the rectangle and in reach of the lens, distance from the apex."""
         sides = np.ptp(self.rectangle, axis=1)
         step = sides / np.ceil(CELLS_PER_SPACING * sides / self.spacing)
+        step = np.maximum(step, 2 * self.rings.r[-1] / MOST_CELLS)
         centres = []
         for (low, _), size, at in zip(self.rectangle, step, self.apex, strict=True):
             reach = np.floor((at - low + np.array([-1, 1]) * self.rings.r[-1]) / size)
@@ -124,7 +133,7 @@ class MeanField:
         places, _, _ = self._cells
         force = self._over_cells(self.rings.pressure) / self.contact_modulus
         loaded = np.flatnonzero(force)
-        kernel, unit = Kernel.of_thickness(self.thickness), float(np.ptp(self.rectangle))
+        kernel, unit = self.kernel, float(np.ptp(self.rectangle))
         layer = kernel.thinness * unit, kernel.value, kernel.slope
         return direct_sum(x / unit, y / unit, places[:, loaded] / unit, force[loaded] / unit, *layer)
 
@@ -136,8 +145,10 @@ class MeanField:
 
     def sinking(self, asperities: pd.DataFrame) -> float:
         """By how much (m) the indentation from first touch is larger than that of the table `around`."""
-        where = {"indenter_radius": self.indenter_radius, "apex": self.apex}
-        alone, sunk = (composite_apexes(one, **where) for one in (asperities, self.around(asperities)))
+        alone, sunk = (
+            composite_apexes(one, indenter_radius=self.indenter_radius, apex=self.apex)
+            for one in (asperities, self.around(asperities))
+        )
         return float(alone["height_m"].max() - sunk["height_m"].max())
 
 

@@ -342,3 +342,16 @@ def test_normal_heights_look_normal_and_others_do_not():
 def test_no_point_is_a_sentence():
     with pytest.raises(InputError, match="got 0"):
         fit_power_law([], [])
+
+
+def test_places_of_the_break_where_the_fit_diverges_are_left_out():
+    """Three points of large errors on one side of the break do not decide on an exponent there."""
+    x = [262.3, 131.5, 25.53, 3.237, 555.3, 193.4, 48.22, 1.7, 464.2, 107.1, 3.463]
+    y = [1.971, 1.428, 0.7276, 0.1032, 2.546, 1.682, 0.9491, 0.06701, 2.409, 1.311, 0.2583]
+    x_std = [53.79, 29.35, 8.962, 2.568, 71.47, 31.91, 9.704, 1.45, 52.03, 18.07, 1.544]
+    y_std = [0.2846, 0.2347, 0.1627, 0.0596, 0.2521, 0.201, 0.1482, 0.03869, 0.2172, 0.1579, 0.06904]
+    correlation = [0.704, 0.737, 0.637, 0.728, 0.769, 0.724, 0.776, 0.677, 0.805, 0.713, 0.6]
+    law = fit_broken_law(x, y, x_std=x_std, y_std=y_std, correlation=correlation)
+    assert law.high_exponent.value == pytest.approx(0.41, abs=0.02)
+    assert np.isfinite([law.break_x.value, law.low_exponent.value, law.low_exponent.std]).all()
+    assert law.break_x.low == 0

@@ -1,6 +1,7 @@
 """Contact regions that run off the table: what is said of them, and the mean field around the table."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from contactimg.errors import InputError
@@ -116,3 +117,11 @@ def test_the_rectangle_of_a_generated_pattern_is_its_square():
     assert table_rectangle(generated, part).tolist() == [[0.0, 0.01], [0.0, 0.01]]
     found = table_rectangle(scene_of().asperities, part)
     assert np.abs(found - [[0.003, 0.007], [0.003, 0.007]]).max() < 2e-4
+
+
+def test_a_tiny_table_under_a_large_lens_is_quickly_judged():
+    places = 1e-5 * np.arange(6.0)
+    x, y = (v.ravel() for v in np.meshgrid(places, places))
+    table = pd.DataFrame({"x_m": x, "y_m": y, "height_m": 4e-5, "radius_m": 1e-6})
+    row = predict_contacts(scene_of(apex=(0.0, 0.0)), table, load=1e-6, coupling="none").frames.iloc[0]
+    assert row["n_contacts"] == 36

@@ -132,7 +132,7 @@ def test_a_single_setting_that_fails_leaves_the_others(scene):
 
 
 def test_a_load_beyond_the_models_is_a_reason(scene):
-    knobs, _ = prepare_tradeoff(scene, load=3.0, knobs=["solver", "rings"])
+    knobs, _ = prepare_tradeoff(scene, load=8.0, knobs=["solver", "rings"])
     table = run_knobs(knobs, relative=0.01, seconds=0.0).table.set_index("knob")
     assert table.loc["solver", "error"].isna().all()
     assert table.loc["solver", "message"].str.contains("lower the load").all()
@@ -141,7 +141,7 @@ def test_a_load_beyond_the_models_is_a_reason(scene):
 
 def test_failures_alone_are_an_error(scene):
     with pytest.raises(InputError, match=r"no setting of solver could be run: .* lower the load"):
-        measure_tradeoff(scene, load=3.0, knobs="solver")
+        measure_tradeoff(scene, load=8.0, knobs="solver")
 
 
 def test_a_load_is_a_number(scene):
@@ -281,7 +281,8 @@ def test_process_takes_the_cheapest_method_that_serves(small_series, tmp_path, c
         else:
             assert choice["method"] == method
             assert (choice["error"] <= tolerance) == (method == "threshold")
-    assert f"{100 * tolerance:g} %" in capsys.readouterr().out
+    printed = " ".join(capsys.readouterr().out.split())  # a long line is broken anywhere
+    assert f"{100 * tolerance:g} %" in printed
 
 
 def test_process_refuses_a_method_beside_a_tolerance(small_series, tmp_path, capsys):
