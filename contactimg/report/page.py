@@ -85,7 +85,7 @@ class Part:
 
 @dataclass(frozen=True)
 class _Output:
-    """What a command wrote into a folder: the command line, its name, the files, and the whole record."""
+    """Output of a command: its folder, command line, name, files and whole record."""
 
     place: Path
     record: dict[str, Any]
