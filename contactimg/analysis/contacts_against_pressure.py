@@ -216,7 +216,7 @@ def _broken(single: PowerLaw, rows: Values, blocks: int) -> BrokenLaw:
 def _sums_of_blocks(
     loads: Sequence[Mapping[str, pd.DataFrame]], *, by_place: bool
 ) -> tuple[list[Values], int]:
-    """Of each load the sums over the annuli of each block, shape (sums, blocks, annuli); number of blocks."""
+    """Sums over the annuli of each block at each load, shape (sums, blocks, annuli); number of blocks."""
     parts = [
         table.assign(load=k, block=name) for k, places in enumerate(loads) for name, table in places.items()
     ]

@@ -42,7 +42,7 @@ class Estimate:
     high: float
 
     def widened(self, std: float, *, confidence: float = 0.95) -> Self:
-        """The same value with one more standard uncertainty, in quadrature.
+        """Return the estimate with one more standard uncertainty, added in quadrature.
 
         Examples
         --------
@@ -55,7 +55,7 @@ class Estimate:
         return replace(self, std=float(np.hypot(self.std, std)), low=low, high=high)
 
     def scaled(self, factor: float) -> Self:
-        """The same value with uncertainty and interval wider by a factor."""
+        """Return the estimate with uncertainty and interval wider by a factor."""
         low, high = (self.value + factor * (limit - self.value) for limit in (self.low, self.high))
         return replace(self, std=factor * self.std, low=low, high=high)
 

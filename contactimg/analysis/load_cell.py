@@ -1,4 +1,4 @@
-"""What a scene states of the load cell: how far its zero and its gain may be off, in every frame alike.
+"""The load cell as a scene states it: how far its zero and its gain may be off, in every frame alike.
 
 ``P_true = (P_read - zero) (1 + gain)``. A zero is fitted only where its standard uncertainty is stated; no
 fit tells a gain, whose uncertainty is added to what is in proportion to the load.

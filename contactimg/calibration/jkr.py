@@ -393,7 +393,7 @@ Candidate = tuple[str, JkrSeries]
 
 @dataclass(frozen=True, eq=False)
 class JkrProblem:
-    """What was fitted, the frames used, the sphere, the load cell, and the rival with its probability."""
+    """Record of the fit: fitted parameters, frames, sphere, load cell, and the rival with its probability."""
 
     series: JkrSeries
     used: Mask
@@ -530,7 +530,7 @@ def ramp(count: int) -> Values:
 
 
 def _departures(series: JkrSeries, branch: NDArray[np.str_], used: Mask) -> Iterator[Candidate]:
-    """What the order of the loads can show: loads that return to where they were."""
+    """Candidate departures that the order of the loads can show: loads that return to where they were."""
     apart = np.column_stack([branch == "loading", branch == "unloading"]).astype(float)
     counts = apart[used].sum(axis=0)
     if counts.min() >= 2 and counts.sum() == used.sum():

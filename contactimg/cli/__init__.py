@@ -79,7 +79,8 @@ def commands() -> None:
     folder of its own, with provenance.json (version, command, scene and input files); a command that fails
     leaves this folder as it was.
 
-    Exit codes: 0 done, 1 done but some frames failed (their rows say why), 2 nothing done.
+    Exit codes: 0 done, 1 done but some frames failed or none has a result (their rows say why), 2
+    nothing done.
     """
 
 

@@ -310,7 +310,7 @@ class SceneOption:
 
     @property
     def meaning(self) -> str:
-        """What the key is, in the unit of the option."""
+        """Description of the key, in the unit of the option."""
         unit, printed, _ = self.unit
         text = str(self.field.description)
         return re.sub(rf", {unit}\b", f", {printed}", text) if unit else text

@@ -25,9 +25,6 @@ QUIET = "contactimg.quiet"
 WIDTH_OF_FILES = 160
 """Characters of a line where the output is a file or a pipe. Chosen: names of frames stay whole."""
 
-VARIANTS = ("_here", "_another_surface", "_excess_scatter", "_p_value")
-"""Endings of quantities that are not printed."""
-
 
 def is_quiet() -> bool:
     """Whether the command that runs prints nothing but warnings and errors."""
@@ -133,6 +130,7 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
     Variants of a quantity and what its fit is judged by stay in results.csv.
     """
     from contactimg.report.units import in_display_units
+    from contactimg.tables import VARIANTS
 
     table = in_display_units(results)
     table = table[~table["quantity"].str.endswith(VARIANTS)]

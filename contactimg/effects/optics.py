@@ -374,7 +374,7 @@ def _clips(camera: Camera, shown: Shown) -> bool:
 def _leaving_contacts(
     scene: Scene, contacts: pd.DataFrame, outputs: tuple[str, ...]
 ) -> tuple[str, dict[str, float]]:
-    """What a drift of position takes out of the frame and into it; the alignment corrects the rest."""
+    """Contacts moved out of or into the frame by a drift of position; the alignment corrects the rest."""
     simulate = scene.need("simulate", "the effects of optics and sensor")
     sigma, pose = simulate.position_drift_px, scene.pose(simulate.shape)
     x, y = pose.to_pixels(contacts["x_m"].to_numpy(float), contacts["y_m"].to_numpy(float))

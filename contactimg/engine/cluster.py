@@ -73,7 +73,7 @@ def installation() -> dict[str, str]:
 
 
 def _difference(one: dict[str, str], other: dict[str, str]) -> str:
-    """What differs between two installations; empty if nothing does.
+    """Names of the packages that differ between two installations; empty if none does.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What every decoder of images needs: the largest image that is read, and one grey level per pixel.
+"""Rules of every decoder of images: the largest image that is read, and one grey level per pixel.
 
 What a header claims is checked before memory is taken.
 """

@@ -91,7 +91,7 @@ class FrameSource:
 
 
 def _decoder(path: Path) -> _Decoder:
-    """What lists and reads the images of files with this extension."""
+    """The function that lists the images of files with this extension."""
     if path.suffix.lower() not in _DECODERS:
         raise InputError(
             f"{path}: frames have one of the extensions {', '.join(SUFFIXES)}, got {path.suffix or 'none'!r}"

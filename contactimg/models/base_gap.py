@@ -79,7 +79,7 @@ class BaseGap:
 
     @property
     def sentence(self) -> str:
-        """What a negative gap means."""
+        """Sentence on base planes that touch: the place, the depth and the share of the base."""
         return (
             f"the planes touch: between the asperities, at ({self.x * 1e3:.4g}, {self.y * 1e3:.4g}) mm, the "
             f"lens lies {-self.least * 1e6:.3g} um below the rubber, and on {self.touching_share:.2g} of the "

@@ -58,7 +58,7 @@ class Kernel:
 
     @property
     def relief(self) -> tuple[float, float]:
-        """What a unit of ``q/pi`` does not do at its own place: the deficit and its Laplacian there."""
+        """Deficit of the displacement by a unit of ``q/pi`` at its own place, and its Laplacian there."""
         if not (self.between and self.thinness):
             return 0.0, 0.0
         value, _, laplacian = layer_deficit(0.0, self.thinness, self.value, self.slope)

@@ -1,4 +1,4 @@
-"""What is prescribed: lens, elastic body, and a load, an indentation or a stage behind a load cell."""
+"""Prescribed conditions: lens, elastic body, and a load, an indentation or a stage behind a load cell."""
 
 from dataclasses import dataclass
 

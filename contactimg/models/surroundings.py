@@ -1,4 +1,4 @@
-"""What lies around a table of asperities: the mean field of a pattern that goes on beyond its rim.
+"""Surroundings of a table of asperities: the mean field of a pattern that goes on beyond its rim.
 
 A contact region that runs off the table lacks the contacts beyond. Greenwood and Tripp's model of the same
 asperities at the same load says what they would carry on average. As surroundings of the table they are mean

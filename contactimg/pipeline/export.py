@@ -173,13 +173,13 @@ SAME_PX = 0.02
 ImageJ's numbers (1e-4 px), well below what a hand can mean."""
 
 REJECTED_PREFIX = "rejected_"
-"""Of the names of regions that are no contacts; they may be deleted or kept."""
+"""Prefix of the names of regions that are no contacts; they may be deleted or kept."""
 
 
 def edits_from_regions(
     run: Run, path: Path, *, frame: str | None, author: str = "", time: str = ""
 ) -> pd.DataFrame:
-    """What was changed between an exported frame and the regions of a file.
+    """Edits that turn an exported frame into the regions of a file.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def edits_from_regions(
 def edits_between(
     contacts: pd.DataFrame, exported: Iterable[Region], corrected: Iterable[Region], *, program: str
 ) -> pd.DataFrame:
-    """What was changed between the regions of a frame's contacts and those that came back.
+    """Edits that turn the regions of a frame's contacts into those that came back.
 
     Parameters
     ----------

@@ -155,7 +155,7 @@ class FrameOptions:
     edits: dict[str, tuple[HandEdit, ...]] = field(default_factory=dict)
 
     def of_all(self) -> "FrameOptions":
-        """Those that concern all frames."""
+        """These options without the edits, which concern single frames."""
         return replace(self, edits={})
 
     def of_frame(self, name: str) -> tuple[HandEdit, ...]:

@@ -1,4 +1,4 @@
-"""What a scene provides to a computation: its reference, its asperities, its loads and their order."""
+"""Inputs of a computation from a scene: its reference, its asperities, its loads and their order."""
 
 import logging
 from collections.abc import Sequence
@@ -184,5 +184,5 @@ def loads_before(scene: Scene, load: Prescribed, loads: Sequence[Prescribed]) ->
 
 
 def _level(load: Prescribed) -> float:
-    """What orders loads, or displacements of the stage."""
+    """Key by which loads, or displacements of the stage, are ordered."""
     return load.displacement if isinstance(load, LoadSpring) else float(load)

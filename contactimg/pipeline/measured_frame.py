@@ -122,20 +122,20 @@ class MeasuredFrame:
         return None if self.own_optics is None else self.own_optics.scaled(1.0 / (self.level or 1.0))
 
     def with_contacts(self, contacts: pd.DataFrame) -> "MeasuredFrame":
-        """The same with other contacts."""
+        """Return the frame with other contacts."""
         return replace(self, where=replace(self.tables, contacts=contacts), cubes=SumOfCubes.of(contacts))
 
     def with_remarks(self, *remarks: object) -> "MeasuredFrame":
-        """The same with remarks added to its message, as far as there are any."""
+        """Return the frame with remarks added to its message, if there are any."""
         message = "; ".join(str(text) for text in (self.row["message"], *remarks) if text)
         return replace(self, row=self.row | {"message": message})
 
     def parts(self) -> tuple["MeasuredFrame", FrameTables]:
-        """What a part file keeps of it: most of what is done with a series needs the first only."""
+        """Return the frame without its tables, and the tables; most steps of a series need the first only."""
         return replace(self, where=None), self.tables
 
     def kept_in(self, path: Path) -> "MeasuredFrame":
-        """The same whose tables are in a part file."""
+        """Return the frame with its tables left in a part file."""
         return replace(self, where=str(path))
 
     def log(self, before: str = "") -> None:

@@ -37,7 +37,7 @@ from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
 from contactimg.report import summary
 from contactimg.report.units import in_display_units
-from contactimg.tables import FAILED, REJECTED, RESULTS, RUN_MODELS, SCORES, Flag
+from contactimg.tables import FAILED, REJECTED, RESULTS, RUN_MODELS, SCORES, VARIANTS, Flag
 
 logger = logging.getLogger(__name__)
 
@@ -85,7 +85,7 @@ class Part:
 
 @dataclass(frozen=True)
 class _Output:
-    """What a command wrote into a folder: the command line, its name, the files, and the whole record."""
+    """Output of a command: its folder, command line, name, files and whole record."""
 
     place: Path
     record: dict[str, Any]
@@ -174,6 +174,7 @@ def build_report(folder: str | Path, *, others: Sequence[str | Path] = (), max_p
         n_pictures=len(pictures),
         comparisons=parts["overlay"],
         analyses=parts["analyse"],
+        variants=VARIANTS,
         calibrations=parts["calibrate"],
         flags=_flag_counts(run.contacts),
         rejected=_rejected_counts(folder),

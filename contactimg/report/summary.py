@@ -17,7 +17,7 @@ from contactimg.scene import Scene
 from contactimg.tables import Status
 
 Headline = tuple[str, str, str]
-"""What a number is, the number with interval and unit, and where it comes from."""
+"""Name of a number, the number with interval and unit, and its origin."""
 
 MOST_NAMES = 3
 """Most frames that a warning names. Chosen: they fill a line."""
@@ -167,7 +167,7 @@ def warnings(run: Run, others: list[str]) -> list[str]:
 
 
 def caption_of_frame(run: Run, frame: str) -> str:
-    """What is seen on a frame: its load, contacts and area."""
+    """Caption of a frame: its load, contacts and area."""
     row = run.frames[run.frames["frame"] == frame].iloc[0]
     parts = [f"{frame}{_load(row)}"]
     if pd.notna(row["n_contacts"]):

@@ -34,6 +34,7 @@ from contactimg.tables.schemas import (
     TOPOGRAPHY,
     TRADEOFF,
     UNCERTAINTIES,
+    VARIANTS,
     Schema,
 )
 from contactimg.tables.statuses import FAILED, NO_RESULT, Status
@@ -66,6 +67,7 @@ __all__ = [
     "TOPOGRAPHY",
     "TRADEOFF",
     "UNCERTAINTIES",
+    "VARIANTS",
     "Flag",
     "Reason",
     "Schema",

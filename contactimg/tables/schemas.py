@@ -18,6 +18,8 @@ pd.set_option("mode.string_storage", "python")
 
 RUN_MODELS = ("measured", "predicted")
 """Names that an analysis gives to the contacts of a run itself: those of `process` and those of `predict`."""
+VARIANTS = ("_here", "_another_surface", "_excess_scatter", "_p_value")
+"""Endings of quantities of `RESULTS` that are other intervals of a result, or judge it; not printed."""
 
 
 @dataclass(frozen=True)

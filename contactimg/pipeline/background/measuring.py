@@ -42,11 +42,11 @@ class Pool:
         return fingerprint(parts)
 
     def of_all(self) -> tuple[Any, ...]:
-        """What the measurement of every frame depends on, in short."""
+        """Digest and options on which the measurement of every frame depends."""
         return self._digest, self.options.of_all()
 
     def of_frame(self, name: str) -> tuple[Any, ...]:
-        """What concerns one frame."""
+        """Options on which one frame alone depends."""
         return self.options.of_frame(name)
 
 

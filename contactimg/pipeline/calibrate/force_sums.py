@@ -15,7 +15,7 @@ from contactimg.calibration.plateau import Plateau, find_plateau
 from contactimg.calibration.threshold import ThresholdCalibration, calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
-from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, ThresholdSeries, measure_thresholds
 from contactimg.pipeline.series import measure_experiment
 from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
@@ -68,14 +68,6 @@ def common_errors(experiment: Experiment, *, relative: float = 0.0) -> CommonErr
     """Those of the load cell, and a relative one of the forces."""
     cell = LoadCell.stated(experiment.scene.load)
     return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
-
-
-def cell_notes(experiment: Experiment) -> list[str]:
-    """What was assumed about the load cell because the scene does not state it."""
-    if experiment.scene.load.gain_std is not None:
-        return []
-    gain = LoadCell.stated(experiment.scene.load).gain_std
-    return [f"load cell: gain_std = {gain:g} assumed; state it in [load]"]
 
 
 def disk_slope(
@@ -147,7 +139,7 @@ def run_threshold(
     series = frames_with_load(measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance))
     load = series.frames["load_N"].to_numpy(float)
     errors = common_errors(experiment, relative=relative)
-    notes = frame_messages(series) + cell_notes(experiment)
+    notes = frame_messages(series) + cell_notes(experiment.scene)
     record: dict[str, Any] = {
         "kind": "threshold",
         "method": scene.measure.method,
@@ -245,7 +237,7 @@ def run_modulus(
         **common_errors(experiment, relative=0.0 if threshold is None else steepness * threshold.std),
     )
     settle(doubts_about_forces(slope=found.slope.value, young_modulus=measured.value), "the calibration")
-    notes = frame_messages(series) + cell_notes(experiment) + ([found.message] if found.message else [])
+    notes = frame_messages(series) + cell_notes(experiment.scene) + ([found.message] if found.message else [])
     record: dict[str, Any] = {
         "kind": "modulus",
         "method": "disk" if threshold is None else "threshold",
@@ -311,7 +303,7 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
 
 
 def _record(found: Plateau, step: float, notes: list[str]) -> dict[str, Any]:
-    """What ``calibration.json`` says of a plateau whose ends are known to a step of the thresholds."""
+    """Record of a plateau for ``calibration.json``; its ends are known to a step of the thresholds."""
     exact = {
         "threshold_low": found.threshold_low,
         "threshold_high": found.threshold_high,

@@ -21,7 +21,7 @@ from contactimg.files import Experiment
 from contactimg.mechanics import jkr
 from contactimg.optics.wide_edge import film_opening
 from contactimg.pipeline.calibrate.circles import CircleSeries, mean_astigmatism, mean_centre, measure_circles
-from contactimg.pipeline.calibrate.result import Advance, Calibrated
+from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
@@ -260,12 +260,12 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
         *_series_notes(calibration),
         *_lens_notes(circles),
         *_layer_notes(calibration, scene),
-        *_cell_notes(calibration, scene),
+        *cell_notes(scene),
     ]
 
 
 def _edge_notes(calibration: JkrCalibration) -> list[str]:
-    """What to say of an edge that lies elsewhere than it seems, or of one that the loads do not settle."""
+    """Notes on an edge that is shifted, or whose shift the loads do not determine."""
     edge = calibration.edge
     if edge is None:
         return []
@@ -281,7 +281,7 @@ def _edge_notes(calibration: JkrCalibration) -> list[str]:
 
 
 def _zero_notes(calibration: JkrCalibration) -> list[str]:
-    """What to say of a zero of the loads that the frames show to be off."""
+    """Notes on a zero of the loads that the frames show to be off."""
     zero, stated = calibration.load_zero, calibration.problem.series.zero_std
     if zero is None:
         asked = suggested_zero(calibration)
@@ -304,7 +304,7 @@ def _zero_notes(calibration: JkrCalibration) -> list[str]:
 
 
 def _departure_notes(calibration: JkrCalibration) -> list[str]:
-    """What made unloading differ from loading."""
+    """Notes on the cause of a difference between unloading and loading."""
     name, rival = calibration.departure, calibration.rival
     if not name:
         return []
@@ -320,7 +320,7 @@ def _departure_notes(calibration: JkrCalibration) -> list[str]:
 
 
 def _series_notes(calibration: JkrCalibration) -> list[str]:
-    """What a short series, or one of a single branch, cannot tell."""
+    """Notes on the limits of a short series, or of one of a single branch."""
     points = calibration.points[calibration.points["used"].astype(bool)]
     count, notes = points["load_N"].nunique(), []
     if count < FEW_LOADS:
@@ -343,7 +343,7 @@ def _series_notes(calibration: JkrCalibration) -> list[str]:
 
 
 def _lens_notes(circles: pd.DataFrame) -> list[str]:
-    """What to say of contacts that are ellipses."""
+    """Notes on contacts that are ellipses."""
     lens = mean_astigmatism(circles)
     if not lens.seen:
         return []
@@ -357,7 +357,7 @@ def _lens_notes(circles: pd.DataFrame) -> list[str]:
 
 
 def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
-    """What to say of the thickness of the layer."""
+    """Notes on the thickness of the layer."""
     thickness = calibration.problem.sphere.thickness
     if thickness is None:
         hint = suggested_layer(calibration)
@@ -378,11 +378,3 @@ def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
     ratio = float(calibration.points["radius_m"].max()) / thickness
     notes.append(f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer")
     return notes
-
-
-def _cell_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
-    """What was assumed about the load cell because the scene does not state it."""
-    if scene.load.gain_std is not None:
-        return []
-    gain = calibration.problem.cell.gain_std
-    return [f"load cell: gain_std = {gain:g} assumed, which goes into E and w in full; state it in [load]"]

@@ -8,8 +8,10 @@ from typing import Any
 import pandas as pd
 from matplotlib.axes import Axes
 
+from contactimg.analysis.load_cell import LoadCell
 from contactimg.files import CALIBRATION_FILE, write_figures, write_json, write_table
 from contactimg.plots import caption_of
+from contactimg.scene import Scene
 from contactimg.tables import Schema
 
 Advance = Callable[[], None] | None
@@ -56,3 +58,11 @@ def write_calibration(result: Calibrated, folder: Path, *, frames: list[Mapping[
         write_table(table, schema, folder / name)
     for name, ax in result.figures.items():
         write_figures(ax, folder, name, caption=caption_of(name))
+
+
+def cell_notes(scene: Scene) -> list[str]:
+    """Notes on what was assumed of the load cell because the scene does not state it."""
+    if scene.load.gain_std is not None:
+        return []
+    gain = LoadCell.stated(scene.load).gain_std
+    return [f"load cell: gain_std = {gain:g} assumed, which the uncertainties include; state it in [load]"]
