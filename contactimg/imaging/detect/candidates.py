@@ -5,6 +5,7 @@ half of its own plateau, and what stands out of the noise below half of the comm
 half of its own. Round regions are one disk; the others are covered by inscribed disks.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import cv2
@@ -272,7 +273,9 @@ def _at_own_half(
     return found
 
 
-def _faint_regions(image, valid, noise, level, regions):
+def _faint_regions(
+    image: NDArray[np.float32], valid: Mask, noise: float, level: float, regions: NDArray[np.void]
+) -> Iterator[tuple[np.void, float, tuple[int, int], NDArray[np.float32]]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
     Yields the region, its plateau, the corner of the window and the window.

@@ -148,7 +148,7 @@ def _summarise(out: NDArray, disks: NDArray, problem: FitProblem) -> ContactPixe
     )
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
 def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
     image, model, valid, disks, s, variance, slope, half, heights, out
 ):
@@ -246,7 +246,7 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
                             q[18] += 1.0
 
 
-@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"})
+@njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
 def _add_inside(line, modelled, height, level, plain, growth, q):
     """Add a row of pixels well inside a disk, all of which count as lying above the level in the moments."""
     one, zero, most = np.float32(1.0), np.float32(0.0), np.float32(100.0)
