@@ -36,6 +36,8 @@ NO_DISK, LARGE_SHARE = (
     1.3,
     0.05,
 )  # the same of a region as large as this share of the blocks: a square has 1.3
+FEWEST_BEYOND = 2
+"""Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be dirt."""
 WIDE_SHARE = 0.1  # of the blocks: no contact at the border of a frame without reference is so large; by hand
 FEWEST_BLOCKS = 60  # of a region: a contact that fills so many has a radius of 35 px; by hand
 MOST_REGIONS = 8  # that are followed, the largest; a bound of the work
@@ -143,11 +145,25 @@ def find_background_regions(
         pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
         at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
         wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
+        pierced = pierced and (known is None or _has_contacts(blocks, inside, scatter))
         if pierced or wide or (k == largest[0] if known is None else np.mean(known[inside]) > 0.5):
             chosen.append(k)
     number = np.zeros(count, np.int32)
     number[chosen] = np.arange(1, len(chosen) + 1)
     return np.asarray(number[labels])
+
+
+def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatter: float) -> bool:
+    """Whether a flat region has contacts on it: blocks that are neither at its level nor at that of the background.
+
+    A wide contact with specks of dirt has none: what is darker in it lies between both levels.
+    """
+    closed = cv2.morphologyEx(np.pad(inside, 2).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
+    outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    whole = cv2.drawContours(np.zeros_like(closed), outlines, -1, 1, cv2.FILLED)[2:-2, 2:-2] > 0
+    levels, level = blocks[whole & ~inside], float(np.median(blocks[inside]))
+    low, high = min(0.0, level) - FLAT_SPAN * scatter, max(0.0, level) + FLAT_SPAN * scatter
+    return int(np.count_nonzero((levels < low) | (levels > high))) >= FEWEST_BEYOND
 
 
 def follow_region(
