@@ -55,6 +55,9 @@ SHAPES = ("auto", "disk", "ellipse", "free")
 """Shapes that contacts may have, for the method "disk"."""
 CORRECTIONS = ("position_drift", "dust")
 """Corrections that can be left out where their cause is known to be absent."""
+LINEARITY = 0.01
+"""Error of a camera's response at mid-level, of the contrast, where nothing is known of it. By hand: usual
+for CCD cameras."""
 BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highest", "auto": "nearest_one"}
 """Level of the background among those of a frame, by the polarity of the contacts."""
 REACH_BLUR_WIDTHS = 4.0
@@ -174,6 +177,7 @@ def measure_image(
     absent: Collection[str] = (),
     edits: Sequence[HandEdit] = (),
     shape: str = "auto",
+    linearity: float = LINEARITY,
 ) -> ImageMeasurement:
     """Measure the contacts of one frame.
 
@@ -210,6 +214,9 @@ def measure_image(
     shape : {"auto", "disk", "ellipse", "free"}
         Shape of the contacts, for ``"disk"``: "auto" takes a disk, an ellipse where no disk describes a
         contact, and the counted area where neither does; "free" counts the pixels of all contacts.
+    linearity : float
+        Standard uncertainty of the camera's response at mid-level, of the contrast; no fit can see it, and
+        ``edge_shift_px`` contains what it does to the edges. 0 for a camera that is known to be linear.
 
     Returns
     -------
@@ -231,6 +238,10 @@ def measure_image(
     [30.0, 33.0, 8.0]
     """
     _check(image, reference, method, polarity, absent, shape)
+    if not 0 <= linearity < 1:
+        raise InputError(
+            f"linearity must be a fraction of the contrast, 0 <= linearity < 1, got {linearity!r}"
+        )
     keep_freed_memory()
     prior = _prior_optics(optics, blur_px)
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
@@ -243,7 +254,7 @@ def measure_image(
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
     result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape)
-    judged = judge_contacts(foreground, result, shape=shape, dust="dust" not in absent)
+    judged = judge_contacts(foreground, result, shape=shape, dust="dust" not in absent, linearity=linearity)
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     if joint is None:
         known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import FrameWarning, InputError
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
-from contactimg.imaging.measure import CORRECTIONS, ImageMeasurement, measure_image
+from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
 from contactimg.pipeline.measured_frame import FrameTables, MeasuredFrame, SumOfCubes
@@ -250,6 +250,7 @@ def measure_prepared(
         film=None if options is None else options.film,
         shape=scene.measure.shape,
         absent=scene.effects.switched_off(*CORRECTIONS),
+        linearity=scene.camera.linearity if scene.camera else LINEARITY,
         edits=() if options is None else options.edits.get(frame.name, ()),
     )
 

@@ -67,6 +67,12 @@ class Camera(Section):
         "both increasing.",
     )
 
+    linearity: Annotated[Number, Field(ge=0, lt=1)] = Field(
+        0.01,
+        description="Standard uncertainty of the response at mid-level after that, of the contrast: no image "
+        "shows it, and it moves all edges; 0 for a camera that is known to be linear.",
+    )
+
     @model_validator(mode="after")
     def _one_response(self) -> "Camera":
         if self.response is None:

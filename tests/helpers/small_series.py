@@ -14,7 +14,7 @@ SCENE = {
     "indenter": {"radius_m": 0.1288, "apex_m": [0.001, 0.001]},
     "elastic": {"young_modulus_Pa": 3.0e6, "young_modulus_std_Pa": 0.03e6},
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.002, "seed": 3},
-    "camera": {"pixel_size_m": 6.0e-6},
+    "camera": {"pixel_size_m": 6.0e-6, "linearity": 0.0},
     "effects": {"model": "paper"},
     "measure": {"film_doubt": 0.0},  # what is rendered is known
     "tolerance": {"output": "area"},

@@ -37,7 +37,8 @@ NO_DISK, LARGE_SHARE = (
     0.05,
 )  # the same of a region as large as this share of the blocks: a square has 1.3
 FEWEST_BEYOND = 2
-"""Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be dirt."""
+"""Blocks in a region that lie beyond it as seen from the background: contacts on it. By hand: one may be
+dirt."""
 WIDE_SHARE = 0.1  # of the blocks: no contact at the border of a frame without reference is so large; by hand
 FEWEST_BLOCKS = 60  # of a region: a contact that fills so many has a radius of 35 px; by hand
 MOST_REGIONS = 8  # that are followed, the largest; a bound of the work
@@ -154,7 +155,7 @@ def find_background_regions(
 
 
 def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatter: float) -> bool:
-    """Whether a flat region has contacts on it: blocks that are neither at its level nor at that of the background.
+    """Whether a flat region has contacts on it: blocks beyond its level and beyond that of the background.
 
     A wide contact with specks of dirt has none: what is darker in it lies between both levels.
     """

@@ -52,9 +52,8 @@ hand."""
 SHARP_PX2 = 2.5
 """Counted pixels up to which a candidate that does not fit is a hot pixel. Theory: a point behind a blur of
 0.5 px has four pixels above half height."""
-LINEARITY = 0.01
-"""Error of the response of a camera at mid-level, of the contrast, that no fit can see. By hand: usual for
-CCD cameras; it moves every edge by ``LINEARITY s sqrt(2 pi)``."""
+AGREEMENT_SIGMA = 2.0
+"""Standard errors up to which the counted pixels of all contacts together agree with those expected."""
 DISAGREES_SIGMA = 4.0
 """Standard errors of a count by which it differs from the pixels that the model expects. False-alarm rate
 6e-5."""
@@ -115,13 +114,19 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
 """Flags of the contacts that are kept."""
 
 
-def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True) -> Judged:
-    """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds."""
+def judge_contacts(
+    foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True, linearity: float
+) -> Judged:
+    """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds.
+
+    ``linearity`` is the error of the camera's response at mid-level, of the contrast, that no fit can see: it
+    moves every edge by ``linearity s sqrt(2 pi)``.
+    """
     problem, fit, binning = result.problem, result.fit, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
     if not dust:
         e["own_rise"] = np.ones(len(fit.disks))
-    table = _columns(result, e)
+    table = _columns(result, e, linearity)
     finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
     reason = np.full(len(finite), "", object)
     reason[~finite] = Reason.NOISE
@@ -252,14 +257,14 @@ def _rise_of_pixels(image: NDArray, places: NDArray, distance: NDArray) -> NDArr
     return near - np.median(around, axis=1)
 
 
-def _columns(result: FrameFit, e: Columns) -> Columns:
+def _columns(result: FrameFit, e: Columns, linearity: float) -> Columns:
     """Columns of the contacts in pixels of the frame, for all disks of the fit."""
     problem, fit, binning = result.problem, result.fit, result.problem.binning
     disks, n, blur = fit.disks, len(fit.disks), fit.blur
     radius, std = disks[:, RADIUS].copy(), np.where(fit.std[:, RADIUS] > 0, fit.std[:, RADIUS], np.inf)
     shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
     film = np.zeros(n) if result.film is None else result.film.errors(radius)
-    edge = np.sqrt((LINEARITY * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
+    edge = np.sqrt((linearity * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
     if result.edge is not None and len(result.edge.undecided) == n:
         edge = np.hypot(edge, result.edge.undecided)
     x, y, area = disks[:, X].copy(), disks[:, Y].copy(), np.pi * radius**2
@@ -313,16 +318,18 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
 
 
 def _common_shift(e: Columns) -> float:
-    """Mean distance between the edges of the fit and of the counted pixels, with its standard error, px.
+    """Mean distance between the edges of the fit and of the counted pixels, px; 0 where both agree.
 
-    The count knows no model of the edge: by what both agree, the edge assumed is the one that is there.
+    The count knows no model of the edge: by what both differ, the edge assumed may not be the one that is
+    there.
     """
     used = ~e["use_count"] & ~e["cut"] & (e["touching"] == 0) & (e["radius"] > 2.0 * e["blur"])
     if not used.any():
         return 0.0
-    rims = 2.0 * np.pi * e["radius"][used]
-    apart = float(np.sum(e["counted"][used] - e["expected"][used]) / rims.sum())
-    return float(np.hypot(apart, np.sqrt(np.sum(e["count_std"][used] ** 2)) / rims.sum()))
+    rims = float(np.sum(2.0 * np.pi * e["radius"][used]))
+    apart = abs(float(np.sum(e["counted"][used] - e["expected"][used])))
+    std = float(np.sqrt(np.sum(e["count_std"][used] ** 2)))
+    return apart / rims if apart > AGREEMENT_SIGMA * std else 0.0
 
 
 def _gap_to_border(disks: NDArray, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from contactimg.imaging.fit.edge_scores import (
     FEWEST_CONTACTS,
     FEWEST_SCORES,
     FINE_STEPS_PER_BLUR,
+    PRIOR_STD,
     SHARED,
     Edge,
     EdgeScores,
@@ -71,6 +72,9 @@ one of them by up to 0.6 % by chance."""
 FAMILY_RELATIVE_STD = 0.1
 """Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
 exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
+PRIOR_ODDS = 0.1
+"""Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has
+it."""
 POSITIVE = {"softness", "rim"}
 """Families whose parameter cannot be negative: rims are soft, and the gap beside a contact shines."""
 RELEVANT_SUM_SIGMA = 1.0
@@ -313,10 +317,11 @@ class _Search:
     def _undecided(
         self, current: EdgeFit, joint: JointFit, scores: EdgeScores, families: tuple[str, ...]
     ) -> Values:
-        """Shift of the radii by the other family of edges that would change the areas most, px.
+        """Shift of the radii by the other family of edges that may change the areas most, px.
 
-        Each at the size that the residuals and its prior make most probable: where they exclude a family
-        that is next to nothing, where they cannot tell it is what the family may be.
+        Root mean square over a family that is present with the probability that its prior and the residuals
+        of all contacts give it (Laplace's approximation): where they exclude it that is next to nothing,
+        where they cannot tell it is what the family may be.
         """
         disks, prior = joint.fit.disks, self.prior(current)
         most, shift = 0.0, np.zeros(len(disks))
@@ -326,15 +331,22 @@ class _Search:
             np.arange(SHARED + len(current.learned.edge.shape)), self._with_prior(joint), disks,
             current.learned.edge, self.placement,
         )  # fmt: skip
-        for name in FAMILIES:
+        without = scores.step(parameters_of(families), prior).gain
+        for name, columns in FAMILIES.items():
             if name in families or any({name, *families} >= pair for pair in INDISTINCT):
                 continue
             step = scores.step(parameters_of((*families, name)), prior)
-            if name in POSITIVE and step.delta[-1] <= 0.0:
-                continue
-            moved = response[:, step.chosen] @ step.delta
-            if abs(float(disks[:, RADIUS] @ moved)) > most:
-                most, shift = abs(float(disks[:, RADIUS] @ moved)), moved
+            own = np.flatnonzero(np.isin(step.chosen - SHARED, columns))
+            known = np.linalg.slogdet(step.covariance[np.ix_(own, own)])[1]
+            known -= 2.0 * float(np.sum(np.log(PRIOR_STD[list(columns)])))
+            odds = PRIOR_ODDS * np.exp(min(0.5 * (step.gain - without + known), 50.0))
+            along = response[:, step.chosen]
+            square = (along @ step.delta) ** 2 + np.sum(
+                along[:, own] @ step.covariance[own][:, own] * along[:, own], 1
+            )
+            moved = np.sqrt(odds / (1.0 + odds) * square)
+            if float(disks[:, RADIUS] @ moved) > most:
+                most, shift = float(disks[:, RADIUS] @ moved), moved
         return shift
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:

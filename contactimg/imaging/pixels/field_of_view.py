@@ -120,12 +120,13 @@ def find_dead_lines(image: NDArray, valid: Mask) -> Mask:
         if len(profile) < 32:
             continue
         padded = np.pad(profile, 2, mode="edge")
-        around = np.median(np.stack([padded[k : k + len(profile)] for k in (0, 1, 3, 4)]), axis=0)
-        step = profile - around
+        around = np.sort(np.stack([padded[k : k + len(profile)] for k in (0, 1, 3, 4)]), axis=0)[1:3]
         # differences of lines that are next to each other carry the scene; their robust scatter is the
         # measure
-        scatter = max(robust_std(step, centre=0.0), 1e-3 * max(float(np.abs(profile).mean()), 1e-6))
-        dead = np.abs(step) > DEAD_SIGMA * scatter
+        scatter = robust_std(profile - around.mean(axis=0), centre=0.0)
+        scatter = max(scatter, 1e-3 * max(float(np.abs(profile).mean()), 1e-6))
+        # a line beside a step of the scene lies between the lines on both sides of it
+        dead = np.abs(profile - np.clip(profile, *around)) > DEAD_SIGMA * scatter
         if not dead.any() or np.mean(dead) > DEAD_SHARE:
             continue
         marked = np.zeros(image.shape, np.uint8) if marked is None else marked
