@@ -90,7 +90,8 @@ def test_a_statement_that_the_rims_cannot_check_is_taken_and_its_doubt_stated(pi
     right, verdict = film is (asked == "on"), result.film
     assert verdict.taken is (asked == "on")
     assert not verdict.contradicted
-    assert result.status == Status.OK
+    # the rims of a film that is stated to be absent look soft
+    assert result.status == Status.OK or (film and not right and result.status == Status.SOFT)
     # the wrong one of two is off by sqrt(1 + ODDS) = 2.2 uncertainties at most, and by 0.5 of noise
     assert abs(error) < (1.0 if right else 2.7) * std
     # at least sqrt(0.2) of the difference, and little else
