@@ -136,7 +136,10 @@ def find_background_regions(
     """
     flat = _flat_blocks(blocks, scatter)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(flat.astype(np.uint8), connectivity=4)
-    half_width = cv2.distanceTransform(flat.astype(np.uint8), cv2.DIST_L2, 5)
+    # where the background is known a region ends at the border of the image; else a contact cut by it may not
+    width = int(known is not None)
+    half_width = cv2.distanceTransform(np.pad(flat, width).astype(np.uint8), cv2.DIST_L2, 5)
+    half_width = half_width[width : len(half_width) - width, width : half_width.shape[1] - width]
     area = stats[:, cv2.CC_STAT_AREA]
     largest = [k for k in np.argsort(-area)[: MOST_REGIONS + 1] if k and area[k] >= FEWEST_BLOCKS]
     chosen = []
