@@ -32,6 +32,8 @@ CORE_FRACTION = 0.75
 WIDE_PX2 = 30.0
 """Area above half height of a region that shows its plateau: a radius of two blur widths of 1.5 px. Theory:
 1 - exp(-2) = 86 % of it at the centre."""
+DARK_FRACTION = 0.2
+"""Level below the background, of the contrast, from which a spot is dark. By hand."""
 ODD_RATIO = 1.3
 """Plateau over the common contrast, or its inverse, from which a region is outlined at its own half.
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
@@ -124,6 +126,17 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
         peak = quantile(plateau, 0.95)
         return Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
     return Contrast(0.0, resolved=False)
+
+
+def count_dark_spots(image: NDArray[np.float32], contrast: float, noise: float, valid: Mask) -> int:
+    """Number of spots, wide enough to show their level, that are darker than the background.
+
+    ``image`` is a difference image, ``contrast`` is that of the contacts, which are positive, ``noise`` that of a background pixel.
+    """
+    coarse = -_coarse(image, valid, 2)
+    floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / 2.0), DARK_FRACTION * contrast)
+    _, _, half_area = _with_plateaus(coarse, *label_runs(coarse, floor))
+    return int(np.count_nonzero(4.0 * half_area > WIDE_PX2))
 
 
 def find_candidates(

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.detect.candidates import measure_contrast
+from contactimg.imaging.detect.candidates import count_dark_spots, measure_contrast
 from contactimg.imaging.evidence.background_left import BackgroundLeft
 from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.learned_edge import describe_edge
@@ -186,6 +186,17 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
     if seen.unexplained > UNEXPLAINED_SHARE:
         text = (
             f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
+        )
+        yield Status.UNRESOLVED, text
+    foreground = seen.foreground
+    dark = count_dark_spots(
+        foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid
+    )
+    if dark >= FEWEST_FALSE and dark > FALSE_SHARE * (dark + seen.count):
+        against = "darker" if foreground.sign > 0 else "brighter"
+        text = (
+            f"{dark} spots are {against} than the background, {seen.count} are contacts: measure those with "
+            "the other polarity, or see whether the reference shows them"
         )
         yield Status.UNRESOLVED, text
     if n := seen.spoiled(Flag.SATURATED):
