@@ -131,7 +131,8 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
 def count_dark_spots(image: NDArray[np.float32], contrast: float, noise: float, valid: Mask) -> int:
     """Number of spots, wide enough to show their level, that are darker than the background.
 
-    ``image`` is a difference image, ``contrast`` is that of the contacts, which are positive, ``noise`` that of a background pixel.
+    ``image`` is a difference image, ``contrast`` is that of the contacts, which are positive, ``noise`` that
+    of a background pixel.
     """
     coarse = -_coarse(image, valid, 2)
     floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / 2.0), DARK_FRACTION * contrast)

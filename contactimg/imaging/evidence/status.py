@@ -168,6 +168,27 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         yield from _edges(seen.fit)
         if seen.fit.limited:
             yield Status.UNRESOLVED, "more spots stand out than are fitted in a frame of this size"
+    yield from _false_candidates(seen)
+    if n := seen.spoiled(Flag.SATURATED):
+        text = (
+            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii "
+            "depend on a brightness that is not seen"
+        )
+        yield Status.SATURATED, text
+    poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
+    if n := seen.spoiled(poor):
+        yield Status.POOR_FIT, f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
+    if text := _common_disagreement(seen.evidence):
+        yield Status.DISAGREES, text
+    if len(seen.evidence) and seen.count:
+        alone = 1.0 - float(np.mean(seen.evidence["surrounded"]))
+        if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_SPOILED else 0.99):
+            text = f"no background is seen around {100 * alone:.0f} % of the contacts"
+            yield Status.LITTLE_BACKGROUND, text
+
+
+def _false_candidates(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
+    """What was taken for contacts and is none, or was not taken and may be."""
     reasons = np.asarray(seen.rejected["reason"])
     dust = int(np.count_nonzero(reasons == "dust in the reference"))
     false = int(np.count_nonzero(np.isin(reasons, FALSE_REASONS)))
@@ -188,7 +209,13 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             f"{100 * seen.unexplained:.3g} % of the pixels that stand out belong to no contact that was found"
         )
         yield Status.UNRESOLVED, text
-    foreground = seen.foreground
+    foreground, small = seen.foreground, seen.flagged(Flag.TOO_SMALL)
+    if foreground.frame_pair.reference is None and FEWEST_FALSE <= small > FALSE_SHARE * seen.count:
+        text = (
+            f"{small} of {seen.count} contacts are no wider than the blur: without a reference specks of "
+            "dirt look the same"
+        )
+        yield Status.FALSE_CANDIDATES, text
     dark = count_dark_spots(
         foreground.image, foreground.contrast.plateau, foreground.noise, foreground.frame_pair.valid
     )
@@ -199,22 +226,6 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             "the other polarity, or see whether the reference shows them"
         )
         yield Status.UNRESOLVED, text
-    if n := seen.spoiled(Flag.SATURATED):
-        text = (
-            f"{n} of {seen.count} contacts are at the full scale of the sensor: expose less, the radii "
-            "depend on a brightness that is not seen"
-        )
-        yield Status.SATURATED, text
-    poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
-    if n := seen.spoiled(poor):
-        yield Status.POOR_FIT, f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
-    if text := _common_disagreement(seen.evidence):
-        yield Status.DISAGREES, text
-    if len(seen.evidence) and seen.count:
-        alone = 1.0 - float(np.mean(seen.evidence["surrounded"]))
-        if alone > (UNSURROUNDED_SHARE if seen.count >= FEWEST_SPOILED else 0.99):
-            text = f"no background is seen around {100 * alone:.0f} % of the contacts"
-            yield Status.LITTLE_BACKGROUND, text
 
 
 FALSE_REASONS = ["not seen: hardly brighter inside than around it", "piece of a scratch"]
