@@ -56,6 +56,8 @@ ASSUMED_SPREAD_FRACTION = 0.03
 """Spread of the contrasts if fewer contacts are wide. By hand."""
 LEAST_SPREAD_FRACTION = 1e-4
 """Smallest spread of the contrasts. Accuracy: keeps the prior finite."""
+SPREAD_SIGMA = 2.0
+"""Standard errors from which the contrasts of the contacts differ more than their uncertainties explain."""
 ODD_SIGMA = 5.0
 """Standard deviations from the common contrast beyond which a contact shows a contrast of its own.
 False-alarm rate: 6e-7 of a normal deviate."""
@@ -415,7 +417,10 @@ def contrast_prior(fit: FittedDisks, problem: FitProblem, *, inflation: NDArray[
         if np.count_nonzero(usual) < FEWEST_WIDE_DISKS:
             usual = np.ones(len(values), np.bool_)
             break
-        excess = max(float(np.var(values[usual]) - np.mean(stds[usual] ** 2)), 0.0)
+        expected = float(np.mean(stds[usual] ** 2))
+        excess = float(np.var(values[usual])) - expected
+        # a variance of n values is known to sqrt(2/n)
+        excess *= excess > SPREAD_SIGMA * expected * np.sqrt(2.0 / np.count_nonzero(usual))
         middle = float(np.average(values[usual], weights=1.0 / (stds[usual] ** 2 + excess)))
     weights = 1.0 / (stds[usual] ** 2 + excess)
     std = float(np.sqrt(excess + 1.0 / weights.sum() + (LEAST_SPREAD_FRACTION * middle) ** 2))
