@@ -10,6 +10,5 @@ Read in this order:
   ``Alignment`` as the result), by which the reference is moved; the frame divided by it (``divide``).
 - ``no_reference``: the background of a frame without reference, from the frame itself.
 - ``even_out``: the last step of both. Flicker, steps, patches and slow waves that no polynomial describes.
-- ``series``: the mean of all other frames of a series in place of one reference.
 - ``difference_image``: the result.
 """
