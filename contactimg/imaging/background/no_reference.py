@@ -29,10 +29,8 @@ from contactimg.imaging.background.illumination import (
     one_sided_scatter,
 )
 from contactimg.imaging.contrast.noise import estimate_noise
-from contactimg.imaging.contrast.plateau import WIDE_AREA
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
-from contactimg.imaging.pixels.binned_image import BinnedImage
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median, robust_std
@@ -54,6 +52,7 @@ LEAST_LIGHT_SPREAD = 0.1
 """Scatter of the logarithm of the background below which it hardly matters. Chosen: matched frames have 0.05,
 and a wrong decision changes a small contact by a twentieth of its radius there."""
 HEIGHT_FRACTION = 0.3  # of the plateau: regions above it are contacts; as for foreign objects
+WIDE_SQUARES = 12  # of a region that is wide enough to show its height; by hand
 FEWEST_HEIGHTS = 20  # contacts that tell; theory: their scatter is then known to a sixth
 CLIP_SIGMA = 2.5  # robust standard deviations; false-alarm rate 1e-2 (theory: normal deviates)
 ROUNDS = 4  # of clipping; accuracy
@@ -280,14 +279,13 @@ def stands_out_by_itself(
     logs = np.log(np.maximum(brightness, 1e-3))
     if float(np.std(logs)) < LEAST_LIGHT_SPREAD:
         return False
-    binned = BinnedImage.of(image)
     plateau = measure_contrast(image, noise, None).plateau
     if not plateau > 0.0:
         return False
-    regions = label_regions(binned.image, HEIGHT_FRACTION * plateau)
-    used = ~regions.long & (regions.area >= WIDE_AREA)
+    regions = label_regions(block_means(image, side=SQUARE_PX), HEIGHT_FRACTION * plateau)
+    used = ~regions.long & (regions.area >= WIDE_SQUARES)
     row, column = (
-        np.minimum(place[used] * binned.step / BLOCK, size - 1).astype(int)
+        np.minimum(place[used] * SQUARE_PX / BLOCK, size - 1).astype(int)
         for place, size in zip((regions.y, regions.x), logs.shape, strict=True)
     )
     slope, std = _robust_slope(logs[row, column], np.log(regions.peak[used]))

@@ -1,7 +1,4 @@
-"""Contrast of the contacts of a frame, and the noise they stand in.
+"""What a difference image says of itself: its noise with its correlation, and the polarity of the contacts.
 
-In: a difference image. Out: `plateau.Contrast` (how far the contacts rise above the background),
-`noise.Noise` with its correlation, and the polarity.
-
-Read `plateau` first, then `noise`; `polarity` decides whether contacts are bright or dark.
+Read `noise` first; `polarity` decides whether contacts are bright or dark.
 """
