@@ -24,6 +24,7 @@ COMMANDS = {
     "init": ("init", "Write a first scene.toml for a folder of frames."),
     "asperities": ("asperities", "Find the asperities on a profilometer's height map."),
     "process": ("process", "Measure the contacts on every frame of a folder."),
+    "check": ("check", "Test the measurement on contacts of known radius drawn into your own frames."),
     "calibrate": ("calibrate", "Calibrate the modulus, the threshold or the plateau on a folder of frames."),
     "predict": ("models", "Predict the contacts at given loads with a contact model."),
     "overlay": ("runs", "Compare measured with predicted contacts, frame by frame."),

@@ -11,8 +11,10 @@ from contactimg.tables.reasons import Reason
 from contactimg.tables.schemas import (
     AREA,
     ASPERITIES,
+    CHECK,
     CIRCLES,
     CONTACTS,
+    DRAWN,
     EDITS,
     EFFECTS,
     FORCE_SUMS,
@@ -42,8 +44,10 @@ from contactimg.tables.statuses import FAILED, NO_RESULT, Status
 __all__ = [
     "AREA",
     "ASPERITIES",
+    "CHECK",
     "CIRCLES",
     "CONTACTS",
+    "DRAWN",
     "EDITS",
     "EFFECTS",
     "FAILED",

@@ -423,6 +423,40 @@ TRADEOFF = Schema(
     "Computing time and accuracy of every setting, one row each.",
 )
 
+DRAWN = Schema(
+    "drawn",
+    {
+        "frame": FRAME,
+        "x_px": ("float64", "column of the centre of the drawn contact, px"),
+        "y_px": ("float64", "row of the centre of the drawn contact, px"),
+        "radius_px": ("float64", "true radius of the drawn contact, px"),
+        "contrast": ("float64", "its contrast, grey levels"),
+        "found": ("Int64", "1 if it was found, else 0"),
+        "measured_px": ("float64", "measured radius, px; empty if it was not found"),
+        "measured_std_px": ("float64", "stated standard uncertainty of measured_px, px"),
+    },
+    "Contacts of known radius drawn into the frames, one row each.",
+)
+
+CHECK = Schema(
+    "check",
+    {
+        "low_px": ("float64", "smallest true radius of the class, px"),
+        "high_px": ("float64", "largest true radius of the class, px"),
+        "radius_px": ("float64", "middle of the class, px"),
+        "drawn": ("Int64", "number of contacts drawn"),
+        "found": ("Int64", "number of them that were found"),
+        "completeness": ("float64", "found over drawn"),
+        "completeness_std": ("float64", "standard uncertainty of completeness"),
+        "bias_px": ("float64", "mean of measured minus true radius, px"),
+        "bias_std_px": ("float64", "standard uncertainty of bias_px, px"),
+        "rms_px": ("float64", "root mean square of measured minus true radius, px"),
+        "within_1_std": ("float64", "share whose error is below one stated standard uncertainty"),
+        "within_2_std": ("float64", "share whose error is below two"),
+    },
+    "What became of the drawn contacts, one row a class of radii.",
+)
+
 ASPERITIES = Schema(
     "asperities",
     {

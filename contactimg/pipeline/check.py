@@ -1,0 +1,316 @@
+"""Does the measurement hold on these frames? Contacts of known radius are drawn into them and measured again.
+
+Each frame is measured as `process` does. Contacts with the blur, the edge, the contrast and the spread of
+contrasts that it shows are drawn into places that its own contacts leave free, and the frame is measured
+again. How many of the drawn contacts are found, how far their radii are off, and how often the stated
+uncertainties hold, is known from that by their radius.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from contactimg.errors import InputError
+from contactimg.files import Experiment
+from contactimg.frame import Frame
+from contactimg.imaging.fit.edge_scores import Placement
+from contactimg.imaging.kernels.radial_sums import add_profiles
+from contactimg.imaging.measure import ImageMeasurement
+from contactimg.imaging.pixels.masks import clear_disks
+from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
+from contactimg.imaging.profile.edge_shape import PARAMETERS, edge_profile
+from contactimg.pipeline.effects import film_setting, resolve_measurement
+from contactimg.pipeline.frame import FrameOptions, measure_prepared
+from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
+from contactimg.pipeline.parallel import FailedFrame, for_each_frame
+from contactimg.tables import CHECK, DRAWN
+
+MOST_DRAWN, LEAST_DRAWN, DRAWN_SHARE = 60, 8, 0.25
+"""Contacts drawn into a frame: at most and at least, and of the number of its own. By hand: they do not make
+another frame of it."""
+SMALLEST_BLUR_WIDTHS, LARGEST_BLUR_WIDTHS = 0.3, 6.0
+"""Radii drawn: from contacts that no frame shows; up to at least where a contact shows its plateau."""
+CLASSES = 8
+"""Classes of radii, equally wide in ln(radius)."""
+CLEAR_BLUR_WIDTHS = 4.0
+"""Blur widths between the rims of a drawn contact and of any other. Theory: 6e-5 of an edge is left."""
+TRIES = 40
+"""Places that are tried for each contact."""
+REACH_PX, REACH = 1.5, 0.5
+"""A drawn contact is found within the larger of this distance and this share of its radius."""
+LOCAL_PX = 5
+"""Side of the square, in every other pixel, whose mean is the light at a place. By hand: the smallest free
+place."""
+FOUND = 0.9
+"""Share of the drawn contacts from which a class counts as found, in the sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeasurementCheck:
+    """What became of the contacts that were drawn into the frames of an experiment.
+
+    Parameters
+    ----------
+    drawn : DataFrame
+        One row a drawn contact, columns of `contactimg.tables.DRAWN`.
+    classes : DataFrame
+        One row a class of radii, columns of `contactimg.tables.CHECK`.
+    stated_px : float
+        Median of the detection limits that the frames state, px.
+    failed : DataFrame
+        frame and message of those that could not be checked.
+    """
+
+    drawn: pd.DataFrame
+    classes: pd.DataFrame
+    stated_px: float
+    failed: pd.DataFrame
+
+    @property
+    def half_px(self) -> float:
+        """Radius of which half of the drawn contacts are found, px; NaN if the classes do not show it."""
+        share, radius = self.classes["completeness"].to_numpy(), self.classes["radius_px"].to_numpy()
+        below = np.flatnonzero(share < 0.5)
+        if not len(below) or below[-1] + 1 == len(share):
+            return float("nan")
+        k = below[-1]
+        part = (0.5 - share[k]) / (share[k + 1] - share[k])
+        return float(np.exp(np.log(radius[k]) + part * np.log(radius[k + 1] / radius[k])))
+
+    @property
+    def sentence(self) -> str:
+        """What the check says, in one sentence."""
+        classes = self.classes
+        poor = np.flatnonzero(classes["completeness"].to_numpy() < FOUND)
+        first = int(poor[-1]) + 1 if len(poor) else 0
+        if first == len(classes):
+            return f"fewer than {100 * FOUND:.0f} % of the drawn contacts are found, whatever their radius"
+        seen = self.drawn[
+            (self.drawn["found"] == 1) & (self.drawn["radius_px"] > classes["low_px"].iloc[first])
+        ]
+        error = seen["measured_px"] - seen["radius_px"]
+        covered = [100 * float(np.mean(np.abs(error) <= n * seen["measured_std_px"])) for n in (1, 2)]
+        low, among = classes["low_px"].iloc[first], classes["drawn"].iloc[first:].sum()
+        bias, std = np.mean(error), np.std(error) / np.sqrt(max(len(seen), 1))
+        half = f"; half of those of {self.half_px:.2g} px are found, the frames state {self.stated_px:.2g} px"
+        half = "" if np.isnan(self.half_px) else half
+        return (
+            f"of {len(self.drawn)} contacts drawn into the frames, {100 * len(seen) / among:.0f} % of those "
+            f"above {low:.2g} px in radius are found; their radii are off by {bias:+.2g} ± {std:.1g} px in "
+            f"the mean and {np.sqrt(np.mean(error**2)):.2g} px root mean square; stated uncertainties hold "
+            f"{covered[0]:.0f} and {covered[1]:.0f} % (68 and 95 expected){half}"
+        )
+
+
+def check_experiment(
+    experiment: Experiment,
+    *,
+    seed: int = 1,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> MeasurementCheck:
+    """Draw contacts of known radius into the frames of an experiment, and measure them again.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    seed : int
+        Of the random radii, brightnesses and places.
+    workers : int, optional
+        Processes that share the frames.
+    advance : callable, optional
+        Called once a frame.
+
+    Returns
+    -------
+    MeasurementCheck
+        Each frame is measured twice. Drawn contacts have no air film, and each frame is measured alone, as
+        `process` does before the frames of a series help each other.
+
+    Raises
+    ------
+    InputError
+        If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
+    """
+    scene = experiment.scene
+    asperities = None if scene.camera is None else scene_asperities(scene)
+    sites = None if asperities is None else contact_sites(asperities, scene)
+    resolved = resolve_measurement(scene_of_defined_laws(scene, sites))
+    call = partial(_check_frame, options=FrameOptions(resolved, film_setting(resolved, sites)), seed=seed)
+    parts = list(for_each_frame(experiment, call, workers=workers, advance=advance))
+    failed = [part.row for part in parts if isinstance(part, FailedFrame)]
+    done = [part for part in parts if not isinstance(part, FailedFrame)]
+    failed += [{"frame": name, "message": why} for name, table, why, _ in done if table is None]
+    tables = [table for _, table, _, _ in done if table is not None]
+    if not tables:
+        raise InputError(
+            f"no frame shows contacts like which others could be drawn; the first: {failed[0]['message']}"
+        )
+    drawn = DRAWN.conform(pd.concat(tables, ignore_index=True))
+    stated = np.array([limit for _, table, _, limit in done if table is not None])
+    return MeasurementCheck(
+        drawn,
+        summarise_drawn(drawn),
+        float(np.median(stated[np.isfinite(stated)])) if np.isfinite(stated).any() else float("nan"),
+        pd.DataFrame(failed, columns=["frame", "message"]),
+    )
+
+
+def summarise_drawn(drawn: pd.DataFrame) -> pd.DataFrame:
+    """Completeness, errors and coverage by classes of the true radius: `contactimg.tables.CHECK`."""
+    radius = drawn["radius_px"].to_numpy()
+    edges = np.geomspace(radius.min() * (1 - 1e-9), radius.max() * (1 + 1e-9), CLASSES + 1)
+    rows = []
+    for low, high in pairwise(edges):
+        part = drawn[(radius > low) & (radius <= high)]
+        if part.empty:
+            continue
+        found = part[part["found"] == 1]
+        error = (found["measured_px"] - found["radius_px"]).to_numpy()
+        share, n, m = len(found) / len(part), len(part), max(len(found), 1)
+        rows.append({
+            "low_px": low, "high_px": high, "radius_px": np.sqrt(low * high), "drawn": n, "found": len(found),
+            "completeness": share,
+            # of a share of 0 or 1 as well: one more of either kind
+            "completeness_std": np.sqrt((len(found) + 1) * (n - len(found) + 1) / (n + 2) ** 2 / (n + 3)),
+            "bias_px": np.mean(error) if len(error) else np.nan,
+            "bias_std_px": np.std(error) / np.sqrt(m) if len(error) > 1 else np.nan,
+            "rms_px": np.sqrt(np.mean(error**2)) if len(error) else np.nan,
+            "within_1_std": np.mean(np.abs(error) <= found["measured_std_px"]) if len(error) else np.nan,
+            "within_2_std": np.mean(np.abs(error) <= 2 * found["measured_std_px"]) if len(error) else np.nan,
+        })  # fmt: skip
+    return CHECK.conform(pd.DataFrame(rows))
+
+
+Checked = tuple[str, pd.DataFrame | None, str, float]
+"""Name of a frame, its drawn contacts or None, why there are none, and its stated detection limit, px."""
+
+
+def _check_frame(frame: Frame, reference: NDArray | None, *, options: FrameOptions, seed: int) -> Checked:
+    """Draw contacts into one frame and measure it again."""
+    scene = options.scene
+
+    def measured(image: Frame) -> ImageMeasurement:
+        return measure_prepared(
+            image, reference, scene, method=scene.measure.method, threshold=scene.measure.threshold,
+            blur_px=scene.measure.blur_px, options=options,
+        )  # fmt: skip
+
+    before = measured(frame)
+    if not len(before.disks):
+        return frame.name, None, before.message or "no contact", float("nan")
+    rng = np.random.default_rng([seed, *frame.name.encode()])
+    disks = _choose(before, rng)
+    if not len(disks):
+        return frame.name, None, f"{frame.name}: the contacts leave no place free for others", float("nan")
+    after = measured(
+        Frame(draw_contacts(frame.image, before, disks, rng), frame.name, frame.full_scale)
+    ).disks
+    row, found = _match(disks, after[["x_px", "y_px"]].to_numpy(float))
+    table = pd.DataFrame(disks[:, :3], columns=["x_px", "y_px", "radius_px"])
+    table = table.assign(frame=frame.name, contrast=disks[:, 3], found=found.astype(int))
+    for name, source in (("measured_px", "radius_px"), ("measured_std_px", "radius_std_px")):
+        table[name] = np.where(found, after[source].to_numpy(float)[row] if len(after) else np.nan, np.nan)
+    return frame.name, table, "", before.smallest_px
+
+
+def _blur(measurement: ImageMeasurement) -> float:
+    """Standard deviation of the blur, pixel included, px; that of a pixel's own where none is known."""
+    blur = measurement.blur_px
+    return float(np.hypot(blur if np.isfinite(blur) else 1.0, PIXEL_VARIANCE**0.5))
+
+
+def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Places, radii and contrasts (grey levels) of contacts to draw, shape (n, 4)."""
+    own = measurement.disks[["x_px", "y_px", "radius_px"]].to_numpy(float)
+    rejected = measurement.rejected[["x_px", "y_px", "radius_px"]].to_numpy(float)
+    blur = _blur(measurement)
+    largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
+    count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))
+    radii = np.exp(rng.uniform(*np.log([SMALLEST_BLUR_WIDTHS * blur, largest]), count))
+    spread = measurement.optics.spread
+    contrast = rng.normal(measurement.contrast, spread if np.isfinite(spread) else 0.0, count)
+    free = np.ones(measurement.difference.shape, np.uint8)
+    if measurement.foreground.frame_pair.valid is not None:
+        free &= measurement.foreground.frame_pair.valid
+    taken = np.vstack([own, rejected[np.isfinite(rejected).all(axis=1)]])
+    clear_disks(free, taken)
+    distance = cv2.distanceTransform(np.pad(free, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    chosen = np.empty((0, 4))
+    gap = CLEAR_BLUR_WIDTHS * blur
+    for a, c in sorted(zip(radii, contrast, strict=True), reverse=True):
+        places = np.argwhere(distance > a + gap + 1.0)
+        for row, column in places[rng.integers(0, len(places), TRIES)] if len(places) else []:
+            y, x = row + rng.uniform(-0.5, 0.5), column + rng.uniform(-0.5, 0.5)
+            if (np.hypot(chosen[:, 0] - x, chosen[:, 1] - y) > chosen[:, 2] + a + gap).all():
+                chosen = np.vstack([chosen, [x, y, a, c]])
+                break
+    return chosen
+
+
+def draw_contacts(
+    image: NDArray, measurement: ImageMeasurement, disks: NDArray[np.float64], rng: np.random.Generator
+) -> NDArray:
+    """A frame with further contacts that have the edge its own contacts show.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Grey levels.
+    measurement : ImageMeasurement
+        Of it.
+    disks : ndarray, shape (n, 4)
+        x, y, radius (px) and contrast (grey levels at the mean light; negative for dark contacts).
+    rng : numpy.random.Generator
+        Of the noise that the light of the contacts adds, and of rounding.
+
+    Returns
+    -------
+    ndarray
+        Of the type of ``image``.
+    """
+    difference, level = measurement.foreground.difference, max(abs(measurement.level), 1.0)
+    knowledge = measurement.own_optics.edge
+    shape = np.zeros(len(PARAMETERS)) if knowledge is None else knowledge.shape
+    plain = knowledge is None or "point spread" not in knowledge.families
+    blur = _blur(measurement) if plain else knowledge.blur_px
+    nodes = Placement(image.shape, measurement.contrast / level).place(disks, blur=blur)
+    light = np.zeros(image.shape, np.float32)
+    add_profiles(light, disks, nodes.inner, edge_profile(nodes.disks, blur, shape), nodes.step)
+    if difference.level > 0 and (difference.ratio or np.ptp(difference.brightness) > 0):
+        # contacts transmit a fraction of the light that falls on them
+        light *= _local_light(image) / np.float32(measurement.level)
+    touched = light != 0.0
+    more = measurement.noise**2 / 2.0 * np.maximum(light[touched], 0.0) / level
+    light[touched] += rng.normal(0.0, np.sqrt(more))
+    if image.dtype.kind == "f":
+        return (image + light).astype(image.dtype)
+    light[touched] += rng.uniform(-0.5, 0.5, more.size)
+    pair = measurement.foreground.frame_pair
+    most = min(float(np.iinfo(image.dtype).max), pair.full_scale * pair.unit)
+    return np.where(touched, np.clip(np.rint(image + light), 0, most), image).astype(image.dtype)
+
+
+def _local_light(image: NDArray) -> NDArray[np.float32]:
+    """Mean light around each pixel, of every other row and column: a colour mosaic remains one."""
+    light = np.nan_to_num(image.astype(np.float32))
+    for y, x in np.ndindex(2, 2):
+        light[y::2, x::2] = cv2.blur(np.ascontiguousarray(light[y::2, x::2]), (LOCAL_PX, LOCAL_PX))
+    return light
+
+
+def _match(
+    disks: NDArray[np.float64], found: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """For each drawn contact the nearest measured one, and whether it is near enough."""
+    if not len(found):
+        return np.zeros(len(disks), np.intp), np.zeros(len(disks), np.bool_)
+    distance, row = cKDTree(found).query(disks[:, :2])
+    return row, distance < np.maximum(REACH_PX, REACH * disks[:, 2])
