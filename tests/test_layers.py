@@ -75,6 +75,7 @@ INNER_ROOMS = {
         "series",
         "pictures",
         "calibrate",
+        "check",
         "ensemble",
         "predict",
         "simulate",

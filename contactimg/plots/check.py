@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from contactimg.plots.axes import axes_with_panel
+from contactimg.plots.axes import axes_with_panel, scale_by_decades
 
 
 def plot_check(drawn: pd.DataFrame, classes: pd.DataFrame, *, ax: Axes | None = None) -> Axes:
@@ -37,5 +37,6 @@ def plot_check(drawn: pd.DataFrame, classes: pd.DataFrame, *, ax: Axes | None = 
         below.axhline(0.0, color="grey", linewidth=0.8)
         below.set_ylabel("error / px")
         last = below
+    scale_by_decades(last, axes="x")
     last.set_xlabel("true radius / px")
     return top
