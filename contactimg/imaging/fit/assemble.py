@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import Candidates, find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
+from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.covers import find_better_covers
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
@@ -151,8 +152,13 @@ class _Assembly:
         *, blur: float, free_blur: bool,
     ):  # fmt: skip
         control = FitControl(free_blur and len(disks) > 0, robust=False, iterations=3)
-        self.problem, self.largest, self.whole, self.ellipses = problem, largest, whole, NO_ELLIPSES
-        self.fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
+        fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        self.problem = allow_for_coarse_rims(problem, fit)
+        if self.problem.noise.rim > 0.0:
+            fit = fit_disks(self.problem, disks, blur=fit.blur, control=control, largest=largest)
+            self.problem = allow_for_coarse_rims(problem, fit)
+        self.fit = fit
         self.dropped = [np.empty((0, 3))]
 
     def add(self, disks: NDArray[np.float64]) -> None:

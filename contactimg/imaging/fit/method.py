@@ -16,6 +16,7 @@ from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit
 from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.by_hand import fit_edited
+from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -204,7 +205,8 @@ class _Frame:
         """
         known, free = self.foreground.prior_optics, self.free_blur and not has_film
         found = assemble_disks(problem, blur=blur, free_blur=free, shape=self.shape)
-        problem, fit, dropped, edited, halo = found.problem, found.fit, found.dropped, None, None
+        fit, dropped, edited, halo = found.fit, found.dropped, None, None
+        problem = allow_for_coarse_rims(found.problem, fit, share=0.5)
         if self.edits and not len(fit.disks):
             fit, edited = fit_edited(problem, fit, self.edits)
         if not len(fit.disks):
@@ -248,9 +250,11 @@ class _Frame:
         )  # fmt: skip
         inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
         joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
-        # a misfit common to all disks is due to the noise model; that of a single disk is its own
+        # a misfit common to all disks is due to the noise model; that of a single disk is its own. Pixels
+        # coarser than the edge hide a part of what they add or take away: that a circle fits them well says
+        # little
         chi_square = joint.fit.chi_square
-        many = len(radius) >= FEWEST_COMMON_CHI_SQUARE
+        many = len(radius) >= FEWEST_COMMON_CHI_SQUARE and not noise.rim
         common = min(float(np.median(chi_square)), 1.0) if many else 1.0
         std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
         return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)
