@@ -95,7 +95,15 @@ RULES: list[Rule] = [
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
-    (Reason.TOO_SHARP, lambda e: e["undescribed"] & (e["counted"] <= SHARP_PX2)),
+    (
+        Reason.TOO_SHARP,
+        # a small contact has as few pixels above half height as its fitted disk
+        lambda e: (
+            e["undescribed"]
+            & (e["counted"] <= SHARP_PX2)
+            & ((e["counted"] != e["expected"]) | (e["counted"] == 0.0))
+        ),
+    ),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
 ]
 """Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""

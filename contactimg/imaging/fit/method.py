@@ -16,7 +16,7 @@ from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit
 from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.by_hand import fit_edited
-from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
+from contactimg.imaging.fit.coarse_rims import SHARPEST_BLUR_PX, allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -38,6 +38,7 @@ from contactimg.imaging.fit.shared_optics import (
     JointFit,
     OpticsPrior,
     contrast_prior,
+    hides_contrast,
     settle_optics,
 )
 from contactimg.imaging.foreground import Foreground
@@ -148,6 +149,8 @@ def measure_by_fit(
         joint = best.joint
         if joint is None or abs(np.log(joint.contrast / problem.contrast)) < CONTRAST_CHANGE_LOG:
             break
+        if hides_contrast(best.fit):  # which regions at half of that contrast would not show either
+            break
         problem = replace(best.problem.with_contrast(joint.contrast), background=problem.background)
         other = frame.settle(problem, joint.fit.blur, frame.prior)
         # a contrast at which most contacts vanish is wrong; small ones are faint at any
@@ -222,6 +225,12 @@ class _Frame:
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
         joint = self.refine(problem, fit, prior, free_blur=free)
+        if joint.fit.blur < SHARPEST_BLUR_PX < fit.blur:  # seen only now that the contrast has settled
+            for _ in range(2):
+                model = render_disks(joint.fit.disks, joint.fit.blur, problem.image.shape)
+                shown = replace(joint.fit, model=model)
+                problem = allow_for_coarse_rims(problem, shown, share=0.5)
+                joint = self.refine(problem, shown, prior, free_blur=free)
         return FrameFit(
             problem, joint.fit, dropped, found.smallest, found.limited, halo, joint, edited,
             ellipses=found.ellipses if len(joint.fit.disks) == len(found.fit.disks) else NO_ELLIPSES,
