@@ -184,7 +184,11 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
     hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
-    use_count = ((undescribed & ~ellipse & (np.abs(count_z) > 2.0)) | hollow) & resolved
+    # a misfit that most contacts do not share is that of its own shape
+    misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
+    shaped = misfit > UNDESCRIBED_CHI_SQUARE * max(float(np.median(misfit)), 1.0)
+    differs = shaped | (np.abs(count_z) > 2.0)
+    use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
     use_count |= free & (looked.area > 0)
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
     reach = radius + EDGE_GAP_BLUR_WIDTHS * blur

@@ -13,7 +13,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import Candidates, find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
 from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
-from contactimg.imaging.fit.covers import find_better_covers
+from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
@@ -206,6 +206,11 @@ class _Assembly:
         found = find_ellipses(self.problem, self.fit, self.problem.prior, nothing, among=tried)
         if not len(found.rows):
             return
+        pairs = find_pairs_of_disks(self.problem, self.fit, found)
+        self._replace(pairs)
+        found = found.kept(~pairs.replaced)
+        if not len(found.rows):
+            return
         self.problem, disks = made_round(self.problem, self.fit, found)
         self.ellipses = found
         control = FitControl(free_blur=False, robust=False, iterations=3)
@@ -224,7 +229,10 @@ class _Assembly:
 
     def improve_covers(self) -> None:
         """Replace the disks of groups that fit badly by better covers of the same pixels."""
-        covers = find_better_covers(self.problem, self.fit, self.whole)
+        self._replace(find_better_covers(self.problem, self.fit, self.whole))
+
+    def _replace(self, covers: Replacement) -> None:
+        """Put other disks in the place of some, and fit them and their neighbours."""
         if not covers.replaced.any():
             return
         erase_disks(self.problem, self.fit, covers.replaced)
