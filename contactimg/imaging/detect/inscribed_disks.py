@@ -26,9 +26,9 @@ ONE_SHAPE_LACK = 0.03
 """Share of its area that a region lacks against the ellipse of its second moments, below which it is one
 contact. Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any
 ellipse."""
-CONVEX_SHARE, CONVEX_LACK = 0.955, 0.1
+CONVEX_SHARE, CONVEX_LACK = 0.955, 0.2
 """Share of its convex hull from which a region is convex, and lack of such a region that is one contact.
-Theory: 0.94 for two equal disks that overlap by a fifth of their radius; a square lacks 0.045. By hand: pixels
+Theory: 0.94 for two equal disks that overlap by a fifth of their radius; a square lacks 0.045, a triangle 0.17. By hand: pixels
 and noise make 0.97."""
 LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
 """Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make

@@ -272,6 +272,8 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
     shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
     film = np.zeros(n) if result.film is None else result.film.errors(radius)
     edge = np.sqrt((LINEARITY * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
+    if result.known_edge is not None:  # a reference contact has told what no fit can see
+        edge = np.hypot(film, result.known_edge.shift_std_px / binning)
     if result.edge is not None and len(result.edge.undecided) == n:
         edge = np.hypot(edge, result.edge.undecided)
     x, y, area = disks[:, X].copy(), disks[:, Y].copy(), np.pi * radius**2

@@ -151,7 +151,8 @@ class _Assembly:
         self, problem: FitProblem, disks: NDArray, largest: NDArray, whole: NDArray[np.bool_],
         *, blur: float, free_blur: bool,
     ):  # fmt: skip
-        control = FitControl(free_blur and len(disks) > 0, robust=False, iterations=3)
+        # disks in the place of ellipses would want a wider blur
+        control = FitControl(free_blur and 2 * np.count_nonzero(~whole) > len(disks), robust=False, iterations=3)
         self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
         fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
         self.problem = allow_for_coarse_rims(problem, fit)

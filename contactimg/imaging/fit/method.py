@@ -151,7 +151,8 @@ def measure_by_fit(
             break
         if hides_contrast(best.fit):  # which regions at half of that contrast would not show either
             break
-        problem = replace(best.problem.with_contrast(joint.contrast), background=problem.background)
+        original, _ = made_round(best.problem, best.fit, best.ellipses, -1.0)
+        problem = replace(original.with_contrast(joint.contrast), background=problem.background)
         other = frame.settle(problem, joint.fit.blur, frame.prior)
         # a contrast at which most contacts vanish is wrong; small ones are faint at any
         if other.joint is None or 2 * len(other.fit.disks) < len(best.fit.disks):
