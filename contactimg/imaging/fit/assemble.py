@@ -16,7 +16,7 @@ from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
-from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.timings import stage
@@ -152,7 +152,9 @@ class _Assembly:
         *, blur: float, free_blur: bool,
     ):  # fmt: skip
         # disks in the place of ellipses would want a wider blur
-        control = FitControl(free_blur and 2 * np.count_nonzero(~whole) > len(disks), robust=False, iterations=3)
+        control = FitControl(
+            free_blur and 2 * np.count_nonzero(~whole) > len(disks), robust=False, iterations=3
+        )
         self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
         fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
         self.problem = allow_for_coarse_rims(problem, fit)
@@ -203,8 +205,7 @@ class _Assembly:
 
     def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
-        nothing = np.diag([1e-8, 1e-8])
-        found = find_ellipses(self.problem, self.fit, self.problem.prior, nothing, among=tried)
+        found = find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried)
         if not len(found.rows):
             return
         pairs = find_pairs_of_disks(self.problem, self.fit, found)
@@ -239,7 +240,7 @@ class _Assembly:
         erase_disks(self.problem, self.fit, covers.replaced)
         kept, new = np.flatnonzero(~covers.replaced), covers.new
         self.ellipses = self.ellipses.kept(~covers.replaced)
-        self.whole = np.concatenate([self.whole[kept], np.zeros(len(new), np.bool_)])
+        self.whole = np.concatenate([self.whole[kept], covers.whole])
         self.largest = np.concatenate([self.largest[kept], COVER_GROWTH_RATIO * new[:, RADIUS]])
         rows = np.concatenate([kept, np.full(len(new), -1)])
         self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)
