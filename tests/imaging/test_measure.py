@@ -416,7 +416,8 @@ def test_a_contrast_that_the_frame_confirms_is_used(usual):
 def test_a_blur_that_the_frame_contradicts_is_said(usual):
     _, frame, reference = usual
     assert (
-        "do not look like disks behind a blur of 3 px" in measure_image(frame, reference, blur_px=3.0).message
+        "not described by blurred disks or ellipses behind a blur of 3 px"
+        in measure_image(frame, reference, blur_px=3.0).message
     )
 
 
