@@ -36,6 +36,7 @@ from contactimg.imaging.evidence.status import (
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.fit.method import measure_by_fit
+from contactimg.imaging.fit.shapes import made_round
 from contactimg.imaging.foreground import Foreground, find_foreground
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.field_of_view import (
@@ -266,6 +267,7 @@ def measure_image(
         )
         own = replace(own, edge=None if result.edge is None else result.edge.knowledge)
     model = render_disks(result.fit.disks[judged.rows], result.fit.blur, problem.image.shape)
+    model = made_round(replace(problem, image=model), result.fit, result.ellipses, -1.0)[0].image
     seen = FrameEvidence(
         foreground, judged.contacts, judged.rejected, judged.evidence, own.contrast_relative_std, result,
         _background(foreground, judged.contacts, result.fit.blur * binning),

@@ -39,13 +39,18 @@ ODD_RATIO = 1.3
 Theory: the edge at the wrong level is then off by a quarter of a blur width."""
 NOISY_RATIO = 12.0
 """Contrast over noise below which the image is smoothed before it is outlined. Theory: twice six sigma."""
-LARGEST_LIGHT_RATIO = 0.35
-"""Peak over the common contrast below which small faint regions are left to the matched filter. By hand."""
+WIDER_RATIO = 1.15
+"""Radius of a faint region over that of a contact of the common contrast behind the blur, as high as the
+region, from which it has a brightness of its own. By hand: pixels and noise make 1.1."""
 LEAST_AREA_PX2 = 4
 """Area above which a region that is not round is a candidate. By hand: less is noise, or left to the
 filter."""
 LEAST_VISIBLE = 0.2
 """Share of a disk outside holes, below which it is no candidate. By hand."""
+HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
+"""Radius at half height of a Gaussian over its standard deviation (theory)."""
+FAINT_SMOOTHING_PX = 1.0
+"""Standard deviation of the filter behind which faint regions are outlined. By hand."""
 WEIGHT_CAP = 8.0
 """Area over the median one up to which a region counts in the common contrast. By hand: no single region
 decides."""
@@ -187,12 +192,23 @@ def find_candidates(
             add(disks, height, own_level=True, whole=whole)
     for region, height, corner, window in _faint_regions(image, valid, noise, level, regions):
         disks, whole = disks_in_region(region, window, 0.5 * height)
+        small = _small_at(height / contrast, blur) if contrast > height else 0.0
+        spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + FAINT_SMOOTHING_PX**2)
+        if len(disks) == 1 and disks[0, 2] < WIDER_RATIO * spot:
+            disks[0, 2], whole = small, False
+            add(disks + np.array([*corner, 0.0]), contrast, own_level=False)
+            continue
         add(disks + np.array([*corner, 0.0]), height, own_level=True, whole=whole)
     disks, other = np.vstack(places), np.vstack(others)
     order = np.argsort(-disks[:, 2], kind="stable")
     if valid is not None and len(disks):
         order = order[visible_fraction(disks[order], image.shape, valid) > LEAST_VISIBLE]
     return Candidates(disks[order], other[order, 0], other[order, 1] > 0, other[order, 2] > 0)
+
+
+def _small_at(height: float, blur: float) -> float:
+    """Radius of the disk that a blur reduces to a fraction of its height."""
+    return float(blur * np.sqrt(-2.0 * np.log1p(-min(height, 0.99))))
 
 
 def _whole_at_lower_level(
@@ -311,7 +327,7 @@ def _faint_regions(
     for k in np.flatnonzero(shown):
         top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)
         box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
-        window = cv2.GaussianBlur(image[box], (0, 0), 1.0, borderType=cv2.BORDER_REPLICATE)
+        window = cv2.GaussianBlur(image[box], (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
         for part in label_runs(window, 0.5 * float(plateau[k]))[0]:
             if part["area"] > 0.5 * WIDE_PX2:
                 yield part, float(plateau[k]), (left, top), window

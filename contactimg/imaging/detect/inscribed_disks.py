@@ -26,6 +26,11 @@ ONE_SHAPE_LACK = 0.03
 """Share of its area that a region lacks against the ellipse of its second moments, below which it is one
 contact. Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any
 ellipse."""
+CONVEX_SHARE, CONVEX_LACK = 0.955, 0.2
+"""Share of its convex hull from which a region is convex, and lack of such a region that is one contact.
+Theory: 0.94 for two equal disks that overlap by a fifth of their radius; a square lacks 0.045, a
+triangle 0.17. By hand: pixels
+and noise make 0.97."""
 LARGEST_WHOLE_HOLES, LEAST_WHOLE_PX2 = 0.5, 24
 """Holes over the area of a region that may be one contact, and its least area (px^2). By hand: pixels make
 smaller regions look like anything."""
@@ -61,7 +66,7 @@ def disks_in_region(
     """Disks inscribed in one region above a level, and whether it is one ellipse as a whole.
 
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
-    ellipse when all its holes are is one contact, the disk of its area.
+    ellipse, or nearly one and convex, when all its holes are is one contact, the disk of its area.
     """
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
@@ -71,26 +76,41 @@ def disks_in_region(
     corner = np.array([left, top, 0.0])
     if not any(cut):
         whole = own.copy()
-        _fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
-        moments = cv2.moments(whole, binaryImage=True)
-        area = moments["m00"]
-        spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
-            moments["mu11"] / area
-        ) ** 2
-        if (
-            area > LEAST_WHOLE_PX2
-            and 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9))) < ONE_SHAPE_LACK
-        ):
-            disk = np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
+        fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
+        disk = as_one_contact(whole)
+        if disk is not None:
             return disk + corner, True
-    _fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))
+    fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))
     disks = _inscribed(own, cut)
     if not len(disks):
         disks = np.array([[region["x"] - left, region["y"] - top, np.sqrt(region["area"] / np.pi)]])
     return disks + corner, False
 
 
-def _fill_small_holes(mask: NDArray[np.uint8], largest: float) -> None:
+def as_one_contact(mask: NDArray[np.uint8], convex: float = CONVEX_SHARE) -> NDArray[np.float64] | None:
+    """The disk of equal area of a region that is an ellipse, or nearly one and convex; else None."""
+    moments = cv2.moments(mask, binaryImage=True)
+    area = moments["m00"]
+    if area <= LEAST_WHOLE_PX2:
+        return None
+    spread = (moments["mu20"] / area + 1 / 12) * (moments["mu02"] / area + 1 / 12) - (
+        moments["mu11"] / area
+    ) ** 2
+    lack = 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9)))
+    if lack > CONVEX_LACK or (lack > ONE_SHAPE_LACK and _share_of_hull(mask, area) < convex):
+        return None
+    return np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
+
+
+def _share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
+    """Area of a region over the number of pixels in its convex hull."""
+    outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
+    hull = np.zeros_like(mask)
+    cv2.fillConvexPoly(hull, cv2.convexHull(np.vstack(outlines)), 1)
+    return float(area / np.count_nonzero(hull))
+
+
+def fill_small_holes(mask: NDArray[np.uint8], largest: float) -> None:
     """Fill the holes of a region up to an area, in place."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=4)
     rows, columns = mask.shape

@@ -94,7 +94,15 @@ RULES: list[Rule] = [
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
-    (Reason.TOO_SHARP, lambda e: e["undescribed"] & (e["counted"] <= SHARP_PX2)),
+    (
+        Reason.TOO_SHARP,
+        # a small contact has as few pixels above half height as its fitted disk
+        lambda e: (
+            e["undescribed"]
+            & (e["counted"] <= SHARP_PX2)
+            & ((e["counted"] != e["expected"]) | (e["counted"] == 0.0))
+        ),
+    ),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
 ]
 """Reasons of rejection, in order; those after the first do not hold for what was drawn by hand."""
@@ -181,7 +189,11 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     resolved = radius > 1.5 * blur
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
     hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
-    use_count = ((undescribed & ~ellipse & (np.abs(count_z) > 2.0)) | hollow) & resolved
+    # a misfit that most contacts do not share is that of its own shape
+    misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
+    shaped = misfit > UNDESCRIBED_CHI_SQUARE * max(float(np.median(misfit)), 1.0)
+    differs = shaped | (np.abs(count_z) > 2.0)
+    use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
     use_count |= free & (looked.area > 0)
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
     reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
@@ -265,6 +277,8 @@ def _columns(result: FrameFit, e: Columns, linearity: float) -> Columns:
     shifts = np.zeros((n, 2)) if result.joint is None else result.joint.radius_shifts.copy()
     film = np.zeros(n) if result.film is None else result.film.errors(radius)
     edge = np.sqrt((linearity * blur) ** 2 * 2.0 * np.pi + film**2 + _common_shift(e) ** 2)
+    if result.known_edge is not None:  # a reference contact has told what no fit can see
+        edge = np.hypot(film, result.known_edge.shift_std_px / binning)
     if result.edge is not None and len(result.edge.undecided) == n:
         edge = np.hypot(edge, result.edge.undecided)
     x, y, area = disks[:, X].copy(), disks[:, Y].copy(), np.pi * radius**2

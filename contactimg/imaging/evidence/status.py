@@ -11,7 +11,7 @@ from contactimg.imaging.evidence.background_left import BackgroundLeft
 from contactimg.imaging.evidence.rules import Columns
 from contactimg.imaging.fit.learned_edge import describe_edge
 from contactimg.imaging.fit.method import FrameFit
-from contactimg.imaging.foreground import Foreground
+from contactimg.imaging.foreground import CONTRADICTION_RATIO, Foreground
 from contactimg.tables import Flag, Status
 
 RESOLVED = 0.05
@@ -177,7 +177,9 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         yield Status.SATURATED, text
     poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
     if n := seen.spoiled(poor):
-        yield Status.POOR_FIT, f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
+        text = f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
+        given = seen.foreground.prior_optics.blur_px
+        yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
     if text := _common_disagreement(seen.evidence):
         yield Status.DISAGREES, text
     if len(seen.evidence) and seen.count:
@@ -272,7 +274,13 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
             f"the frame shows a contrast of {foreground.shown.plateau * unit:.3g} grey levels, not the "
             f"{foreground.refused_contrast * unit:.3g} given, which were not used"
         )
-    if seen.count and seen.contrast_relative_std > RESOLVED:
+    given, shown = foreground.prior_optics.contrast, foreground.shown
+    if seen.count and shown.resolved and given > CONTRADICTION_RATIO * shown.plateau:
+        yield (
+            f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame shows "
+            f"{shown.plateau * unit:.3g}"
+        )
+    elif seen.count and seen.contrast_relative_std > RESOLVED:
         source = "given" if np.isfinite(foreground.prior_optics.contrast) else "estimated from their light"
         contrast = (
             foreground.contrast.plateau

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import Candidates, find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
-from contactimg.imaging.fit.covers import find_better_covers
+from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
+from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
-from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
+from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.timings import stage
@@ -150,9 +151,17 @@ class _Assembly:
         self, problem: FitProblem, disks: NDArray, largest: NDArray, whole: NDArray[np.bool_],
         *, blur: float, free_blur: bool,
     ):  # fmt: skip
-        control = FitControl(free_blur and len(disks) > 0, robust=False, iterations=3)
-        self.problem, self.largest, self.whole, self.ellipses = problem, largest, whole, NO_ELLIPSES
-        self.fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        # disks in the place of ellipses would want a wider blur
+        control = FitControl(
+            free_blur and 2 * np.count_nonzero(~whole) > len(disks), robust=False, iterations=3
+        )
+        self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
+        fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
+        self.problem = allow_for_coarse_rims(problem, fit)
+        if self.problem.noise.rim > 0.0:
+            fit = fit_disks(self.problem, disks, blur=fit.blur, control=control, largest=largest)
+            self.problem = allow_for_coarse_rims(problem, fit)
+        self.fit = fit
         self.dropped = [np.empty((0, 3))]
 
     def add(self, disks: NDArray[np.float64]) -> None:
@@ -196,8 +205,12 @@ class _Assembly:
 
     def find_ellipses(self, tried: NDArray[np.bool_]) -> None:
         """Replace the regions that are ellipses by disks of equal area in the image."""
-        nothing = np.diag([1e-8, 1e-8])
-        found = find_ellipses(self.problem, self.fit, self.problem.prior, nothing, among=tried)
+        found = find_ellipses(self.problem, self.fit, self.problem.prior, EXACT_OPTICS, among=tried)
+        if not len(found.rows):
+            return
+        pairs = find_pairs_of_disks(self.problem, self.fit, found)
+        self._replace(pairs)
+        found = found.kept(~pairs.replaced)
         if not len(found.rows):
             return
         self.problem, disks = made_round(self.problem, self.fit, found)
@@ -218,13 +231,16 @@ class _Assembly:
 
     def improve_covers(self) -> None:
         """Replace the disks of groups that fit badly by better covers of the same pixels."""
-        covers = find_better_covers(self.problem, self.fit, self.whole)
+        self._replace(find_better_covers(self.problem, self.fit, self.whole))
+
+    def _replace(self, covers: Replacement) -> None:
+        """Put other disks in the place of some, and fit them and their neighbours."""
         if not covers.replaced.any():
             return
         erase_disks(self.problem, self.fit, covers.replaced)
         kept, new = np.flatnonzero(~covers.replaced), covers.new
         self.ellipses = self.ellipses.kept(~covers.replaced)
-        self.whole = np.concatenate([self.whole[kept], np.zeros(len(new), np.bool_)])
+        self.whole = np.concatenate([self.whole[kept], covers.whole])
         self.largest = np.concatenate([self.largest[kept], COVER_GROWTH_RATIO * new[:, RADIUS]])
         rows = np.concatenate([kept, np.full(len(new), -1)])
         self._refit(np.vstack([self.fit.disks[kept], new]), rows, 5)

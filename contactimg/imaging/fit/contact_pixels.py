@@ -102,10 +102,10 @@ def look_at_pixels(
     n = len(disks)
     level = 0.5 * disks[:, CONTRAST] if half is None else half[chosen]
     variance = problem.noise.variance / fit.brightness[chosen]
-    slope = problem.noise.slope / problem.contrast
+    noise = np.array([problem.noise.slope, 4.0 * problem.noise.rim, 1.0 / problem.contrast], np.float32)
     out = np.zeros((n, len(COLUMNS)))
     _look(
-        problem.image, fit.model, for_kernel(problem.valid), disks, fit.blur, variance, float(slope),
+        problem.image, fit.model, for_kernel(problem.valid), disks, fit.blur, variance, noise,
         np.ascontiguousarray(level, float), _values(problem.profile), out,
     )  # fmt: skip
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -150,7 +150,7 @@ def _summarise(out: NDArray, disks: NDArray, problem: FitProblem) -> ContactPixe
 
 @njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz", "arcp"}, forceinline=True)
 def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
-    image, model, valid, disks, s, variance, slope, half, heights, out
+    image, model, valid, disks, s, variance, noise, half, heights, out
 ):
     """Sums over the pixels about each disk; see `COLUMNS`."""
     rows, columns = image.shape
@@ -167,7 +167,7 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
         for j in range(len(profile)):
             profile[j] = heights[k, j] + f * (heights[k + 1, j] - heights[k, j])
         height, level, plain = np.float32(c), np.float32(half[i]), np.float32(1.0 / variance[i])
-        growth = np.float32(slope)
+        growth, rim, unit = noise[0] * noise[2], noise[1], noise[2]
         ring_low, ring_high = a + RING_BLUR_WIDTHS[0] * s, reach
         core, low, high = a - CORE_BLUR_WIDTHS * s, a - RIM_BLUR_WIDTHS * s, a + RIM_BLUR_WIDTHS * s
         counted = a + COUNT_BLUR_WIDTHS * s
@@ -213,10 +213,9 @@ def _look(  # noqa: C901, PLR0912, PLR0915 -- one pass over the pixels, for time
                 rest, others = image[row, column] - modelled, modelled - own
                 value = rest + own
                 if r < high:
-                    z = min(
-                        rest * rest * plain / (np.float32(1.0) + growth * max(modelled, np.float32(0.0))),
-                        100.0,
-                    )
+                    p = min(max(modelled * unit, np.float32(0.0)), np.float32(1.0))
+                    increase = growth * max(modelled, np.float32(0.0)) + rim * p * (np.float32(1.0) - p)
+                    z = min(rest * rest * plain / (np.float32(1.0) + increase), 100.0)
                     if r < a:
                         q[16] += 1.0
                     if r < core:

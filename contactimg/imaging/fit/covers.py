@@ -9,18 +9,26 @@ ragged rim, which several disks describe only a little better than one.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from contactimg.imaging.detect.arcs import cover_outline
+from contactimg.imaging.detect.inscribed_disks import (
+    LARGEST_WHOLE_HOLES,
+    as_one_contact,
+    fill_small_holes,
+)
 from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.fit.disks import FittedDisks
+from contactimg.imaging.fit.ellipse import FittedEllipse, render_ellipse
 from contactimg.imaging.fit.group_window import GroupWindow
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, FitProblem
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.shapes import EXACT_OPTICS, Ellipses, find_ellipses
 from contactimg.imaging.kernels.pairs import find_pairs
 
 ARC_GROWTH_BLUR_WIDTHS = 0.3
@@ -48,6 +56,16 @@ LARGEST_USUAL_CHI_SQUARE = 2.0
 LEAST_GAIN = 1.0
 """Decrease of chi-square below which a cover of as many disks is the same one. Theory: one standard
 uncertainty of one parameter."""
+UNDESCRIBED_RATIO = 3.0
+"""Mean squared residual over its usual value above which disks do not describe a group. By hand."""
+LIT_FRACTION = 0.02
+"""Height from which pixels belong to a group, of the contrast. By hand."""
+LEAST_CONVEX = 0.92
+"""Share of its convex hull of a region that no disks describe, from which it is one contact. By hand: pixels
+make 0.94 of a triangle of 30 px."""
+LEAST_PAIR_ELONGATION = 1.2
+"""Ratio of the axes of an ellipse from which a pair of disks is tried in its place. Theory: 1.24 for two
+equal disks that overlap by 0.7 of their radius, the deepest that are told apart."""
 LEAST_NOISE_FRACTION = 5e-3
 """Smallest noise assumed. By hand: no contact is a perfect disk."""
 MISSING_DISK_PEAK_FRACTION = 0.3
@@ -80,10 +98,13 @@ class Replacement:
     replaced : ndarray of bool, shape (n,)
     new : ndarray, shape (m, 4)
         x, y, radius (px), contrast.
+    whole : ndarray of bool, shape (m,)
+        Those that stand for one contact of another shape.
     """
 
     replaced: NDArray[np.bool_]
     new: NDArray[np.float64]
+    whole: NDArray[np.bool_]
 
 
 def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.bool_]) -> Replacement:
@@ -102,7 +123,7 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     -------
     Replacement
     """
-    replaced, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
+    replaced, new, one = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))], [np.empty(0, np.bool_)]
     median = float(np.median(fit.chi_square)) if len(fit.disks) else 1.0
     usual = float(np.clip(median, 1.0, LARGEST_USUAL_CHI_SQUARE))
     limit = np.maximum(BAD_FIT_RATIO, 1.0 + BAD_FIT_SIGMA * np.sqrt(2.0 / np.maximum(fit.pixels, 1)))
@@ -116,18 +137,79 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
         usual_single |= len(members) == 1 and fit.chi_square[members[0]] < limit[members[0]] * median
         if usual_single:
             continue
-        window = GroupWindow.about(coarse, fit, members) if len(members) <= LARGEST_GROUP else None
+        window = GroupWindow.about(coarse, fit, members)
         if window is None:
             continue
         left -= window.pixels
         if left < 0.0:
             break
         disks = fit.disks[members] - window.offset
-        better = _find_cover(window, disks, usual)
+        better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
+        if len(members) == 1 and len(better) == 2:
+            found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
+            if any(_misfit(window, each, fit.blur) < window.chi_square(better) for each in found.fitted):
+                continue
+        single = _one_contact(window, better, usual)
+        better = better if single is None else single
         if better is not disks:
             replaced[members] = True
             new.append(better + window.offset)
-    return Replacement(replaced, np.vstack(new))
+            one.append(np.full(len(better), single is not None))
+    return Replacement(replaced, np.vstack(new), np.concatenate(one))
+
+
+def _one_contact(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np.float64] | None:
+    """The disk of the area of a group that its disks do not describe, if it is one convex region; else None.
+
+    The region is that above half of the plateau, its holes filled: mottling makes holes, not contacts.
+    """
+    lit = window.model(disks) > LIT_FRACTION * window.problem.contrast
+    if not lit.any() or float(window.misfit(disks)[lit].mean()) < UNDESCRIBED_RATIO * usual:
+        return None
+    plateau = float(np.median(disks[:, CONTRAST]))
+    above = (window.problem.image > 0.5 * plateau).astype(np.uint8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
+    if count < 2:
+        return None
+    own = (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
+    rim = np.concatenate([own[0], own[-1], own[:, 0], own[:, -1]])
+    fill_small_holes(own, LARGEST_WHOLE_HOLES * float(own.sum()))
+    disk = None if rim.any() else as_one_contact(own, LEAST_CONVEX)
+    if disk is None or (len(disks) == 1 and np.abs(disk[0] - disks[0, :3]).max() < window.blur):
+        return None
+    return np.append(disk[0], plateau)[None]
+
+
+def find_pairs_of_disks(problem: FitProblem, fit: FittedDisks, ellipses: Ellipses) -> Replacement:
+    """Two disks of the common contrast in the place of each ellipse that describes its pixels worse.
+
+    Both have as many parameters that the pixels determine: the likelihood decides.
+    """
+    replaced, new = np.zeros(len(fit.disks), np.bool_), [np.empty((0, 4))]
+    common = replace(_no_finer_than_shapes(problem), prior=ContrastPrior.loose(problem.contrast))
+    for row, ellipse in zip(ellipses.rows, ellipses.fitted, strict=True):
+        major, minor = ellipse.half_axes
+        margin = major - fit.disks[row, RADIUS]
+        window = GroupWindow.about(common, fit, np.array([row]), margin=max(float(margin), 0.0))
+        if window is None or major < LEAST_PAIR_ELONGATION * minor:
+            continue
+        x, y = ellipse.parameters[:2] - window.offset[:2]
+        a = np.sqrt(major * minor / 2.0)
+        away = max(major - a, 0.5 * a) * np.array([np.cos(ellipse.angle), np.sin(ellipse.angle)])
+        start = np.array([[x + side * away[0], y + side * away[1], a, problem.contrast] for side in (-1, 1)])
+        two, chi_square = window.fit(start, np.full(2, 1.5 * major))
+        if len(two) == 2 and chi_square < _misfit(window, ellipse, fit.blur):
+            replaced[row] = True
+            new.append(two + window.offset)
+    pairs = np.vstack(new)
+    return Replacement(replaced, pairs, np.zeros(len(pairs), np.bool_))
+
+
+def _misfit(window: GroupWindow, ellipse: FittedEllipse, blur: float) -> float:
+    """Chi-square of an ellipse in a window."""
+    corner = np.append(window.offset[:2], np.zeros(4))
+    model = render_ellipse(ellipse.parameters - corner, blur, window.problem.image.shape)
+    return float(window.misfit_of(model).sum())
 
 
 def _no_finer_than_shapes(problem: FitProblem) -> FitProblem:

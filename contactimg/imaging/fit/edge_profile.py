@@ -59,9 +59,6 @@ that no number describes it; the radii do not depend on it."""
 RELEVANT_SIGMA = 0.2
 """Shift of the radii, in their uncertainties, below which a significant edge changes nothing. Chosen: it
 lowers a coverage of 68 % by one per cent."""
-SHARPEST_BLUR_PX = 0.75
-"""Blur, pixel included, below which a misfit at the rims is that of coarse pixels (`coarse_rims`), not of the
-edge. Chosen: the edge then rises within 1.5 px."""
 INDISTINCT = ({"softness", "response"}, {"softness", "rim"})
 """Families of which only one is assumed: a soft rim that is not symmetric looks like a nonlinear response,
 and light outside like a soft rim."""
@@ -126,7 +123,7 @@ def learn_edge(
     lent, known = given.edge, given.known_edge is not None
     search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent, known)
     plain = current = EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))
-    if problem.noise.rim > 0 and joint.fit.blur < SHARPEST_BLUR_PX:
+    if problem.noise.rim > 0:
         return plain
     isolated = search.isolated(joint)
     if lent is not None and lent.families:

@@ -37,10 +37,12 @@ class GroupWindow:
         self._misfits: dict[bytes, NDArray[np.float32]] = {}
 
     @classmethod
-    def about(cls, problem: FitProblem, fit: FittedDisks, members: NDArray[np.int64]) -> "GroupWindow | None":
-        """The window about some disks of a fit; None where nothing of them lies in the image."""
+    def about(
+        cls, problem: FitProblem, fit: FittedDisks, members: NDArray[np.int64], *, margin: float = 0.0
+    ) -> "GroupWindow | None":
+        """The window about some disks of a fit, and so far around; None if nothing lies in the image."""
         disks = fit.disks[members]
-        reach = disks[:, RADIUS] + GROUP_REACH_BLUR_WIDTHS * fit.blur
+        reach = disks[:, RADIUS] + GROUP_REACH_BLUR_WIDTHS * fit.blur + margin
         low = np.maximum(np.floor((disks[:, :2].T - reach).min(axis=1)), 0).astype(int)
         high = np.maximum(np.ceil((disks[:, :2].T + reach).max(axis=1)).astype(int) + 1, 0)
         box = (slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))
@@ -81,11 +83,12 @@ class GroupWindow:
         """The terms of `chi_square`, pixel by pixel; each set of disks is computed once."""
         key = disks.tobytes()
         if key not in self._misfits:
-            self._misfits[key] = self._squared_residuals(disks)
+            self._misfits[key] = self.misfit_of(self.model(disks))
         return self._misfits[key]
 
-    def _squared_residuals(self, disks: NDArray) -> NDArray[np.float32]:
-        problem, model = self.problem, self.model(disks)
+    def misfit_of(self, model: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The same of any image."""
+        problem = self.problem
         height = np.clip(model / np.float32(problem.contrast), np.float32(0.0), np.float32(1.0))
         residual = problem.image - model
         squares = np.square(residual) / (np.float32(problem.noise.variance) * problem.noise.at(height))

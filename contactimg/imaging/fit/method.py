@@ -16,6 +16,7 @@ from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit
 from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.imaging.fit.assemble import assemble_disks
 from contactimg.imaging.fit.by_hand import fit_edited
+from contactimg.imaging.fit.coarse_rims import SHARPEST_BLUR_PX, allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
     FitControl,
     FittedDisks,
@@ -37,6 +38,7 @@ from contactimg.imaging.fit.shared_optics import (
     JointFit,
     OpticsPrior,
     contrast_prior,
+    hides_contrast,
     settle_optics,
 )
 from contactimg.imaging.foreground import Foreground
@@ -147,7 +149,10 @@ def measure_by_fit(
         joint = best.joint
         if joint is None or abs(np.log(joint.contrast / problem.contrast)) < CONTRAST_CHANGE_LOG:
             break
-        problem = replace(best.problem.with_contrast(joint.contrast), background=problem.background)
+        if hides_contrast(best.fit):  # which regions at half of that contrast would not show either
+            break
+        original, _ = made_round(best.problem, best.fit, best.ellipses, -1.0)
+        problem = replace(original.with_contrast(joint.contrast), background=problem.background)
         other = frame.settle(problem, joint.fit.blur, frame.prior)
         # a contrast at which most contacts vanish is wrong; small ones are faint at any
         if other.joint is None or 2 * len(other.fit.disks) < len(best.fit.disks):
@@ -204,7 +209,8 @@ class _Frame:
         """
         known, free = self.foreground.prior_optics, self.free_blur and not has_film
         found = assemble_disks(problem, blur=blur, free_blur=free, shape=self.shape)
-        problem, fit, dropped, edited, halo = found.problem, found.fit, found.dropped, None, None
+        fit, dropped, edited, halo = found.fit, found.dropped, None, None
+        problem = allow_for_coarse_rims(found.problem, fit, share=0.5)
         if self.edits and not len(fit.disks):
             fit, edited = fit_edited(problem, fit, self.edits)
         if not len(fit.disks):
@@ -220,6 +226,12 @@ class _Frame:
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
         joint = self.refine(problem, fit, prior, free_blur=free)
+        if joint.fit.blur < SHARPEST_BLUR_PX < fit.blur:  # seen only now that the contrast has settled
+            for _ in range(2):
+                model = render_disks(joint.fit.disks, joint.fit.blur, problem.image.shape)
+                shown = replace(joint.fit, model=model)
+                problem = allow_for_coarse_rims(problem, shown, share=0.5)
+                joint = self.refine(problem, shown, prior, free_blur=free)
         return FrameFit(
             problem, joint.fit, dropped, found.smallest, found.limited, halo, joint, edited,
             ellipses=found.ellipses if len(joint.fit.disks) == len(found.fit.disks) else NO_ELLIPSES,
@@ -248,9 +260,11 @@ class _Frame:
         )  # fmt: skip
         inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
         joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
-        # a misfit common to all disks is due to the noise model; that of a single disk is its own
+        # a misfit common to all disks is due to the noise model; that of a single disk is its own. Pixels
+        # coarser than the edge hide a part of what they add or take away: that a circle fits them well says
+        # little
         chi_square = joint.fit.chi_square
-        many = len(radius) >= FEWEST_COMMON_CHI_SQUARE
+        many = len(radius) >= FEWEST_COMMON_CHI_SQUARE and not noise.rim
         common = min(float(np.median(chi_square)), 1.0) if many else 1.0
         std = joint.fit.std * np.sqrt(inflation * np.maximum(chi_square, common))[:, None]
         return replace(joint, fit=replace(joint.fit, std=std), correlation=correlation)

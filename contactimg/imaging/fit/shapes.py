@@ -32,6 +32,8 @@ REACH_BLUR_WIDTHS = 5.0
 """Margin of the window about a contact, besides half of its radius. Accuracy."""
 LARGEST_RADIUS_PX = 250.0
 """Radius up to which an ellipse is fitted: the bound of the work on one contact."""
+EXACT_OPTICS = np.diag([1e-8, 1e-8])
+"""Covariance of contrast and blur that are not in question. Accuracy: keeps it regular."""
 
 
 @dataclass(frozen=True, eq=False)

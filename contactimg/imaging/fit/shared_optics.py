@@ -9,7 +9,8 @@ terms with q = (ln C, s), the Fisher information of the frame on q and the respo
 K being the terms of q alone. A wide contact shows its contrast, which increases J. A small contact shows
 only its total light: its radius goes as C^(-1/2), and it says little about C. Many small ones together still
 may. The maximum of the likelihood over q is found by Newton steps with J, with a fit of the disks in
-between. Prior knowledge of q enters as a normal prior.
+between. Prior knowledge of q enters as a normal prior. Where all contacts are about as small as the blur,
+steps of the contrast over its whole range take their place (`contactimg.imaging.fit.unseen_contrast`).
 
 Contrasts form a hierarchy: contacts whose plateau agrees with that of most share one contrast with the spread
 that they show; one whose plateau disagrees by 5 standard deviations has its own; one too small to show its
@@ -24,6 +25,11 @@ from numpy.typing import NDArray
 from contactimg.imaging.contrast.noise import NoiseCorrelation
 from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks, wide_disks
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.unseen_contrast import (
+    LARGEST_CONTRAST_RATIO,
+    PLATEAU_STD_FRACTION,
+    profile_contrast,
+)
 from contactimg.imaging.pixels.robust import MAD_TO_STD
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.optics import SharedOptics
@@ -40,16 +46,12 @@ LINEAR_STEP = 0.003
 """Relative step below which disks are extrapolated linearly. Accuracy: the error is its square."""
 STEP_WORTH_SIGMA = 0.2
 """Change of the sum of a^3 below which no further fit is made, in its uncertainty. Accuracy."""
-PLATEAU_STD_FRACTION = 0.02
-"""Uncertainty of the plateau of wide contacts if edges are not those assumed. By hand."""
 DISAGREEMENT_RATIO = 2.0
 """Variance over its expectation above which edges are not those assumed. By hand."""
 FEWEST_SCORES = 10
 """Contacts needed to measure that variance. Theory: 20 deviates give it to a third, sqrt(2/20)."""
 BLUR_GUESS_FRACTION = 0.5
 """Relative standard deviation of a guessed blur. By hand: right to a factor 2."""
-LARGEST_CONTRAST_RATIO = 10.0
-"""Largest contrast over brightest light, without prior knowledge. By hand."""
 FEWEST_WIDE_DISKS = 3
 """Wide contacts needed to measure contrast and spread. By hand."""
 ASSUMED_SPREAD_FRACTION = 0.03
@@ -72,6 +74,11 @@ KURTOSIS_STD = 0.03
 """Uncertainty of the excess kurtosis of the point spread function along one direction, which is assumed to
 be 0. Chosen: noise cut off at the full scale of an 8-bit camera changes a blurred disk by as much; defocus by
 ten times that."""
+POOR_CHI_SQUARE = 1.5
+"""Median chi-square of disks that do not fit. By hand."""
+LEAST_PRIOR_STD = np.array([0.05, 0.4])
+"""Uncertainty of ln C, and of the blur relative to it, from which prior knowledge is a guess that small
+contacts need not be drawn to. By hand: a guess has 0.5 of the blur, a pooled series 0.1 and less."""
 LEAST_WIDTH_RATIO = 0.05  # of the variances of disk and blur; keeps the uncertainty finite
 CONTROL = FitControl(free_blur=False, iterations=6, tolerance=0.003)
 
@@ -196,9 +203,16 @@ def settle_optics(
     Returns
     -------
     JointFit
-        A fit with contrast and blur right to a fraction of their uncertainties stays as it is.
+        A fit with contrast and blur right to a fraction of their uncertainties stays as it is. Where no
+        contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
     """
-    joint = _newton(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
+    joint = None
+    if not _is_unseen(problem, fit, optics_prior):
+        joint = _newton(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
+        problem = replace(problem, prior=joint.prior)
+    if joint is None or _is_unseen(problem, joint.fit, optics_prior):
+        start = fit if joint is None else joint.fit
+        return _profiled(problem, start, float(np.median(inflation)), wide_contrast)
     if joint.contrast > problem.shown_contrast:
         problem = replace(
             problem, prior=problem.prior.at(problem.shown_contrast), largest_contrast=problem.shown_contrast
@@ -255,6 +269,30 @@ def _newton(
     return JointFit(
         fit, contrast, prior.std, wide_contrast, covariance, own_covariance,
         radius_shifts=scores.radius_response @ np.linalg.cholesky(covariance), prior=prior,
+    )  # fmt: skip
+
+
+def _is_unseen(problem: FitProblem, fit: FittedDisks, prior: OpticsPrior) -> bool:
+    """Whether no contact shows its contrast, and nothing else tells contrast and blur."""
+    std = np.sqrt(np.diag(np.linalg.inv(prior.information))) / np.array([1.0, prior.mean[1]])
+    free = bool((std >= LEAST_PRIOR_STD).all()) and bool(len(problem.profile.powers))
+    return free and hides_contrast(fit)
+
+
+def _profiled(problem: FitProblem, fit: FittedDisks, inflation: float, wide_contrast: float) -> JointFit:
+    """The fit at the most probable contrast of small contacts.
+
+    Where disks do not fit, one beyond what the frame shows is uncertain at least by how far it lies beyond.
+    """
+    profile = profile_contrast(problem, fit, inflation=inflation, kurtosis_std=KURTOSIS_STD)
+    if float(np.median(profile.fit.chi_square)) > POOR_CHI_SQUARE:
+        beyond = float(np.log(profile.contrast / problem.shown_contrast))
+        profile = replace(profile, log_std=max(profile.log_std, beyond))
+    covariance, prior = profile.covariance, profile.problem.prior
+    shifts = np.column_stack([profile.radius_shift, np.zeros(len(fit.disks))])
+    return JointFit(
+        profile.fit, profile.contrast, prior.std, wide_contrast, covariance, covariance,
+        radius_shifts=shifts, prior=prior,
     )  # fmt: skip
 
 
