@@ -24,7 +24,7 @@ from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.evidence.background_left import inspect_background
-from contactimg.imaging.evidence.rules import Columns, judge_contacts
+from contactimg.imaging.evidence.rules import OWN_RISE, Columns, judge_contacts, own_rise
 from contactimg.imaging.evidence.status import (
     LIGHT_CHANGE,
     RESOLVED,
@@ -49,7 +49,7 @@ from contactimg.imaging.pixels.freed_memory import keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.film_rim import FilmSetting, Rim
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.tables import Flag
+from contactimg.tables import Flag, Reason
 
 SHAPES = ("auto", "disk", "ellipse", "free")
 """Shapes that contacts may have, for the method "disk"."""
@@ -59,6 +59,8 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 """Level of the background among those of a frame, by the polarity of the contacts."""
 REACH_BLUR_WIDTHS = 4.0
 """Distance from a rim from which on a block is background. Theory: 3e-5 of an edge is left there."""
+USUAL_BLUR_PX = 1.5
+"""Blur where none was fitted. By hand: that of the paper's frames."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
@@ -282,7 +284,7 @@ def count_again(
         shared, own, unmatched = counted.optics, counted.own_optics, counted.unmatched
     seen = FrameEvidence(
         foreground, contacts, rejected, {}, own.contrast_relative_std, None,
-        _background(foreground, contacts, 1.5), 0.0,
+        _background(foreground, contacts, USUAL_BLUR_PX), 0.0,
     )  # fmt: skip
     return _tabulate(
         foreground, contacts, rejected, (shared, own), judge_frame(seen), unmatched,
@@ -317,6 +319,8 @@ def _tabulate(
     contacts = contacts if known is None or not np.isnan(threshold) else _without_shift(contacts, known)
     contrast = shared.contrast if len(contacts["x_px"]) else min(shared.contrast, foreground.shown_contrast)
     alignment = difference.alignment
+    foreign = _foreign(foreground)
+    rejected = {name: np.concatenate([foreign[name], rejected[name]]) for name in foreign}
     return ImageMeasurement(
         disks=_contacts_table(contacts, own),
         rejected=pd.DataFrame(
@@ -341,6 +345,14 @@ def _tabulate(
         film=film,
         foreground=foreground,
     )
+
+
+def _foreign(foreground: Foreground) -> Columns:
+    """The foreign objects; those that the frame itself does not show are dust in the reference."""
+    foreign = foreground.foreign.rejected
+    places = np.column_stack([np.asarray(foreign[name], float) for name in ("x_px", "y_px")])
+    rise = own_rise(foreground, places, np.asarray(foreign["radius_px"], float), USUAL_BLUR_PX)
+    return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 
 def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:

@@ -302,6 +302,8 @@ def _faint_regions(image, valid, noise, level, regions):
 
 def _component_at(runs: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
     """Numbers of the components that contain some pixels; pixels in none are left out."""
+    if not len(runs):
+        return np.empty(0, np.int64)
     width = int(runs[:, 2].max(initial=0)) + 2
     start, end = runs[:, 0] * width + runs[:, 1], runs[:, 0] * width + runs[:, 2]
     place = y * width + np.minimum(x, width - 1)
