@@ -15,6 +15,7 @@ from scipy.special import ellipe
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.overlap import count_touching
+from contactimg.imaging.evidence.rim_fall import measure_fall
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.method import FrameFit
@@ -43,9 +44,15 @@ EDGE_GAP_BLUR_WIDTHS = 2.0
 LEAST_RISE = 0.25
 """Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By
 hand."""
+RIM_FALL = 0.35
+"""Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand."""
 OWN_RISE = 0.5
 """Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
 frame alone and the reference alone."""
+DIP_SHARE, DIP_SIGMA = 0.25, 2.0
+"""Dip of the reference over the rise of the difference, and over the noise, from which both are measured. By
+hand: half of what dust shows; theory: 3 standard errors of the pixels that are read.
+"""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -94,6 +101,7 @@ RULES: list[Rule] = [
         lambda e: e["signal"] < np.where(e["poor"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
+    (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
     (Reason.TOO_SHARP, lambda e: e["undescribed"] & (e["counted"] <= SHARP_PX2)),
     (Reason.SCRATCH, lambda e: e["undescribed"] & (e["elongation"] > LONGEST) & (e["border"] == 0)),
@@ -190,6 +198,13 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
         / np.maximum(contrast, 1e-9),
         "own_rise": own_rise(foreground, problem.in_frame(disks[:, [X, Y]]), radius * problem.binning, blur),
+        "fall": measure_fall(
+            foreground.image,
+            foreground.frame_pair.valid,
+            np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning]),
+            blur * problem.binning,
+        )
+        / np.maximum(contrast, 1e-9),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "undescribed": undescribed,
@@ -226,8 +241,10 @@ def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: flo
         return np.ones(len(places))
     share = np.ones(len(places))
     # most contacts lie where the reference shows nothing: a few pixels of it tell
-    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, radius + 4.0 * blur)
-    rows = np.flatnonzero(dip > max(0.2 * foreground.contrast.plateau, 4.0 * foreground.noise))
+    distance = radius + 4.0 * blur
+    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
+    rise = _rise_of_pixels(foreground.image, places, distance)
+    rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > DIP_SIGMA * foreground.noise))
     disks = np.column_stack([places, radius])[rows]
     own, other = (
         foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)
@@ -278,7 +295,7 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
     if counted.any():
         k = np.flatnonzero(counted)
         # what the count misses or adds for a disk of this size and blur, it does for the contact as well
-        part = area[k] * e["counted"][k] / np.maximum(e["expected"][k], 1.0)
+        part = np.maximum(area[k] + e["counted"][k] - e["expected"][k], 0.5 * e["counted"][k])
         x[k], y[k], shape[k] = e["x"][k], e["y"][k], "free"
         error = np.hypot(e["count_std"][k], 0.5 * (part - area[k]))
         area[k], radius[k] = part, np.sqrt(part / np.pi)
