@@ -85,8 +85,7 @@ def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.
 def find_foreground(
     frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics
 ) -> Foreground:
-    """Measure noise and contrast of a difference image without foreign objects; ``sign`` makes contacts
-    positive."""
+    """Noise and contrast of a difference image without foreign objects; ``sign`` makes contacts positive."""
     image = difference.image if sign > 0 else -difference.image
     if frame_pair.valid is not None:
         image = _filled(image, frame_pair.valid)

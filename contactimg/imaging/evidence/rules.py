@@ -148,8 +148,9 @@ def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, dust
     )
     places = np.column_stack([table[name] for name in PLACE])
     every = np.vstack([dropped, places[bad]])
-    rejected = {"x_px": every[:, 0], "y_px": every[:, 1], "radius_px": every[:, 2]}
-    rejected["reason"] = np.append(np.full(len(dropped), Reason.UNNECESSARY), reason[bad].astype(str))
+    placed = np.isfinite(every).all(axis=1)
+    why = np.append(np.full(len(dropped), Reason.UNNECESSARY, object), reason[bad])
+    rejected = dict(zip(PLACE, every[placed].T, strict=True)) | {"reason": why[placed]}
     unmatched = [] if result.edited is None else result.edited.unmatched + result.edited.vanished(kept)
     return Judged(
         {name: values[kept] for name, values in table.items()}, rejected, kept,
@@ -185,7 +186,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     count_z = np.where(resolved, (looked.area - looked.expected) / count_std, 0.0)
     hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
     use_count = ((undescribed & ~ellipse & (np.abs(count_z) > 2.0)) | hollow) & resolved
-    use_count |= free & (looked.area > 0)
+    use_count = (use_count | free) & (looked.area > 0)
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
     reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
     gap = _gap_to_border(disks, problem.image.shape)
@@ -283,7 +284,7 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
     major, minor, angle = radius.copy(), radius.copy(), np.full(n, np.nan)
     shape = np.full(n, "disk", object)
     spread = np.full((3, n), np.nan)
-    perimeter = 2.0 * np.pi * radius
+    perimeter, visible = 2.0 * np.pi * radius, e["visible"].copy()
     for row, ellipse in zip(result.ellipses.rows, result.ellipses.fitted, strict=True):
         scale = radius[row] / ellipse.parameters[RADIUS]
         major[row], minor[row] = scale * ellipse.half_axes
@@ -294,8 +295,13 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
     counted = e["use_count"]
     if counted.any():
         k = np.flatnonzero(counted)
-        # what the count misses or adds for a disk of this size and blur, it does for the contact as well
-        part = np.maximum(area[k] + e["counted"][k] - e["expected"][k], 0.5 * e["counted"][k])
+        # what the count misses or adds for a disk of this size and blur, or what is not seen of it, it does
+        # for the contact as well; but no model that fails doubles a count
+        count = e["counted"][k]
+        hidden = np.minimum(area[k] * (1.0 - e["visible"][k]), count)
+        seen = count + np.clip(area[k] * e["visible"][k] - e["expected"][k], -0.5 * count, 0.5 * count)
+        part = seen + hidden
+        visible[k] = seen / part
         x[k], y[k], shape[k] = e["x"][k], e["y"][k], "free"
         error = np.hypot(e["count_std"][k], 0.5 * (part - area[k]))
         area[k], radius[k] = part, np.sqrt(part / np.pi)
@@ -318,7 +324,7 @@ def _columns(result: FrameFit, e: Columns) -> Columns:
         "shape": shape,
         "area_px2": area * binning**2,
         "area_std_px2": 2.0 * np.pi * radius * total * binning**2,
-        "visible_area_px2": area * e["visible"] * binning**2,
+        "visible_area_px2": area * visible * binning**2,
         "semi_major_px": major * binning,
         "semi_minor_px": minor * binning,
         "angle_rad": angle,
