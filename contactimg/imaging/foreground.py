@@ -91,14 +91,15 @@ def find_foreground(
         image = _filled(image, frame_pair.valid)
     noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
     shown, refused, foreign = Contrast(0.0, resolved=False), float("nan"), NONE
+    largest = frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
-        shown = measure_contrast(image, noise, frame_pair.valid)
+        shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
     if shown.resolved:
         foreign = find_foreign(image, shown.plateau, frame_pair.valid)
     if foreign.mask is not None:
         frame_pair = frame_pair.without(foreign.mask)
         image = np.where(foreign.mask > 0, np.float32(0.0), image)
-        shown = measure_contrast(image, noise, frame_pair.valid)
+        shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
     contrast = shown
     if np.isfinite(prior.contrast) and not frame_pair.trivial:
         if shown.resolved and shown.plateau > CONTRADICTION_RATIO * prior.contrast:

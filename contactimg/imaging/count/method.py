@@ -46,6 +46,8 @@ LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over the brightest light of contacts that do not show it. By hand, as for the fit."""
 LEAST_PLATEAU_STD = 0.02
 """Relative uncertainty of a plateau that is read from few pixels. By hand, as for the fit."""
+SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
+"""Largest area of a speck, and distance from it at which the level around it is read. By hand."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. By hand."""
 HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
@@ -66,6 +68,8 @@ class Counted:
     blur_px : float
         Of the rims, pixel included.
     unmatched : list of HandEdit
+    remark : str
+        What to say of the threshold; empty where it is near the rims.
     """
 
     contacts: Columns
@@ -75,6 +79,7 @@ class Counted:
     smallest_px: float
     blur_px: float
     unmatched: list[HandEdit] = field(default_factory=list)
+    remark: str = ""
 
 
 def measure_by_count(
@@ -127,6 +132,21 @@ def measure_by_count(
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
         blur_px=blur,
         unmatched=unmatched,
+        remark=_remark_on_threshold(contacts, crossing),
+    )
+
+
+def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
+    """What to say of the distance between threshold and rims, if it is most of the uncertainties."""
+    shift, std = contacts["edge_shift_px"], contacts["radius_std_px"]
+    if crossing.fraction_std > 0 or not len(shift) or np.median(shift**2 / std**2) < 0.5:
+        return ""
+    middle = float(np.median(shift))
+    changed = "larger" if middle > 0 else "smaller"
+    return (
+        f"pixels above {crossing.fraction:.2g} of the contrast make radii {changed} than those of the "
+        f"contacts, by {abs(middle):.2g} px in the median behind a blur of {crossing.blur_px:.2g} px, which "
+        "the uncertainties include"
     )
 
 
@@ -264,7 +284,8 @@ def count_contacts(
     )
     hot = components["area"] <= 2
     hot &= _neighbour_mean(image, components) < HOT_PIXEL_NEIGHBOUR_FRACTION * components["peak"]
-    bad = hot | (components["flux"] < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
+    light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
+    bad = hot | (light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
     radius = np.sqrt(components["area"] / np.pi)
     rejected = {
         "x_px": components["x"][bad],
@@ -334,3 +355,18 @@ def _neighbour_mean(image: NDArray[np.float32], components: NDArray[np.void]) ->
         + image[np.maximum(y - 1, 0), x]
         + image[np.minimum(y + 1, rows - 1), x]
     ).astype(float)
+
+
+def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
+    """Median of eight pixels around each speck: its own level on a slope, about 0 if it stands alone.
+
+    0 for components larger than a speck.
+    """
+    out = np.zeros(len(components))
+    specks = np.flatnonzero(components["area"] <= SPECK_AREA_PX2)
+    part, (rows, columns) = components[specks], image.shape
+    x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
+    y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])
+    grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
+    out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
+    return out

@@ -80,6 +80,8 @@ class FrameEvidence:
     background : BackgroundLeft
     unexplained : float
         Share of the bright pixels that belong to no contact.
+    remark : str
+        What the method says of itself.
     """
 
     foreground: Foreground
@@ -90,6 +92,7 @@ class FrameEvidence:
     fit: FrameFit | None
     background: BackgroundLeft
     unexplained: float
+    remark: str = ""
 
     @property
     def count(self) -> int:
@@ -245,6 +248,7 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
     """What is worth knowing without being a defect."""
     foreground = seen.foreground
     unit = foreground.frame_pair.unit
+    yield seen.remark
     if np.isfinite(foreground.refused_contrast):
         yield (
             f"the frame shows a contrast of {foreground.shown.plateau * unit:.3g} grey levels, not the "
