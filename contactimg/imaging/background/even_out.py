@@ -15,6 +15,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.find_illumination import neighbour_scatter
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
+    SMALLEST_SCATTER_FRACTION,
     fit_illumination,
     one_sided_scatter,
 )
@@ -70,7 +71,8 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     flat = blocks[background & np.isfinite(blocks)]
     if flat.size < FEWEST_BLOCKS:
         return difference
-    scatter = max(min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)])), 1e-6)
+    scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
+    scatter = max(scatter, SMALLEST_SCATTER_FRACTION * max(difference.level, 1.0))
     if difference is not flickering:
         background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
@@ -139,7 +141,7 @@ def find_background_regions(
     chosen = []
     for k in largest:
         inside = labels == k
-        disk = np.pi * (float(half_width[inside].max()) - 0.5) ** 2
+        disk = np.pi * float(half_width[inside].max()) ** 2  # the largest that may fit between whole blocks
         pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
         at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
         wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
