@@ -47,6 +47,9 @@ LEAST_AREA_PX2 = 4
 filter."""
 LEAST_VISIBLE = 0.2
 """Share of a disk outside holes, below which it is no candidate. By hand."""
+USUAL_RANGE, LEAST_CORE = 0.3, 10
+"""Relative distance from the median plateau of what still belongs to it, and squares well inside regions that
+show it better than their peaks. By hand."""
 WEIGHT_CAP = 8.0
 """Area over the median one up to which a region counts in the common contrast. By hand: no single region
 decides."""
@@ -121,7 +124,8 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
             values, areas = plateau[wide], half_area[wide]
             weights = np.minimum(areas, WEIGHT_CAP * np.median(areas))
             middle = _weighted_median(values, weights)
-            usual = np.abs(values / middle - 1.0) < 0.3
+            usual = np.abs(values / middle - 1.0) < USUAL_RANGE
+            middle = _core_level(coarse, runs, np.where(wide, plateau, 0.0), middle)
             spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
             return Contrast(
                 middle, resolved=True, std=spread / np.sqrt(max(np.count_nonzero(usual), 1)) + 0.005 * middle
@@ -215,6 +219,46 @@ def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
     below = coarse[::3, ::2]
     below = below[below < 0.0]
     return max(-MAD_TO_STD * median(below), least) if below.size > 100 else least
+
+
+def _core_level(
+    image: NDArray[np.float32], runs: NDArray[np.int64], plateau: NDArray[np.float64], middle: float
+) -> float:
+    """Median of the pixels of the usual regions all of whose neighbours are above half height.
+
+    No region counts more than `WEIGHT_CAP` usual ones. Where there are too few such pixels: ``middle``.
+    """
+    used = np.where(np.abs(plateau / middle - 1.0) < USUAL_RANGE, plateau, np.inf)
+    values, owner = _core_pixels(image, runs, used)
+    if len(values) < LEAST_CORE:
+        return middle
+    count = np.bincount(owner)
+    cap = WEIGHT_CAP * np.median(count[count > 0])
+    return _weighted_median(values, np.minimum(1.0, cap / count[owner]))
+
+
+@njit(cache=True)
+def _core_pixels(image, runs, plateau):
+    """Values of the pixels whose neighbours all exceed half of the plateau of their region, and the region."""
+    rows, columns = image.shape
+    total = 0
+    for i in range(len(runs)):
+        total += runs[i, 2] - runs[i, 1] + 1
+    values, owner, n = np.empty(total, np.float64), np.empty(total, np.int64), 0
+    for i in range(len(runs)):
+        y, first, last, k = runs[i]
+        half = 0.5 * plateau[k]
+        if y == 0 or y == rows - 1 or not np.isfinite(half):
+            continue
+        for x in range(max(first, 1), min(last, columns - 2) + 1):
+            core = True
+            for j in range(y - 1, y + 2):
+                for m in range(x - 1, x + 2):
+                    core &= image[j, m] > half
+            if core:
+                values[n], owner[n] = image[y, x], k
+                n += 1
+    return values[:n], owner[:n]
 
 
 def _weighted_median(values: NDArray, weights: NDArray) -> float:
