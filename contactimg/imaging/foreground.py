@@ -46,6 +46,8 @@ class Foreground:
         Prior contrast that the frame contradicts; NaN if there is none.
     foreign : Foreign
         Objects that are no contacts, which are holes in the frame.
+    dust : bool
+        Whether there may be dust and other foreign objects.
     """
 
     image: NDArray[np.float32]
@@ -58,6 +60,7 @@ class Foreground:
     prior_optics: SharedOptics
     refused_contrast: float
     foreign: Foreign = NONE
+    dust: bool = True
 
     @property
     def largest_contrast(self) -> float:
@@ -83,7 +86,7 @@ def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.
 
 
 def find_foreground(
-    frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics
+    frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics, *, dust: bool = True
 ) -> Foreground:
     """Noise and contrast of a difference image without foreign objects; ``sign`` makes contacts positive."""
     image = difference.image if sign > 0 else -difference.image
@@ -94,8 +97,8 @@ def find_foreground(
     largest = frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
         shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
-    if shown.resolved:
-        foreign = find_foreign(image, shown.plateau, frame_pair.valid)
+    if shown.resolved and dust:
+        foreign = find_foreign(image, shown.plateau, noise, frame_pair.valid)
     if foreign.mask is not None:
         frame_pair = frame_pair.without(foreign.mask)
         image = np.where(foreign.mask > 0, np.float32(0.0), image)
@@ -107,4 +110,6 @@ def find_foreground(
             prior = prior.without_contrast()
         else:
             contrast = Contrast(prior.contrast, shown.resolved, prior.contrast_std)
-    return Foreground(image, sign, frame_pair, difference, noise, shown, contrast, prior, refused, foreign)
+    return Foreground(
+        image, sign, frame_pair, difference, noise, shown, contrast, prior, refused, foreign, dust
+    )

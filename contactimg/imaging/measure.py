@@ -238,14 +238,15 @@ def measure_image(
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
     difference, sign = _subtract_background(pair, polarity, registered="position_drift" in absent)
     pair = pair if difference.valid is None else pair.within(difference.valid)
-    foreground = find_foreground(pair, difference, sign, prior.scaled(1.0 / pair.unit))
+    prior, dust = prior.scaled(1.0 / pair.unit), "dust" not in absent
+    foreground = find_foreground(pair, difference, sign, prior, dust=dust)
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
     if method == "threshold" or not foreground.contrast.plateau > 0:
         counted = count_again(foreground, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
     result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape)
-    judged = judge_contacts(foreground, result, shape=shape, dust="dust" not in absent)
+    judged = judge_contacts(foreground, result, shape=shape)
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     if joint is None:
         known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)

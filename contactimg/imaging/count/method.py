@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors, shown_contrast
@@ -48,6 +47,9 @@ LEAST_PLATEAU_STD = 0.02
 """Relative uncertainty of a plateau that is read from few pixels. By hand, as for the fit."""
 SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
 """Largest area of a speck, and distance from it at which the level around it is read. By hand."""
+LONGEST_PART = 1.4
+"""Ratio of the axes of a part of a split component above which no disks describe the component. By hand: of
+a hundred parts of contacts that touch, one to four are longer."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. By hand."""
 HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
@@ -109,6 +111,9 @@ def measure_by_count(
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
+    parts = contacts["flags"] & int(Flag.MERGED) > 0
+    long = parts & (contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"])
+    contacts["flags"] = contacts["flags"] | np.where(long, int(Flag.POOR_FIT), 0)
     cut = pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     places = np.column_stack([contacts["x_px"], contacts["y_px"]])
@@ -193,57 +198,6 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
         return float(np.hypot(prior, PIXEL_VARIANCE**0.5))
     by_light = blur_of_heights(contacts["radius_px"], contacts["height"] / plateau, fraction)
     return by_light if by_light < SHARPEST_SLOPE_PX else estimate_blur(foreground.image, plateau)
-
-
-def count_at_fraction(
-    image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float
-) -> Columns:
-    """Count a frame that was measured before at another threshold.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-        Difference image, contacts positive, holes 0.
-    fraction : float
-        Threshold as a fraction of the contrast.
-    plateau, noise : float
-        Contrast, and standard deviation of a background pixel.
-
-    Returns
-    -------
-    dict of arrays
-        Columns x_px, y_px, radius_px, flags, radius_std_px; the uncertainty without that of the contrast.
-    """
-    contacts, _ = count_contacts(image, fraction=fraction, plateau=plateau, noise=noise)
-    slope = rim_slope(plateau, estimate_blur(image, plateau), fraction)
-    del contacts["height"]  # no column of the contacts table
-    return contacts | {"radius_std_px": counting_std(contacts["radius_px"], noise / slope)}
-
-
-def rim_slope(plateau: float, blur_px: float, fraction: float) -> float:
-    """Slope of a blurred straight rim where it crosses a threshold, grey levels per px.
-
-    ``C exp(-z^2/2)/(s sqrt(2 pi))`` with the plateau ``C``, the blur ``s`` and the normal quantile ``z`` of
-    the fraction.
-
-    Examples
-    --------
-    >>> round(rim_slope(100.0, 1.4, 0.5), 2)
-    28.5
-    """
-    return float(plateau * np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * blur_px))
-
-
-def counting_std(radius_px: NDArray[np.float64], noise_px: float) -> NDArray[np.float64]:
-    """Standard uncertainty of ``sqrt(area/pi)``, px.
-
-    Parameters
-    ----------
-    radius_px : ndarray
-    noise_px : float, px
-        Noise of a pixel over the slope of the rim.
-    """
-    return np.sqrt((PIXEL_VARIANCE + noise_px**2) / (2 * np.pi * radius_px))
 
 
 @stage("counting")

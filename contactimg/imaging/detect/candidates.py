@@ -21,9 +21,9 @@ from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 SUPPORT_SIGMA = 5.0
 """Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
 CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
-"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and above
-which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; twice the former.
-"""
+"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
+above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
+twice the former."""
 LOWER_RATIO = 0.6
 """Level, over half of the common contrast, at which a region is outlined again before it is split. By
 hand."""
@@ -119,7 +119,7 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
         clear = plateau > CLEAR_RATIO * floor
         if not clear.any():
             continue
-        wide = clear & (half_area * side**2 > WIDE_PX2)
+        wide = clear & (half_area > WIDE_PX2 / 4)  # squares: those of a spot are no plateau
         if wide.any():
             values, areas = plateau[wide], half_area[wide]
             weights = np.minimum(areas, WEIGHT_CAP * np.median(areas))
@@ -239,7 +239,7 @@ def _core_level(
 
 @njit(cache=True)
 def _core_pixels(image, runs, plateau):
-    """Values of the pixels whose neighbours all exceed half of the plateau of their region, and the region."""
+    """Pixels whose neighbours all exceed half of the plateau of their region, and its number."""
     rows, columns = image.shape
     total = 0
     for i in range(len(runs)):

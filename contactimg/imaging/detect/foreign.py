@@ -27,6 +27,8 @@ SIDE = 2
 LEVEL_FRACTION = 0.3
 """Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
 reach half of the contrast along its whole length."""
+SEEN_SIGMA = 6.0
+"""Height of a pixel, or of a square, over its noise above which it is an object. False-alarm rate 1e-9."""
 SPRAWL = 4.0
 """Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
 Theory: 2.5 for a disk, 3.2 for two that touch."""
@@ -60,7 +62,7 @@ class Foreign:
     mask: Mask
 
 
-def find_foreign(image: NDArray[np.float32], plateau: float, valid: Mask = None) -> Foreign:
+def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid: Mask = None) -> Foreign:
     """Objects of a difference image that are no contacts.
 
     Parameters
@@ -69,6 +71,8 @@ def find_foreign(image: NDArray[np.float32], plateau: float, valid: Mask = None)
         Contacts positive.
     plateau : float
         Contrast of the contacts.
+    noise : float
+        Standard deviation of a background pixel.
     valid : Mask
         0 for pixels without a value.
 
@@ -76,17 +80,20 @@ def find_foreign(image: NDArray[np.float32], plateau: float, valid: Mask = None)
     --------
     >>> y, x = np.mgrid[0:80, 0:120]
     >>> bar, disk = np.abs(x - 100) < 6, np.hypot(x - 40, y - 40) < 18
-    >>> found = find_foreign((bar | disk).astype(np.float32), 1.0)
+    >>> found = find_foreign((bar | disk).astype(np.float32), 1.0, 0.0)
     >>> found.rejected["reason"].tolist(), found.rejected["x_px"].tolist(), int(found.mask[40, 40])
     (['long: neither a disk nor a group of disks'], [99.5], 0)
     """
-    level = LEVEL_FRACTION * plateau
+    level = max(LEVEL_FRACTION * plateau, SEEN_SIGMA * noise / SIDE)
     squares = np.nan_to_num(block_means(image, valid, side=SIDE), copy=False)
     components = label_components(squares, level)
     narrow = (components["area"] <= FEW_SQUARES) | _sprawls(components)
     sharp = np.zeros(len(components), np.bool_)
     sharp[narrow] = _stand_alone(
-        image, SIDE * components["peak_x"][narrow], SIDE * components["peak_y"][narrow], np.float32(level)
+        image,
+        SIDE * components["peak_x"][narrow],
+        SIDE * components["peak_y"][narrow],
+        np.float32(max(level, SEEN_SIGMA * noise)),
     )
     if not (sharp.any() or _may_be_long(components).any()):
         return NONE

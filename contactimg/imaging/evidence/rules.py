@@ -51,8 +51,7 @@ OWN_RISE = 0.5
 frame alone and the reference alone."""
 DIP_SHARE, DIP_SIGMA = 0.25, 2.0
 """Dip of the reference over the rise of the difference, and over the noise, from which both are measured. By
-hand: half of what dust shows; theory: 3 standard errors of the pixels that are read.
-"""
+hand: half of what dust shows; theory: 3 standard errors of the pixels that are read."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -112,7 +111,7 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
     (Flag.EDGE, lambda e: e["cut"]),
     (Flag.MERGED, lambda e: e["touching"] > 0),
     (Flag.SATURATED, lambda e: e["saturated"]),
-    (Flag.TOO_SMALL, lambda e: e["radius"] - e["radius_std"] < e["blur"]),
+    (Flag.TOO_SMALL, lambda e: e["radius"] - e["total_std"] < e["blur"]),
     (Flag.POOR_FIT, lambda e: e["poor"]),
     (Flag.LOW_SIGNAL, lambda e: e["signal"] < LOW_SIGNAL_SIGMA),
     (Flag.BRIGHTNESS, lambda e: e["odd"]),
@@ -123,13 +122,12 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
 """Flags of the contacts that are kept."""
 
 
-def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True) -> Judged:
+def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str) -> Judged:
     """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds."""
     problem, fit, binning = result.problem, result.fit, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
-    if not dust:
-        e["own_rise"] = np.ones(len(fit.disks))
     table = _columns(result, e)
+    e["total_std"] = table["radius_std_px"] / binning
     finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
     reason = np.full(len(finite), "", object)
     reason[~finite] = Reason.NOISE
@@ -233,12 +231,12 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
 
 
 def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
-    """Rise in the frame alone over that in frame and reference together; 1 without a reference.
+    """Rise in the frame alone over that in frame and reference together; 1 without a reference or dust.
 
     Dust that darkened the reference and has gone looks like a bright contact in the difference.
     """
     pair = foreground.frame_pair
-    if pair.reference is None or not len(places):
+    if pair.reference is None or not len(places) or not foreground.dust:
         return np.ones(len(places))
     share = np.ones(len(places))
     # most contacts lie where the reference shows nothing: a few pixels of it tell

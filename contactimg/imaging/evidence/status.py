@@ -197,8 +197,7 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             "depend on a brightness that is not seen"
         )
         yield Status.SATURATED, text
-    poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
-    if n := seen.spoiled(poor):
+    if n := seen.spoiled(Flag.POOR_FIT):
         yield Status.POOR_FIT, f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
     if text := _common_disagreement(seen.evidence):
         yield Status.DISAGREES, text
