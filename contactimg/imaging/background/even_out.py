@@ -141,7 +141,9 @@ def find_background_regions(
     chosen = []
     for k in largest:
         inside = labels == k
-        disk = np.pi * float(half_width[inside].max()) ** 2  # the largest that may fit between whole blocks
+        # between whole blocks the largest disk is known to half a block; without holes it may be the larger
+        radius = float(half_width[inside].max()) - (0.5 if _has_holes(inside) else 0.0)
+        disk = np.pi * radius**2
         pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
         at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
         wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
@@ -150,6 +152,12 @@ def find_background_regions(
     number = np.zeros(count, np.int32)
     number[chosen] = np.arange(1, len(chosen) + 1)
     return np.asarray(number[labels])
+
+
+def _has_holes(region: NDArray[np.bool_]) -> bool:
+    """Whether a region surrounds others: contacts pierce a background."""
+    rest = np.pad((~region).astype(np.uint8), 1, constant_values=1)
+    return int(cv2.connectedComponents(rest, connectivity=4)[0]) > 2
 
 
 def follow_region(

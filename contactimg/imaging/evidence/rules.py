@@ -124,7 +124,7 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
 
 def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str) -> Judged:
     """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds."""
-    problem, fit, binning = result.problem, result.fit, result.problem.binning
+    problem, binning = result.problem, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
     table = _columns(result, e)
     e["total_std"] = table["radius_std_px"] / binning
