@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.detect.candidates import Contrast, measure_contrast
+from contactimg.imaging.detect.foreign import NONE, Foreign, find_foreign
 from contactimg.imaging.pixels.frame_pair import FramePair
 from contactimg.imaging.profile.optics import SharedOptics
 
@@ -43,6 +44,10 @@ class Foreground:
         Prior knowledge of contrast and blur, without what the frame contradicts.
     refused_contrast : float
         Prior contrast that the frame contradicts; NaN if there is none.
+    foreign : Foreign
+        Objects that are no contacts, which are holes in the frame.
+    dust : bool
+        Whether there may be dust and other foreign objects.
     """
 
     image: NDArray[np.float32]
@@ -54,6 +59,8 @@ class Foreground:
     contrast: Contrast
     prior_optics: SharedOptics
     refused_contrast: float
+    foreign: Foreign = NONE
+    dust: bool = True
 
     @property
     def largest_contrast(self) -> float:
@@ -79,16 +86,23 @@ def _filled(image: NDArray[np.float32], valid: NDArray[np.uint8]) -> NDArray[np.
 
 
 def find_foreground(
-    frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics
+    frame_pair: FramePair, difference: DifferenceImage, sign: int, prior: SharedOptics, *, dust: bool = True
 ) -> Foreground:
-    """Measure noise and contrast of a difference image; ``sign`` makes contacts positive."""
+    """Noise and contrast of a difference image without foreign objects; ``sign`` makes contacts positive."""
     image = difference.image if sign > 0 else -difference.image
     if frame_pair.valid is not None:
         image = _filled(image, frame_pair.valid)
     noise = max(estimate_noise(image, difference.illumination.background), frame_pair.least_noise)
-    shown, refused = Contrast(0.0, resolved=False), float("nan")
+    shown, refused, foreign = Contrast(0.0, resolved=False), float("nan"), NONE
+    largest = frame_pair.shown_contrast(difference.level, sign)
     if not frame_pair.trivial:
-        shown = measure_contrast(image, noise, frame_pair.valid)
+        shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
+    if shown.resolved and dust:
+        foreign = find_foreign(image, shown.plateau, noise, frame_pair.valid)
+    if foreign.mask is not None:
+        frame_pair = frame_pair.without(foreign.mask)
+        image = np.where(foreign.mask > 0, np.float32(0.0), image)
+        shown = measure_contrast(image, noise, frame_pair.valid).within(largest)
     contrast = shown
     if np.isfinite(prior.contrast) and not frame_pair.trivial:
         if shown.resolved and shown.plateau > CONTRADICTION_RATIO * prior.contrast:
@@ -96,4 +110,6 @@ def find_foreground(
             prior = prior.without_contrast()
         else:
             contrast = Contrast(prior.contrast, shown.resolved, prior.contrast_std)
-    return Foreground(image, sign, frame_pair, difference, noise, shown, contrast, prior, refused)
+    return Foreground(
+        image, sign, frame_pair, difference, noise, shown, contrast, prior, refused, foreign, dust
+    )

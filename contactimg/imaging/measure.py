@@ -24,7 +24,7 @@ from contactimg.imaging.count.method import measure_by_count
 from contactimg.imaging.count.threshold import choose_threshold
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.evidence.background_left import inspect_background
-from contactimg.imaging.evidence.rules import Columns, judge_contacts
+from contactimg.imaging.evidence.rules import OWN_RISE, Columns, judge_contacts, own_rise
 from contactimg.imaging.evidence.status import (
     LIGHT_CHANGE,
     RESOLVED,
@@ -50,7 +50,7 @@ from contactimg.imaging.pixels.freed_memory import keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.film_rim import FilmSetting, Rim
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.tables import Flag
+from contactimg.tables import Flag, Reason
 
 SHAPES = ("auto", "disk", "ellipse", "free")
 """Shapes that contacts may have, for the method "disk"."""
@@ -63,6 +63,8 @@ BACKGROUND_IS: dict[str, BackgroundLevel] = {"bright": "lowest", "dark": "highes
 """Level of the background among those of a frame, by the polarity of the contacts."""
 REACH_BLUR_WIDTHS = 4.0
 """Distance from a rim from which on a block is background. Theory: 3e-5 of an edge is left there."""
+USUAL_BLUR_PX = 1.5
+"""Blur where none was fitted. By hand: that of the paper's frames."""
 OUTLINE_MARGIN_PX, SHORTEST_OUTLINE = 4.0, 8
 """Margin of the window in which an outline is drawn, and points of the shortest one. By hand: noise makes
 shorter."""
@@ -248,14 +250,15 @@ def measure_image(
     pair = _without_sensor(FramePair.of(image, _match_levels(image, reference), full_scale))
     difference, sign = _subtract_background(pair, polarity, registered="position_drift" in absent)
     pair = pair if difference.valid is None else pair.within(difference.valid)
-    foreground = find_foreground(pair, difference, sign, prior.scaled(1.0 / pair.unit))
+    prior, dust = prior.scaled(1.0 / pair.unit), "dust" not in absent
+    foreground = find_foreground(pair, difference, sign, prior, dust=dust)
     fraction = choose_threshold(foreground.image, foreground.contrast, threshold)
     if method == "threshold" or not foreground.contrast.plateau > 0:
         counted = count_again(foreground, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
     result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape)
-    judged = judge_contacts(foreground, result, shape=shape, dust="dust" not in absent, linearity=linearity)
+    judged = judge_contacts(foreground, result, shape=shape, linearity=linearity)
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     if joint is None:
         known = SharedOptics(foreground.contrast.plateau, np.nan, np.nan, result.fit.blur * binning, np.nan)
@@ -288,14 +291,15 @@ def count_again(
     contacts: Columns = dict.fromkeys(CONTACT_TYPES, nothing)
     rejected: Columns = dict.fromkeys(("x_px", "y_px", "radius_px", "reason"), nothing)
     shared = own = foreground.prior_optics
-    smallest, unmatched = float("nan"), list(edits)
+    smallest, unmatched, remark = float("nan"), list(edits), ""
     if foreground.contrast.plateau > 0:
         counted = measure_by_count(foreground, fraction=fraction, fraction_std=fraction_std, edits=edits)
         contacts, rejected, smallest = counted.contacts, counted.rejected, counted.smallest_px
         shared, own, unmatched = counted.optics, counted.own_optics, counted.unmatched
+        remark = counted.remark
     seen = FrameEvidence(
         foreground, contacts, rejected, {}, own.contrast_relative_std, None,
-        _background(foreground, contacts, 1.5), 0.0,
+        _background(foreground, contacts, USUAL_BLUR_PX), 0.0, remark,
     )  # fmt: skip
     return _tabulate(
         foreground, contacts, rejected, (shared, own), judge_frame(seen), unmatched,
@@ -330,6 +334,8 @@ def _tabulate(
     contacts = contacts if known is None or not np.isnan(threshold) else _without_shift(contacts, known)
     contrast = shared.contrast if len(contacts["x_px"]) else min(shared.contrast, foreground.shown_contrast)
     alignment = difference.alignment
+    foreign = _foreign(foreground)
+    rejected = {name: np.concatenate([foreign[name], rejected[name]]) for name in foreign}
     return ImageMeasurement(
         disks=_contacts_table(contacts, own),
         rejected=pd.DataFrame(
@@ -354,6 +360,14 @@ def _tabulate(
         film=film,
         foreground=foreground,
     )
+
+
+def _foreign(foreground: Foreground) -> Columns:
+    """The foreign objects; those that the frame itself does not show are dust in the reference."""
+    foreign = foreground.foreign.rejected
+    places = np.column_stack([np.asarray(foreign[name], float) for name in ("x_px", "y_px")])
+    rise = own_rise(foreground, places, np.asarray(foreign["radius_px"], float), USUAL_BLUR_PX)
+    return foreign | {"reason": np.where(rise < OWN_RISE, Reason.REFERENCE_DUST.value, foreign["reason"])}
 
 
 def _contacts_table(contacts: Columns, own: SharedOptics) -> pd.DataFrame:

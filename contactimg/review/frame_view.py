@@ -96,7 +96,6 @@ class FrameView:
             that `calibrate threshold` and `calibrate plateau` see, without edits; unit of the areas; plateau:
             its lowest threshold, that of the slowest fall and the highest one, None where there is none.
         """
-        holes = ~np.isfinite(self.frame.image) if self.frame.image.dtype.kind == "f" else None
         options = replace(self.options, edits={self.frame.name: tuple(edits)})
         counts, areas, scanned = [], [], []
         for threshold in THRESHOLDS.tolist():
@@ -108,7 +107,7 @@ class FrameView:
                 threshold=threshold,
                 options=options,
             ).disks
-            seen = count_at(self.counted, threshold, holes=holes) if self.counted.contrast else disks
+            seen = count_at(self.counted, threshold) if self.counted.contrast else disks
             counts.append(len(disks))
             areas.append(float(np.pi * np.sum(disks["radius_px"] ** 2)))
             scanned.append(float(np.pi * np.sum(seen["radius_px"] ** 2)))

@@ -15,6 +15,7 @@ from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.find_illumination import neighbour_scatter
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
+    SMALLEST_SCATTER_FRACTION,
     fit_illumination,
     one_sided_scatter,
 )
@@ -73,7 +74,8 @@ def even_out(difference: DifferenceImage, *, relative: bool = True) -> Differenc
     flat = blocks[background & np.isfinite(blocks)]
     if flat.size < FEWEST_BLOCKS:
         return difference
-    scatter = max(min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)])), 1e-6)
+    scatter = min(neighbour_scatter(blocks), one_sided_scatter(flat[:: max(flat.size // 4000, 1)]))
+    scatter = max(scatter, SMALLEST_SCATTER_FRACTION * max(difference.level, 1.0))
     if difference is not flickering:
         background = np.abs(blocks) < BACKGROUND_CLIP_SIGMA * scatter
         difference = replace(difference, illumination=replace(difference.illumination, background=background))
@@ -145,7 +147,9 @@ def find_background_regions(
     chosen = []
     for k in largest:
         inside = labels == k
-        disk = np.pi * (float(half_width[inside].max()) - 0.5) ** 2
+        # between whole blocks the largest disk is known to half a block; without holes it may be the larger
+        radius = float(half_width[inside].max()) - (0.5 if known is not None or _has_holes(inside) else 0.0)
+        disk = np.pi * radius**2
         pierced = area[k] > disk * (NO_DISK if area[k] > LARGE_SHARE * labels.size else PIERCED)
         at_border = any(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
         wide = not with_reference and at_border and area[k] > WIDE_SHARE * labels.size
@@ -168,6 +172,12 @@ def _has_contacts(blocks: NDArray[np.float32], inside: NDArray[np.bool_], scatte
     levels, level = blocks[whole & ~inside], float(np.median(blocks[inside]))
     low, high = min(0.0, level) - FLAT_SPAN * scatter, max(0.0, level) + FLAT_SPAN * scatter
     return int(np.count_nonzero((levels < low) | (levels > high))) >= FEWEST_BEYOND
+
+
+def _has_holes(region: NDArray[np.bool_]) -> bool:
+    """Whether a region surrounds others: contacts pierce a background."""
+    rest = np.pad((~region).astype(np.uint8), 1, constant_values=1)
+    return int(cv2.connectedComponents(rest, connectivity=4)[0]) > 2
 
 
 def follow_region(

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors, shown_contrast
@@ -46,6 +45,11 @@ LARGEST_CONTRAST_RATIO = 10.0
 """Largest contrast over the brightest light of contacts that do not show it. By hand, as for the fit."""
 LEAST_PLATEAU_STD = 0.02
 """Relative uncertainty of a plateau that is read from few pixels. By hand, as for the fit."""
+SPECK_AREA_PX2, SPECK_MARGIN_PX = 12, 3
+"""Largest area of a speck, and distance from it at which the level around it is read. By hand."""
+LONGEST_PART = 1.4
+"""Ratio of the axes of a part of a split component above which no disks describe the component. By hand: of
+a hundred parts of contacts that touch, one to four are longer."""
 SMALL_AREA_PX2 = 4
 """Area below which a contact is flagged TOO_SMALL: four pixels make a radius of 1.1 px. By hand."""
 HOLE_DISTANCE_RADII, HOLE_DISTANCE_PX = 1.3, 1.5
@@ -66,6 +70,8 @@ class Counted:
     blur_px : float
         Of the rims, pixel included.
     unmatched : list of HandEdit
+    remark : str
+        What to say of the threshold; empty where it is near the rims.
     """
 
     contacts: Columns
@@ -75,6 +81,7 @@ class Counted:
     smallest_px: float
     blur_px: float
     unmatched: list[HandEdit] = field(default_factory=list)
+    remark: str = ""
 
 
 def measure_by_count(
@@ -104,6 +111,9 @@ def measure_by_count(
     blur = _blur_of(foreground, contacts, fraction)
     contacts, by_hand, unmatched = edit_counts(contacts, edits, image, fraction * contrast.plateau)
     reach = HOLE_DISTANCE_RADII * contacts["radius_px"] + HOLE_DISTANCE_PX
+    parts = contacts["flags"] & int(Flag.MERGED) > 0
+    long = parts & (contacts["semi_major_px"] > LONGEST_PART * contacts["semi_minor_px"])
+    contacts["flags"] = contacts["flags"] | np.where(long, int(Flag.POOR_FIT), 0)
     cut = pair.near_hole(contacts["x_px"], contacts["y_px"], reach)
     contacts["flags"] = contacts["flags"] | np.where(cut, int(Flag.EDGE), 0)
     places = np.column_stack([contacts["x_px"], contacts["y_px"]])
@@ -127,6 +137,21 @@ def measure_by_count(
         smallest_px=float(TYPICAL_BLUR_PX * np.sqrt(-2.0 * np.log1p(-fraction))),
         blur_px=blur,
         unmatched=unmatched,
+        remark=_remark_on_threshold(contacts, crossing),
+    )
+
+
+def _remark_on_threshold(contacts: Columns, crossing: Crossing) -> str:
+    """What to say of the distance between threshold and rims, if it is most of the uncertainties."""
+    shift, std = contacts["edge_shift_px"], contacts["radius_std_px"]
+    if crossing.fraction_std > 0 or not len(shift) or np.median(shift**2 / std**2) < 0.5:
+        return ""
+    middle = float(np.median(shift))
+    changed = "larger" if middle > 0 else "smaller"
+    return (
+        f"pixels above {crossing.fraction:.2g} of the contrast make radii {changed} than those of the "
+        f"contacts, by {abs(middle):.2g} px in the median behind a blur of {crossing.blur_px:.2g} px, which "
+        "the uncertainties include"
     )
 
 
@@ -175,57 +200,6 @@ def _blur_of(foreground: Foreground, contacts: Columns, fraction: float) -> floa
     return by_light if by_light < SHARPEST_SLOPE_PX else estimate_blur(foreground.image, plateau)
 
 
-def count_at_fraction(
-    image: NDArray[np.float32], *, fraction: float, plateau: float, noise: float
-) -> Columns:
-    """Count a frame that was measured before at another threshold.
-
-    Parameters
-    ----------
-    image : ndarray, shape (rows, columns)
-        Difference image, contacts positive, holes 0.
-    fraction : float
-        Threshold as a fraction of the contrast.
-    plateau, noise : float
-        Contrast, and standard deviation of a background pixel.
-
-    Returns
-    -------
-    dict of arrays
-        Columns x_px, y_px, radius_px, flags, radius_std_px; the uncertainty without that of the contrast.
-    """
-    contacts, _ = count_contacts(image, fraction=fraction, plateau=plateau, noise=noise)
-    slope = rim_slope(plateau, estimate_blur(image, plateau), fraction)
-    del contacts["height"]  # no column of the contacts table
-    return contacts | {"radius_std_px": counting_std(contacts["radius_px"], noise / slope)}
-
-
-def rim_slope(plateau: float, blur_px: float, fraction: float) -> float:
-    """Slope of a blurred straight rim where it crosses a threshold, grey levels per px.
-
-    ``C exp(-z^2/2)/(s sqrt(2 pi))`` with the plateau ``C``, the blur ``s`` and the normal quantile ``z`` of
-    the fraction.
-
-    Examples
-    --------
-    >>> round(rim_slope(100.0, 1.4, 0.5), 2)
-    28.5
-    """
-    return float(plateau * np.exp(-0.5 * ndtri(fraction) ** 2) / (np.sqrt(2 * np.pi) * blur_px))
-
-
-def counting_std(radius_px: NDArray[np.float64], noise_px: float) -> NDArray[np.float64]:
-    """Standard uncertainty of ``sqrt(area/pi)``, px.
-
-    Parameters
-    ----------
-    radius_px : ndarray
-    noise_px : float, px
-        Noise of a pixel over the slope of the rim.
-    """
-    return np.sqrt((PIXEL_VARIANCE + noise_px**2) / (2 * np.pi * radius_px))
-
-
 @stage("counting")
 def count_contacts(
     image: NDArray[np.float32],
@@ -264,7 +238,8 @@ def count_contacts(
     )
     hot = components["area"] <= 2
     hot &= _neighbour_mean(image, components) < HOT_PIXEL_NEIGHBOUR_FRACTION * components["peak"]
-    bad = hot | (components["flux"] < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
+    light = components["flux"] - components["area"] * np.maximum(_level_around(image, components), 0.0)
+    bad = hot | (light < COMPONENT_LIGHT_SIGMA * noise * np.sqrt(components["area"]))
     radius = np.sqrt(components["area"] / np.pi)
     rejected = {
         "x_px": components["x"][bad],
@@ -334,3 +309,18 @@ def _neighbour_mean(image: NDArray[np.float32], components: NDArray[np.void]) ->
         + image[np.maximum(y - 1, 0), x]
         + image[np.minimum(y + 1, rows - 1), x]
     ).astype(float)
+
+
+def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> NDArray[np.float64]:
+    """Median of eight pixels around each speck: its own level on a slope, about 0 if it stands alone.
+
+    0 for components larger than a speck.
+    """
+    out = np.zeros(len(components))
+    specks = np.flatnonzero(components["area"] <= SPECK_AREA_PX2)
+    part, (rows, columns) = components[specks], image.shape
+    x = np.stack([part["left"] - SPECK_MARGIN_PX, part["peak_x"], part["right"] + SPECK_MARGIN_PX])
+    y = np.stack([part["top"] - SPECK_MARGIN_PX, part["peak_y"], part["bottom"] + SPECK_MARGIN_PX])
+    grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
+    out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
+    return out

@@ -6,7 +6,7 @@ half of its own. Round regions are one disk; the others are covered by inscribed
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -21,6 +21,10 @@ from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 
 SUPPORT_SIGMA = 5.0
 """Height of a mean over 2 x 2 pixels that stands out of the noise. False-alarm rate 3e-7 (normal noise)."""
+CLEAR_RATIO, BRIGHT_RATIO = 1.5, 3.0
+"""Plateau, over the level from which it stands out of the noise, above which it is no peak of noise, and
+above which coarser squares are not looked at. Theory: noise alone reaches 1.3 in a million pixels; by hand,
+twice the former."""
 LOWER_RATIO = 0.6
 """Level, over half of the common contrast, at which a region is outlined again before it is split. By
 hand."""
@@ -51,6 +55,9 @@ HALF_HEIGHT = np.sqrt(2.0 * np.log(2.0))
 """Radius at half height of a Gaussian over its standard deviation (theory)."""
 FAINT_SMOOTHING_PX = 1.0
 """Standard deviation of the filter behind which faint regions are outlined. By hand."""
+USUAL_RANGE, LEAST_CORE = 0.3, 10
+"""Relative distance from the median plateau of what still belongs to it, and squares well inside regions that
+show it better than their peaks. By hand."""
 WEIGHT_CAP = 8.0
 """Area over the median one up to which a region counts in the common contrast. By hand: no single region
 decides."""
@@ -73,6 +80,10 @@ class Contrast:
     plateau: float
     resolved: bool
     std: float = float("nan")
+
+    def within(self, largest: float) -> "Contrast":
+        """With a plateau that does not exceed the largest possible one."""
+        return replace(self, plateau=min(self.plateau, largest))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,30 +118,32 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
         Standard deviation of a background pixel.
     valid : Mask
     """
+    spots = Contrast(0.0, resolved=False)
     for side in (2, 4, 8):
         coarse = _coarse(image, valid, side)
         floor = max(SUPPORT_SIGMA * _coarse_noise(coarse, noise / side), 1e-6)
         regions, runs = label_runs(coarse, floor)
         regions, plateau, half_area = _with_plateaus(coarse, regions, runs)
-        wide = half_area * side**2 > WIDE_PX2
-        if not len(plateau):
+        clear = plateau > CLEAR_RATIO * floor
+        if not clear.any():
             continue
-        # noise alone reaches 1.3 times the level from which it stands out in a million pixels
-        clear = plateau > 1.5 * floor
-        if not (wide & clear).any() and side < 8 and float(plateau.max()) < 3.0 * floor:
-            continue
-        if (wide & clear).any():
-            values, areas = plateau[wide & clear], half_area[wide & clear]
+        wide = clear & (half_area > WIDE_PX2 / 4)  # squares: those of a spot are no plateau
+        if wide.any():
+            values, areas = plateau[wide], half_area[wide]
             weights = np.minimum(areas, WEIGHT_CAP * np.median(areas))
             middle = _weighted_median(values, weights)
-            usual = np.abs(values / middle - 1.0) < 0.3
+            usual = np.abs(values / middle - 1.0) < USUAL_RANGE
+            middle = _core_level(coarse, runs, np.where(wide, plateau, 0.0), middle)
             spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
             return Contrast(
                 middle, resolved=True, std=spread / np.sqrt(max(np.count_nonzero(usual), 1)) + 0.005 * middle
             )
-        peak = quantile(plateau, 0.95)
-        return Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
-    return Contrast(0.0, resolved=False)
+        if not spots.plateau:
+            peak = quantile(plateau, 0.95)
+            spots = Contrast(peak, resolved=False, std=peak * np.log(10.0) / np.sqrt(12.0))
+        if float(plateau.max()) > BRIGHT_RATIO * floor:
+            break  # coarser squares only dilute it
+    return spots
 
 
 def count_dark_spots(image: NDArray[np.float32], contrast: float, noise: float, valid: Mask) -> int:
@@ -239,6 +252,46 @@ def _coarse_noise(coarse: NDArray[np.float32], least: float) -> float:
     return max(-MAD_TO_STD * median(below), least) if below.size > 100 else least
 
 
+def _core_level(
+    image: NDArray[np.float32], runs: NDArray[np.int64], plateau: NDArray[np.float64], middle: float
+) -> float:
+    """Median of the pixels of the usual regions all of whose neighbours are above half height.
+
+    No region counts more than `WEIGHT_CAP` usual ones. Where there are too few such pixels: ``middle``.
+    """
+    used = np.where(np.abs(plateau / middle - 1.0) < USUAL_RANGE, plateau, np.inf)
+    values, owner = _core_pixels(image, runs, used)
+    if len(values) < LEAST_CORE:
+        return middle
+    count = np.bincount(owner)
+    cap = WEIGHT_CAP * np.median(count[count > 0])
+    return _weighted_median(values, np.minimum(1.0, cap / count[owner]))
+
+
+@njit(cache=True)
+def _core_pixels(image, runs, plateau):
+    """Pixels whose neighbours all exceed half of the plateau of their region, and its number."""
+    rows, columns = image.shape
+    total = 0
+    for i in range(len(runs)):
+        total += runs[i, 2] - runs[i, 1] + 1
+    values, owner, n = np.empty(total, np.float64), np.empty(total, np.int64), 0
+    for i in range(len(runs)):
+        y, first, last, k = runs[i]
+        half = 0.5 * plateau[k]
+        if y == 0 or y == rows - 1 or not np.isfinite(half):
+            continue
+        for x in range(max(first, 1), min(last, columns - 2) + 1):
+            core = True
+            for j in range(y - 1, y + 2):
+                for m in range(x - 1, x + 2):
+                    core &= image[j, m] > half
+            if core:
+                values[n], owner[n] = image[y, x], k
+                n += 1
+    return values[:n], owner[:n]
+
+
 def _weighted_median(values: NDArray, weights: NDArray) -> float:
     """The value at which half of the weight is reached."""
     order = np.argsort(values)
@@ -335,6 +388,8 @@ def _faint_regions(
 
 def _component_at(runs: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
     """Numbers of the components that contain some pixels; pixels in none are left out."""
+    if not len(runs):
+        return np.empty(0, np.int64)
     width = int(runs[:, 2].max(initial=0)) + 2
     start, end = runs[:, 0] * width + runs[:, 1], runs[:, 0] * width + runs[:, 2]
     place = y * width + np.minimum(x, width - 1)

@@ -15,6 +15,7 @@ from scipy.special import ellipe
 
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.overlap import count_touching
+from contactimg.imaging.evidence.rim_fall import measure_fall
 from contactimg.imaging.fit.contact_pixels import look_at_pixels, measure_rise
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.imaging.fit.method import FrameFit
@@ -43,9 +44,14 @@ EDGE_GAP_BLUR_WIDTHS = 2.0
 LEAST_RISE = 0.25
 """Rise of the mean inside over the surroundings, of the contrast fitted, of a contact that is seen. By
 hand."""
+RIM_FALL = 0.35
+"""Least fall across the rim of a wide contact, of its contrast. Theory: 0.95 of a blurred edge; by hand."""
 OWN_RISE = 0.5
 """Part of its rise that a contact must show in the frame without its reference. By hand: half-way between the
 frame alone and the reference alone."""
+DIP_SHARE, DIP_SIGMA = 0.25, 2.0
+"""Dip of the reference over the rise of the difference, and over the noise, from which both are measured. By
+hand: half of what dust shows; theory: 3 standard errors of the pixels that are read."""
 LONGEST = 3.5
 """Ratio of the axes of the counted pixels above which a candidate that no model describes is a scratch. By
 hand."""
@@ -93,6 +99,7 @@ RULES: list[Rule] = [
         lambda e: e["signal"] < np.where(e["poor"], LEAST_POOR_LIGHT_SIGMA, LEAST_LIGHT_SIGMA),
     ),
     (Reason.REFERENCE_DUST, lambda e: e["own_rise"] < OWN_RISE),
+    (Reason.NO_RIM, lambda e: e["fall"] < RIM_FALL),
     (Reason.INVISIBLE, lambda e: e["rise"] < LEAST_RISE),
     (
         Reason.TOO_SHARP,
@@ -111,7 +118,7 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
     (Flag.EDGE, lambda e: e["cut"]),
     (Flag.MERGED, lambda e: e["touching"] > 0),
     (Flag.SATURATED, lambda e: e["saturated"]),
-    (Flag.TOO_SMALL, lambda e: e["radius"] - e["radius_std"] < e["blur"]),
+    (Flag.TOO_SMALL, lambda e: e["radius"] - e["total_std"] < e["blur"]),
     (Flag.POOR_FIT, lambda e: e["poor"]),
     (Flag.LOW_SIGNAL, lambda e: e["signal"] < LOW_SIGNAL_SIGMA),
     (Flag.BRIGHTNESS, lambda e: e["odd"]),
@@ -122,19 +129,16 @@ FLAGS: list[tuple[Flag, Callable[[Columns], NDArray[np.bool_]]]] = [
 """Flags of the contacts that are kept."""
 
 
-def judge_contacts(
-    foreground: Foreground, result: FrameFit, *, shape: str, dust: bool = True, linearity: float
-) -> Judged:
+def judge_contacts(foreground: Foreground, result: FrameFit, *, shape: str, linearity: float) -> Judged:
     """Contacts of a fit: rejected, flagged, and measured by their counted pixels where nothing else holds.
 
     ``linearity`` is the error of the camera's response at mid-level, of the contrast, that no fit can see: it
     moves every edge by ``linearity s sqrt(2 pi)``.
     """
-    problem, fit, binning = result.problem, result.fit, result.problem.binning
+    problem, binning = result.problem, result.problem.binning
     e = _evidence(foreground, result, free=shape == "free")
-    if not dust:
-        e["own_rise"] = np.ones(len(fit.disks))
     table = _columns(result, e, linearity)
+    e["total_std"] = table["radius_std_px"] / binning
     finite = np.isfinite(np.stack([table[name] for name in PLACE])).all(axis=0)
     reason = np.full(len(finite), "", object)
     reason[~finite] = Reason.NOISE
@@ -153,8 +157,9 @@ def judge_contacts(
     )
     places = np.column_stack([table[name] for name in PLACE])
     every = np.vstack([dropped, places[bad]])
-    rejected = {"x_px": every[:, 0], "y_px": every[:, 1], "radius_px": every[:, 2]}
-    rejected["reason"] = np.append(np.full(len(dropped), Reason.UNNECESSARY), reason[bad].astype(str))
+    placed = np.isfinite(every).all(axis=1)
+    why = np.append(np.full(len(dropped), Reason.UNNECESSARY, object), reason[bad])
+    rejected = dict(zip(PLACE, every[placed].T, strict=True)) | {"reason": why[placed]}
     unmatched = [] if result.edited is None else result.edited.unmatched + result.edited.vanished(kept)
     return Judged(
         {name: values[kept] for name, values in table.items()}, rejected, kept,
@@ -194,7 +199,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     shaped = misfit > UNDESCRIBED_CHI_SQUARE * max(float(np.median(misfit)), 1.0)
     differs = shaped | (np.abs(count_z) > 2.0)
     use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
-    use_count |= free & (looked.area > 0)
+    use_count = (use_count | free) & (looked.area > 0)
     rows = np.full(n, -1) if joint is None else joint.prior.is_odd(disks)
     reach = radius + EDGE_GAP_BLUR_WIDTHS * blur
     gap = _gap_to_border(disks, problem.image.shape)
@@ -207,6 +212,13 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
         "rise": np.where(np.isfinite(looked.plateau), plateau - ring, 2.0 * (mean - ring))
         / np.maximum(contrast, 1e-9),
         "own_rise": own_rise(foreground, problem.in_frame(disks[:, [X, Y]]), radius * problem.binning, blur),
+        "fall": measure_fall(
+            foreground.image,
+            foreground.frame_pair.valid,
+            np.column_stack([problem.in_frame(disks[:, [X, Y]]), radius * problem.binning]),
+            blur * problem.binning,
+        )
+        / np.maximum(contrast, 1e-9),
         "visible": np.where(gap > -radius, np.where(cut, looked.visible, 1.0), 0.0),
         "poor": poor,
         "undescribed": undescribed,
@@ -234,17 +246,19 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
 
 
 def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: float) -> NDArray[np.float64]:
-    """Rise in the frame alone over that in frame and reference together; 1 without a reference.
+    """Rise in the frame alone over that in frame and reference together; 1 without a reference or dust.
 
     Dust that darkened the reference and has gone looks like a bright contact in the difference.
     """
     pair = foreground.frame_pair
-    if pair.reference is None or not len(places):
+    if pair.reference is None or not len(places) or not foreground.dust:
         return np.ones(len(places))
     share = np.ones(len(places))
     # most contacts lie where the reference shows nothing: a few pixels of it tell
-    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, radius + 4.0 * blur)
-    rows = np.flatnonzero(dip > max(0.2 * foreground.contrast.plateau, 4.0 * foreground.noise))
+    distance = radius + 4.0 * blur
+    dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
+    rise = _rise_of_pixels(foreground.image, places, distance)
+    rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > DIP_SIGMA * foreground.noise))
     disks = np.column_stack([places, radius])[rows]
     own, other = (
         foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)
@@ -285,7 +299,7 @@ def _columns(result: FrameFit, e: Columns, linearity: float) -> Columns:
     major, minor, angle = radius.copy(), radius.copy(), np.full(n, np.nan)
     shape = np.full(n, "disk", object)
     spread = np.full((3, n), np.nan)
-    perimeter = 2.0 * np.pi * radius
+    perimeter, visible = 2.0 * np.pi * radius, e["visible"].copy()
     for row, ellipse in zip(result.ellipses.rows, result.ellipses.fitted, strict=True):
         scale = radius[row] / ellipse.parameters[RADIUS]
         major[row], minor[row] = scale * ellipse.half_axes
@@ -296,8 +310,13 @@ def _columns(result: FrameFit, e: Columns, linearity: float) -> Columns:
     counted = e["use_count"]
     if counted.any():
         k = np.flatnonzero(counted)
-        # what the count misses or adds for a disk of this size and blur, it does for the contact as well
-        part = area[k] * e["counted"][k] / np.maximum(e["expected"][k], 1.0)
+        # what the count misses or adds for a disk of this size and blur, or what is not seen of it, it does
+        # for the contact as well; but no model that fails doubles a count
+        count = e["counted"][k]
+        hidden = np.minimum(area[k] * (1.0 - e["visible"][k]), count)
+        seen = count + np.clip(area[k] * e["visible"][k] - e["expected"][k], -0.5 * count, 0.5 * count)
+        part = seen + hidden
+        visible[k] = seen / part
         x[k], y[k], shape[k] = e["x"][k], e["y"][k], "free"
         error = np.hypot(e["count_std"][k], 0.5 * (part - area[k]))
         area[k], radius[k] = part, np.sqrt(part / np.pi)
@@ -320,7 +339,7 @@ def _columns(result: FrameFit, e: Columns, linearity: float) -> Columns:
         "shape": shape,
         "area_px2": area * binning**2,
         "area_std_px2": 2.0 * np.pi * radius * total * binning**2,
-        "visible_area_px2": area * e["visible"] * binning**2,
+        "visible_area_px2": area * visible * binning**2,
         "semi_major_px": major * binning,
         "semi_minor_px": minor * binning,
         "angle_rad": angle,

@@ -80,6 +80,8 @@ class FrameEvidence:
     background : BackgroundLeft
     unexplained : float
         Share of the bright pixels that belong to no contact.
+    remark : str
+        What the method says of itself.
     """
 
     foreground: Foreground
@@ -90,6 +92,7 @@ class FrameEvidence:
     fit: FrameFit | None
     background: BackgroundLeft
     unexplained: float
+    remark: str = ""
 
     @property
     def count(self) -> int:
@@ -175,8 +178,7 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
             "depend on a brightness that is not seen"
         )
         yield Status.SATURATED, text
-    poor = Flag.POOR_FIT if seen.fit is not None else Flag.COUNTED
-    if n := seen.spoiled(poor):
+    if n := seen.spoiled(Flag.POOR_FIT):
         text = f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
         yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
@@ -269,6 +271,7 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
     """What is worth knowing without being a defect."""
     foreground = seen.foreground
     unit = foreground.frame_pair.unit
+    yield seen.remark
     if np.isfinite(foreground.refused_contrast):
         yield (
             f"the frame shows a contrast of {foreground.shown.plateau * unit:.3g} grey levels, not the "
@@ -277,8 +280,8 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
     given, shown = foreground.prior_optics.contrast, foreground.shown
     if seen.count and shown.resolved and given > CONTRADICTION_RATIO * shown.plateau:
         yield (
-            f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame shows "
-            f"{shown.plateau * unit:.3g}"
+            f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
+            f"shows {shown.plateau * unit:.3g}"
         )
     elif seen.count and seen.contrast_relative_std > RESOLVED:
         source = "given" if np.isfinite(foreground.prior_optics.contrast) else "estimated from their light"

@@ -189,7 +189,8 @@ class _Frame:
         full = contrast > FULL_CONTRAST_RATIO * foreground.largest_contrast
         if free and full and not foreground.contrast.resolved:
             blur = min(blur, widest_spot_blur(image, contrast))  # no blur has made these spots fainter
-        binning = int(blur / BINNED_BLUR_PX) if blur > WIDEST_UNBINNED_BLUR_PX else 1
+        coarsest = min(foreground.image.shape)
+        binning = min(int(blur / BINNED_BLUR_PX), coarsest) if blur > WIDEST_UNBINNED_BLUR_PX else 1
         problem = FitProblem.of(foreground, binning=binning)
         noise = foreground.noise if binning == 1 else estimate_noise(problem.image, problem.background)
         noise = max(noise, LEAST_NOISE_LEVELS, LEAST_NOISE_FRACTION * contrast)

@@ -20,6 +20,7 @@ MOSAIC_STEP = 0.01  # relative difference of the gains of a mosaic that is corre
 MOSAIC_SIGMA = 8.0  # the same in its standard error; false-alarm rate below 1e-14
 DEAD_SIGMA = 10.0  # distance of a dead line from its neighbours in robust standard deviations; by hand
 DEAD_SHARE = 0.02  # of the lines that may be dead; by hand: more are a pattern, not defects
+DEAD_SHOWN = 0.5  # of the mean step that the median of its pixels shows, at least; by hand
 SAMPLED = 20_000  # pixels that gains of a mosaic are read from; accuracy
 
 
@@ -74,6 +75,8 @@ def mosaic_gains(image: NDArray) -> NDArray[np.float64] | None:
     Each is the median ratio of its pixels to the mean of their square of four.
     """
     rows, columns = (size // 2 * 2 for size in image.shape)
+    if not rows * columns:
+        return None
     every = max(int(np.sqrt(rows * columns / 4 / SAMPLED)), 1)
     phases = np.stack(
         [
@@ -126,8 +129,16 @@ def find_dead_lines(image: NDArray, valid: Mask) -> Mask:
         scatter = robust_std(profile - around.mean(axis=0), centre=0.0)
         scatter = max(scatter, 1e-3 * max(float(np.abs(profile).mean()), 1e-6))
         # a line beside a step of the scene lies between the lines on both sides of it
-        dead = np.abs(profile - np.clip(profile, *around)) > DEAD_SIGMA * scatter
+        step = profile - np.clip(profile, *around)
+        dead = np.abs(step) > DEAD_SIGMA * scatter
         if not dead.any() or np.mean(dead) > DEAD_SHARE:
+            continue
+        for k in np.flatnonzero(dead):  # along its length, not in one part of it, which the scene may show
+            near = np.clip([k, k - 2, k - 1, k + 1, k + 2], 0, len(profile) - 1)
+            lines = np.asarray(data[:, near] if axis == 0 else data[near].T, np.float32)
+            usual = float(np.median(lines[:, 0] - np.median(lines[:, 1:], axis=1)))
+            dead[k] = usual * np.sign(step[k]) > DEAD_SHOWN * abs(step[k])
+        if not dead.any():
             continue
         marked = np.zeros(image.shape, np.uint8) if marked is None else marked
         if axis == 0:

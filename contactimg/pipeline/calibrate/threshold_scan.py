@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
-from contactimg.imaging.count.method import count_at_fraction
-from contactimg.imaging.measure import ImageMeasurement
+from contactimg.imaging.measure import ImageMeasurement, count_again
 from contactimg.pipeline.frame import measure_prepared
 from contactimg.pipeline.inputs import (
     contact_sites,
@@ -127,9 +126,8 @@ def _count_frame(
     measurement = measure_prepared(frame, reference, scene, method="threshold")
     if not measurement.contrast:
         raise FrameError(measurement.message or "nothing stands out of the noise")
-    holes = ~np.isfinite(frame.image) if frame.image.dtype.kind == "f" else None
     contacts = [
-        CONTACTS.conform(count_at(measurement, t, holes=holes).assign(frame=frame.name)) for t in thresholds
+        CONTACTS.conform(count_at(measurement, float(t)).assign(frame=frame.name)) for t in thresholds
     ]
     row: dict[str, object] = {
         "frame": frame.name,
@@ -144,31 +142,9 @@ def _count_frame(
     return _CountedFrame(row, contacts, frame.shape)
 
 
-def count_at(
-    measurement: ImageMeasurement, threshold: float, *, holes: NDArray[np.bool_] | None = None
-) -> pd.DataFrame:
-    """Contacts of a measured frame at another threshold, from its difference image.
-
-    Parameters
-    ----------
-    measurement : ImageMeasurement
-    threshold : float
-        Fraction of the contact contrast.
-    holes : ndarray of bool, shape (rows, columns), optional
-        Pixels without a value.
-
-    Returns
-    -------
-    DataFrame
-        Columns label, x_px, y_px, radius_px, radius_std_px, flags.
-    """
-    signed = measurement.difference * np.float32(np.sign(measurement.contrast))
-    if holes is not None:
-        signed = np.where(holes, np.float32(0.0), signed)
-    contacts = count_at_fraction(
-        signed, fraction=threshold, plateau=abs(measurement.contrast), noise=measurement.noise
-    )
-    return pd.DataFrame({**contacts, "label": np.arange(1, len(contacts["x_px"]) + 1)})
+def count_at(measurement: ImageMeasurement, threshold: float) -> pd.DataFrame:
+    """Contacts of a measured frame at another threshold, a fraction of the contrast: its disks table."""
+    return count_again(measurement.foreground, threshold).disks
 
 
 def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresholds: Values) -> list[Run]:

@@ -1,0 +1,178 @@
+"""What is no contact whatever its brightness: hot pixels, streaks, bars, hairs and scratches.
+
+A contact is a disk, contacts that touch are a union of disks, and both lie behind a blur. A streak or a hot
+pixel is narrower than any blurred spot. A bar is longer than any group of its half width, and its pixels lie
+half as far from its rim as those of a disk. Both are masked before contrast and contacts are learned.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from contactimg.compiled import njit
+from contactimg.imaging.detect.components import label_components
+from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.masks import Mask
+from contactimg.imaging.shapes.labelled_regions import (
+    LENGTH_HALF_WIDTHS,
+    LENGTH_MARGIN_PX,
+    label_regions,
+)
+from contactimg.tables import Reason
+
+SIDE = 2
+"""Side of the squares whose means are labelled, px."""
+LEVEL_FRACTION = 0.3
+"""Level, as a fraction of the contrast, above which objects are looked for. By hand: a blurred hair does not
+reach half of the contrast along its whole length."""
+SEEN_SIGMA = 6.0
+"""Height of a pixel, or of a square, over its noise above which it is an object. False-alarm rate 1e-9."""
+SPRAWL = 4.0
+"""Squared diagonal of the bounding box over the area above which a region is no disk and no pair of disks.
+Theory: 2.5 for a disk, 3.2 for two that touch."""
+STREAK_HALF_WIDTH = 1.0
+"""Largest half width of a hot pixel or streak, squares. Theory: two pixels lie in one square or in two."""
+HOT_NEIGHBOUR_FRACTION = 0.25
+"""Brightness of the pixels on both sides of the highest, relative to it, below which it is sharper than
+optics. Theory: ``exp(-1/(2 s^2))`` for a point behind a blur of 0.53 px, ``s^2 = 0.53^2 + 1/12``."""
+FLAT_TOP_RATIO, FLAT_TOP_LEVELS = np.float32(0.9), np.float32(2.0)
+"""Of the highest pixel, above which one is as high; and height over the level from which a contact may have
+such a flat top. By hand: noise of a tenth of the contrast; 0.6 of the contrast."""
+FEW_SQUARES = 4
+"""Squares: a region of more is not a hot pixel."""
+MARGIN = 3
+"""Squares around an object that are masked with it: its blurred rim. By hand: four blur widths of 1.5 px."""
+
+
+@dataclass(frozen=True, eq=False)
+class Foreign:
+    """Objects that are no contacts.
+
+    Parameters
+    ----------
+    rejected : dict of arrays
+        x_px, y_px, radius_px (of the disk of equal area), reason.
+    mask : Mask
+        1 on the objects and their blurred rims; None where there is none.
+    """
+
+    rejected: dict[str, NDArray]
+    mask: Mask
+
+
+def find_foreign(image: NDArray[np.float32], plateau: float, noise: float, valid: Mask = None) -> Foreign:
+    """Objects of a difference image that are no contacts.
+
+    Parameters
+    ----------
+    image : ndarray, shape (rows, columns)
+        Contacts positive.
+    plateau : float
+        Contrast of the contacts.
+    noise : float
+        Standard deviation of a background pixel.
+    valid : Mask
+        0 for pixels without a value.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[0:80, 0:120]
+    >>> bar, disk = np.abs(x - 100) < 6, np.hypot(x - 40, y - 40) < 18
+    >>> found = find_foreign((bar | disk).astype(np.float32), 1.0, 0.0)
+    >>> found.rejected["reason"].tolist(), found.rejected["x_px"].tolist(), int(found.mask[40, 40])
+    (['long: neither a disk nor a group of disks'], [99.5], 0)
+    """
+    level = max(LEVEL_FRACTION * plateau, SEEN_SIGMA * noise / SIDE)
+    squares = np.nan_to_num(block_means(image, valid, side=SIDE), copy=False)
+    components = label_components(squares, level)
+    narrow = (components["area"] <= FEW_SQUARES) | _sprawls(components)
+    sharp = np.zeros(len(components), np.bool_)
+    sharp[narrow] = _stand_alone(
+        image,
+        SIDE * components["peak_x"][narrow],
+        SIDE * components["peak_y"][narrow],
+        np.float32(max(level, SEEN_SIGMA * noise)),
+    )
+    if not (sharp.any() or _may_be_long(components).any()):
+        return NONE
+    regions = label_regions(squares, level)
+    reason = np.where(regions.long, Reason.LONG.value, "").astype(object)
+    number = regions.labels[components["peak_y"][sharp], components["peak_x"][sharp]]
+    number = number[regions.half_width[number] <= STREAK_HALF_WIDTH]
+    reason[number] = Reason.TOO_SHARP.value
+    bad = np.flatnonzero(reason != "")
+    if not len(bad):
+        return NONE
+    around = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * MARGIN + 1, 2 * MARGIN + 1))
+    mask = cv2.dilate(np.isin(regions.labels, bad).astype(np.uint8), around)
+    wide = mask.repeat(SIDE, axis=0).repeat(SIDE, axis=1)[: image.shape[0], : image.shape[1]]
+    middle = 0.5 * (SIDE - 1)
+    return Foreign(
+        {
+            "x_px": SIDE * regions.x[bad] + middle,
+            "y_px": SIDE * regions.y[bad] + middle,
+            "radius_px": SIDE * np.sqrt(regions.area[bad] / np.pi),
+            "reason": reason[bad],
+        },
+        np.ascontiguousarray(wide),
+    )
+
+
+def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
+    """Squared diagonal of the bounding boxes."""
+    width = components["right"] - components["left"] + 1.0
+    height = components["bottom"] - components["top"] + 1.0
+    return np.asarray(width**2 + height**2)
+
+
+def _sprawls(components: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Which components are no disk and no pair of disks."""
+    return np.asarray(_squared_diagonal(components) > SPRAWL * components["area"])
+
+
+def _may_be_long(components: NDArray[np.void]) -> NDArray[np.bool_]:
+    """Which components may be long: a quick check that clears most frames."""
+    shortest = LENGTH_HALF_WIDTHS * (0.5 + LENGTH_MARGIN_PX)
+    return _sprawls(components) & (_squared_diagonal(components) > shortest**2)
+
+
+@njit(cache=True)
+def _stand_alone(image, x, y, level):
+    """Whether the highest pixels near each place are above a level and far above the pixels on two sides.
+
+    All that are about as high: one at the tip of a flat top stands alone, those inside do not.
+    """
+    rows, columns = image.shape
+    out = np.zeros(len(x), np.bool_)
+    for n in range(len(x)):
+        top, bottom = max(y[n] - 1, 0), min(y[n] + SIDE + 1, rows)
+        left, right = max(x[n] - 1, 0), min(x[n] + SIDE + 1, columns)
+        highest = np.float32(-np.inf)
+        for j in range(top, bottom):
+            for i in range(left, right):
+                highest = max(highest, image[j, i])
+        out[n] = highest > level
+        equal = FLAT_TOP_RATIO * highest if highest > FLAT_TOP_LEVELS * level else highest
+        for j in range(top, bottom):
+            for i in range(left, right):
+                if image[j, i] >= equal:
+                    out[n] &= _is_alone(image, j, i)
+    return out
+
+
+@njit(cache=True)
+def _is_alone(image, row, column):
+    """Whether a pixel is far above those on two opposite sides."""
+    rows, columns = image.shape
+    alone = False
+    for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        before = image[max(row - dy, 0), min(max(column - dx, 0), columns - 1)]
+        after = image[min(row + dy, rows - 1), min(max(column + dx, 0), columns - 1)]
+        alone |= max(before, after) < HOT_NEIGHBOUR_FRACTION * image[row, column]
+    return alone
+
+
+NONE = Foreign({name: np.empty(0) for name in ("x_px", "y_px", "radius_px", "reason")}, None)
+"""Every object may be a contact."""
