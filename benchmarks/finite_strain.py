@@ -24,7 +24,7 @@ SIZE = 14.0
 """Side of the block in contact radii: a layer of this thickness bears 1.0002 of the load."""
 
 RATIOS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7)
-STEPS, SOFTER = 5, (30, 6, 1)
+STEPS, SOFTER = 8, (30, 10, 4, 2, 1)
 """Steps of the depth, and by how much penalty and bulk modulus are lower on the way to a solution."""
 
 
