@@ -21,14 +21,18 @@ from contactimg.prediction import predict_contacts
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.surfaces import composite_apexes
 
-KINDS = ("SA+", "SA-", "RA+", "RA-", "flat", "adhesive", "layer")
+PATTERNS = ("SA+", "SA-", "RA+", "RA-", "flat SA+", "flat RA+")
 
 
 def draw(number: int, seed: int) -> tuple[str, Scene, pd.DataFrame, float]:
-    """Kind, scene, asperities and load of one case; loads over four decades."""
+    """Kind, scene, asperities and load of one case; loads over four decades.
+
+    A third of the scenes adhere, a third lie on a thin layer of any Poisson's ratio, a ninth do both.
+    """
     rng = np.random.default_rng([seed, number])
-    kind = KINDS[number % len(KINDS)]
-    pattern = kind if kind in ("SA+", "SA-", "RA+", "RA-") else str(rng.choice(["SA+", "SA-", "RA+", "RA-"]))
+    adhesive, layered = number % 3 == 0, number // 3 % 3 == 0
+    kind = str(rng.choice(PATTERNS))
+    flat, pattern = kind.startswith("flat"), kind[-3:]
     rigid = pattern.startswith("RA")
     load = float(10 ** rng.uniform(-4, np.log10(0.6 if pattern != "RA-" else 0.2)))
     side = float(rng.uniform(1.5e-3, 2.2e-3) if rigid else rng.uniform(4e-3, 7e-3))
@@ -36,15 +40,17 @@ def draw(number: int, seed: int) -> tuple[str, Scene, pd.DataFrame, float]:
         pattern if rigid else "SA", side=side, coverage={"SA-": 0.1, "SA+": 0.4}.get(pattern), rng=rng
     )
     elastic = {"young_modulus_Pa": float(rng.uniform(2e6, 4e6)), "thickness_m": 0.015}
-    if kind == "adhesive":
+    if adhesive:
         elastic["work_of_adhesion_J_m2"] = float(10 ** rng.uniform(-4, -1))
-    if kind == "layer":
-        elastic["thickness_m"] = float(10 ** rng.uniform(-3.3, -2))
-    if kind == "flat":
+    if layered:
+        elastic["thickness_m"] = float(10 ** rng.uniform(-4, -2))
+        elastic["poisson_ratio"] = float(rng.choice([rng.uniform(0.3, 0.5), 0.5]))
+    if flat:
         load *= 0.1
-    indenter = {"radius_m": 1e3 if kind == "flat" else (0.013 if rigid else 0.1288)}
+    indenter = {"radius_m": 1e3 if flat else (0.013 if rigid else 0.1288)}
     indenter["apex_m"] = [side / 2, side / 2]
-    return f"{kind}, {pattern}", scene_from_dict({"indenter": indenter, "elastic": elastic}), table, load
+    name = ", ".join([kind, *["adhesive"] * adhesive, *["layer"] * layered])
+    return name, scene_from_dict({"indenter": indenter, "elastic": elastic}), table, load
 
 
 def everything(scene: Scene) -> Scene:

@@ -63,6 +63,8 @@ from .models.height_distributions import UniformHeights as UniformHeights
 from .models.interacting import solve_interacting as solve_interacting
 from .models.interacting import solve_loads as solve_loads
 from .models.load_spring import LoadSpring as LoadSpring
+from .models.simulated_areas import area_bands as area_bands
+from .models.simulated_areas import tabulate_areas as tabulate_areas
 from .models.solution import InteractingSolution as InteractingSolution
 from .pipeline.analyse.analysis import AnalysisOptions as AnalysisOptions
 from .pipeline.analyse.analysis import analyse_places as analyse_places

@@ -34,6 +34,7 @@ ROOMS = [
     "analysis",
     "calibration",
     "prediction",
+    "hard_cases",
     "tradeoff",
     "files",
     "plots",

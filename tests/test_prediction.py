@@ -6,6 +6,7 @@ import pytest
 
 from contactimg.errors import InputError, ModelRangeError
 from contactimg.mechanics import hertz, jkr
+from contactimg.mechanics.layer_contact import layer_factors
 from contactimg.pipeline.inputs import loads_before
 from contactimg.pipeline.predict import predict_loads, prescriptions
 from contactimg.pose import Pose
@@ -118,15 +119,20 @@ def test_effects_that_do_not_go_together_are_refused(asperities):
         predict_contacts(scene_with(effects={"layer": "on"}), asperities, load=0.1)
 
 
-def test_the_layer_is_that_of_an_incompressible_body(asperities):
-    layer = {"young_modulus_Pa": 3e6, "thickness_m": 3e-4, "poisson_ratio": 0.3}
-    with pytest.raises(InputError, match=r"thickness_m: the layer is that of an incompressible body"):
-        predict_contacts(scene_with(elastic=layer, effects={"layer": "on"}), asperities, load=0.01)
-    half_space = predict_contacts(
-        scene_with(elastic=layer, effects={"layer": "off"}), asperities, load=0.01, coupling="none"
-    )
-    # E* is all that Poisson's ratio enters: a^2 goes as (1/E*)^(2/3) for each force
-    assert area(half_space) > 0
+def test_the_layer_has_the_poisson_ratio_of_the_scene(asperities):
+    """A single asperity: force and radius are those of the layer's own factors."""
+    one, ratio = asperities.iloc[[asperities["height_m"].argmax()]], 0.3
+    layer = {"young_modulus_Pa": 3e6, "thickness_m": 6e-5, "poisson_ratio": ratio}
+    radii = {}
+    for thickness in (6e-5, None):
+        scene = scene_with(
+            elastic=layer | {"thickness_m": thickness},
+            effects={"layer": "on" if thickness else "off", "sphere_profile": "off"},
+        )
+        radii[thickness] = predict_contacts(scene, one, load=1e-3).contacts["radius_m"].iloc[0]
+    pressing, _ = layer_factors(radii[6e-5] / 6e-5, poisson_ratio=ratio)
+    assert pressing > 1.02
+    assert radii[None] == pytest.approx(radii[6e-5] * pressing ** (1 / 3), rel=1e-6)
 
 
 def test_the_area_of_a_pattern_comes_from_its_table(asperities):

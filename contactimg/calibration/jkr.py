@@ -80,7 +80,7 @@ class SmoothSphere:
     radius_std : float
         Standard uncertainty of the radius, relative: that which a lens of unequal curvature adds.
     thickness : float or None, m
-        Of the elastic layer, bonded to a rigid support and incompressible; None for a half-space.
+        Of the elastic layer, bonded to a rigid support; None for a half-space.
     """
 
     radius: float
@@ -100,6 +100,7 @@ class JkrSeries:
         Standard uncertainty of the zero of the loads; 0 for one that is not fitted.
     thickness : float or None, m
         Of the elastic layer.
+    poisson_ratio : float
     branches : ndarray, shape (n, k)
         One column a work of adhesion: 1 where it acts.
     extra : ndarray, shape (n, m)
@@ -111,6 +112,7 @@ class JkrSeries:
     radius_std: Values
     zero_std: float
     thickness: float | None
+    poisson_ratio: float
     branches: Values
     extra: Values
 
@@ -130,7 +132,9 @@ class JkrSeries:
 
     def terms(self, radius: Values) -> Values:
         """Load per unit of K/R, sqrt(6 pi) S, the extra parameters and the zero, shape (n, k)."""
-        pressing, adhesive = (1.0, 1.0) if self.thickness is None else layer_factors(radius / self.thickness)
+        pressing, adhesive = np.ones((2, len(radius)))
+        if self.thickness is not None:
+            pressing, adhesive = layer_factors(radius / self.thickness, poisson_ratio=self.poisson_ratio)
         adhesion = -(adhesive * radius**1.5)[:, None] * self.branches
         zero = np.ones((len(radius), int(self.zero_std > 0)))
         return np.column_stack([pressing * radius**3, adhesion, self.extra, zero])
@@ -310,7 +314,7 @@ def calibrate_jkr(
     load_cell : LoadCell, optional
         How well its zero and its gain are known; default: a zero that is right, and a gain to 1 %.
     thickness : float, optional, m
-        Of the elastic layer, bonded and incompressible; default: a half-space.
+        Of the elastic layer, bonded; default: a half-space.
     sphere_radius_std : float, m
         Standard uncertainty of the sphere's radius.
     pixel_size : float, optional, m
@@ -350,7 +354,7 @@ def calibrate_jkr(
     """
     cell = LoadCell() if load_cell is None else load_cell
     sphere = SmoothSphere(sphere_radius, poisson_ratio, sphere_radius_std / sphere_radius, thickness)
-    plain = _series(load, radius, radius_std, cell, thickness)
+    plain = _series(load, radius, radius_std, cell, sphere)
     check_loads(plain.load)
     _check_growth(plain.load, plain.radius)
     branch = classify_branches(plain.load)
@@ -432,7 +436,7 @@ class JkrEstimates:
 
 
 def _series(
-    load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike, cell: LoadCell, thickness: float | None
+    load: ArrayLike, radius: ArrayLike, radius_std: ArrayLike, cell: LoadCell, sphere: SmoothSphere
 ) -> JkrSeries:
     """Loads and radii, checked."""
     P, a = np.atleast_1d(np.asarray(load, float)), np.atleast_1d(np.asarray(radius, float))
@@ -443,7 +447,8 @@ def _series(
         np.isfinite(P).all() and np.all(np.isfinite(a) & (a > 0)) and np.all(np.isfinite(std) & (std >= 0))
     ):
         raise InputError("loads must be finite, radii positive and their uncertainties not negative")
-    return JkrSeries(P, a, std, cell.zero_std, thickness, np.ones((P.size, 1)), np.ones((P.size, 0)))
+    layer = sphere.thickness, sphere.poisson_ratio
+    return JkrSeries(P, a, std, cell.zero_std, *layer, np.ones((P.size, 1)), np.ones((P.size, 0)))
 
 
 def solve_series(series: JkrSeries, used: Mask, sphere: SmoothSphere) -> JkrEstimates:

@@ -35,6 +35,7 @@ COMMANDS = {
     "report": ("runs", "Write one self-contained HTML page about a run."),
     "review": ("runs", "Check and correct the contacts of a run on a local web page."),
     "export": ("runs", "Write a run for ImageJ, napari and Excel."),
+    "selftest": ("selftest", "Solve hard contact problems whose answers are known, and compare."),
     "import-rois": ("runs", "Bring regions corrected in ImageJ back as edits.csv."),
 }
 """Command -> its module, and what it does."""

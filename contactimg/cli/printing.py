@@ -157,7 +157,7 @@ def echo_plan(plan: "Plan", *, title: str) -> None:
         {
             "effect": row["effect"],
             "number that decides": row["reason"],
-            "decision": row["decision"] + ("" if row["switch"] == "auto" else " (scene)"),
+            "decision": row["decision"] + (" (scene)" if row["switch"] in ("on", "off") else ""),
             "if left out": f"{100 * row['change']:.2g} %",
             "time": f"{row['cost']:.2g} x",
         }

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 from contactimg.effects.output_change import EffectEstimate
 from contactimg.effects.plan import decide
 from contactimg.mechanics.contact_force import adhesive_pull, pressing_force
+from contactimg.mechanics.layer_contact import LARGEST_RATIO, layer_factors
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.profile_law import stated_profile
 from contactimg.scene import Scene
+from contactimg.scene.contact_sections import Elastic
 
 Values = NDArray[np.float64]
 
@@ -32,23 +34,6 @@ LAW_WORDS = {
 
 EFFECT_WORDS = {"sphere_profile": "the exact profile of the sphere", "adhesion": "adhesion"}
 """Effect on the local forces -> what it is called in a sentence."""
-
-SUPPORT_RATIO = (0.0, 0.1, 0.2, 0.3, 0.5, 0.8)
-SUPPORT_ERROR = (0.0, 3e-4, 2e-3, 7e-3, 2.6e-2, 7.8e-2)
-"""Contact radius over thickness of the layer, and the relative error of the radius at a given force because
-the support under the contact itself is left out: one contact on a bonded incompressible layer, computed once
-with point forces against the full kernel of the layer; not computed again by the tests."""
-
-
-def support_error(radius_over_thickness: float) -> float:
-    """Relative error of a contact radius by the support under the contact itself, interpolated.
-
-    Examples
-    --------
-    >>> support_error(0.2), support_error(0.001) < 1e-5
-    (0.002, True)
-    """
-    return float(np.interp(radius_over_thickness, SUPPORT_RATIO, SUPPORT_ERROR))
 
 
 def law_name(scene: Scene, *, elliptic: bool = False, shapes: CapShapes | None = None) -> str:
@@ -185,7 +170,7 @@ def decide_law(scene: Scene, evidence: LawEvidence) -> LawPlan:
     left_out = {d.effect: d.change for d in decisions if switches[d.effect] == "off" and d.change > 0}
     switched_off = tuple(d.effect for d in decisions if d.switch == "off" and d.effect in left_out)
     others = [text for text in messages if not text.startswith(switched_off)]
-    support = _support_messages(evidence.largest_radius, elastic.thickness, tolerance.relative)
+    support = _support_messages(evidence.largest_radius, elastic, tolerance.relative)
     return LawPlan(scene.model_copy(update={"effects": effects}), left_out, switched_off, (*others, *support))
 
 
@@ -200,16 +185,18 @@ def _largest_change(change: Values, complete: Values, groups: Sequence[NDArray[n
     return max(ratios)
 
 
-def _support_messages(radius: float, thickness: float | None, tolerance: float) -> tuple[str, ...]:
+def _support_messages(radius: float, elastic: Elastic, tolerance: float) -> tuple[str, ...]:
     """A sentence if the layer is so thin that its support acts on a single contact."""
-    if thickness is None:
+    if elastic.thickness is None:
         return ()
-    ratio = radius / thickness
-    error = 3 * support_error(ratio)  # of a force ~ a^3
+    ratio = radius / elastic.thickness
+    pressing, _ = layer_factors(min(ratio, LARGEST_RATIO), poisson_ratio=elastic.poisson_ratio)
+    error = float(1 - 1 / pressing)
     if error <= tolerance:
         return ()
     sentence = (
         f"contact radii reach {ratio:.2g} of the layer's thickness: the support under a contact itself is "
-        f"not in the law, and forces are low by up to about {100 * error:.2g} %"
+        f"not in the law, and forces are low by {'more than' if ratio > LARGEST_RATIO else 'up to'} "
+        f"{100 * error:.2g} %"
     )
     return (sentence,)

@@ -234,7 +234,7 @@ class Comparison:
                 ) from None
             refuse_engulfed(self.alone)
             raise
-        # adhesive solutions do not tell the gaps of asperities out of contact
+        # adhesive contacts hold at negative penetrations too
         self.by_depth = np.isfinite(self.base.penetration) & dry
         self.complete = self.state(self.base)
 
@@ -259,8 +259,9 @@ class Comparison:
 
     def state(self, solution: InteractingSolution) -> State:
         """The numbers of a solution, with the penetrations that base and solution both know."""
-        known = np.isfinite(solution.penetration) & np.isfinite(self.base.penetration)
-        penetration = np.where(known, solution.penetration, np.where(self.by_depth, self.base.penetration, 0))
+        told = np.isfinite(self.base.penetration)
+        known = told & np.isfinite(solution.penetration)
+        penetration = np.where(known, solution.penetration, np.where(told, self.base.penetration, 0))
         return State(solution.force, solution.radius, penetration, solution.indentation)
 
     def lacks(self, effect: str) -> str:
@@ -310,15 +311,20 @@ class Comparison:
         steps = [step for name, step in self.steps.items() if name in names]
         if not steps:
             return dict.fromkeys(WRITTEN, 0.0)
-        without = self.complete
-        for step in steps:
-            without = without.plus(step, -stretch)
         distance = np.hypot(self.base.x - self.apex[0], self.base.y - self.apex[1])
-        return output_changes(
-            Asperities.about(distance, self.base.law_radius),
-            without=self.answer(without),
-            complete=self.answer(self.complete),
-        )
+        about = Asperities.about(distance, self.base.law_radius)
+        found, may_form = dict.fromkeys(WRITTEN, 0.0), stretch > 1
+        for beyond in {0.0, stretch - 1}:  # contacts may form or vanish at either end
+            complete = without = self.complete
+            for step in steps:
+                complete, without = complete.plus(step, beyond), without.plus(step, beyond - stretch)
+            changes = output_changes(
+                about,
+                without=self.answer(without, may_form=may_form),
+                complete=self.answer(complete, may_form=may_form),
+            )
+            found = {name: max(change, found[name]) for name, change in changes.items()}
+        return found
 
     @property
     def apex(self) -> tuple[float, float]:
@@ -326,11 +332,17 @@ class Comparison:
         apex: tuple[float, float] = self.scene.need("indenter", PURPOSE).apex
         return apex
 
-    def answer(self, state: State) -> Answer:
-        """The contacts of a state that was added up: others than those of the base may touch."""
-        touches = np.where(self.by_depth, state.penetration > 0, state.radius > 0)
-        radius = np.where(touches, np.maximum(state.radius, np.finfo(float).tiny), 0.0)
-        return Answer(np.where(touches, state.force, 0.0), radius, state.indentation)
+    def answer(self, state: State, *, may_form: bool) -> Answer:
+        """The contacts of a state that was added up: others than those of the base may touch.
+
+        With ``may_form`` adhesive contacts form where the gap closes, with JKR's radius at no penetration.
+        """
+        forms = state.penetration > 0
+        touches = np.where(self.by_depth, forms, (forms & may_form) | (state.radius > 0))
+        R, ratio = self.base.law_radius, self.elastic.work_of_adhesion / self.elastic.contact_modulus
+        least = np.cbrt(2 * np.pi * ratio * R**2) if "adhesion" in self.on else 0 * R
+        radius = np.where(state.radius > 0, state.radius, np.maximum(least, np.finfo(float).tiny))
+        return Answer(np.where(touches, state.force, 0.0), np.where(touches, radius, 0.0), state.indentation)
 
     @cached_property
     def curvature_changes(self) -> Values:

@@ -22,6 +22,7 @@ from contactimg.effects.mechanics import (
 )
 from contactimg.effects.optics import estimate_optics
 from contactimg.effects.output_change import EffectEstimate, change_sentence, requested_outputs
+from contactimg.effects.unmodelled import unmodelled_effects
 from contactimg.scene import Effects, Scene
 from contactimg.tables import CONTACTS, EFFECTS
 from contactimg.timings import stage
@@ -35,6 +36,8 @@ INCLUDED = {"full_coupling": "coupling"}
 The layer is no such effect: coupling and layer partly cancel, so that leaving out both can change less than
 leaving out one.
 """
+
+NOT_MODELLED = "not modelled"
 
 SAFETY_FACTOR = 1.25
 """Factor on what the dropped effects add to the solution. Chosen: differences add up to first order only."""
@@ -81,6 +84,8 @@ class Plan:
         How well the complete model is known.
     seconds : float
         Time that the plan took.
+    unmodelled : tuple of EffectEstimate
+        What every solution leaves out: rows of the table with the decision "not modelled".
     """
 
     decisions: tuple[Decision, ...]
@@ -92,6 +97,7 @@ class Plan:
     expected_errors: Mapping[str, float] = field(default_factory=dict)
     model_error: ModelError = field(default_factory=ModelError)
     seconds: float = 0.0
+    unmodelled: tuple[EffectEstimate, ...] = ()
 
     def is_on(self, effect: str) -> bool:
         """Whether an effect is computed; False for an effect that is not in the plan."""
@@ -140,13 +146,18 @@ class Plan:
             "model_errors_from": self.model_error.source,
         }
 
+    def _rows(self) -> Iterable[tuple[str, EffectEstimate]]:
+        """Each effect with what is decided on it."""
+        yield from (("on" if d.on else "off", d) for d in self.decisions)
+        yield from ((NOT_MODELLED, estimate) for estimate in self.unmodelled)
+
     def table(self) -> pd.DataFrame:
         """One row per effect: the schema `contactimg.tables.EFFECTS`."""
         rows = [
             {name: value for name, value in asdict(d).items() if name in EFFECTS.columns}
             | {f"change_{output}": value for output, value in d.changes.items()}
-            | {"load_N": self.load, "decision": "on" if d.on else "off"}
-            for d in self.decisions
+            | {"load_N": self.load, "tolerance": self.relative, "decision": decision}
+            for decision, d in self._rows()
         ]
         return EFFECTS.conform(pd.DataFrame(rows, columns=list(EFFECTS.columns)))
 
@@ -289,6 +300,7 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         mechanics=mechanics,
     )
     dropped = [d.effect for d in decisions if not d.on]
+    law = "hertz" if "sphere_profile" in dropped else "sphere"
     return Plan(
         decisions,
         output=tolerance.output,
@@ -299,4 +311,5 @@ def make_plan(scene: Scene, asperities: pd.DataFrame, *, load: float) -> Plan:
         expected_errors=mechanics.together(dropped),
         model_error=mechanics.model_error,
         seconds=thread_time() - began,
+        unmodelled=unmodelled_effects(mechanics.base, law=law, output=tolerance.output),
     )

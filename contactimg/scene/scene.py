@@ -16,9 +16,6 @@ from contactimg.scene.sections import Camera, Effects, FilmLight, Images, Measur
 if TYPE_CHECKING:
     from contactimg.pose import Pose
 
-INCOMPRESSIBLE_POISSON_RATIO = 0.49
-"""Poisson's ratio from which on a body counts as incompressible. Theory: 0.5; chosen: 2 % below it."""
-
 
 class Scene(Section):
     """A whole scene: every section is optional where a command does not need it."""
@@ -68,7 +65,7 @@ class Scene(Section):
         return value
 
     def check_effects(self) -> None:
-        """Refuse mechanical effects without the parameter they act by, or outside their range.
+        """Refuse mechanical effects without the parameter they act by.
 
         Raises
         ------
@@ -82,15 +79,6 @@ class Scene(Section):
             raise InputError('[effects] layer = "on" needs the thickness_m of [elastic]; add it')
         if effects.adhesion == "on" and elastic.work_of_adhesion == 0:
             raise InputError('[effects] adhesion = "on" needs the work_of_adhesion_J_m2 of [elastic]; add it')
-        if (
-            elastic.thickness is not None
-            and effects.layer != "off"
-            and elastic.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO
-        ):
-            raise InputError(
-                "[elastic] thickness_m: the layer is that of an incompressible body, poisson_ratio = 0.5, "
-                f'got {elastic.poisson_ratio:g}; leave the thickness out, or set [effects] layer = "off"'
-            )
 
     def pose(self, shape: tuple[int, int]) -> "Pose":
         """The camera's pose for images of ``shape`` (rows, columns)."""

@@ -391,7 +391,7 @@ EFFECTS = Schema(
         "effect": ("str", "name of the effect, as in [effects]"),
         "change": ("float64", "largest relative change of the requested outputs if the effect is left out"),
         "tolerance": ("float64", "limit on the sum of the changes of all effects that are left out"),
-        "decision": ("str", "on or off"),
+        "decision": ("str", "on, off, or not modelled"),
         "switch": ("str", "switch of the effect in the scene: auto, on or off"),
         "cost": ("float64", "computing time of its stage with the effect over the time without it"),
         "reason": ("str", "the numbers behind the decision"),

@@ -26,7 +26,6 @@ from contactimg.plausibility import doubts_about_calibration, settle
 from contactimg.plots.calibration import plot_jkr
 from contactimg.plots.numbers import number_with_interval
 from contactimg.scene import Scene
-from contactimg.scene.scene import INCOMPRESSIBLE_POISSON_RATIO
 from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
@@ -259,7 +258,7 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
         *_departure_notes(calibration),
         *_series_notes(calibration),
         *_lens_notes(circles),
-        *_layer_notes(calibration, scene),
+        *_layer_notes(calibration),
         *cell_notes(scene),
     ]
 
@@ -356,7 +355,7 @@ def _lens_notes(circles: pd.DataFrame) -> list[str]:
     return [note]
 
 
-def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
+def _layer_notes(calibration: JkrCalibration) -> list[str]:
     """Notes on the thickness of the layer."""
     thickness = calibration.problem.sphere.thickness
     if thickness is None:
@@ -369,12 +368,5 @@ def _layer_notes(calibration: JkrCalibration, scene: Scene) -> list[str]:
             "thickness_m in [elastic]"
         )
         return [note]
-    notes = []
-    if scene.elastic is not None and scene.elastic.poisson_ratio < INCOMPRESSIBLE_POISSON_RATIO:
-        notes.append(
-            f"the law of the layer is that of an incompressible one, and poisson_ratio is "
-            f"{scene.elastic.poisson_ratio:g}: the support is felt less than the law says"
-        )
     ratio = float(calibration.points["radius_m"].max()) / thickness
-    notes.append(f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer")
-    return notes
+    return [f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"]

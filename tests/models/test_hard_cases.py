@@ -1,0 +1,92 @@
+"""The hard cases hold, their stored truths are found again, and a wrong answer is seen."""
+
+import numpy as np
+import pytest
+
+from contactimg import hard_cases
+from contactimg.cli import main
+from contactimg.errors import ModelRangeError
+from contactimg.hard_cases import CASES, GROUPS, LAYER_FORCES, MODULUS, Outcome, chosen_cases, run_cases
+
+MANY = [case for case in CASES if case.name.startswith("pattern of")]
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case not in MANY], ids=lambda case: case.name)
+def test_hard_case(case):
+    outcome = case.check()
+    assert outcome.passed, outcome
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_caps():
+    assert MANY[0].check().passed
+
+
+def test_the_quick_selection_has_one_case_of_each_kind():
+    names = [case.name for case in CASES]
+    assert len(set(names)) == len(names) > 40
+    assert 12 <= len(chosen_cases(every=False)) <= 30
+    assert not set(MANY) & set(chosen_cases(every=False))
+
+
+def test_self_test_prints_a_table_and_its_exit_code_says_whether_all_hold(monkeypatch, capsys):
+    some = [case for case in CASES if case.quick][:4]
+    monkeypatch.setattr(hard_cases, "CASES", some)
+    assert main(["selftest"]) == 0
+    assert "4 of 4 hold" in capsys.readouterr().out
+
+    def refuse():
+        raise ModelRangeError("it cannot be solved; lower the load")
+
+    for wrong in (
+        refuse,
+        lambda: Outcome("converged", 1e-3, 1e-9, "closed form"),
+        lambda: Outcome("approximate", np.nan, 0.0, ""),
+    ):
+        monkeypatch.setattr(hard_cases, "CASES", [*some, hard_cases.HardCase("wrong", wrong, True)])
+        assert main(["selftest"]) == 1
+        assert "4 of 5 hold, 1 do not" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", ["planes touch", "no such words"])
+def test_a_refusal_must_say_why(words):
+    def refuse():
+        raise ModelRangeError("the planes touch; lower the load")
+
+    assert hard_cases.refused(refuse, words, "").passed == (words == "planes touch")
+    assert not hard_cases.refused(lambda: None, words, "").passed
+
+
+def test_a_changed_law_is_seen(monkeypatch):
+    """The sums one by one know nothing of the solver: a modulus that is off by 1e-6 fails."""
+    pattern = next(case for case in CASES if case.name.startswith("SA+ of 10 mm"))
+    monkeypatch.setitem(hard_cases.FLAT, "contact_modulus", MODULUS * (1 + 1e-6))
+    assert not pattern.check().passed
+    assert run_cases(every=False)["passed"].sum() < len(chosen_cases(every=False))
+
+
+@pytest.mark.parametrize("key", LAYER_FORCES, ids=str)
+def test_stored_forces_on_layers_are_those_of_boundary_elements(key):
+    from test_layer_law import boundary_elements
+
+    thickness, ratio, depth = key
+    found = MODULUS * boundary_elements(depth, thickness, ratio, count=300)
+    assert found == pytest.approx(LAYER_FORCES[key], rel=2e-5)  # 300 rings instead of 800
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", GROUPS, ids=str)
+def test_stored_areas_of_groups_are_spectral_solutions(key):
+    from spectral_contacts import CapProblem, solve_caps
+
+    count, distance = key
+    a, turn = 0.02, np.exp(1j * np.arange(6) * np.pi / 3) if count == 7 else np.ones(1)
+    place = a * distance * np.concatenate([[0], turn]).astype(complex)
+    load = count * 4 / 3 * a**3
+
+    def gap(row, x, y):
+        return ((x - place[row].real) ** 2 + (y - place[row].imag) ** 2) / 2
+
+    start = np.full(count, load / count), np.full(count, a)
+    answer = solve_caps(CapProblem(gap, place, load, 1.3 * a**2), *start, degree=8)
+    assert answer.area.sum() == pytest.approx(GROUPS[key], rel=1e-6)
