@@ -234,7 +234,8 @@ def _choose(measurement: ImageMeasurement, rng: np.random.Generator) -> NDArray[
     blur = _blur(measurement)
     largest = max(float(np.quantile(own[:, 2], 0.95)), LARGEST_BLUR_WIDTHS * blur)
     count = int(np.clip(DRAWN_SHARE * len(own), LEAST_DRAWN, MOST_DRAWN))
-    radii = np.exp(rng.uniform(*np.log([SMALLEST_BLUR_WIDTHS * blur, largest]), count))
+    low, high = np.log(SMALLEST_BLUR_WIDTHS * blur), np.log(largest)
+    radii = np.exp(rng.uniform(low, high, count))
     spread = measurement.optics.spread
     contrast = rng.normal(measurement.contrast, spread if np.isfinite(spread) else 0.0, count)
     free = np.ones(measurement.difference.shape, np.uint8)
@@ -278,9 +279,10 @@ def draw_contacts(
     """
     difference, level = measurement.foreground.difference, max(abs(measurement.level), 1.0)
     knowledge = measurement.own_optics.edge
-    shape = np.zeros(len(PARAMETERS)) if knowledge is None else knowledge.shape
-    plain = knowledge is None or "point spread" not in knowledge.families
-    blur = _blur(measurement) if plain else knowledge.blur_px
+    blur, shape = _blur(measurement), np.zeros(len(PARAMETERS))
+    if knowledge is not None:
+        shape = knowledge.shape
+        blur = knowledge.blur_px if "point spread" in knowledge.families else blur
     nodes = Placement(image.shape, measurement.contrast / level).place(disks, blur=blur)
     light = np.zeros(image.shape, np.float32)
     add_profiles(light, disks, nodes.inner, edge_profile(nodes.disks, blur, shape), nodes.step)
@@ -313,4 +315,4 @@ def _match(
     if not len(found):
         return np.zeros(len(disks), np.intp), np.zeros(len(disks), np.bool_)
     distance, row = cKDTree(found).query(disks[:, :2])
-    return row, distance < np.maximum(REACH_PX, REACH * disks[:, 2])
+    return np.asarray(row, np.intp), distance < np.maximum(REACH_PX, REACH * disks[:, 2])

@@ -1,9 +1,7 @@
 """The difference image: frame minus background, which all later steps start from."""
 
 from dataclasses import dataclass
-from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,11 +44,6 @@ class DifferenceImage:
     ratio: bool = False
     valid: Mask = None
     registration_failed: bool = False
-
-    @cached_property
-    def smooth_brightness(self) -> NDArray[np.float32]:
-        """`brightness` after a median over 5 x 5 blocks, which a speck of dust does not affect."""
-        return np.asarray(cv2.medianBlur(self.brightness, 5), np.float32)
 
     @property
     def remark(self) -> str:

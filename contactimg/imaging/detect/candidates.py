@@ -138,7 +138,9 @@ def measure_contrast(image: NDArray[np.float32], noise: float, valid: Mask = Non
             middle = _core_level(coarse, runs, np.where(wide, plateau, 0.0), middle)
             spread = float(np.std(values[usual])) if np.count_nonzero(usual) > 1 else 0.05 * middle
             return Contrast(
-                middle, resolved=True, std=spread / np.sqrt(max(np.count_nonzero(usual), 1)) + 0.005 * middle
+                middle,
+                resolved=True,
+                std=spread / np.sqrt(max(int(np.count_nonzero(usual)), 1)) + 0.005 * middle,
             )
         if not spots.plateau:
             peak = quantile(plateau, 0.95)
@@ -180,7 +182,9 @@ def find_candidates(
     """
     smooth, smooth_noise = image, noise
     if contrast < NOISY_RATIO * noise:
-        smooth = cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE)
+        smooth = np.asarray(
+            cv2.GaussianBlur(image, (0, 0), blur, borderType=cv2.BORDER_REPLICATE), np.float32
+        )
         smooth_noise = noise / (2.0 * np.sqrt(np.pi) * blur)
     level = max(0.5 * contrast, SUPPORT_SIGMA * smooth_noise)
     regions, runs = label_runs(smooth, level)
@@ -382,7 +386,8 @@ def _faint_regions(
     for k in np.flatnonzero(shown):
         top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)
         box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
-        window = cv2.GaussianBlur(image[box], (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+        blurred = cv2.GaussianBlur(image[box], (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
+        window = np.asarray(blurred, np.float32)
         for part in label_runs(window, 0.5 * float(plateau[k]))[0]:
             if part["area"] > 0.5 * WIDE_PX2:
                 yield part, float(plateau[k]), (left, top), window

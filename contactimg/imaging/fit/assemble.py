@@ -153,7 +153,7 @@ class _Assembly:
     ):  # fmt: skip
         # disks in the place of ellipses would want a wider blur
         control = FitControl(
-            free_blur and 2 * np.count_nonzero(~whole) > len(disks), robust=False, iterations=3
+            free_blur and 2 * int(np.count_nonzero(~whole)) > len(disks), robust=False, iterations=3
         )
         self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
         fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)

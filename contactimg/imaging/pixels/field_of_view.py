@@ -47,7 +47,8 @@ def find_unlit(image: NDArray, valid: Mask) -> Mask:
         return None
     near = cv2.dilate(unlit, np.ones((3, 3), np.uint8)).repeat(BLOCK, 0).repeat(BLOCK, 1)
     smooth = cv2.blur(np.asarray(image, np.float32), (3, 3))
-    pixels = (smooth < 0.5 * level).astype(np.uint8) & near[: image.shape[0], : image.shape[1]]
+    inside = near[: image.shape[0], : image.shape[1]] > 0
+    pixels = ((smooth < 0.5 * level) & inside).astype(np.uint8)
     pixels |= unlit.repeat(BLOCK, 0).repeat(BLOCK, 1)[: image.shape[0], : image.shape[1]]
     side = 2 * UNLIT_MARGIN_PX + 1
     return np.asarray(cv2.dilate(pixels, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))))
@@ -145,4 +146,7 @@ def find_dead_lines(image: NDArray, valid: Mask) -> Mask:
             marked[:, dead] = 1
         else:
             marked[dead] = 1
-    return None if marked is None or (valid is not None and not exclude(valid, marked).any()) else marked
+    if marked is None or valid is None:
+        return marked
+    left = exclude(valid, marked)
+    return marked if left is not None and left.any() else None
