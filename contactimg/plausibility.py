@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
+from contactimg.pose.apex import Apex
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -53,6 +54,20 @@ for kPa and the pixel size off by ten 1000, pixel size and radii 100."""
 MAX_SCANNED_FORCES_OVER_LOAD = 30.0
 """The same at the threshold that comes closest, where that is calibrated. Chosen: thresholds alone change the
 sum by up to a few."""
+
+FEWEST_MATCHES = 0.5
+"""Share of the measured and predicted contacts that must be the same ones. Chosen: a right scene has 0.9, one
+with a wrong apex next to nothing."""
+
+SAME_COUNT = 1.5
+"""Ratio of predicted to measured contacts, or its inverse, from which on the load is doubted. Chosen."""
+
+SHOWN_STDS = 5.0
+"""Standard deviations by which the apex or the lens that the contacts show must differ. Chosen."""
+
+SHOWN_RADIUS = 0.2
+"""Relative difference of the lens's radius that is named. Chosen: above what a thin layer or a cut field of
+view changes."""
 
 _FACTORS = {1e-3: "mm", 1e-6: "µm", 1e-9: "nm", 1e-2: "cm"}
 
@@ -242,6 +257,45 @@ def doubts_about_forces(
             f"{young_modulus:g}, plausible is a factor of at most {most:g}; are loads in N, "
             "the modulus in Pa, and pixel_size_m and the radii in metres?"
         )
+
+
+def doubts_about_match(
+    scene: Scene, *, measured: int, predicted: int, matched: int, shown: Apex | None
+) -> Iterator[str]:
+    """A sentence where measured and predicted contacts are not the same ones, with the likely cause.
+
+    Parameters
+    ----------
+    scene : Scene
+    measured, predicted : int
+        Contacts of all frames.
+    matched : int
+        Those that are measured and predicted.
+    shown : Apex or None
+        Apex and radius of the lens that the contacts show.
+    """
+    if 2 * matched >= FEWEST_MATCHES * (measured + predicted):
+        return
+    causes = []
+    if shown is not None and scene.indenter is not None:
+        apart = np.subtract(shown.place, scene.indenter.apex)
+        if np.hypot(*apart) > SHOWN_STDS * np.hypot(*shown.std):
+            x, y = shown.place
+            causes.append(f"[indenter] apex_m: the contacts show the apex at ({x:.6g}, {y:.6g}) m")
+        if shown.radius is not None:
+            off = abs(shown.radius / scene.indenter.radius - 1)
+            if off > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
+                causes.append(f"[indenter] radius_m: the contacts show a lens of {shown.radius:.3g} m")
+    if not 1 / SAME_COUNT <= predicted / max(measured, 1) <= SAME_COUNT:
+        more = "more" if predicted > measured else "fewer"
+        causes.append(
+            f"the load or young_modulus_Pa: {more} contacts are predicted than measured; grams or mN?"
+        )
+    known = ", and ".join(causes)
+    yield (
+        f"only {matched} of {measured} measured and {predicted} predicted contacts match; likely cause: "
+        + (known or "the apex, [camera] mirrored, rotation_deg or pixel_size_m, or the load")
+    )
 
 
 def _points(asperities: pd.DataFrame) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from contactimg.timings import stage
 
 
 @shared.command()
+@shared.no_plausibility
 @shared.cluster
 def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"] = (),
@@ -45,7 +46,7 @@ def analyse(
     pressure), friction.csv, results.csv (exponents and other numbers with confidence intervals),
     provenance.json, and the figures as PNG and SVG.
 
-    Exit codes: 0 done, 2 nothing done.
+    Exit codes: 0 done, 2 nothing done, also where fewer than half of the contacts match those of the model.
 
     \b
     Examples:

@@ -151,6 +151,7 @@ def _process_folder(
         from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
+        from contactimg.pose.apex import STATED
         from contactimg.tables import NO_RESULT, Status
 
     scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
@@ -181,6 +182,8 @@ def _process_folder(
         title = f"{folder}, method {method}"
         echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
         law, film = (str(facts.get(name) or "") for name in ("law", "film_summary"))
-        say(acts and f"calibration {calibration}: {acts}", law, film)
+        found = series.apex is not None and series.apex.known != STATED
+        apex = series.apex.sentence() if found and series.apex is not None else ""
+        say(acts and f"calibration {calibration}: {acts}", apex, law, film)
     statuses = set(frames["status"])
     return int(Status.FAILED in statuses or statuses <= NO_RESULT)

@@ -7,15 +7,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawPlan, plan_law
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pose import Pose
+from contactimg.pose.apex import Apex, find_apex
 from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
 from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.scene import Scene
+from contactimg.surfaces import equivalent_radii
 from contactimg.tables import CONTACTS, Status
 from contactimg.timings import stage
 
@@ -52,7 +56,7 @@ def _with_notes(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
 
 
 @stage("pose")
-def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> PoseFit:
+def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     """The pose of a series: the one that its contacts confirm, or the stated one.
 
     Parameters
@@ -61,10 +65,9 @@ def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> P
         With the frames table of the series, and at least the contacts of the frame that has most of them.
     sites : DataFrame or None
         Composite summits of the asperities.
-    shape : (int, int)
-        Rows and columns of the frames.
+    guess : Pose
+        As stated.
     """
-    guess = run.scene.pose(shape)
     if sites is None or run.scene.measure.pose != "fit":
         return PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
     pose = series_pose(run, guess, sites[["x_m", "y_m"]].to_numpy(float))
@@ -76,6 +79,57 @@ def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> P
         pose.residual,
     )
     return pose
+
+
+def apex_of(run: Run, asperities: pd.DataFrame | None) -> Apex | None:
+    """The apex that the scene of a located run states, or else the one that its contacts show."""
+    indenter = run.scene.indenter
+    if indenter is None:
+        return None
+    stated = Apex(indenter.apex)
+    if "apex" in indenter.model_fields_set or asperities is None:
+        return stated
+    found = shown_apex(
+        run.contacts, run.frames, run.scene, None if run.pose is None else run.pose.pose, asperities
+    )
+    if found is None:
+        logger.warning(
+            "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
+            "for overlay and analyse",
+            *indenter.apex,
+        )
+    return found
+
+
+def shown_apex(
+    contacts: pd.DataFrame,
+    frames: pd.DataFrame,
+    scene: Scene,
+    pose: Pose | None,
+    asperities: pd.DataFrame | None,
+) -> Apex | None:
+    """The apex that the contacts of the frame with most of them show; None if they do not.
+
+    They do not on a curved sample, or where the asperities are no caps.
+    """
+    contacts = contacts[contacts["asperity"].notna()]
+    profiled = scene.asperities is not None and scene.asperities.profiled
+    lost = (frames["status"] == Status.NO_POSE).all()
+    if contacts.empty or scene.indenter is None or pose is None or asperities is None or lost:
+        return None
+    if profiled or scene.shaped:
+        return None
+    contacts = contacts[contacts["frame"] == contacts["frame"].value_counts().index[0]]
+    caps = asperities.iloc[contacts["asperity"].to_numpy(int)]
+    radius = equivalent_radii(caps)
+    field = FieldOfView(pose, frame_shift(frames, str(contacts["frame"].iloc[0])))
+    return find_apex(
+        caps[["x_m", "y_m"]],
+        caps["height_m"],
+        radius / (1 + radius / scene.indenter.radius),
+        contacts["radius_m"],
+        in_view=lambda points: field.holds(*points.T),
+    )
 
 
 @stage("pose")
