@@ -18,7 +18,7 @@ def pressed():
     """Position, height, composite radius and contact radius of the asperities in contact."""
     table = generate_asperities("SA", side=0.01, coverage=0.4, rng=np.random.default_rng(5))
     solution = solve_interacting(table, indenter_radius=LENS, contact_modulus=4e6, load=0.2, apex=APEX)
-    radii = np.asarray(solution.contact_radius)
+    radii = np.asarray(solution.radius)
     touching = radii > 0
     composite = composite_apexes(table, indenter_radius=LENS, apex=APEX)["radius_m"].to_numpy()
     columns = (table[["x_m", "y_m"]].to_numpy(), table["height_m"].to_numpy(), composite, radii)
@@ -36,7 +36,7 @@ def test_the_contacts_of_a_coupled_solution_show_apex_and_lens(pressed):
 def test_forces_of_the_other_contacts_are_needed(pressed):
     points, heights, radii, a = pressed
     alone = find_apex(points, heights, radii, a)
-    far = find_apex(points * 1e3, heights, radii * 1, a)  # so far apart that no contact lowers another
+    far = find_apex(points * 1e3, heights, radii, a)  # so far apart that no contact lowers another
     assert abs(far.radius / 1e6 / alone.radius - 1) > 0.05
 
 

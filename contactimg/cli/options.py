@@ -319,6 +319,8 @@ class SceneOption:
         """The value as the key holds it."""
         if isinstance(value, float):
             return float(f"{value * self.unit[2]:.15g}")  # without the digits that the multiplication adds
+        if isinstance(value, str) and self.unit[0] and len(value.split()) > 1:
+            return [self.in_scene(float(word)) for word in value.split()]
         return list(value) if isinstance(value, tuple) else value
 
     def decorate(self, function: Function) -> Function:

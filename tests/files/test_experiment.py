@@ -219,7 +219,7 @@ def test_several_references(folder, reference, expected):
 
 
 def test_missing_reference_among_several(folder):
-    sentence = f"{folder / 'other.tif'}: the scene names this reference, but there is no such file"
+    sentence = f"{folder / 'other.tif'}: there is no such reference; give a file of this folder or its path"
     assert refusal(folder, images={"reference": ["reference.tif", "other.tif"]}) == sentence
 
 
@@ -233,7 +233,7 @@ def test_absolute_paths(folder, tmp_path_factory):
 
 
 def test_reference_that_is_missing(folder):
-    sentence = f"{folder / 'dark.tif'}: the scene names this reference, but there is no such file"
+    sentence = f"{folder / 'dark.tif'}: there is no such reference; give a file of this folder or its path"
     assert refusal(folder, images={"reference": "dark.tif"}) == sentence
     assert refusal(folder, images={"reference": "dark.tif[0]"}) == sentence.replace("dark.tif", "dark.tif[0]")
 
