@@ -128,7 +128,13 @@ def analyse(
     files = [Path(name) for name in (calibration, topography) if name is not None]
     parent = runs[0] if runs else Path(str(topography)).parent
     parts, notes = list[pd.DataFrame](), tuple[str, ...]()
-    with shared.results_in(output, parent, inputs=[*tables, *files], main_files=["results.csv"]) as out:
+    with shared.results_in(
+        output,
+        parent,
+        inputs=[*tables, *files],
+        main_files=["results.csv"],
+        then="report" if len(runs) == 1 else "",
+    ) as out:
         if places:
             count = len(COMPARED_MODELS) * count_solutions(places) if settings.models else 0
             with progress("solving models", count) as advance:

@@ -165,7 +165,13 @@ def _process_folder(
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
     echo_first_run()
     with shared.results_in(
-        output, folder, scene=scene, options=used, inputs=experiment.inputs, main_files=RUN_TABLES
+        output,
+        folder,
+        scene=scene,
+        options=used,
+        inputs=experiment.inputs,
+        main_files=RUN_TABLES,
+        then="overlay" if scene.elastic and scene.indenter and scene.asperities else "",
     ) as out:
         count = len(experiment.frames)
         with progress("measuring frames", count) as advance:

@@ -60,6 +60,7 @@ def overlay(
         scene=measured.scene,
         inputs=[*main_tables([Path(run)]), *experiment.inputs],
         main_files=["scores.csv", "matches.csv"],
+        then="analyse",
     ) as out:
         with progress("predicting contacts", count) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)

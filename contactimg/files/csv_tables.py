@@ -178,19 +178,19 @@ def _columns(
         right, divisor = known[0] if known else (name, 1.0)
         names.append(right)
         divisors.append(divisor)
+    needed = schema.first if required is None else required
+    for name in needed:
+        if name.lower() not in map(str.lower, names):
+            given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
+            raise OtherFormError(
+                f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
+            )
     for name in names:
         if name in schema.columns and names.count(name) > 1:
             raise InputError(f"{path}: column {name} occurs {names.count(name)} times; keep one")
         for right in schema.columns:
             if name.lower() == right.lower() and name != right:
                 raise InputError(f"{path}: column {name!r} must be written {right!r}")
-    needed = schema.first if required is None else required
-    for name in needed:
-        if name not in names:
-            given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
-            raise OtherFormError(
-                f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
-            )
     return [
         _Column(
             name,

@@ -91,9 +91,10 @@ def read_load_table(path: str | Path) -> tuple[pd.DataFrame, str]:
             header = [cell.strip().strip('"') for cell in line.split(separator)]
             loads = [k for k, name in enumerate(header) if _is_load(name)]
             rows = _rows_below(lines[number + 1 :], separator, len(header))
-            if not shown and len(header) > 1 and rows:
-                shown = ", ".join(filter(None, header))
-            if loads and rows:
+            if len(header) == 1 or not rows:
+                continue
+            shown = shown or ", ".join(filter(None, header))
+            if loads:
                 return _table(path, header, rows, loads)
     raise InputError(
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"

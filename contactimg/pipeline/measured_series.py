@@ -88,7 +88,9 @@ class MeasuredSeries:
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
         run = self._part(most, most + 1)._run()
         pose = find_pose(run, self.sites, self.scene.pose(shape))
-        apex = apex_of(with_pose(run, self.sites, pose), asperities)
+        places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
+        several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
+        apex = apex_of(with_pose(several._run(), self.sites, pose), asperities)
         if apex is None or apex.known == STATED or asperities is None:
             return replace(self, pose=pose, apex=apex)
         logger.info("%s", apex.sentence())

@@ -108,28 +108,30 @@ def shown_apex(
     pose: Pose | None,
     asperities: pd.DataFrame | None,
 ) -> Apex | None:
-    """The apex that the contacts of the frame with most of them show; None if they do not.
+    """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
 
-    They do not on a curved sample, or where the asperities are no caps.
+    None does on a curved sample, or where the asperities are no caps.
     """
-    contacts = contacts[contacts["asperity"].notna()]
     profiled = scene.asperities is not None and scene.asperities.profiled
-    lost = (frames["status"] == Status.NO_POSE).all()
-    if contacts.empty or scene.indenter is None or pose is None or asperities is None or lost:
+    lens = None if scene.indenter is None or profiled or scene.shaped else scene.indenter.radius
+    if pose is None or asperities is None or lens is None:
         return None
-    if profiled or scene.shaped:
-        return None
-    contacts = contacts[contacts["frame"] == contacts["frame"].value_counts().index[0]]
-    caps = asperities.iloc[contacts["asperity"].to_numpy(int)]
-    radius = equivalent_radii(caps)
-    field = FieldOfView(pose, frame_shift(frames, str(contacts["frame"].iloc[0])))
-    return find_apex(
-        caps[["x_m", "y_m"]],
-        caps["height_m"],
-        radius / (1 + radius / scene.indenter.radius),
-        contacts["radius_m"],
-        in_view=lambda points: field.holds(*points.T),
-    )
+    lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
+    found = []
+    for name, part in contacts[contacts["asperity"].notna() & ~contacts["frame"].isin(lost)].groupby("frame"):
+        caps = asperities.iloc[part["asperity"].to_numpy(int)]
+        radius = equivalent_radii(caps)
+        field = FieldOfView(pose, frame_shift(frames, str(name)))
+        apex = find_apex(
+            caps[["x_m", "y_m"]],
+            caps["height_m"],
+            radius / (1 + radius / lens),
+            part["radius_m"],
+            in_view=lambda points, field=field: field.holds(*points.T),
+        )
+        if apex is not None:
+            found.append(apex)
+    return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
 
 
 @stage("pose")
@@ -182,8 +184,11 @@ def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     centre = ", ".join(f"{value:.6g}" for value in found.pose.centre)
     turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
     exchanged = found.pose.mirrored != guess.mirrored and turned > EXCHANGED_SINE
-    logger.warning(
-        "the camera does not look where the scene says; %d of %d contacts fall on asperities with [camera] "
+    camera = run.scene.camera
+    level = logging.INFO if camera is None or camera.centre is None else logging.WARNING
+    logger.log(
+        level,
+        "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
         "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
         found.n_matched,
         found.n_points,

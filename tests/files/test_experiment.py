@@ -161,7 +161,7 @@ def test_a_file_called_reference_is_no_frame_even_if_no_reference_is_named(folde
     experiment = experiment_of(folder, images={"frames": frames})
     assert experiment.reference is None
     assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
-    assert "Reference.tif is not measured as a frame; name the reference in the scene" in caplog.text
+    assert "Reference.tif is not measured as a frame; name it as the reference" in caplog.text
 
 
 def test_a_file_called_reference_is_a_frame_where_it_is_named_as_one(folder):
