@@ -65,6 +65,15 @@ SAME_COUNT = 1.5
 SHOWN_STDS = 5.0
 """Standard deviations by which the apex or the lens that the contacts show must differ. Chosen."""
 
+SLIPS = {1 / 101.97: "grams", 9.80665: "kilograms", 1e-3: "mN", 1e3: "kN", 1e-6: "µN"}
+"""Forces over load -> what the loads were probably typed in, instead of N."""
+
+SAME_SLIP = 2.0
+"""Factor within which the forces over load are those of a slip. Chosen: above what a modulus is off by."""
+
+FEWEST_LOADS = 3
+"""Different loads of which the order is judged. Chosen: two can be exchanged by adhesion or drift."""
+
 SHOWN_RADIUS = 0.2
 """Relative difference of the lens's radius that is named. Chosen: above what a thin layer or a cut field of
 view changes."""
@@ -108,7 +117,9 @@ YOUNG_MODULUS = PlausibleRange(
 )
 POISSON_RATIO = PlausibleRange(0.2, 0.5, "", "rubber has 0.5; was it given in another unit?", "")
 INDENTER_RADIUS = PlausibleRange(1e-7, 5.0, "m", "", "was it given in mm or µm?")
-PIXEL_SIZE = PlausibleRange(5e-9, 5e-4, "m", "", "was it given in µm or mm?")
+PIXEL_SIZE = PlausibleRange(
+    2e-8, 5e-4, "m", "were mm typed as µm?", "was it given in µm or mm?"
+)  # light resolves 0.2 µm, sampled ten times at most
 THICKNESS = PlausibleRange(1e-7, 1.0, "m", "", "was it given in mm or µm?")
 WORK_OF_ADHESION = PlausibleRange(0.0, 10.0, "J/m^2", "", "was it given in mJ/m^2, or are loads in mN?")
 LOAD = PlausibleRange(-1e3, 1e5, "N", "were loads given in mN?", "were loads given in mN or µN?")
@@ -259,6 +270,48 @@ def doubts_about_forces(
         )
 
 
+def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> Iterator[str]:
+    """Sentences about what the measured frames tell of slips in loads, references and lens.
+
+    Parameters
+    ----------
+    scene : Scene
+    frames : DataFrame
+        Columns of `contactimg.tables.FRAMES`.
+    shown : Apex or None
+        Apex and radius of the lens that the contacts show.
+    """
+    if not (frames["n_contacts"].fillna(0) > 0).any():
+        polarity = f'contacts are not {scene.images.polarity} ([images] polarity, "auto" finds out)'
+        reference = "a frame with contacts is named as the reference, or " if scene.images.reference else ""
+        yield f"no frame shows a contact: probably {reference}{polarity}"
+        return
+    loaded = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
+    if loaded["load_N"].nunique() >= FEWEST_LOADS:
+        order = loaded["load_N"].rank().corr(loaded["area_m2"].rank())
+        if order < 0:
+            yield "the area of contact falls as the load grows: is the order of the loads reversed?"
+    ratio = float((loaded["force_sum_N"] / loaded["load_N"]).median())
+    for slip, unit in SLIPS.items():
+        if 1 / SAME_SLIP < ratio / slip < SAME_SLIP:
+            yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"
+    if shown is not None and shown.radius is not None and scene.indenter is not None:
+        radius = scene.indenter.radius
+        if abs(shown.radius / radius - 1) > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
+            yield (
+                f"the contacts show a lens of {shown.radius:.3g} m, and [indenter] radius_m = {radius:.3g}: "
+                "is that of another lens, or pixel_size_m not of this camera?"
+            )
+
+
+def warn_of(doubts: Iterable[str], place: str) -> bool:
+    """Log doubts about a result that is written; return whether they count, without ``--no-plausibility``."""
+    doubts = list(doubts)
+    for doubt in doubts:
+        logger.warning("%s: %s", place, doubt)
+    return bool(doubts) and not _warn_only.get()
+
+
 def doubts_about_match(
     scene: Scene, *, measured: int, predicted: int, matched: int, shown: Apex | None
 ) -> Iterator[str]:
@@ -386,7 +439,7 @@ def _doubts_about_strain(scene: Scene, load: float, half_diagonal: float) -> Ite
     contact = float(hertz.radius(load, sphere_radius=radius, contact_modulus=modulus))
     young = scene.elastic.young_modulus
     given = f"load_N = {load:g}, [indenter] radius_m = {radius:g}, young_modulus_Pa = {young:g}"
-    hint = "is one of them in another unit (mN, mm, MPa)?"
+    hint = "is one of them in another unit (load in mN or grams, mm, MPa)?"
     if contact > MAX_CONTACT_OVER_RADIUS * radius:
         yield (
             f"{given}: a smooth sphere would touch over {contact / radius:.2g} of its radius, beyond "

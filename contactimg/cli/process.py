@@ -60,8 +60,9 @@ def process(
     With several FOLDERs each is measured as if alone, into a folder of its name inside the output folder;
     combined/ then holds all_contacts.csv and all_frames.csv, with the name of the folder in the column run.
 
-    Exit codes: 0 done; 1 a frame failed, or no frame has a result to rely on (all black, or without contact,
-    without a pose or with forces off the load, for example), as frames.csv says; 2 nothing done.
+    Exit codes: 0 done; 1 a frame failed, a slip is likely (it is named), or no frame has a result to rely on
+    (all black, or without contact, without a pose or with forces off the load, for example), as frames.csv
+    says; 2 nothing done.
 
     \b
     Examples:
@@ -151,6 +152,7 @@ def _process_folder(
         from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
+        from contactimg.plausibility import doubts_about_run, warn_of
         from contactimg.pose.apex import STATED
         from contactimg.tables import NO_RESULT, Status
 
@@ -191,5 +193,6 @@ def _process_folder(
         found = series.apex is not None and series.apex.known != STATED
         apex = series.apex.sentence() if found and series.apex is not None else ""
         say(acts and f"calibration {calibration}: {acts}", apex, law, film)
+    doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
     statuses = set(frames["status"])
-    return int(Status.FAILED in statuses or statuses <= NO_RESULT)
+    return int(doubted or Status.FAILED in statuses or statuses <= NO_RESULT)

@@ -69,7 +69,7 @@ class FolderFiles:
             "flat": _one_or_glob(self.images["flat"]),
             "mask": mask[0] if len(mask) == 1 else None,
         }
-        sections = {"images": images, "asperities": {"file": self.asperities}}
+        sections: dict[str, dict[str, Any]] = {"images": images, "asperities": {"file": self.asperities}}
         given = {
             name: {key: value for key, value in keys.items() if value} for name, keys in sections.items()
         }

@@ -299,7 +299,7 @@ def pose_record(fit: PoseFit) -> dict[str, Any]:
 
 def apex_record(apex: Apex) -> dict[str, Any]:
     """The apex of the indenter as the provenance states it, for `ApexRecord`."""
-    found = {"apex_m": list(apex.place), "std_m": list(apex.std), "known": apex.known}
+    found: dict[str, Any] = {"apex_m": list(apex.place), "std_m": list(apex.std), "known": apex.known}
     if apex.radius is not None:
         found["indenter_radius_m"] = {"value": apex.radius, "std": apex.radius_std}
     return found

@@ -30,7 +30,7 @@ from contactimg.forces import sphere_radii
 from contactimg.imaging.fit.film_choice import summarise_films
 from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.measured_frame import MeasuredFrame
-from contactimg.pipeline.pose_and_forces import apex_of, find_pose, with_forces, with_pose
+from contactimg.pipeline.pose_and_forces import apex_of, find_pose, shown_apex, with_forces, with_pose
 from contactimg.pose.apex import STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene
@@ -63,7 +63,9 @@ class MeasuredSeries:
     pose : PoseFit or None
         None without a pixel size.
     apex : Apex or None
-        None without an indenter, or where neither scene nor contacts tell it.
+        None without an indenter.
+    shown : Apex or None
+        Apex and radius of the lens that the contacts show, None where they show none.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -74,6 +76,7 @@ class MeasuredSeries:
     sites: pd.DataFrame | None
     pose: PoseFit | None = None
     apex: Apex | None = None
+    shown: Apex | None = None
     workers: int | None = 1
 
     def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
@@ -90,13 +93,17 @@ class MeasuredSeries:
         pose = find_pose(run, self.sites, self.scene.pose(shape))
         places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
         several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
-        apex = apex_of(with_pose(several._run(), self.sites, pose), asperities)
+        located = with_pose(several._run(), self.sites, pose)
+        shown = shown_apex(located.contacts, located.frames, self.scene, pose.pose, asperities)
+        apex = apex_of(self.scene, shown, asperities)
         if apex is None or apex.known == STATED or asperities is None:
-            return replace(self, pose=pose, apex=apex)
+            return replace(self, pose=pose, apex=apex, shown=shown)
         logger.info("%s", apex.sentence())
         scene = self.scene.with_apex(apex.place)
         sites = contact_sites(asperities, scene)
-        return replace(self, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose), apex=apex)
+        return replace(
+            self, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose), apex=apex, shown=shown
+        )
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""

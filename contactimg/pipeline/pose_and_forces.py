@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -16,7 +17,7 @@ from contactimg.pipeline.frame import locate_contacts
 from contactimg.pose import Pose
 from contactimg.pose.apex import Apex, find_apex
 from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
-from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
+from contactimg.pose.global_search import LARGEST_TURN_RAD, LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
 from contactimg.scene import Scene
 from contactimg.surfaces import equivalent_radii
@@ -81,24 +82,18 @@ def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     return pose
 
 
-def apex_of(run: Run, asperities: pd.DataFrame | None) -> Apex | None:
-    """The apex that the scene of a located run states, or else the one that its contacts show."""
-    indenter = run.scene.indenter
-    if indenter is None:
+def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -> Apex | None:
+    """The apex that a scene states, or else the one that the contacts show; None without an indenter."""
+    if scene.indenter is None:
         return None
-    stated = Apex(indenter.apex)
-    if "apex" in indenter.model_fields_set or asperities is None:
-        return stated
-    found = shown_apex(
-        run.contacts, run.frames, run.scene, None if run.pose is None else run.pose.pose, asperities
-    )
-    if found is None:
+    stated = "apex" in scene.indenter.model_fields_set or asperities is None
+    if not stated and shown is None:
         logger.warning(
             "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
             "for overlay and analyse",
-            *indenter.apex,
+            *scene.indenter.apex,
         )
-    return found
+    return Apex(scene.indenter.apex) if stated else shown
 
 
 def shown_apex(
@@ -127,11 +122,16 @@ def shown_apex(
             caps["height_m"],
             radius / (1 + radius / lens),
             part["radius_m"],
-            in_view=lambda points, field=field: field.holds(*points.T),
+            in_view=partial(_holds, field),
         )
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
+
+
+def _holds(field: FieldOfView, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether sample points, one a row, lie in the image."""
+    return field.holds(*points.T)
 
 
 @stage("pose")
@@ -185,9 +185,10 @@ def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
     exchanged = found.pose.mirrored != guess.mirrored and turned > EXCHANGED_SINE
     camera = run.scene.camera
-    level = logging.INFO if camera is None or camera.centre is None else logging.WARNING
+    differs = found.pose.mirrored != guess.mirrored or turned > np.sin(LARGEST_TURN_RAD)
+    stated = camera is not None and camera.centre is not None
     logger.log(
-        level,
+        logging.WARNING if stated or differs else logging.INFO,
         "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
         "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
         found.n_matched,

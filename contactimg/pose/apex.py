@@ -152,7 +152,8 @@ def _least_squares(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Solution and covariance from the rows that are kept, and the residuals of all rows."""
     rows = design[kept]
-    solution, *_ = np.linalg.lstsq(rows, values[kept])
+    solution = np.asarray(np.linalg.lstsq(rows, values[kept])[0], np.float64)
     residual = values - design @ solution
     variance = float(np.sum(residual[kept] ** 2)) / max(len(rows) - rows.shape[1], 1)
-    return solution, variance * np.linalg.pinv(rows.T @ rows), residual
+    covariance = variance * np.asarray(np.linalg.pinv(rows.T @ rows), np.float64)
+    return solution, covariance, np.asarray(residual, np.float64)

@@ -110,8 +110,10 @@ NO_UNIT = "no column is a load with its unit, such as load_mN, load_g, Kraft [mN
     [
         (
             "frame,load\na,1\n",
-            f"column load_N is missing; the header must name frame, load_N, got frame, load; {NO_UNIT}; the "
-            "columns are frame, load",
+            (
+                "column load_N is missing; the header must name frame, load_N, got frame, load; "
+                f"{NO_UNIT}; the columns are frame, load"
+            ),
         ),
         ("", "column frame is missing; the header must name frame, load_N, got nothing; " + NO_UNIT),
         ("frame,LOAD_N\na,1\n", "column 'LOAD_N' must be written 'load_N'"),
