@@ -137,6 +137,8 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
     table = in_display_units(results)
     table = table[~table["quantity"].str.endswith(VARIANTS)]
+    if table.empty:
+        return
     own, *models = dict.fromkeys(table["model"])
     rows = []
     for quantity, part in table.groupby("quantity", sort=False):

@@ -82,3 +82,15 @@ def test_a_folder_without_a_slip_is_not_doubted(small_series, tmp_path, caplog):
     assert main(["init", str(folder), "--no-input", *WHOLE]) == 0
     assert main(["process", str(folder), "--no-pictures"]) == 0
     assert "probably" not in caplog.text
+
+
+def test_a_wrong_apex_stops_overlay_and_analyse_unless_told_to_go_on(small_series, tmp_path, capsys):
+    folder, out = copy_of(small_series, tmp_path / "frames"), tmp_path / "out"
+    for name in ("scene.toml", "frame_2.tif", "frame_3.tif"):
+        (folder / name).unlink()
+    assert main(["init", str(folder), "--no-input", *WHOLE, "--apex-mm", "2.5 2.5"]) == 0
+    assert main(["process", str(folder), "--no-pictures", "-o", str(out)]) == 0
+    for command in ("overlay", "analyse"):
+        assert main([command, str(out)]) == 2
+        assert "[indenter] apex_m: the contacts show the apex at (0.00" in capsys.readouterr().err
+        assert main([command, str(out), "--no-plausibility"]) == 0
