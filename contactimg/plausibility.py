@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.mechanics import hertz
+from contactimg.pose.apex import Apex
 from contactimg.scene import Scene
 
 logger = logging.getLogger(__name__)
@@ -53,6 +54,29 @@ for kPa and the pixel size off by ten 1000, pixel size and radii 100."""
 MAX_SCANNED_FORCES_OVER_LOAD = 30.0
 """The same at the threshold that comes closest, where that is calibrated. Chosen: thresholds alone change the
 sum by up to a few."""
+
+FEWEST_MATCHES = 0.5
+"""Share of the measured and predicted contacts that must be the same ones. Chosen: a right scene has 0.9, one
+with a wrong apex next to nothing."""
+
+SAME_COUNT = 1.5
+"""Ratio of predicted to measured contacts, or its inverse, from which on the load is doubted. Chosen."""
+
+SHOWN_STDS = 5.0
+"""Standard deviations by which the apex or the lens that the contacts show must differ. Chosen."""
+
+SLIPS = {1 / 101.97: "grams", 9.80665: "kilograms", 1e-3: "mN", 1e3: "kN", 1e-6: "µN"}
+"""Forces over load -> what the loads were probably typed in, instead of N."""
+
+SAME_SLIP = 2.0
+"""Factor within which the forces over load are those of a slip. Chosen: above what a modulus is off by."""
+
+FEWEST_LOADS = 3
+"""Different loads of which the order is judged. Chosen: two can be exchanged by adhesion or drift."""
+
+SHOWN_RADIUS = 0.2
+"""Relative difference of the lens's radius that is named. Chosen: above what a thin layer or a cut field of
+view changes."""
 
 _FACTORS = {1e-3: "mm", 1e-6: "µm", 1e-9: "nm", 1e-2: "cm"}
 
@@ -93,7 +117,9 @@ YOUNG_MODULUS = PlausibleRange(
 )
 POISSON_RATIO = PlausibleRange(0.2, 0.5, "", "rubber has 0.5; was it given in another unit?", "")
 INDENTER_RADIUS = PlausibleRange(1e-7, 5.0, "m", "", "was it given in mm or µm?")
-PIXEL_SIZE = PlausibleRange(5e-9, 5e-4, "m", "", "was it given in µm or mm?")
+PIXEL_SIZE = PlausibleRange(
+    2e-8, 5e-4, "m", "were mm typed as µm?", "was it given in µm or mm?"
+)  # light resolves 0.2 µm, sampled ten times at most
 THICKNESS = PlausibleRange(1e-7, 1.0, "m", "", "was it given in mm or µm?")
 WORK_OF_ADHESION = PlausibleRange(0.0, 10.0, "J/m^2", "", "was it given in mJ/m^2, or are loads in mN?")
 LOAD = PlausibleRange(-1e3, 1e5, "N", "were loads given in mN?", "were loads given in mN or µN?")
@@ -244,6 +270,87 @@ def doubts_about_forces(
         )
 
 
+def doubts_about_run(scene: Scene, frames: pd.DataFrame, shown: Apex | None) -> Iterator[str]:
+    """Sentences about what the measured frames tell of slips in loads, references and lens.
+
+    Parameters
+    ----------
+    scene : Scene
+    frames : DataFrame
+        Columns of `contactimg.tables.FRAMES`.
+    shown : Apex or None
+        Apex and radius of the lens that the contacts show.
+    """
+    if not (frames["n_contacts"].fillna(0) > 0).any():
+        polarity = f'contacts are not {scene.images.polarity} ([images] polarity, "auto" finds out)'
+        reference = "a frame with contacts is named as the reference, or " if scene.images.reference else ""
+        yield f"no frame shows a contact: probably {reference}{polarity}"
+        return
+    loaded = frames[(frames["load_N"] > 0) & (frames["area_m2"] > 0)]
+    if loaded["load_N"].nunique() >= FEWEST_LOADS:
+        order = loaded["load_N"].rank().corr(loaded["area_m2"].rank())
+        if order < 0:
+            yield "the area of contact falls as the load grows: is the order of the loads reversed?"
+    ratio = float((loaded["force_sum_N"] / loaded["load_N"]).median())
+    for slip, unit in SLIPS.items():
+        if 1 / SAME_SLIP < ratio / slip < SAME_SLIP:
+            yield f"the forces add up to {ratio:.2g} times load_N: were the loads given in {unit}?"
+    if shown is not None and shown.radius is not None and scene.indenter is not None:
+        radius = scene.indenter.radius
+        if abs(shown.radius / radius - 1) > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
+            yield (
+                f"the contacts show a lens of {shown.radius:.3g} m, and [indenter] radius_m = {radius:.3g}: "
+                "is that of another lens, or pixel_size_m not of this camera?"
+            )
+
+
+def warn_of(doubts: Iterable[str], place: str) -> bool:
+    """Log doubts about a result that is written; return whether they count, without ``--no-plausibility``."""
+    doubts = list(doubts)
+    for doubt in doubts:
+        logger.warning("%s: %s", place, doubt)
+    return bool(doubts) and not _warn_only.get()
+
+
+def doubts_about_match(
+    scene: Scene, *, measured: int, predicted: int, matched: int, shown: Apex | None
+) -> Iterator[str]:
+    """A sentence where measured and predicted contacts are not the same ones, with the likely cause.
+
+    Parameters
+    ----------
+    scene : Scene
+    measured, predicted : int
+        Contacts of all frames.
+    matched : int
+        Those that are measured and predicted.
+    shown : Apex or None
+        Apex and radius of the lens that the contacts show.
+    """
+    if 2 * matched >= FEWEST_MATCHES * (measured + predicted):
+        return
+    causes = []
+    if shown is not None and scene.indenter is not None:
+        apart = np.subtract(shown.place, scene.indenter.apex)
+        if np.hypot(*apart) > SHOWN_STDS * np.hypot(*shown.std):
+            x, y = shown.place
+            causes.append(f"[indenter] apex_m: the contacts show the apex at ({x:.6g}, {y:.6g}) m")
+        if shown.radius is not None:
+            off = abs(shown.radius / scene.indenter.radius - 1)
+            if off > max(SHOWN_RADIUS, SHOWN_STDS * shown.radius_std / shown.radius):
+                causes.append(f"[indenter] radius_m: the contacts show a lens of {shown.radius:.3g} m")
+    if not 1 / SAME_COUNT <= predicted / max(measured, 1) <= SAME_COUNT:
+        more = "more" if predicted > measured else "fewer"
+        causes.append(
+            f"the load or young_modulus_Pa: {more} contacts are predicted than measured; grams or mN?"
+        )
+    known = ", and ".join(causes)
+    yield (
+        f"only {matched} of {measured} measured and {predicted} predicted contacts match; likely cause: "
+        + (known or "the apex, [camera] mirrored, rotation_deg or pixel_size_m, or the load")
+    )
+
+
 def _points(asperities: pd.DataFrame) -> NDArray[np.float64]:
     """Positions, m."""
     return asperities[["x_m", "y_m"]].to_numpy(float)
@@ -332,7 +439,7 @@ def _doubts_about_strain(scene: Scene, load: float, half_diagonal: float) -> Ite
     contact = float(hertz.radius(load, sphere_radius=radius, contact_modulus=modulus))
     young = scene.elastic.young_modulus
     given = f"load_N = {load:g}, [indenter] radius_m = {radius:g}, young_modulus_Pa = {young:g}"
-    hint = "is one of them in another unit (mN, mm, MPa)?"
+    hint = "is one of them in another unit (load in mN or grams, mm, MPa)?"
     if contact > MAX_CONTACT_OVER_RADIUS * radius:
         yield (
             f"{given}: a smooth sphere would touch over {contact / radius:.2g} of its radius, beyond "

@@ -13,6 +13,7 @@ from contactimg.timings import stage
 
 
 @shared.command()
+@shared.no_plausibility
 @shared.cluster
 def analyse(
     runs: Annotated[tuple[shared.ExistingFolder, ...], "RUN [RUN ...]"] = (),
@@ -45,7 +46,7 @@ def analyse(
     pressure), friction.csv, results.csv (exponents and other numbers with confidence intervals),
     provenance.json, and the figures as PNG and SVG.
 
-    Exit codes: 0 done, 2 nothing done.
+    Exit codes: 0 done, 2 nothing done, also where fewer than half of the contacts match those of the model.
 
     \b
     Examples:
@@ -127,7 +128,13 @@ def analyse(
     files = [Path(name) for name in (calibration, topography) if name is not None]
     parent = runs[0] if runs else Path(str(topography)).parent
     parts, notes = list[pd.DataFrame](), tuple[str, ...]()
-    with shared.results_in(output, parent, inputs=[*tables, *files], main_files=["results.csv"]) as out:
+    with shared.results_in(
+        output,
+        parent,
+        inputs=[*tables, *files],
+        main_files=["results.csv"],
+        then="report" if len(runs) == 1 else "",
+    ) as out:
         if places:
             count = len(COMPARED_MODELS) * count_solutions(places) if settings.models else 0
             with progress("solving models", count) as advance:

@@ -1,13 +1,10 @@
 """``contactimg init``: a first scene.toml for a folder of frames."""
 
 import json
-import re
 import shlex
 import textwrap
-from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -16,13 +13,13 @@ from contactimg.cli.printing import say
 from contactimg.errors import InputError
 from contactimg.timings import stage
 
-if TYPE_CHECKING:
-    from contactimg.files import FrameSource
-
 QUESTIONS = (
     shared.SceneOption("--pixel-size-um", "camera", "pixel_size_m", default=""),
     shared.SceneOption("--lens-radius-mm", "indenter", "radius_m", default=""),
     shared.SceneOption("--young-modulus-MPa", "elastic", "young_modulus_Pa", default=""),
+    shared.SceneOption(
+        "--apex-mm", "indenter", "apex_m", "Two numbers in quotes.", "found from the contacts"
+    ),
 )
 
 SHOWN = {
@@ -34,15 +31,6 @@ SHOWN = {
     "measure": ("method", "threshold", "shape"),
 }
 """Section -> the keys that most experiments need."""
-
-REFERENCE = re.compile(
-    r"(reference|ref|background|bg|empty|blank|unloaded|(no|non|without)[ _-]?contact)s?"
-    r"([ _-]?(frame|image))?([ _-]?\d+)?"
-)
-"""Name of an image, without its ending, that shows the sample without contact."""
-
-TRIED_TABLES = 20
-"""CSV files that are tried as tables. Chosen: a folder of results is not searched for long."""
 
 
 @shared.command()
@@ -84,8 +72,9 @@ def init(
     for question in QUESTIONS:
         value = stated.get(question.section, {}).get(question.key)
         found = known.get(question.section, {}).get(question.key)
+        idle = question.key == "apex_m" and not (known["indenter"].get("radius_m") and "asperities" in known)
         if value is None:
-            value = found if no_input else _ask(question, found)
+            value = found if no_input or idle else _ask(question, found)
         known[question.section] = known.get(question.section, {}) | {question.key: value}
     for keys in known.values():
         for key in [key for key, value in keys.items() if value in (None, "", [])]:
@@ -99,90 +88,53 @@ def init(
 
 def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
     """Keys of a scene that names, tables and headers tell, and what to say of them; no pixels are read."""
-    from contactimg.files import list_frames, read_asperities, read_loads
-    from contactimg.files.experiment import is_correction
+    from contactimg.files.folder import recognise_folder
     from contactimg.files.pixel_size import stated_pixel_size
 
-    images = list_frames(folder)
-    references = [one for one in images if REFERENCE.fullmatch(one.path.stem.lower())]
-    corrections = [one for one in images if is_correction(one.path)]
-    frames = [one for one in images if one not in references and one not in corrections]
-    frames = [one for one in frames if one.path.name.startswith("frame_")] or frames  # as `open_experiment`
-    if not frames:
-        raise InputError(f"{folder}: there is no frame besides {references[0].name}; add the frames")
-    found = {"reference": _files(references)}
-    for kind in ("dark", "flat", "mask"):
-        found[kind] = _files(one for one in corrections if one.path.stem.lower().startswith(kind))
-    loads, asperities, unloaded = "", "", False
-    for table in sorted(folder.glob("*.csv"))[:TRIED_TABLES]:
-        with suppress(InputError):
-            if not loads:
-                unloaded = bool((read_loads(table, pulled=True)["load_N"] == 0).any())
-                loads = table.name
-        with suppress(InputError):
-            if not asperities:
-                read_asperities(table)
-                asperities = table.name
-    known: shared.Stated = {
-        "asperities": {"file": asperities},
-        "camera": {"pixel_size_m": stated_pixel_size(frames[0].path)},
-        "images": {
-            "reference": found["reference"][0] if len(found["reference"]) == 1 else found["reference"],
-            "frames": [frames[0].name] if len(frames) == 1 else None,
-            "loads": loads,
-            "dark": _one_or_glob(found["dark"]),
-            "flat": _one_or_glob(found["flat"]),
-            "mask": found["mask"][0] if len(found["mask"]) == 1 else None,
-        },
-    }
+    found = recognise_folder(folder)
+    frames, reference, masks = found.frames, found.images["reference"], found.images["mask"]
+    known: shared.Stated = found.keys | {"camera": {"pixel_size_m": stated_pixel_size(frames[0].path)}}
     named = frames[0].name if len(frames) == 1 else f"{frames[0].name} ... {frames[-1].name}"
-    reference = ", ".join(found["reference"])
+    loads = f"{found.loads} ({found.columns})" if found.columns else found.loads
     remarks = [
         f"{folder}: {len(frames)} frame{'s' * (len(frames) > 1)} ({named})",
-        f"reference: {reference or 'none; name the frame without contact in [images] reference'}",
-        f"loads: {loads or 'none; write loads.csv with the columns frame, load_N'}",
-        f"asperities: {asperities or 'none; forces need their radii'}",
+        f"reference: {', '.join(reference) or 'none; name the frame without contact in [images] reference'}",
+        f"loads: {loads or 'none; write loads.csv with the columns frame and load_N, load_mN or load_g'}",
+        f"asperities: {found.asperities or 'none; forces need their radii'}",
     ]
     for kind, said in (("dark", "dark frame"), ("flat", "flat field"), ("mask", "mask")):
-        if found[kind]:
-            remarks.append(f"{said}: {', '.join(found[kind])}")
-    if len(found["mask"]) > 1:
+        if found.images[kind]:
+            remarks.append(f"{said}: {', '.join(found.images[kind])}")
+    if len(masks) > 1:
         remarks.append("which mask belongs to which frame is for [images] mask to say")
-    if unloaded and not reference:
+    if found.unloaded and not reference:
         remarks.append("loads has a frame of load 0: it may serve as the reference")
+    if found.ignored:
+        remarks.append(f"not used: {', '.join(found.ignored)}")
     return known, remarks
 
 
-def _files(sources: "Iterable[FrameSource]") -> list[str]:
-    """Names of the files of the frames, each once."""
-    return list(dict.fromkeys(one.path.name for one in sources))
-
-
-def _one_or_glob(names: list[str]) -> str | None:
-    """The only name, a glob for several, or None; all begin with the word that they were recognised by."""
-    return None if not names else names[0] if len(names) == 1 else f"{names[0][:4]}*{Path(names[0]).suffix}"
-
-
-def _ask(question: shared.SceneOption, found: float | None) -> float | None:
+def _ask(question: shared.SceneOption, found: float | None) -> Any:
     """The answer in SI units, what was found being the default; None for an empty one."""
     from contactimg.scene import scene_from_dict
 
-    def answer(typed: str) -> float | None:
+    def answer(typed: str) -> Any:
         if not typed.strip():
             return None
         try:
-            value = question.in_scene(float(typed.replace(",", ".")))
-            scene_from_dict({question.section: {question.key: value}})
+            numbers = [float(word) for word in typed.replace(",", ".").split()]
+            value = question.in_scene(numbers[0] if len(numbers) == 1 else " ".join(map(str, numbers)))
+            rest = {"radius_m": 1.0} if question.key == "apex_m" else {}
+            scene_from_dict({question.section: rest | {question.key: value}})
         except ValueError as error:  # the prompt asks again
             raise click.UsageError(str(error)) from None
-        return float(value)
+        return value
 
     text = question.meaning.split(";")[0].rstrip(".")
+    text += f" (Enter: {question.default})" if question.default else ""
     default = "" if found is None else f"{found / question.unit[2]:.6g}"
     try:
-        value: float | None = click.prompt(
-            text, default=default, show_default=bool(default), value_proc=answer
-        )
+        value = click.prompt(text, default=default, show_default=bool(default), value_proc=answer)
     except click.Abort as end:
         if isinstance(end.__context__, EOFError):
             raise InputError(f"no answer to: {text}; give {question.flag}, or use --no-input") from None

@@ -232,6 +232,7 @@ def results_in(
     options: dict[str, Any] | None = None,
     inputs: Iterable[Path] = (),
     main_files: Sequence[str] = (),
+    then: str = "",
 ) -> Iterator["OutputFolder"]:
     """The output folder of the command that runs, with its provenance; written completely or not at all.
 
@@ -248,6 +249,8 @@ def results_in(
         The files that were read.
     main_files : sequence of str
         Files that the command certainly writes.
+    then : str
+        The command that usually follows, for the run that is written or read.
     """
     with stage("loading"):
         from contactimg.files import OutputFolder, provenance
@@ -257,7 +260,8 @@ def results_in(
     target = Path(output or Path(parent) / DEFAULT_FOLDER)
     with OutputFolder(target, record, main_files=main_files) as out:
         yield out
-    say(f"results in {target}")
+    command = f"; then: contactimg {then} {shlex.quote(str(target if then == 'overlay' else parent))}"
+    say(f"results in {target}{command if then else ''}")
 
 
 # --- options that stand for keys of a scene
@@ -319,6 +323,8 @@ class SceneOption:
         """The value as the key holds it."""
         if isinstance(value, float):
             return float(f"{value * self.unit[2]:.15g}")  # without the digits that the multiplication adds
+        if isinstance(value, str) and self.unit[0] and len(value.split()) > 1:
+            return [self.in_scene(float(word)) for word in value.split()]
         return list(value) if isinstance(value, tuple) else value
 
     def decorate(self, function: Function) -> Function:

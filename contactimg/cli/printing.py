@@ -66,8 +66,11 @@ def echo_frames(frames: "pd.DataFrame", *, title: str, statuses: Mapping[str, in
 
     With ``statuses`` (status -> number of frames, of all) it is said how many more there are.
     """
+    from contactimg.tables.statuses import CURES
+
     echo_table(title, [_frame_cells(row) for row in frames.to_dict("records")], left=2)
     _echo_messages(frames)
+    say(*(f'"{status}": {CURES[status]}' for status in CURES if (frames["status"] == status).any()))
     total = sum((statuses or {}).values())
     if total > len(frames):
         counts = ", ".join(f"{count:,} {status}" for status, count in (statuses or {}).items())
@@ -134,6 +137,8 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
 
     table = in_display_units(results)
     table = table[~table["quantity"].str.endswith(VARIANTS)]
+    if table.empty:
+        return
     own, *models = dict.fromkeys(table["model"])
     rows = []
     for quantity, part in table.groupby("quantity", sort=False):

@@ -3,7 +3,7 @@
 from collections import Counter
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
@@ -13,6 +13,8 @@ from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from contactimg.files import TableFormat
 
 MOST_SHOWN = 1000
@@ -60,8 +62,9 @@ def process(
     With several FOLDERs each is measured as if alone, into a folder of its name inside the output folder;
     combined/ then holds all_contacts.csv and all_frames.csv, with the name of the folder in the column run.
 
-    Exit codes: 0 done; 1 a frame failed, or no frame has a result to rely on (all black, or without contact,
-    without a pose or with forces off the load, for example), as frames.csv says; 2 nothing done.
+    Exit codes: 0 done; 1 a frame failed, a slip is likely (it is named), or no frame has a result to rely on
+    (all black, or without contact, without a pose or with forces off the load, for example), as frames.csv
+    says; 2 nothing done.
 
     \b
     Examples:
@@ -151,6 +154,8 @@ def _process_folder(
         from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
+        from contactimg.plausibility import doubts_about_run, warn_of
+        from contactimg.pose.apex import STATED
         from contactimg.tables import NO_RESULT, Status
 
     scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
@@ -164,7 +169,13 @@ def _process_folder(
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
     echo_first_run()
     with shared.results_in(
-        output, folder, scene=scene, options=used, inputs=experiment.inputs, main_files=RUN_TABLES
+        output,
+        folder,
+        scene=scene,
+        options=used,
+        inputs=experiment.inputs,
+        main_files=RUN_TABLES,
+        then="overlay" if scene.elastic and scene.indenter and scene.asperities else "",
     ) as out:
         count = len(experiment.frames)
         with progress("measuring frames", count) as advance:
@@ -180,7 +191,30 @@ def _process_folder(
         method = scene.measure.method if relative is None else f"chosen for {100 * relative:g} %"
         title = f"{folder}, method {method}"
         echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
-        law, film = (str(facts.get(name) or "") for name in ("law", "film_summary"))
-        say(acts and f"calibration {calibration}: {acts}", law, film)
+        law, film = str(facts.get("law") or ""), _film_sentence(frames, facts.get("film", {}))
+        found = series.apex is not None and series.apex.known != STATED
+        apex = series.apex.sentence() if found and series.apex is not None else ""
+        say(acts and f"calibration {calibration}: {acts}", apex, law, film)
+    doubted = warn_of(doubts_about_run(series.scene, frames, series.shown), folder)
     statuses = set(frames["status"])
-    return int(Status.FAILED in statuses or statuses <= NO_RESULT)
+    return int(doubted or Status.FAILED in statuses or statuses <= NO_RESULT)
+
+
+def _film_sentence(frames: "pd.DataFrame", films: dict[str, dict[str, Any]]) -> str:
+    """One sentence where an air film changes areas by more than their uncertainty; nothing otherwise."""
+    from contactimg.imaging.fit.film_choice import DECIDED_DOUBT
+
+    rows = frames.set_index("frame")
+    doubtful = {name: film for name, film in films.items() if film["doubt"] > DECIDED_DOUBT}
+    changes = [
+        100 * film["area_change"]
+        for name, film in doubtful.items()
+        if abs(film["area_change"]) * rows.loc[name, "area_m2"] > rows.loc[name, "area_std_m2"]
+    ]
+    if not changes:
+        return ""
+    other = "without" if any(film["taken"] for film in doubtful.values()) else "with"
+    return (
+        f"air film: {other} it the areas of {len(changes)} frames would change by {min(changes):+.2g} to "
+        f'{max(changes):+.2g} %, beyond their uncertainty; state [effects] film = "on" or "off" if you know'
+    )

@@ -28,7 +28,8 @@ def overlay(
     predicted contact), provenance.json, and a picture of each frame in overlays/: measured contacts blue,
     predicted ones dashed, orange with coupling and yellow without, the Hertz circle of the smooth lens white.
 
-    Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done.
+    Exit codes: 0 done, 1 no prediction for some frames (each is named, with the reason), 2 nothing done, also
+    where fewer than half of the contacts match.
 
     \b
     Example:
@@ -45,6 +46,8 @@ def overlay(
         from contactimg.files import main_tables, open_experiment, read_run
         from contactimg.pipeline.inputs import need_asperities
         from contactimg.pipeline.overlay import compare_run, draw_comparison, write_comparison
+        from contactimg.pipeline.pose_and_forces import shown_apex
+        from contactimg.plausibility import doubts_about_match, settle
 
     measured = read_run(run)
     measured.need_pose()
@@ -57,9 +60,16 @@ def overlay(
         scene=measured.scene,
         inputs=[*main_tables([Path(run)]), *experiment.inputs],
         main_files=["scores.csv", "matches.csv"],
+        then="analyse",
     ) as out:
         with progress("predicting contacts", count) as advance:
             comparison = compare_run(measured, asperities, min_radius_px=min_radius_px, advance=advance)
+        counts = comparison.scores[comparison.scores["model"] == "coupled"]
+        shown = shown_apex(
+            measured.contacts, measured.frames, measured.scene, measured.need_pose(), asperities
+        )
+        numbers = {name: int(counts[f"n_{name}"].sum()) for name in ("measured", "predicted", "matched")}
+        settle(doubts_about_match(measured.scene, **numbers, shown=shown), run)
         write_comparison(comparison, out.folder)
         out.record["expected_errors"] = {frame: plan.error_record for frame, plan in comparison.plans.items()}
         with progress("drawing overlays", count) as advance:

@@ -1,5 +1,6 @@
 """The scene of a command: the scene file, what a calibration found, and what the options state."""
 
+import logging
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -9,16 +10,17 @@ from contactimg.cli.options import Stated
 from contactimg.errors import InputError
 from contactimg.files import (
     SCENE_FILE,
-    is_reference,
-    list_frames,
     named_file,
     read_calibration,
     read_scene,
     read_scene_asperities,
     read_scene_loads,
 )
+from contactimg.files.folder import recognise_folder
 from contactimg.plausibility import doubts_about_scene, settle
 from contactimg.scene import Scene, scene_from_dict
+
+logger = logging.getLogger(__name__)
 
 FILES = [("images", key) for key in ("reference", "loads", "dark", "flat", "mask", "edits")] + [
     ("asperities", "file")
@@ -55,13 +57,15 @@ def scene_of_folder(
     elif (folder / SCENE_FILE).exists():
         data = _copied(read_scene(folder))
     else:
-        reference = [source.path for source in list_frames(folder) if is_reference(source.path)]
-        data = {"images": {"reference": reference[0].name}} if len(reference) == 1 else {}
+        found = recognise_folder(folder)
+        data = found.keys
+        if found.ignored:
+            logger.info("%s: not used: %s", folder, ", ".join(found.ignored))
     if calibration is not None:
         record, method = read_calibration(calibration), stated.get("measure", {}).get("method")
         apply_calibration(data, record, sets_method=method is None)
         refuse_idle(data, record, calibration, method)
-    return _plausible(data, stated | {"images": _located(stated.get("images", {}), folder)}, folder)
+    return _plausible(data, stated | {"images": _located(stated.get("images", {}))}, folder)
 
 
 def scene_at(path: str | Path, stated: Stated) -> tuple[Scene, list[Path]]:
@@ -104,13 +108,13 @@ def _copied(scene: Scene) -> Stated:
     return {section: dict(keys) for section, keys in scene.source.items()}
 
 
-def _located(images: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _located(images: dict[str, Any]) -> dict[str, Any]:
     """Keys with the files that options name: in the working directory, or else in the folder of frames."""
     found = dict(images)
     for key in ("reference", "loads"):
         if key in images:
             names = [images[key]] if isinstance(images[key], str) else images[key]
-            here = [not _has(folder, name) or _has(Path(), name) for name in names]
+            here = [_has(Path(), name) for name in names]
             paths = [str(Path(name).resolve()) if k else name for k, name in zip(here, names, strict=True)]
             found[key] = paths[0] if len(paths) == 1 else paths
     return found

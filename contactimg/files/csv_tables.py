@@ -12,6 +12,7 @@ import pandas as pd
 
 from contactimg.errors import InputError
 from contactimg.files.atomic import replacing
+from contactimg.files.load_tables import STANDARD_GRAVITY, read_load_table
 from contactimg.surfaces import check_asperities
 from contactimg.tables import ASPERITIES, LOADS, TOPOGRAPHY, Flag, Schema, flag_names
 from contactimg.timings import stage
@@ -28,6 +29,7 @@ _UNITS = {  # ending in another unit -> ending in the schema, how many make one 
     "_nm": ("_m", 1e9),
     "_mN": ("_N", 1e3),
     "_uN": ("_N", 1e6),
+    "_g": ("_N", 1e3 / STANDARD_GRAVITY),
     "_mm_s": ("_m_s", 1e3),
     "_um_s": ("_m_s", 1e6),
 }
@@ -35,6 +37,10 @@ _SHOWN_CHARACTERS = 60  # of a cell or header in a message
 
 MAX_ASPERITY_HEIGHT = 0.01
 """Height in m above which a value is taken to be in another unit. Chosen by hand."""
+
+
+class OtherFormError(InputError):
+    """A table is not of the form that its schema asks for."""
 
 
 @stage("reading")
@@ -102,7 +108,7 @@ def _read_text(path: str | Path) -> str:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:1000]:
-        raise InputError(f"{path}: is not UTF-8 text; save it as 'CSV UTF-8'")
+        raise OtherFormError(f"{path}: is not UTF-8 text; save it as 'CSV UTF-8'")
     return data.decode("utf-8-sig", errors="surrogateescape")
 
 
@@ -172,19 +178,19 @@ def _columns(
         right, divisor = known[0] if known else (name, 1.0)
         names.append(right)
         divisors.append(divisor)
+    needed = schema.first if required is None else required
+    for name in needed:
+        if name.lower() not in map(str.lower, names):
+            given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
+            raise OtherFormError(
+                f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
+            )
     for name in names:
         if name in schema.columns and names.count(name) > 1:
             raise InputError(f"{path}: column {name} occurs {names.count(name)} times; keep one")
         for right in schema.columns:
             if name.lower() == right.lower() and name != right:
                 raise InputError(f"{path}: column {name!r} must be written {right!r}")
-    needed = schema.first if required is None else required
-    for name in needed:
-        if name not in names:
-            given = ", ".join(names)[:_SHOWN_CHARACTERS] or "nothing"
-            raise InputError(
-                f"{path}: column {name} is missing; the header must name {', '.join(needed)}, got {given}"
-            )
     return [
         _Column(
             name,
@@ -238,7 +244,8 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
     Parameters
     ----------
     path : str or Path
-        CSV with columns ``frame, load_N`` and, if measured, ``friction_N, velocity_m_s``; others are ignored.
+        CSV with columns ``frame, load_N`` (or load_mN, load_g) and, if measured, ``friction_N,
+        velocity_m_s``; others are ignored. Text of another form is read as by `read_load_table`.
     pulled : bool
         Whether negative loads are allowed (tension on an adhesive contact).
 
@@ -253,7 +260,14 @@ def read_loads(path: str | Path, *, pulled: bool = False) -> pd.DataFrame:
         For a missing column, a cell that is no finite number, a negative load that is not allowed, or a
         repeated frame.
     """
-    table = read_table(path, LOADS, required=("frame", "load_N"))
+    try:
+        table = read_table(path, LOADS, required=("frame", "load_N"))
+    except OtherFormError as error:
+        try:
+            table, columns = read_load_table(path)
+        except InputError as other:
+            raise InputError(f"{error}; {str(other).removeprefix(f'{path}: ')}") from None
+        table.attrs["columns"] = columns
     table["frame"] = table["frame"].str.strip()
     negative = table[table["load_N"] < 0]
     if len(negative) and not pulled:

@@ -22,6 +22,7 @@ from contactimg.files.commit import finish_commit
 from contactimg.files.corrections import PixelCorrections, find_areas
 from contactimg.files.csv_tables import read_asperities, read_loads
 from contactimg.files.edits import EDITS_FILE, masked_areas, read_edits
+from contactimg.files.folder import is_correction, is_reference
 from contactimg.files.sources import FrameSource, is_image, list_frames
 from contactimg.optics.camera_response import CameraResponse
 from contactimg.scene import Scene, scene_from_dict
@@ -35,9 +36,9 @@ SCENE_FILE = "scene.toml"
 
 _LOADS_FILE = "loads.csv"
 
-_REFERENCE_STEM = "reference"
+_ROW = re.compile(r"#\d+")
 
-_CORRECTION_STEM = re.compile(r"(dark|flat|mask)([ _-]?(frame|field|image|s))?([ _-]?\d+)?")
+_NUMBER = re.compile(r"\d+([.,]0*)?")
 
 _NAMES_SHOWN = 3  # in a message
 
@@ -174,17 +175,6 @@ def named_file(name: str, folder: Path) -> Path:
     return folder / page[1] if page and not path.exists() else path
 
 
-def is_reference(path: Path) -> bool:
-    """True for a file called ``reference``: it is no frame unless the scene names it as one.
-
-    Examples
-    --------
-    >>> is_reference(Path("run_1/Reference.TIF")), is_reference(Path("reference_2.tif"))
-    (True, False)
-    """
-    return path.stem.lower() == _REFERENCE_STEM
-
-
 def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     """Find and check the files that a scene names.
 
@@ -231,17 +221,6 @@ def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrectio
     return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names), tuple(names))
 
 
-def is_correction(path: Path) -> bool:
-    """True for a file called like a dark frame, a flat field or a mask.
-
-    Examples
-    --------
-    >>> [is_correction(Path(name)) for name in ("dark.tif", "Flat_field2.png", "dark_contacts_01.tif")]
-    [True, True, False]
-    """
-    return _CORRECTION_STEM.fullmatch(path.stem.lower()) is not None
-
-
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
     """The asperity table that a scene names, None if it names none; see `read_asperities`."""
     path = _asperities_file(scene)
@@ -284,7 +263,7 @@ def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
     if glob.has_magic(named) and file == path and not file.exists():
         return _list_frames(named, scene, folder=scene.folder)
     if not file.is_file():
-        raise InputError(f"{path}: the scene names this reference, but there is no such file")
+        raise InputError(f"{path}: there is no such reference; give a file of this folder or its path")
     sources = _list_frames(file, scene)
     matches = [source for source in sources if source.name == path.name] if file != path else sources
     if not matches:
@@ -317,7 +296,7 @@ def _find_frames(scene: Scene, references: list[FrameSource]) -> list[FrameSourc
         raise InputError(f"{scene.folder}: there is no frame besides the reference {besides}")
     if dropped:
         logger.warning(
-            "%s: %s is not measured as a frame; name the reference in the scene, or list it among the frames",
+            "%s: %s is not measured as a frame; name it as the reference, or list it in [images] frames",
             folder,
             _some(dropped),
         )
@@ -371,7 +350,7 @@ def _align_loads(path: Path | None, names: list[str], *, pulled: bool) -> pd.Dat
 
 
 def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFrame:
-    """The loads by the names of the frames, which may be given with a path or without extension.
+    """The loads by the names of the frames, which may be given with a path, without extension or by number.
 
     Raises
     ------
@@ -381,10 +360,11 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
     present = set(names)
     stems = Counter(Path(name).stem for name in names)
     by_stem = {Path(name).stem: name for name in names if stems[Path(name).stem] == 1}
+    by_number = _by_number(path, loads["frame"].tolist(), names)
     meant = []
     for given in loads["frame"]:
         last = given if given in present else re.split(r"[/\\]", given)[-1]
-        meant.append(last if last in present else by_stem.get(last, given))
+        meant.append(last if last in present else by_stem.get(last) or by_number.get(given, given))
     table = loads.assign(frame=meant)
     repeated = table[table.duplicated(["frame"])]
     if len(repeated):
@@ -392,6 +372,28 @@ def _name_frames(path: Path, loads: pd.DataFrame, names: list[str]) -> pd.DataFr
             f"{path}: {len(repeated) + 1} rows mean the frame {repeated['frame'].iloc[0]}; keep one"
         )
     return table
+
+
+def _by_number(path: Path, given: list[str], names: list[str]) -> dict[str, str]:
+    """Number as it is given -> frame: its row ``#k``, its place in a movie, or the last number in its name.
+
+    Images of a movie are counted from 0, or from 1 where the largest number is theirs.
+    """
+    if any(_ROW.fullmatch(text) for text in given):
+        if len(given) != len(names):
+            raise InputError(
+                f"{path}: has {len(given)} rows that name no frame, and there are {len(names)} frames; add a "
+                "column frame, or one row a frame"
+            )
+        return dict(zip(given, names, strict=True))
+    numbers = {text: int(float(text.replace(",", "."))) for text in given if _NUMBER.fullmatch(text)}
+    if all(name.endswith("]") for name in names):
+        first = int(max(numbers.values(), default=0) == len(names) and 0 not in numbers.values())
+        return {text: names[k - first] for text, k in numbers.items() if 0 <= k - first < len(names)}
+    last = [re.findall(r"\d+", Path(name).stem)[-1:] for name in names]
+    counts = Counter(int(found[0]) for found in last if found)
+    frames = {int(found[0]): name for found, name in zip(last, names, strict=True) if found}
+    return {text: frames[k] for text, k in numbers.items() if counts[k] == 1}
 
 
 def _some(names: Iterable[str]) -> str:

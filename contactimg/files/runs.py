@@ -26,6 +26,7 @@ from contactimg.files.commit import PROVENANCE_FILE, read_records, read_settled
 from contactimg.files.run_tables import read_run_table, table_file
 from contactimg.forces import sums_of_contacts
 from contactimg.pose import Pose
+from contactimg.pose.apex import FOUND, STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
@@ -202,6 +203,14 @@ class PoseRecord(_Part):
     residual_m: Annotated[Number, Field(ge=0)] | None
 
 
+class ApexRecord(_Part):
+    """The apex of the indenter over the sample."""
+
+    apex_m: tuple[Number, Number]
+    std_m: tuple[Number, Number]
+    known: Text
+
+
 class _UsedCalibration(_Part):
     """The calibration that a run was measured with."""
 
@@ -241,6 +250,7 @@ class RunRecord(_Part):
     inputs: list[_InputFile] = []
     outputs: list[Text] = []
     pose: PoseRecord | None = None
+    apex: ApexRecord | None = None
 
 
 def check_record(record: Mapping[str, Any], file: Path) -> dict[str, Any]:
@@ -279,11 +289,20 @@ def pose_record(fit: PoseFit) -> dict[str, Any]:
         "centre_m": list(fit.pose.centre),
         "rotation_deg": degrees(fit.pose.rotation),
         "mirrored": fit.pose.mirrored,
+        "known": FOUND if fit.fitted else STATED,
         "fitted": fit.fitted,
         "n_points": fit.n_points,
         "n_matched": fit.n_matched,
         "residual_m": fit.residual,
     }
+
+
+def apex_record(apex: Apex) -> dict[str, Any]:
+    """The apex of the indenter as the provenance states it, for `ApexRecord`."""
+    found: dict[str, Any] = {"apex_m": list(apex.place), "std_m": list(apex.std), "known": apex.known}
+    if apex.radius is not None:
+        found["indenter_radius_m"] = {"value": apex.radius, "std": apex.radius_std}
+    return found
 
 
 def _pose_of(record: Mapping[str, Any]) -> PoseFit:
@@ -306,7 +325,8 @@ class Run:
     Attributes
     ----------
     scene : Scene
-        As given; of a folder, with all keys, and without a section if it states none.
+        As given, with the apex that was found where none is stated; of a folder, with all keys, and without a
+        section if it states none.
     contacts, frames : DataFrame
         Columns of `contactimg.tables.CONTACTS` (flags as numbers) and `contactimg.tables.FRAMES`. If a table
         was changed after the run, number, area and forces of each frame are summed from the contacts.
@@ -426,6 +446,8 @@ def _read_run(folder: Path) -> Run:
             " and ".join(changed),
         )
     scene = _scene_of_run(folder, record["configuration"])
+    apex = record.get("apex")
+    scene = scene if apex is None else scene.with_apex(tuple(apex["apex_m"]))
     pose = None if record.get("pose") is None else _pose_of(record["pose"])
     return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
 

@@ -1,5 +1,6 @@
 """A measured series: its tables, a few frames at a time, and the files that they are written to."""
 
+import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
@@ -24,14 +25,18 @@ from contactimg.files import (
     provenance,
     read_run,
 )
-from contactimg.files.runs import pose_record
+from contactimg.files.runs import apex_record, pose_record
 from contactimg.forces import sphere_radii
 from contactimg.imaging.fit.film_choice import summarise_films
+from contactimg.pipeline.inputs import contact_sites
 from contactimg.pipeline.measured_frame import MeasuredFrame
-from contactimg.pipeline.pose_and_forces import find_pose, with_forces, with_pose
+from contactimg.pipeline.pose_and_forces import apex_of, find_pose, shown_apex, with_forces, with_pose
+from contactimg.pose.apex import STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema
+
+logger = logging.getLogger(__name__)
 
 BLOCK_FRAMES = 20
 """Frames whose tables are made at once. Chosen for memory: 20 frames of 1000 contacts take 6 MB, and each
@@ -57,6 +62,10 @@ class MeasuredSeries:
         Composite summits of the asperities.
     pose : PoseFit or None
         None without a pixel size.
+    apex : Apex or None
+        None without an indenter.
+    shown : Apex or None
+        Apex and radius of the lens that the contacts show, None where they show none.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`, for what is done with blocks.
     """
@@ -66,15 +75,35 @@ class MeasuredSeries:
     loads: NDArray[np.float64]
     sites: pd.DataFrame | None
     pose: PoseFit | None = None
+    apex: Apex | None = None
+    shown: Apex | None = None
     workers: int | None = 1
 
-    def posed(self, shape: tuple[int, int]) -> "MeasuredSeries":
-        """The series with the pose that the frame with most contacts gives; frames have this usual shape."""
+    def posed(self, shape: tuple[int, int], asperities: pd.DataFrame | None = None) -> "MeasuredSeries":
+        """The series with the pose and apex that the frame with most contacts gives.
+
+        Frames have this usual shape. Where an asperity first touches depends on the apex, by less than the
+        asperities are apart: where the apex is found from the contacts, the pose is found once more.
+        """
         if self.scene.camera is None:
             return self
         counts = [part.row.get("n_contacts", pd.NA) for part in self.parts]
         most = int(np.argmax([0 if pd.isna(count) else count for count in counts]))
-        return replace(self, pose=find_pose(self._part(most, most + 1)._run(), self.sites, shape))
+        run = self._part(most, most + 1)._run()
+        pose = find_pose(run, self.sites, self.scene.pose(shape))
+        places = np.unique(np.linspace(0, len(self.parts) - 1, BLOCK_FRAMES).astype(int))
+        several = replace(self, parts=[self.parts[k] for k in places], loads=self.loads[places])
+        located = with_pose(several._run(), self.sites, pose)
+        shown = shown_apex(located.contacts, located.frames, self.scene, pose.pose, asperities)
+        apex = apex_of(self.scene, shown, asperities)
+        if apex is None or apex.known == STATED or asperities is None:
+            return replace(self, pose=pose, apex=apex, shown=shown)
+        logger.info("%s", apex.sentence())
+        scene = self.scene.with_apex(apex.place)
+        sites = contact_sites(asperities, scene)
+        return replace(
+            self, scene=scene, sites=sites, pose=find_pose(run, sites, pose.pose), apex=apex, shown=shown
+        )
 
     def blocks(self) -> Iterator[Run]:
         """The run, a few frames at a time: each block has the tables of its frames, with pose and forces."""
@@ -160,6 +189,8 @@ def write_run(
         What the provenance must state of pose, law of the forces, air film and methods.
     """
     record: dict[str, Any] = {} if series.pose is None else {"pose": pose_record(series.pose)}
+    if series.apex is not None:
+        record |= {"apex": apex_record(series.apex)}
     frames = [FRAMES.empty()]
     with ExitStack() as stack:
         tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]

@@ -2,20 +2,25 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from contactimg.analysis.annuli import FieldOfView
 from contactimg.effects.local_law import LawPlan, plan_law
 from contactimg.files.runs import Run, frame_shift
 from contactimg.forces import fill_forces, sphere_radii
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.pipeline.frame import locate_contacts
 from contactimg.pose import Pose
+from contactimg.pose.apex import Apex, find_apex
 from contactimg.pose.fit import SIGNIFICANT_FRACTION, PoseFit, PoseSearch, fit_pose
-from contactimg.pose.global_search import LEAST_VOTING_POINTS, search_everywhere
+from contactimg.pose.global_search import LARGEST_TURN_RAD, LEAST_VOTING_POINTS, search_everywhere
 from contactimg.pose.pairs import pair_points, pairing_distance
+from contactimg.scene import Scene
+from contactimg.surfaces import equivalent_radii
 from contactimg.tables import CONTACTS, Status
 from contactimg.timings import stage
 
@@ -52,7 +57,7 @@ def _with_notes(frames: pd.DataFrame, notes: dict[str, str]) -> pd.DataFrame:
 
 
 @stage("pose")
-def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> PoseFit:
+def find_pose(run: Run, sites: pd.DataFrame | None, guess: Pose) -> PoseFit:
     """The pose of a series: the one that its contacts confirm, or the stated one.
 
     Parameters
@@ -61,10 +66,9 @@ def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> P
         With the frames table of the series, and at least the contacts of the frame that has most of them.
     sites : DataFrame or None
         Composite summits of the asperities.
-    shape : (int, int)
-        Rows and columns of the frames.
+    guess : Pose
+        As stated.
     """
-    guess = run.scene.pose(shape)
     if sites is None or run.scene.measure.pose != "fit":
         return PoseFit(guess, fitted=False, n_points=0, n_matched=0, residual=np.nan)
     pose = series_pose(run, guess, sites[["x_m", "y_m"]].to_numpy(float))
@@ -76,6 +80,58 @@ def find_pose(run: Run, sites: pd.DataFrame | None, shape: tuple[int, int]) -> P
         pose.residual,
     )
     return pose
+
+
+def apex_of(scene: Scene, shown: Apex | None, asperities: pd.DataFrame | None) -> Apex | None:
+    """The apex that a scene states, or else the one that the contacts show; None without an indenter."""
+    if scene.indenter is None:
+        return None
+    stated = "apex" in scene.indenter.model_fields_set or asperities is None
+    if not stated and shown is None:
+        logger.warning(
+            "[indenter] apex_m is not stated, and the contacts do not show it: (%g, %g) m is taken; state it "
+            "for overlay and analyse",
+            *scene.indenter.apex,
+        )
+    return Apex(scene.indenter.apex) if stated else shown
+
+
+def shown_apex(
+    contacts: pd.DataFrame,
+    frames: pd.DataFrame,
+    scene: Scene,
+    pose: Pose | None,
+    asperities: pd.DataFrame | None,
+) -> Apex | None:
+    """The apex that the contacts of one frame show, the frame that shows it best; None if none does.
+
+    None does on a curved sample, or where the asperities are no caps.
+    """
+    profiled = scene.asperities is not None and scene.asperities.profiled
+    lens = None if scene.indenter is None or profiled or scene.shaped else scene.indenter.radius
+    if pose is None or asperities is None or lens is None:
+        return None
+    lost = frames.loc[frames["status"] == Status.NO_POSE, "frame"]
+    found = []
+    for name, part in contacts[contacts["asperity"].notna() & ~contacts["frame"].isin(lost)].groupby("frame"):
+        caps = asperities.iloc[part["asperity"].to_numpy(int)]
+        radius = equivalent_radii(caps)
+        field = FieldOfView(pose, frame_shift(frames, str(name)))
+        apex = find_apex(
+            caps[["x_m", "y_m"]],
+            caps["height_m"],
+            radius / (1 + radius / lens),
+            part["radius_m"],
+            in_view=partial(_holds, field),
+        )
+        if apex is not None:
+            found.append(apex)
+    return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
+
+
+def _holds(field: FieldOfView, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether sample points, one a row, lie in the image."""
+    return field.holds(*points.T)
 
 
 @stage("pose")
@@ -128,8 +184,12 @@ def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
     centre = ", ".join(f"{value:.6g}" for value in found.pose.centre)
     turned = np.abs(np.sin(found.pose.rotation - guess.rotation))
     exchanged = found.pose.mirrored != guess.mirrored and turned > EXCHANGED_SINE
-    logger.warning(
-        "the camera does not look where the scene says; %d of %d contacts fall on asperities with [camera] "
+    camera = run.scene.camera
+    differs = found.pose.mirrored != guess.mirrored or turned > np.sin(LARGEST_TURN_RAD)
+    stated = camera is not None and camera.centre is not None
+    logger.log(
+        logging.WARNING if stated or differs else logging.INFO,
+        "the camera does not look where [camera] says; %d of %d contacts fall on asperities with [camera] "
         "centre_m = [%s], rotation_deg = %.4g, mirrored = %s: used here%s",
         found.n_matched,
         found.n_points,

@@ -100,7 +100,7 @@ def measure_parts(
     parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
     loads = experiment.loads.drop_duplicates("frame").set_index("frame")["load_N"]
     in_order = loads.reindex([part.row["frame"] for part in parts]).to_numpy(float)
-    return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape)
+    return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape, asperities)
 
 
 def _measure_frames(

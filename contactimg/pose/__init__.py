@@ -2,7 +2,7 @@
 
 Read in this order: `pose` (`Pose`, the similarity itself), `pairs` (one-to-one pairs of points and targets),
 `fit` (`fit_pose`: contact centres and asperities in, the pose that makes them coincide out), `global_search`
-(where the stated pose leads nowhere).
+(where the stated pose leads nowhere), `apex` (where the indenter stands).
 """
 
 from contactimg.pose.pose import Pose

@@ -57,6 +57,12 @@ class Scene(Section):
         curved = self.sample is not None and not self.sample.flat
         return curved or (self.indenter is not None and self.indenter.tilt != 0)
 
+    def with_apex(self, apex: tuple[float, float]) -> "Scene":
+        """The scene with the indenter's apex at a point of the sample, m; itself without an indenter."""
+        if self.indenter is None:
+            return self
+        return self.model_copy(update={"indenter": self.indenter.model_copy(update={"apex": apex})})
+
     def need(self, section: str, purpose: str) -> Any:
         """The named section, or an `InputError` that says what it is needed for."""
         value = getattr(self, section)

@@ -42,6 +42,24 @@ class Flag(enum.IntFlag):
     """No model describes it: its area is that of its pixels above half of its own plateau."""
 
 
+FLAG_CURES = {
+    Flag.EDGE: "centre the contacts in the field of view; areas outside are not seen",
+    Flag.MERGED: "look at the picture; split or merge by hand in `contactimg review`",
+    Flag.SATURATED: "shorten the exposure",
+    Flag.TOO_SMALL: "magnify more, or leave it out of laws (`analyse --min-radius-px`)",
+    Flag.POOR_FIT: "look at the picture; exclude it by hand if it is no contact",
+    Flag.BEYOND_HERTZ: "the law of the exact sphere holds further; its force is uncertain",
+    Flag.OVERLAP: "lower the load, or take areas from the measurement",
+    Flag.LOW_SIGNAL: "take more light, or average frames",
+    Flag.NO_PLATEAU: "measure it in a series with larger contacts",
+    Flag.DISAGREES: "its uncertainty covers both; check focus and gamma if many disagree",
+    Flag.MANUAL: "nothing",
+    Flag.BRIGHTNESS: "nothing, if few; else check the light",
+    Flag.COUNTED: "nothing; its uncertainty is that of a pixel count",
+}
+"""Flag -> what to do about it."""
+
+
 def flag_names(flags: Iterable[int]) -> list[str]:
     """Flag names joined by ``|`` for each row, as in the CSV files."""
     return [_names(int(value)) for value in flags]

@@ -96,3 +96,35 @@ NO_RESULT = frozenset(
     }
 )
 """Statuses of frames that have no result to rely on, or not the one that the scene asks for."""
+
+CURES = {
+    Status.FAILED: "read the reason in the column message; frames that cannot be read are exported again",
+    Status.APPROXIMATE: "ask for a wider tolerance, or for smaller steps of the load",
+    Status.NO_CONTACT: 'check the reference and [images] polarity ("auto" finds it); take more light',
+    Status.LIGHT_CHANGED: "take the reference with the lamp and the exposure of the frames",
+    Status.NOT_REGISTERED: "take the reference at the place of the frames, or leave it out",
+    Status.HOLES: "nothing, if the mask is meant; contacts below it are not counted",
+    Status.ALL_HOLES: "check the mask, and how the frame was exported",
+    Status.BLACK: "check lamp and shutter",
+    Status.WHITE: "shorten the exposure",
+    Status.CONSTANT: "check how the frame was exported",
+    Status.IDENTICAL: "name the frame without contact as the reference",
+    Status.BAD_REFERENCE: "take the reference again with light",
+    Status.POOR_FIT: 'look at the picture; [measure] shape = "free" fits outlines, "threshold" counts pixels',
+    Status.DISAGREES: "state gamma and air film if you know them; the uncertainties cover both areas",
+    Status.FALSE_CANDIDATES: "look at the picture; exclude what is no contact in `contactimg review`",
+    Status.UNRESOLVED: "look at the picture; split or add contacts in `contactimg review`, or mask dirt",
+    Status.WRONG_REFERENCE: "name the frame without contact, of the same place, as the reference",
+    Status.SATURATED: "shorten the exposure; state [camera] full_scale_levels for 12 bits in 16-bit files",
+    Status.LIGHT_NOT_FOLLOWED: "take a reference under the same light, or mask reflections",
+    Status.LITTLE_BACKGROUND: "take a reference, or a wider field of view",
+    Status.INTERLACED: "read the camera progressively, or at rest",
+    Status.NONLINEAR: "switch the camera's gamma off, or state [camera] gamma",
+    Status.FILM: 'leave [effects] film "auto", or lower [measure] film_doubt if it is known',
+    Status.SOFT: "focus; calibrate the edge on contacts of known load (`contactimg calibrate`)",
+    Status.NO_POSE: "check the asperity table and [camera] pixel_size_m; rotation must be known to 3 degrees "
+    "of a quarter turn",
+    Status.OFF_LOAD: "check unit and zero of the loads, young_modulus_Pa, pixel_size_m and the asperities' "
+    "radii",
+}
+"""Status -> what to do about it: what the terminal and the page of messages say."""

@@ -20,6 +20,7 @@ from sphinx.util import logging
 import contactimg
 from contactimg import cli, tables
 from contactimg.scene import Scene
+from contactimg.tables import flags, statuses
 
 LOG = logging.getLogger(__name__)
 TARGET = Path(__file__).parents[1] / "reference" / "generated"
@@ -62,6 +63,7 @@ def _write_pages(_app, _config):
     write("scene.md", scene_page())
     write("tables.md", table_page())
     write("enums.md", enum_page())
+    write("messages.md", message_page())
     write("api.rst", api_page())
 
 
@@ -234,6 +236,36 @@ def enum_page():
         rows = [(f"`{name}`", meanings.get(m.name, "")) for name, m in zip(names, kind, strict=True)]
         lines += markdown_table(["value", "meaning"], rows)
     return lines
+
+
+def message_page():
+    """Lines for every status and flag with cause and cure, and for every warning of the package."""
+    lines = []
+    for title, kind, cures in (
+        ("Statuses", tables.Status, statuses.CURES),
+        ("Flags", tables.Flag, flags.FLAG_CURES),
+    ):
+        causes = member_docstrings(kind)
+        names = {member: member.name if kind is tables.Flag else member.value for member in cures}
+        rows = [(f"`{names[member]}`", causes[member.name], _plain(cure)) for member, cure in cures.items()]
+        lines += [f"## {title}", "", *markdown_table(["message", "cause", "cure"], rows)]
+    rows = sorted({(_plain(text), room) for text, room in _warnings()}, key=lambda row: row[::-1])
+    return [*lines, "## Warnings", "", *markdown_table(["warning", "from"], rows)]
+
+
+def _warnings():
+    """Text of each warning in the source, what it names as "...", and the part of the package it is from."""
+    package = Path(contactimg.__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(
+                    func=ast.Attribute(value=ast.Name(id="logger"), attr="warning"),
+                    args=[ast.Constant(value=str(text)), *_],
+                ):
+                    named = re.sub(r"%[-+.\d]*[a-z]", "...", text)
+                    if re.search(r"\w", named):
+                        yield named, path.relative_to(package).parts[0].removesuffix(".py")
 
 
 def member_docstrings(kind):

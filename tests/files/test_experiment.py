@@ -161,7 +161,7 @@ def test_a_file_called_reference_is_no_frame_even_if_no_reference_is_named(folde
     experiment = experiment_of(folder, images={"frames": frames})
     assert experiment.reference is None
     assert names(experiment) == ["frame_1.tif", "frame_2.tif", "frame_10.tif"]
-    assert "Reference.tif is not measured as a frame; name the reference in the scene" in caplog.text
+    assert "Reference.tif is not measured as a frame; name it as the reference" in caplog.text
 
 
 def test_a_file_called_reference_is_a_frame_where_it_is_named_as_one(folder):
@@ -219,7 +219,7 @@ def test_several_references(folder, reference, expected):
 
 
 def test_missing_reference_among_several(folder):
-    sentence = f"{folder / 'other.tif'}: the scene names this reference, but there is no such file"
+    sentence = f"{folder / 'other.tif'}: there is no such reference; give a file of this folder or its path"
     assert refusal(folder, images={"reference": ["reference.tif", "other.tif"]}) == sentence
 
 
@@ -233,7 +233,7 @@ def test_absolute_paths(folder, tmp_path_factory):
 
 
 def test_reference_that_is_missing(folder):
-    sentence = f"{folder / 'dark.tif'}: the scene names this reference, but there is no such file"
+    sentence = f"{folder / 'dark.tif'}: there is no such reference; give a file of this folder or its path"
     assert refusal(folder, images={"reference": "dark.tif"}) == sentence
     assert refusal(folder, images={"reference": "dark.tif[0]"}) == sentence.replace("dark.tif", "dark.tif[0]")
 

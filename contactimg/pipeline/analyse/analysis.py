@@ -24,6 +24,8 @@ from contactimg.pipeline.analyse.group_by_load import (
     usable_frames,
 )
 from contactimg.pipeline.analyse.places import Place, warn_of_differences
+from contactimg.pipeline.pose_and_forces import shown_apex
+from contactimg.plausibility import doubts_about_match, settle
 from contactimg.prediction import COMPARED_MODELS
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
 
@@ -145,6 +147,9 @@ def analyse_places(
     places_of = {own: list(places)}
     if options.models:
         places_of |= _predicted_places(places, notes, workers=workers, advance=advance)
+        if own == "measured" and "coupled" in places_of:
+            for place, predicted in zip(places, places_of["coupled"], strict=True):
+                _doubt_match(place, predicted, options.min_radius_px)
     surface = Surface.of(places[0])
     averages = [
         average_load(
@@ -221,6 +226,26 @@ def _predicted_places(
         places_of[model], left_out = predict_places(places, model, workers=workers, advance=advance)
         notes += left_out
     return places_of
+
+
+def _doubt_match(place: Place, predicted: Place, min_radius_px: float) -> None:
+    """Stop where fewer than half of the contacts of a place are on the asperities of the predicted ones."""
+    if place.pose is None:
+        return
+    smallest = min_radius_px * place.pose.pixel_size
+    ours, theirs = (
+        table.loc[
+            (table["radius_m"] >= smallest) & table["frame"].isin(predicted.frames["frame"]),
+            ["frame", "asperity"],
+        ]
+        for table in (place.contacts, predicted.contacts)
+    )
+    matched = len(ours.dropna().merge(theirs))
+    shown = shown_apex(place.contacts, place.frames, place.scene, place.pose, place.asperities)
+    doubts = doubts_about_match(
+        place.scene, measured=len(ours), predicted=len(theirs), matched=matched, shown=shown
+    )
+    settle(doubts, place.name)
 
 
 def _left_out(place: Place) -> list[str]:

@@ -97,7 +97,7 @@ def open_place(folder: str | Path, *, centre_px: Point | None = None) -> Place:
         name=str(run.folder),
         contacts=run.contacts.assign(radius_ratio=radius_ratios(run.contacts, scene, asperities)),
         frames=run.frames,
-        scene=_with_apex(scene, centre),
+        scene=scene.with_apex(centre),
         pose=pose,
         centre=centre,
         asperities=asperities,
@@ -158,14 +158,6 @@ def _centre(run: Run, pose: Pose | None, centre_px: Point | None) -> Point:
         raise InputError(f"{run.folder}: has no lengths in metres; run `process` with a pixel size first")
     logger.warning("%s: no indenter and no calibrated centre; the image centre is taken", run.folder)
     return pose.centre
-
-
-def _with_apex(scene: Scene, centre: Point) -> Scene:
-    """The scene with the indenter's apex at the centre."""
-    if scene.indenter is None:
-        return scene
-    indenter = scene.indenter.model_copy(update={"apex": centre})
-    return scene.model_copy(update={"indenter": indenter})
 
 
 def radius_ratios(contacts: pd.DataFrame, scene: Scene, asperities: pd.DataFrame | None) -> pd.Series:

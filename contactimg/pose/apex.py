@@ -1,0 +1,159 @@
+"""Where the apex of the indenter stands, as the contacts show it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
+
+STATED, FOUND = "stated", "found from the contacts"
+"""How a pose or an apex is known."""
+
+FEWEST_CONTACTS = 10
+"""Contacts that the four terms of the gap need. Chosen: more than twice as many as terms."""
+
+OUTLIER_SIGMA = 4.0
+"""Distance from the fit, in robust standard deviations, beyond which a contact is dropped. Chosen."""
+
+MAD_TO_STD = 1.4826
+"""Theory: standard deviation over median absolute deviation of a normal distribution."""
+
+ROUNDS = 10
+"""Fits, each without the outliers of the one before and with the contacts out of view reflected about its
+centre; whole regions settle after two."""
+
+SIGNIFICANT_STDS = 3.0
+"""Standard deviations by which the gap must open: 0.1 % of false alarms."""
+
+UNKNOWN_OF_CUT = 0.3
+"""Part of what the reflected contacts change that counts as unknown. Chosen: asperities out of view differ
+from those opposite; see the test with half of a region."""
+
+FARTHEST = 1.5
+"""Distance of a centre from the middle of the contacts, in that of the outermost contact, beyond which it is
+an extrapolation that is not believed. Chosen."""
+
+
+@dataclass(frozen=True)
+class Apex:
+    """The point of the sample below the apex of the indenter.
+
+    Attributes
+    ----------
+    place : (float, float)
+        Sample coordinates, m.
+    std : (float, float)
+        Standard uncertainty along x and y, m; 0 where it was stated.
+    known : str
+        "stated" or "found from the contacts".
+    radius : float or None
+        Radius of the indenter that the contacts show, m; None where it was stated.
+    radius_std : float
+        Its standard uncertainty, m.
+    """
+
+    place: tuple[float, float]
+    std: tuple[float, float] = (0.0, 0.0)
+    known: str = STATED
+    radius: float | None = None
+    radius_std: float = 0.0
+
+    def sentence(self) -> str:
+        """Where the apex is, in mm, and how that is known."""
+        (x, y), std = self.place, max(self.std)
+        uncertainty = f" +- {1e3 * std:.1g}" if std > 0 else ""
+        return f"apex of the lens, {self.known}: x = {1e3 * x:.4f}, y = {1e3 * y:.4f} mm{uncertainty}"
+
+
+def find_apex(
+    points: ArrayLike,
+    heights: ArrayLike,
+    radii: ArrayLike,
+    contact_radii: ArrayLike,
+    *,
+    in_view: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = None,
+) -> Apex | None:
+    """The centre of the contact region: where the gap below the lens, as the contacts show it, is smallest.
+
+    Parameters
+    ----------
+    points : array_like, shape (n, 2)
+        Asperities in contact, sample coordinates, m.
+    heights, radii : array_like, shape (n,)
+        Of these asperities, m.
+    contact_radii : array_like, shape (n,)
+        Of their contacts, m.
+    in_view : callable, optional
+        Which points the camera sees. Contacts out of view are stood for by those opposite the centre.
+
+    Returns
+    -------
+    Apex or None
+        None if there are fewer than `FEWEST_CONTACTS`, the gap does not open away from a centre, or that lies
+        far outside the contacts.
+
+    Notes
+    -----
+    A contact of radius a on an asperity of height h and radius R has the indentation ``a^2/R`` and the force
+    ``4 E* a^3/(3 R)``, by which it lowers the surface at the distance d by ``4 a^3/(3 pi R d)``: the modulus
+    cancels. Indentation minus height plus what all other contacts lower the surface by is
+    ``c - r^2/(2 R_lens)`` about the apex, a parabola whose linear least squares give apex and radius of the
+    lens. A region that the field of view cuts adds the last change of the centre to its uncertainty, and what
+    its reflected contacts changed.
+    """
+    points = np.asarray(points, float).reshape(-1, 2)
+    heights, radii, a = (np.asarray(values, float) for values in (heights, radii, contact_radii))
+    if len(a) < FEWEST_CONTACTS:
+        return None
+    middle = points.mean(axis=0)
+    at, lowering = points - middle, 4 * a**3 / (3 * np.pi * radii)
+    scale = float(np.hypot(*at.T).max())
+    distance = cdist(at, at)
+    np.fill_diagonal(distance, np.inf)
+    if not (scale > 0 and distance.min() > 0):
+        return None
+    x, y = (at / scale).T
+    design = np.column_stack([np.ones_like(x), x, y, x**2 + y**2])
+    whole = a**2 / radii - heights + (1 / distance) @ lowering
+    gap, kept, centres = whole, np.ones(len(a), bool), list[NDArray[np.float64]]()
+    for _ in range(ROUNDS):
+        solution, covariance, residual = _least_squares(design, gap, kept)
+        curvature, curvature_std = float(solution[3]), float(np.sqrt(covariance[3, 3]))
+        if not curvature < -SIGNIFICANT_STDS * curvature_std:
+            return None
+        centres.append(-scale * solution[1:3] / (2 * curvature))
+        if np.hypot(*centres[-1]) > FARTHEST * scale:
+            return None
+        spread = MAD_TO_STD * float(np.median(np.abs(residual)))
+        kept = np.abs(residual) <= OUTLIER_SIGMA * spread if spread > 0 else kept
+        if in_view is not None:
+            opposite = 2 * centres[-1] - at
+            unseen = ~in_view(opposite + middle)
+            gap = whole + (1 / cdist(at, opposite[unseen])) @ lowering[unseen]
+    per_centre = np.column_stack([np.eye(2), 2 * centres[-1] / scale]) / (2 * curvature)
+    variance = scale**2 * np.einsum("ij,jk,ik->i", per_centre, covariance[1:, 1:], per_centre)
+    cut = (centres[-1] - centres[0]) * UNKNOWN_OF_CUT + (centres[-1] - centres[-2])
+    std = np.sqrt(variance + cut @ cut)
+    if not (std < scale).all():
+        return None
+    place, radius = middle + centres[-1], -(scale**2) / (2 * curvature)
+    return Apex(
+        (float(place[0]), float(place[1])),
+        (float(std[0]), float(std[1])),
+        FOUND,
+        radius,
+        radius * curvature_std / -curvature,
+    )
+
+
+def _least_squares(
+    design: NDArray[np.float64], values: NDArray[np.float64], kept: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Solution and covariance from the rows that are kept, and the residuals of all rows."""
+    rows = design[kept]
+    solution = np.asarray(np.linalg.lstsq(rows, values[kept])[0], np.float64)
+    residual = values - design @ solution
+    variance = float(np.sum(residual[kept] ** 2)) / max(len(rows) - rows.shape[1], 1)
+    covariance = variance * np.asarray(np.linalg.pinv(rows.T @ rows), np.float64)
+    return solution, covariance, np.asarray(residual, np.float64)

@@ -1,0 +1,70 @@
+"""The apex of the lens as contacts show it: exact solutions, a cut field of view, and what shows none."""
+
+import numpy as np
+import pytest
+
+from contactimg.models.interacting import solve_interacting
+from contactimg.plausibility import doubts_about_match
+from contactimg.pose.apex import Apex, find_apex
+from contactimg.scene import scene_from_dict
+from contactimg.surfaces import composite_apexes, generate_asperities
+
+APEX = (4.6e-3, 5.3e-3)
+LENS = 0.1288
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """Position, height, composite radius and contact radius of the asperities in contact."""
+    table = generate_asperities("SA", side=0.01, coverage=0.4, rng=np.random.default_rng(5))
+    solution = solve_interacting(table, indenter_radius=LENS, contact_modulus=4e6, load=0.2, apex=APEX)
+    radii = np.asarray(solution.radius)
+    touching = radii > 0
+    composite = composite_apexes(table, indenter_radius=LENS, apex=APEX)["radius_m"].to_numpy()
+    columns = (table[["x_m", "y_m"]].to_numpy(), table["height_m"].to_numpy(), composite, radii)
+    return [column[touching] for column in columns]
+
+
+def test_the_contacts_of_a_coupled_solution_show_apex_and_lens(pressed):
+    found = find_apex(*pressed)
+    # the sites of a cap lie R/(R + Rl) = 8e-4 of its distance from the apex nearer to it: 2e-6 m at 2.5 mm
+    assert np.hypot(*np.subtract(found.place, APEX)) < 2e-6
+    assert found.radius == pytest.approx(LENS + 1e-4, rel=2e-3)  # lens and cap together
+    assert found.known == "found from the contacts"
+
+
+def test_forces_of_the_other_contacts_are_needed(pressed):
+    points, heights, radii, a = pressed
+    alone = find_apex(points, heights, radii, a)
+    far = find_apex(points * 1e3, heights, radii, a)  # so far apart that no contact lowers another
+    assert abs(far.radius / 1e6 / alone.radius - 1) > 0.05
+
+
+@pytest.mark.parametrize("cut", [4.2e-3, 4.8e-3])
+def test_a_region_that_the_view_cuts_is_within_its_uncertainty(pressed, cut):
+    points = pressed[0]
+    seen = points[:, 0] > cut
+    found = find_apex(*(column[seen] for column in pressed), in_view=lambda at: at[:, 0] > cut)
+    assert np.hypot(*np.subtract(found.place, APEX)) < 3 * np.hypot(*found.std)
+    assert np.hypot(*found.std) < 2e-4
+
+
+def test_few_contacts_and_a_gap_that_does_not_open_show_none(pressed):
+    assert find_apex(*(column[:9] for column in pressed)) is None
+    points, _, radii, a = pressed
+    bowl = np.sum((points - np.array(APEX)) ** 2, axis=1) / (2 * LENS)
+    assert find_apex(points, -2 * bowl, radii, 1e-3 * a) is None
+
+
+def test_a_mismatch_names_its_likely_cause():
+    scene = scene_from_dict({"indenter": {"radius_m": LENS}})
+    shown = Apex(APEX, (1e-6, 1e-6), "found from the contacts", LENS, 1e-5)
+    counts = {"measured": 100, "predicted": 90, "matched": 10}
+    assert "apex_m: the contacts show the apex at (0.0046, 0.0053) m" in next(
+        doubts_about_match(scene, **counts, shown=shown)
+    )
+    right = scene_from_dict({"indenter": {"radius_m": 2 * LENS, "apex_m": APEX}})
+    assert "a lens of 0.129 m" in next(doubts_about_match(right, **counts, shown=shown))
+    assert "mirrored" in next(doubts_about_match(right, **counts, shown=None))
+    assert "grams" in next(doubts_about_match(right, measured=100, predicted=300, matched=90, shown=None))
+    assert list(doubts_about_match(scene, measured=100, predicted=90, matched=60, shown=shown)) == []
