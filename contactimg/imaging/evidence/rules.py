@@ -186,7 +186,7 @@ def _evidence(foreground: Foreground, result: FrameFit, *, free: bool) -> Column
     hollow = (looked.core_chi_square > UNDESCRIBED_CHI_SQUARE) & (np.abs(count_z) > DISAGREES_SIGMA)
     # a misfit that most contacts do not share is that of its own shape
     misfit = np.minimum(fit.chi_square, looked.rim_chi_square)
-    shaped = misfit > UNDESCRIBED_CHI_SQUARE * max(float(np.median(misfit)), 1.0)
+    shaped = misfit > UNDESCRIBED_CHI_SQUARE * max(float(np.median(misfit)) if n else 1.0, 1.0)
     differs = shaped | (np.abs(count_z) > 2.0)
     use_count = ((undescribed & ~ellipse & differs) | hollow) & resolved
     use_count |= free & (looked.area > 0)
