@@ -255,8 +255,8 @@ def _remarks(seen: FrameEvidence) -> Iterator[str]:
     given, shown = foreground.prior_optics.contrast, foreground.shown
     if seen.count and shown.resolved and given > CONTRADICTION_RATIO * shown.plateau:
         yield (
-            f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame shows "
-            f"{shown.plateau * unit:.3g}"
+            f"the radii depend on a contrast of {given * unit:.3g} grey levels, given, of which the frame "
+            f"shows {shown.plateau * unit:.3g}"
         )
     elif seen.count and seen.contrast_relative_std > RESOLVED:
         source = "given" if np.isfinite(foreground.prior_optics.contrast) else "estimated from their light"
