@@ -24,7 +24,6 @@ CASES = [(name, 25) for name in WORLDS]
 CASES += [pytest.param(name, 140, marks=pytest.mark.slow) for name in WORLDS]
 
 NO_FILM = "without a film setting nothing tells a narrow fringe from a slightly larger contact"
-COVERED = "a contact is covered by several disks"
 WRONG_AND_OK = {
     ("Newton laser 3 um", 25): NO_FILM,
     ("Newton 20 nm 3 um", 25): NO_FILM,
@@ -34,8 +33,6 @@ WRONG_AND_OK = {
 """Frames that are wrong and called "ok", and why."""
 BELOW_COUNTING = {
     ("step", 25): "the background of the frame differs from that of the reference by a sharp step",
-    ("mottled", 25): COVERED,
-    ("ellipses 2", 25): COVERED,
 }
 """Frames on which contacts are found worse than by Otsu's threshold, and why."""
 

@@ -20,8 +20,9 @@ ROUND_MOMENT_EXCESS = 0.01
 of the pixels themselves), ..."""
 ROUND_WIDTH_EXCESS_PX = 1.7
 """... and its sides exceed the diameter by less than this. Both chosen by hand; sensitivity not measured."""
-LARGEST_HOLE_SHARE = 0.1
-"""Area of a hole over that of its region up to which it is filled. By hand: mottling, not a ring."""
+LARGEST_HOLE_SHARE = 0.02
+"""Area of a hole over that of the largest disk inscribed beside it up to which it is filled. By hand:
+mottling. Theory: 0.05 for the gap between three equal disks that touch."""
 ONE_SHAPE_LACK = 0.03
 """Share of its area that a region lacks against the ellipse of its second moments, below which it is one
 contact. Theory: 0.105 for two equal disks that touch, 0.05 for one beside one of 0.3 of its radius, 0 for any
@@ -77,18 +78,24 @@ def disks_in_region(
     if not any(cut):
         whole = own.copy()
         fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
-        disk = as_one_contact(whole)
+        disk = as_one_contact(whole, own)
         if disk is not None:
             return disk + corner, True
-    fill_small_holes(own, LARGEST_HOLE_SHARE * float(region["area"]))
+    widest = float(cv2.distanceTransform(np.pad(own, 1), cv2.DIST_L2, cv2.DIST_MASK_5).max())
+    fill_small_holes(own, LARGEST_HOLE_SHARE * np.pi * widest**2)
     disks = _inscribed(own, cut)
     if not len(disks):
         disks = np.array([[region["x"] - left, region["y"] - top, np.sqrt(region["area"] / np.pi)]])
     return disks + corner, False
 
 
-def as_one_contact(mask: NDArray[np.uint8], convex: float = CONVEX_SHARE) -> NDArray[np.float64] | None:
-    """The disk of equal area of a region that is an ellipse, or nearly one and convex; else None."""
+def as_one_contact(
+    mask: NDArray[np.uint8], bare: NDArray[np.uint8], convex: float = CONVEX_SHARE
+) -> NDArray[np.float64] | None:
+    """The disk of equal area of a region that is an ellipse, or nearly one and convex; else None.
+
+    ``bare`` is the region with its holes: many of them are the gaps of a packing.
+    """
     moments = cv2.moments(mask, binaryImage=True)
     area = moments["m00"]
     if area <= LEAST_WHOLE_PX2:
@@ -97,13 +104,13 @@ def as_one_contact(mask: NDArray[np.uint8], convex: float = CONVEX_SHARE) -> NDA
         moments["mu11"] / area
     ) ** 2
     lack = 1.0 - area / (4.0 * np.pi * np.sqrt(max(spread, 1e-9)))
-    if lack > CONVEX_LACK or (lack > ONE_SHAPE_LACK and _share_of_hull(mask, area) < convex):
+    if lack > CONVEX_LACK or (lack > ONE_SHAPE_LACK and _share_of_hull(mask, float(bare.sum())) < convex):
         return None
     return np.array([[moments["m10"] / area, moments["m01"] / area, np.sqrt(area / np.pi)]])
 
 
 def _share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
-    """Area of a region over the number of pixels in its convex hull."""
+    """An area over the number of pixels in the convex hull of a region."""
     outlines = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
     hull = np.zeros_like(mask)
     cv2.fillConvexPoly(hull, cv2.convexHull(np.vstack(outlines)), 1)

@@ -152,9 +152,8 @@ class _Assembly:
         *, blur: float, free_blur: bool,
     ):  # fmt: skip
         # disks in the place of ellipses would want a wider blur
-        control = FitControl(
-            free_blur and 2 * int(np.count_nonzero(~whole)) > len(disks), robust=False, iterations=3
-        )
+        wanted = free_blur and bool(2 * np.count_nonzero(~whole) > len(disks))
+        control = FitControl(wanted, robust=False, iterations=3)
         self.largest, self.whole, self.ellipses = largest, whole, NO_ELLIPSES
         fit = fit_disks(problem, disks, blur=blur, control=control, largest=largest)
         self.problem = allow_for_coarse_rims(problem, fit)

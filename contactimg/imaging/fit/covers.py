@@ -70,8 +70,9 @@ LEAST_NOISE_FRACTION = 5e-3
 """Smallest noise assumed. By hand: no contact is a perfect disk."""
 MISSING_DISK_PEAK_FRACTION = 0.3
 """Height of a residual peak at which a disk is added to those of an outline. By hand."""
-MOST_ARCS = 60
-"""Arcs of the outline of a group at most. By hand: three a disk; more belong to no disks."""
+MOST_ARCS, ARCS_A_DISK, MISSING_DISKS = 60, 3, 4
+"""Arcs of the outline of a group at most: in all, and for each disk, so many of which may be missing. By hand:
+more belong to no disks."""
 NECK_LEVEL_FRACTION = 0.75
 """Level of a second outline, at which necks between touching contacts open. By hand."""
 NECK_SHRINKAGE_BLUR_WIDTHS = 0.67
@@ -173,8 +174,9 @@ def _one_contact(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[n
         return None
     own = (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
     rim = np.concatenate([own[0], own[-1], own[:, 0], own[:, -1]])
-    fill_small_holes(own, LARGEST_WHOLE_HOLES * float(own.sum()))
-    disk = None if rim.any() else as_one_contact(own, LEAST_CONVEX)
+    whole = own.copy()
+    fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(own.sum()))
+    disk = None if rim.any() else as_one_contact(whole, own, LEAST_CONVEX)
     if disk is None or (len(disks) == 1 and np.abs(disk[0] - disks[0, :3]).max() < window.blur):
         return None
     return np.append(disk[0], plateau)[None]
@@ -260,10 +262,12 @@ def _other_covers(window: GroupWindow, disks: NDArray, number: int, enough: floa
     if number < 0:
         yield window.fit(disks, np.full(len(disks), np.inf))
     else:
-        yield from _outline_covers(window, enough) if number == 0 else _larger_covers(window, disks)
+        yield from (
+            _outline_covers(window, enough, len(disks)) if number == 0 else _larger_covers(window, disks)
+        )
 
 
-def _outline_covers(window: GroupWindow, enough: float) -> Iterator[Cover]:
+def _outline_covers(window: GroupWindow, enough: float, count: int) -> Iterator[Cover]:
     """Disks along the outline of the group, until chi-square is below ``enough``."""
     problem, blur = window.problem, window.blur
     for level, shrinkage in ((0.5, 0.0), (NECK_LEVEL_FRACTION, NECK_SHRINKAGE_BLUR_WIDTHS)):
@@ -273,7 +277,8 @@ def _outline_covers(window: GroupWindow, enough: float) -> Iterator[Cover]:
         arcs = arcs[np.argsort(-arcs[:, 3], kind="stable")]
         arcs[:, RADIUS] += shrinkage * blur
         arcs[:, CONTRAST] = problem.contrast
-        if 0 < len(arcs) <= MOST_ARCS:
+        # a ragged outline has many more arcs than there are disks
+        if 0 < len(arcs) <= min(MOST_ARCS, ARCS_A_DISK * (count + MISSING_DISKS)):
             cover = _completed(window, arcs[~hidden(arcs)])
             yield cover
             if cover[1] < enough:

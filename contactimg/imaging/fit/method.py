@@ -30,7 +30,7 @@ from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
 from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.film_edge import FilmEdge
 from contactimg.imaging.fit.learned_edge import LearnedEdge
-from contactimg.imaging.fit.problem import RADIUS, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
@@ -63,6 +63,8 @@ LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
 MOST_ATTEMPTS = 2
 """Contrasts at which disks are assembled, at most. By hand."""
+WORSE_RATIO = 1.5
+"""Median chi-square at another contrast over that at the first, above which the other is wrong. By hand."""
 CONTRAST_CHANGE_LOG = 0.15
 """Change of ln contrast after which disks are assembled anew. By hand."""
 FEWEST_COMMON_CHI_SQUARE = 10
@@ -152,10 +154,14 @@ def measure_by_fit(
         if hides_contrast(best.fit):  # which regions at half of that contrast would not show either
             break
         original, _ = made_round(best.problem, best.fit, best.ellipses, -1.0)
-        problem = replace(original.with_contrast(joint.contrast), background=problem.background)
+        # contacts with a contrast of their own are found anew
+        prior = ContrastPrior.loose(joint.contrast)
+        problem = replace(original, prior=prior, background=problem.background)
         other = frame.settle(problem, joint.fit.blur, frame.prior)
-        # a contrast at which most contacts vanish is wrong; small ones are faint at any
+        # a contrast at which most contacts vanish, or fit worse, is wrong; small ones are faint at any
         if other.joint is None or 2 * len(other.fit.disks) < len(best.fit.disks):
+            break
+        if np.median(other.fit.chi_square) > WORSE_RATIO * np.median(best.fit.chi_square):
             break
         best = other
     if shape in ("auto", "ellipse"):

@@ -10,7 +10,7 @@ from contactimg.imaging.measure import measure_image
 from contactimg.imaging.profile.edge_shape import PARAMETERS, RESPONSE
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
 
-WINDOW = (slice(0, 260), slice(0, 300))  # an eighth of the frame
+WINDOW = (slice(0, 170), slice(0, 230))  # a sixteenth of the frame, too few contacts to learn an edge from
 
 
 def knowledge(families, best, count, tight=1e4):
