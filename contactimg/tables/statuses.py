@@ -118,7 +118,6 @@ CURES = {
     Status.SATURATED: "shorten the exposure; state [camera] full_scale_levels for 12 bits in 16-bit files",
     Status.LIGHT_NOT_FOLLOWED: "take a reference under the same light, or mask reflections",
     Status.LITTLE_BACKGROUND: "take a reference, or a wider field of view",
-    Status.INTERLACED: "read the camera progressively, or at rest",
     Status.NONLINEAR: "switch the camera's gamma off, or state [camera] gamma",
     Status.FILM: 'leave [effects] film "auto", or lower [measure] film_doubt if it is known',
     Status.SOFT: "focus; calibrate the edge on contacts of known load (`contactimg calibrate`)",

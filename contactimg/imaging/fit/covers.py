@@ -71,8 +71,8 @@ LEAST_NOISE_FRACTION = 5e-3
 MISSING_DISK_PEAK_FRACTION = 0.3
 """Height of a residual peak at which a disk is added to those of an outline. By hand."""
 MOST_ARCS, ARCS_A_DISK, MISSING_DISKS = 60, 3, 4
-"""Arcs of the outline of a group at most: in all, and for each disk, so many of which may be missing. By hand:
-more belong to no disks."""
+"""Arcs of the outline of a group at most: in all, and for each disk, of which so many may be missing. By
+hand: more belong to no disks."""
 NECK_LEVEL_FRACTION = 0.75
 """Level of a second outline, at which necks between touching contacts open. By hand."""
 NECK_SHRINKAGE_BLUR_WIDTHS = 0.67
