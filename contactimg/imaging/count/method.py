@@ -15,7 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.count.by_hand import edit_counts
-from contactimg.imaging.count.rim_errors import Crossing, blur_of_heights, rim_errors, shown_contrast
+from contactimg.imaging.count.rim_errors import (
+    Crossing,
+    blur_of_heights,
+    light_against_area,
+    rim_errors,
+    shown_contrast,
+)
 from contactimg.imaging.count.split_touching import split_components
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import estimate_blur
@@ -72,6 +78,8 @@ class Counted:
     unmatched : list of HandEdit
     remark : str
         What to say of the threshold; empty where it is near the rims.
+    uneven : float
+        Relative excess of the light of wide contacts over that of their counted pixels.
     """
 
     contacts: Columns
@@ -82,6 +90,7 @@ class Counted:
     blur_px: float
     unmatched: list[HandEdit] = field(default_factory=list)
     remark: str = ""
+    uneven: float = 0.0
 
 
 def measure_by_count(
@@ -125,7 +134,8 @@ def measure_by_count(
     contacts = {name: values[~dust] for name, values in contacts.items()}
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
     crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
-    contacts |= _uncertainties(contacts, crossing)
+    uneven = light_against_area(contacts["radius_px"], contacts["height"], crossing)
+    contacts |= _uncertainties(contacts, crossing, uneven)
     # of a contact cut by the border the pixels counted are those that are seen
     contacts["visible_area_px2"] = np.pi * contacts["radius_px"] ** 2
     return Counted(
@@ -138,6 +148,7 @@ def measure_by_count(
         blur_px=blur,
         unmatched=unmatched,
         remark=_remark_on_threshold(contacts, crossing),
+        uneven=uneven,
     )
 
 
@@ -175,15 +186,19 @@ def _with_unseen_contrast(
     return replace(crossing, contrast_std=std, largest_ratio=ratio), own
 
 
-def _uncertainties(contacts: Columns, crossing: Crossing) -> Columns:
-    """Columns of the uncertainties of counted contacts."""
+def _uncertainties(contacts: Columns, crossing: Crossing, uneven: float) -> Columns:
+    """Columns of the uncertainties of counted contacts; half of what light and area disagree by is one."""
     errors = rim_errors(contacts["radius_px"], contacts["height"], crossing)
-    shared = np.stack([errors.contrast_shift, errors.threshold_shift], axis=1)
+    edge = np.where(
+        uneven == 0.0, errors.threshold_shift,
+        np.hypot(errors.threshold_shift, 0.5 * uneven * contacts["radius_px"]),
+    )  # fmt: skip
+    shared = np.stack([errors.contrast_shift, edge], axis=1)
     return {
         "radius_std_px": combine_errors(errors.own, shared),
         "contrast_shift_px": errors.contrast_shift,
         "blur_shift_px": np.zeros(len(shared)),
-        "edge_shift_px": errors.threshold_shift,
+        "edge_shift_px": edge,
     }
 
 

@@ -29,6 +29,9 @@ SHOWN_BLUR_WIDTHS = 3.0
 spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the centre."""
 FEWEST_WIDE = 5
 """Such contacts that show how contrasts scatter. Chosen."""
+UNEVEN_LIGHT, UNEVEN_SIGMA = 0.03, 3.0
+"""Relative excess of light, and its standard errors beside that, above which contacts are not uniform disks
+behind the blur. By hand: three times what the blur of wide contacts is uncertain by."""
 LEAST_RADIUS_PX = 2.0  # of contacts that show the blur of their rims; chosen: smaller ones are mostly rim
 LEAST_SLOPE_RATIO = 0.1
 """Least slope at a crossing over that of a straight rim: keeps uncertainties finite where a contact hardly
@@ -154,6 +157,23 @@ def _contrast_spread(radius: Values, height: Values, crossing: Crossing) -> floa
         return 0.0
     full = 1.0 - 2.0 * crossing.blur_px / radius[wide] * _missing(crossing.fraction)
     return robust_std(height[wide] / (crossing.contrast * full))
+
+
+def light_against_area(radius_px: Values, height: Values, crossing: Crossing) -> float:
+    """Relative excess of the light of wide contacts, over the contrast, over that of their counted pixels.
+
+    0 for uniform disks behind the blur, and where what is seen may be chance. Contacts that are brighter or
+    darker in the middle than at the rim, or have light beside it, do not end where half of the contrast is.
+    """
+    wide = (radius_px > WIDE_BLUR_WIDTHS * crossing.blur_px) & np.isfinite(height)
+    n = int(np.count_nonzero(wide))
+    if n < FEWEST_WIDE:
+        return 0.0
+    full = 1.0 - 2.0 * crossing.blur_px / radius_px[wide] * _missing(crossing.fraction)
+    ratio = height[wide] / (crossing.contrast * full)
+    excess = float(np.median(ratio)) - 1.0
+    known = UNEVEN_LIGHT + UNEVEN_SIGMA * robust_std(ratio) / np.sqrt(n)
+    return excess if abs(excess) > known else 0.0
 
 
 def blur_of_heights(radius_px: Values, height: Values, fraction: float) -> float:
