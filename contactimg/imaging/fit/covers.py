@@ -86,9 +86,6 @@ MOST_WINDOW_SHARE = 1.5
 """Pixels of the windows in which other covers are tried, over those of the image: the bound of the work. By
 hand: a crowd of which half is covered takes 0.7."""
 
-MOST_WORK_SHARE = 100.0
-"""Pixels times disks of all fits of other covers, over the pixels of the image: the second bound of the work."""
-
 Cover = tuple[NDArray[np.float64], float]
 """Fitted disks, and their chi-square."""
 
@@ -134,7 +131,6 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
     bad = fit.chi_square > limit * usual
     # the smallest groups first: most of them are resolved if the work does not suffice for all
     coarse, left = _no_finer_than_shapes(problem), MOST_WINDOW_SHARE * problem.image.size
-    work = MOST_WORK_SHARE * problem.image.size
     groups = sorted(_groups_with(bad, fit.disks, GROUP_GAP_BLUR_WIDTHS * fit.blur), key=len)
     for members in groups:
         # a single disk must fit worse than most: in a frame of ragged contacts all fit badly
@@ -146,11 +142,10 @@ def find_better_covers(problem: FitProblem, fit: FittedDisks, whole: NDArray[np.
         if window is None:
             continue
         left -= window.pixels
-        if left < 0.0 or work < 0.0:
+        if left < 0.0:
             break
         disks = fit.disks[members] - window.offset
         better = _find_cover(window, disks, usual) if len(members) <= LARGEST_GROUP else disks
-        work -= window.work
         if len(members) == 1 and len(better) == 2:
             found = find_ellipses(coarse, fit, coarse.prior, EXACT_OPTICS, rows=members)
             if any(_misfit(window, each, fit.blur) < window.chi_square(better) for each in found.fitted):

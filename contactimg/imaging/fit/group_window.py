@@ -28,15 +28,12 @@ class GroupWindow:
     blur : float, px
     offset : ndarray, shape (4,)
         Parameters of a disk in the image minus those in the window.
-    work : int
-        Pixels times disks of all fits so far.
     """
 
     def __init__(self, problem: FitProblem, blur: float):
         self.problem = problem
         self.blur = blur
         self.offset = np.array([*problem.corner, 0.0, 0.0])
-        self.work = 0
         self._misfits: dict[bytes, NDArray[np.float32]] = {}
 
     @classmethod
@@ -68,7 +65,6 @@ class GroupWindow:
         ``largest`` are upper bounds of the radii, px.
         """
         while True:
-            self.work += self.pixels * len(disks)
             fit = fit_disks(self.problem, disks, blur=self.blur, control=CONTROL, largest=largest)
             kept = ~find_insignificant(fit, self.problem, final=True)
             if kept.all() or not kept.any():
