@@ -51,7 +51,7 @@ def unmodelled_effects(
         "area": abs(float(area.sum() / np.sum(a**2))),
         "radius": float(np.sqrt(np.sum(radius**2) / np.sum(a**2))),
         "hertz": float(np.abs(a**3 / R * (1 / load - 1)).sum() / np.sum(a**3 / R)),
-        "force": float(weight @ np.abs(load / np.average(load, weights=weight) - 1) / weight.sum()),
+        "force": _unequal(load, weight),
     }
     widest = int(np.argmax(a / R))
     distance = np.hypot(solution.x[rows] - x0, solution.y[rows] - y0)
@@ -85,3 +85,11 @@ def strain_factor(ratio: Values, law: str) -> Values:
     [1.0, 0.971]
     """
     return np.interp(ratio, STRAIN_RATIO, OVER_SPHERE if law == "sphere" else OVER_HERTZ)
+
+
+def _unequal(factor: NDArray, weight: NDArray) -> float:
+    """Mean distance of the factors from their weighted mean, relative to it; 0 without any weight."""
+    total = float(weight.sum())
+    if not total > 0.0:
+        return 0.0
+    return float(weight @ np.abs(factor / (weight @ factor / total) - 1) / total)

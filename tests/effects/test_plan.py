@@ -206,7 +206,8 @@ EVERYTHING = {"matrix", "product", "full", "sphere", "layer"}
         ("layer of 1 mm", 1e-4, EVERYTHING),
         ("very adhesive, light", 0.05, {"adhesion"}),
         ("RA+ adhesive", 0.01, {"matrix", "product", "sphere", "adhesion"}),
-        ("RA+ adhesive", 0.002, {"matrix", "product", "sphere", "adhesion", "full adhesive"}),
+        # contacts that several effects together let form count for each of them, the layer too
+        ("RA+ adhesive", 0.002, {"matrix", "product", "sphere", "adhesion", "full adhesive", "layer"}),
     ],
 )
 def test_the_code_of_an_effect_that_is_off_is_not_run(counted, name, relative, run):

@@ -66,7 +66,8 @@ def test_scene_is_read_from_a_folder_or_a_file(tmp_path):
             b"[camera]\npixel_size_um = 6\n",
             (
                 "[camera] has no key 'pixel_size_um'; did you mean 'pixel_size_m'? (allowed keys: "
-                "pixel_size_m, centre_m, rotation_deg, mirrored, full_scale_levels, gamma, response)"
+                "pixel_size_m, centre_m, rotation_deg, mirrored, full_scale_levels, gamma, response, "
+                "linearity)"
             ),
         ),
     ],
