@@ -291,15 +291,15 @@ def count_again(
     contacts: Columns = dict.fromkeys(CONTACT_TYPES, nothing)
     rejected: Columns = dict.fromkeys(("x_px", "y_px", "radius_px", "reason"), nothing)
     shared = own = foreground.prior_optics
-    smallest, unmatched, remark, uneven = float("nan"), list(edits), "", 0.0
+    smallest, unmatched, remark, rim_height = float("nan"), list(edits), "", 1.0
     if foreground.contrast.plateau > 0:
         counted = measure_by_count(foreground, fraction=fraction, fraction_std=fraction_std, edits=edits)
         contacts, rejected, smallest = counted.contacts, counted.rejected, counted.smallest_px
         shared, own, unmatched = counted.optics, counted.own_optics, counted.unmatched
-        remark, uneven = counted.remark, counted.uneven
+        remark, rim_height = counted.remark, counted.rim_height
     seen = FrameEvidence(
         foreground, contacts, rejected, {}, own.contrast_relative_std, None,
-        _background(foreground, contacts, USUAL_BLUR_PX), 0.0, remark, uneven,
+        _background(foreground, contacts, USUAL_BLUR_PX), 0.0, remark, rim_height,
     )  # fmt: skip
     return _tabulate(
         foreground, contacts, rejected, (shared, own), judge_frame(seen), unmatched,

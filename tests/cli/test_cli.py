@@ -375,8 +375,9 @@ def test_frames_that_show_nothing_are_not_success(series, tmp_path, capsys):
     assert frames["area_m2"].isna().all()
     capsys.readouterr()
     assert main(["process", "--help"]) == 0
-    assert "1 a frame failed, a slip is likely (it is named), or no frame has a result to rely on" in " ".join(
-        capsys.readouterr().out.split()
+    assert (
+        "1 a frame failed, a slip is likely (it is named), or no frame has a result to rely on"
+        in " ".join(capsys.readouterr().out.split())
     )
 
 

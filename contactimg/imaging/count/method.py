@@ -13,12 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.rim_errors import (
     Crossing,
     blur_of_heights,
-    light_against_area,
+    height_at_rims,
     rim_errors,
     shown_contrast,
 )
@@ -78,8 +79,8 @@ class Counted:
     unmatched : list of HandEdit
     remark : str
         What to say of the threshold; empty where it is near the rims.
-    uneven : float
-        Relative excess of the light of wide contacts over that of their counted pixels.
+    rim_height : float
+        Height of wide contacts at their rims over the contrast.
     """
 
     contacts: Columns
@@ -90,7 +91,7 @@ class Counted:
     blur_px: float
     unmatched: list[HandEdit] = field(default_factory=list)
     remark: str = ""
-    uneven: float = 0.0
+    rim_height: float = 1.0
 
 
 def measure_by_count(
@@ -134,8 +135,8 @@ def measure_by_count(
     contacts = {name: values[~dust] for name, values in contacts.items()}
     crossing = Crossing(fraction, contrast.plateau, contrast.std, blur, foreground.noise, fraction_std)
     crossing, own_std = _with_unseen_contrast(foreground, contacts["radius_px"], crossing)
-    uneven = light_against_area(contacts["radius_px"], contacts["height"], crossing)
-    contacts |= _uncertainties(contacts, crossing, uneven)
+    rim_height = height_at_rims(image, contacts, crossing)
+    contacts |= _uncertainties(contacts, crossing, rim_height)
     # of a contact cut by the border the pixels counted are those that are seen
     contacts["visible_area_px2"] = np.pi * contacts["radius_px"] ** 2
     return Counted(
@@ -148,7 +149,7 @@ def measure_by_count(
         blur_px=blur,
         unmatched=unmatched,
         remark=_remark_on_threshold(contacts, crossing),
-        uneven=uneven,
+        rim_height=rim_height,
     )
 
 
@@ -186,13 +187,13 @@ def _with_unseen_contrast(
     return replace(crossing, contrast_std=std, largest_ratio=ratio), own
 
 
-def _uncertainties(contacts: Columns, crossing: Crossing, uneven: float) -> Columns:
-    """Columns of the uncertainties of counted contacts; half of what light and area disagree by is one."""
+def _uncertainties(contacts: Columns, crossing: Crossing, rim_height: float) -> Columns:
+    """Columns of the uncertainties of counted contacts, of any height at their rims."""
     errors = rim_errors(contacts["radius_px"], contacts["height"], crossing)
-    edge = np.where(
-        uneven == 0.0, errors.threshold_shift,
-        np.hypot(errors.threshold_shift, 0.5 * uneven * contacts["radius_px"]),
-    )  # fmt: skip
+    edge = errors.threshold_shift
+    if rim_height != 1.0:
+        fractions = np.clip([crossing.fraction, crossing.fraction / rim_height], 0.01, 0.99)
+        edge = np.sign(rim_height - 1.0) * np.hypot(edge, crossing.blur_px * float(np.ptp(ndtri(fractions))))
     shared = np.stack([errors.contrast_shift, edge], axis=1)
     return {
         "radius_std_px": combine_errors(errors.own, shared),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ive, ndtr, ndtri
 
+from contactimg.imaging.fit.contact_pixels import measure_rise
 from contactimg.imaging.pixels.robust import robust_std
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.threshold_radius import disk_radius
@@ -29,9 +30,12 @@ SHOWN_BLUR_WIDTHS = 3.0
 spot of any contrast has 1.8 at half of its height, a disk of 3 has 99 % of its contrast at the centre."""
 FEWEST_WIDE = 5
 """Such contacts that show how contrasts scatter. Chosen."""
-UNEVEN_LIGHT, UNEVEN_SIGMA = 0.03, 3.0
-"""Relative excess of light, and its standard errors beside that, above which contacts are not uniform disks
-behind the blur. By hand: three times what the blur of wide contacts is uncertain by."""
+UNEVEN_HEIGHT, UNEVEN_SIGMA = 0.05, 3.0
+"""Fall of the height towards the rims, of the contrast, and its standard errors beside that, above which
+contacts are not uniform. By hand: half height then moves by a twentieth of the blur."""
+INNER_RING, RIM_MARGIN = 0.5, 2.5
+"""Ring inside the rims in which their height is read: from this share of the radius to so many blur widths
+from the rim. Theory: 1 % of the edge is missing there."""
 LEAST_RADIUS_PX = 2.0  # of contacts that show the blur of their rims; chosen: smaller ones are mostly rim
 LEAST_SLOPE_RATIO = 0.1
 """Least slope at a crossing over that of a straight rim: keeps uncertainties finite where a contact hardly
@@ -159,21 +163,31 @@ def _contrast_spread(radius: Values, height: Values, crossing: Crossing) -> floa
     return robust_std(height[wide] / (crossing.contrast * full))
 
 
-def light_against_area(radius_px: Values, height: Values, crossing: Crossing) -> float:
-    """Relative excess of the light of wide contacts, over the contrast, over that of their counted pixels.
+def height_at_rims(image: NDArray[np.float32], contacts: dict[str, NDArray], crossing: Crossing) -> float:
+    """Height that wide contacts have at their rims, over the contrast; 1 where they are uniform.
 
-    0 for uniform disks behind the blur, and where what is seen may be chance. Contacts that are brighter or
-    darker in the middle than at the rim, or have light beside it, do not end where half of the contrast is.
+    The mean inside half of the radius and that in a ring inside the rim give a parabola, which is continued
+    to the rim. Contacts brighter in the middle are counted at another fraction of the height of their rims.
     """
-    wide = (radius_px > WIDE_BLUR_WIDTHS * crossing.blur_px) & np.isfinite(height)
-    n = int(np.count_nonzero(wide))
-    if n < FEWEST_WIDE:
-        return 0.0
-    full = 1.0 - 2.0 * crossing.blur_px / radius_px[wide] * _missing(crossing.fraction)
-    ratio = height[wide] / (crossing.contrast * full)
-    excess = float(np.median(ratio)) - 1.0
-    known = UNEVEN_LIGHT + UNEVEN_SIGMA * robust_std(ratio) / np.sqrt(n)
-    return excess if abs(excess) > known else 0.0
+    radius, s = contacts["radius_px"], crossing.blur_px
+    wide = np.flatnonzero((radius > WIDE_BLUR_WIDTHS * s) & np.isfinite(contacts["height"]))
+    if len(wide) < FEWEST_WIDE:
+        return 1.0
+    falls = np.empty(len(wide))
+    for k, row in enumerate(wide):
+        a = float(radius[row])
+        step = (a - RIM_MARGIN * s - INNER_RING * a) / 3.0
+        inner = INNER_RING * a - 3.0 * step
+        place = np.array([[contacts["x_px"][row], contacts["y_px"][row], inner]])
+        rise = float(measure_rise(image, place, step)[0])
+        squares = ((INNER_RING * a) ** 2 + (a - RIM_MARGIN * s) ** 2) / 2.0, (inner - 0.5 * step) ** 2 / 2.0
+        falls[k] = rise * (a**2 - squares[0]) / (squares[0] - squares[1]) / crossing.contrast
+    known = np.isfinite(falls)
+    if np.count_nonzero(known) < FEWEST_WIDE:
+        return 1.0
+    fall = float(np.median(falls[known]))
+    chance = UNEVEN_SIGMA * robust_std(falls[known]) / np.sqrt(np.count_nonzero(known))
+    return float(np.clip(1.0 - fall, 0.6, 1.4)) if abs(fall) > UNEVEN_HEIGHT + chance else 1.0
 
 
 def blur_of_heights(radius_px: Values, height: Values, fraction: float) -> float:

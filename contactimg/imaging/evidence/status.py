@@ -82,8 +82,8 @@ class FrameEvidence:
         Share of the bright pixels that belong to no contact.
     remark : str
         What the method says of itself.
-    uneven : float
-        Relative excess of the light of counted contacts over that of their pixels.
+    rim_height : float
+        Height of counted contacts at their rims over the contrast.
     """
 
     foreground: Foreground
@@ -95,7 +95,7 @@ class FrameEvidence:
     background: BackgroundLeft
     unexplained: float
     remark: str = ""
-    uneven: float = 0.0
+    rim_height: float = 1.0
 
     @property
     def count(self) -> int:
@@ -185,10 +185,10 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         text = f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
         yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
-    if seen.uneven:
+    if seen.rim_height != 1.0:
         text = (
-            f"the light of the contacts makes areas {100 * seen.uneven:+.2g} % of the pixel count: they are "
-            "not uniform, or have light beside their rims; half of that is part of the uncertainties"
+            f"the contacts have {100 * seen.rim_height:.0f} % of their height at their rims, which moves the "
+            "pixel count by what the uncertainties include"
         )
         yield Status.DISAGREES, text
     if text := _common_disagreement(seen.evidence):
