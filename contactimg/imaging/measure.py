@@ -257,7 +257,7 @@ def measure_image(
         counted = count_again(foreground, fraction, fraction_std=threshold_std, edits=edits)
         return counted if method == "threshold" else replace(counted, threshold=float("nan"))
     setting = film if film is None or isinstance(film, FilmSetting) else FilmSetting(film)
-    result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape)
+    result = measure_by_fit(foreground, film=setting, edits=edits, shape=shape, linear=linearity == 0.0)
     judged = judge_contacts(foreground, result, shape=shape, linearity=linearity)
     problem, joint, binning = result.problem, result.joint, result.problem.binning
     if joint is None:

@@ -69,9 +69,9 @@ one of them by up to 0.6 % by chance."""
 FAMILY_RELATIVE_STD = 0.1
 """Standard uncertainty of what a learned edge does to the radii, relative to it. Chosen: no lens has
 exactly an edge of these families; behind an annular aperture, in a series, a sum was off by 1.4 %."""
-PRIOR_ODDS = 0.1
-"""Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has
-it."""
+USUAL_ODDS, PRIOR_ODDS = 0.1, {"response": 0.5}
+"""Odds of each family against the plain edge before the frame is looked at. Chosen: one frame in ten has it;
+of cameras that nobody calls linear one in three has a gamma or a tone curve."""
 POSITIVE = {"softness", "rim"}
 """Families whose parameter cannot be negative: rims are soft, and the gap beside a contact shines."""
 RELEVANT_SUM_SIGMA = 1.0
@@ -96,6 +96,7 @@ def learn_edge(
     ratio: float,
     refine: Refine,
     given: SharedOptics,
+    linear: bool = False,
 ) -> EdgeFit:
     """Learn the edge of a frame's contacts, and fit them with it.
 
@@ -112,6 +113,8 @@ def learn_edge(
     given : SharedOptics
         What other frames say of the edge, and whether a reference contact has told where in its edge a
         contact ends.
+    linear : bool
+        Whether the camera is known to be linear.
 
     Returns
     -------
@@ -121,7 +124,7 @@ def learn_edge(
         coarse for the rims.
     """
     lent, known = given.edge, given.known_edge is not None
-    search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent, known)
+    search = _Search(problem, optics_prior, Placement(problem.image.shape, ratio), lent, known, linear)
     plain = current = EdgeFit(problem, joint, LearnedEdge(Edge.plain(joint.fit.blur)))
     if problem.noise.rim > 0:
         return plain
@@ -158,6 +161,8 @@ class _Search:
         What other frames say of the edge.
     known : bool
         Whether it is known where in its edge a contact ends.
+    linear : bool
+        Whether the camera is known to be linear.
     """
 
     problem: FitProblem
@@ -165,6 +170,13 @@ class _Search:
     placement: Placement
     lent: EdgeKnowledge | None
     known: bool = False
+    linear: bool = False
+
+    def excluded(self, name: str, families: tuple[str, ...]) -> bool:
+        """Whether a family is not looked for beside others."""
+        if name in families or (self.linear and name == "response"):
+            return True
+        return any({name, *families} >= pair for pair in INDISTINCT)
 
     def _with_prior(self, joint: JointFit) -> FitProblem:
         """With the contrast and spread of a fit."""
@@ -250,7 +262,7 @@ class _Search:
         """The family that explains most of the residuals, if it is significant and matters."""
         families, (best, most) = current.learned.families, ("", 0.0)
         for name, columns in FAMILIES.items():
-            if name in families or any({name, *families} >= pair for pair in INDISTINCT):
+            if self.excluded(name, families):
                 continue
             step = scores.step(parameters_of((*families, name)), prior)
             if name in POSITIVE and step.delta[-1] <= 0.0:
@@ -330,13 +342,13 @@ class _Search:
         )  # fmt: skip
         without = scores.step(parameters_of(families), prior).gain
         for name, columns in FAMILIES.items():
-            if name in families or any({name, *families} >= pair for pair in INDISTINCT):
+            if self.excluded(name, families):
                 continue
             step = scores.step(parameters_of((*families, name)), prior)
             own = np.flatnonzero(np.isin(step.chosen - SHARED, columns))
             known = np.linalg.slogdet(step.covariance[np.ix_(own, own)])[1]
             known -= 2.0 * float(np.sum(np.log(PRIOR_STD[list(columns)])))
-            odds = PRIOR_ODDS * np.exp(min(0.5 * (step.gain - without + known), 50.0))
+            odds = PRIOR_ODDS.get(name, USUAL_ODDS) * np.exp(min(0.5 * (step.gain - without + known), 50.0))
             along = response[:, step.chosen]
             square = (along @ step.delta) ** 2 + np.sum(
                 along[:, own] @ step.covariance[own][:, own] * along[:, own], 1

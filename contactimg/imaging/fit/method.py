@@ -131,6 +131,7 @@ def measure_by_fit(
     film: FilmSetting | None = None,
     edits: Sequence[HandEdit] = (),
     shape: str = "auto",
+    linear: bool = False,
 ) -> FrameFit:
     """Find the contacts of a frame and fit a blurred disk to each.
 
@@ -143,8 +144,10 @@ def measure_by_fit(
         Corrections by hand to what was found; the changed disks are fitted with the others.
     shape : {"auto", "disk", "ellipse", "free"}
         "auto": an ellipse where no disk describes a contact; "ellipse": for every isolated contact.
+    linear : bool
+        Whether the camera is known to be linear.
     """
-    frame = _Frame.of(foreground, film, edits, shape)
+    frame = replace(_Frame.of(foreground, film, edits, shape), linear=linear)
     problem, blur = frame.problem, frame.blur
     best = frame.settle(problem, blur, frame.prior)
     for _ in range(MOST_ATTEMPTS - 1):
@@ -182,6 +185,7 @@ class _Frame:
     film: FilmSetting | None
     edits: Sequence[HandEdit]
     shape: str
+    linear: bool = False
 
     @classmethod
     def of(
@@ -319,7 +323,7 @@ class _Frame:
                 return self._with_film(plain, weighed)
         learned = learn_edge(
             plain.problem, plain.joint, self.prior, ratio=plain.ratio, refine=refine,
-            given=self.foreground.prior_optics,
+            given=self.foreground.prior_optics, linear=self.linear,
         )  # fmt: skip
         if trial is not None and weighed is not None and learned.learned.families:
             weighed = trial.against(weighed, learned)
