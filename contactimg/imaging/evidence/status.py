@@ -185,6 +185,9 @@ def _contacts(seen: FrameEvidence) -> Iterator[tuple[str, str]]:
         text = f"{n} of {seen.count} contacts are not described by blurred disks or ellipses"
         given = seen.foreground.prior_optics.blur_px
         yield Status.POOR_FIT, text + (f" behind a blur of {given:.2g} px" if np.isfinite(given) else "")
+    if n := _touching_among_ellipses(seen.evidence):
+        text = f"most contacts are ellipses, and {n} disks touch: two of them may be one ellipse"
+        yield Status.UNRESOLVED, text
     if seen.rim_height != 1.0:
         text = (
             f"the contacts have {100 * seen.rim_height:.0f} % of their height at their rims, which moves the "
@@ -256,6 +259,15 @@ def _edges(fit: FrameFit) -> Iterator[tuple[str, str]]:
         soft = bool({"softness", "rim"} & families) and not known
         status = Status.NONLINEAR if "response" in families else Status.SOFT if soft else ""
         yield status, describe_edge(fit.edge, binning=fit.problem.binning)
+
+
+def _touching_among_ellipses(e: Columns) -> int:
+    """Number of disks that touch others where most of the contacts that stand alone are ellipses; else 0."""
+    if not len(e):
+        return 0
+    alone = e["touching"] == 0
+    disks = int(np.count_nonzero(~alone & ~e["ellipse"]))
+    return disks if disks >= 2 and np.count_nonzero(e["ellipse"] & alone) > 0.5 * alone.sum() else 0
 
 
 def _common_disagreement(e: Columns) -> str:

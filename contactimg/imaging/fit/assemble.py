@@ -31,6 +31,9 @@ COVER_GROWTH_RATIO = 1.1
 """The same over that in a better cover. By hand."""
 NEIGHBOUR_BLUR_WIDTHS = 3.0
 """Gap within which an added or dropped disk changes its neighbours. By hand."""
+MOST_NEIGHBOURS, FEWEST_PAIRS = 8, 2000
+"""Pairs of disks closer than that for each disk, above which no other is added; and pairs that are fitted in
+any case. By hand: a close packing has 3; the work of a fit grows with their number."""
 RIM_BLUR_WIDTHS = 5.0
 """Distance that counts as near a rim, where imperfect edges leave light. By hand."""
 LEAST_RIM_PEAK = 0.12
@@ -92,7 +95,11 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: 
     if shape == "auto":
         work.find_ellipses(found.whole[:most])
     work.drop_insignificant()
-    work.add_wide_residuals()
+    limited |= work.is_entangled()
+    if limited:
+        most = len(work.fit.disks)
+    else:
+        work.add_wide_residuals()
     fit = work.fit
     peaks, lowest = find_peaks(
         problem.image, fit.model, width=fit.blur, height=0.0, background=problem.background
@@ -111,7 +118,8 @@ def assemble_disks(problem: FitProblem, *, blur: float, free_blur: bool, shape: 
         work.add(_disks_of_peaks(peaks, fit.blur, contrast))
     if free_blur and not len(disks) and len(work.fit.disks):
         work.fit_blur()
-    work.improve_covers()
+    if not limited:
+        work.improve_covers()
     work.drop_insignificant(final=True)
     return Assembled(work.problem, work.fit, np.vstack(work.dropped), smallest, limited, work.ellipses)
 
@@ -170,6 +178,11 @@ class _Assembly:
         self.whole = np.concatenate([self.whole, np.zeros(len(disks), np.bool_)])
         active = self._refit(np.vstack([self.fit.disks, disks]), rows, 5)
         self.drop_insignificant(active)
+
+    def is_entangled(self) -> bool:
+        """Whether the rims of each disk meet those of so many others that no more are added: no contacts."""
+        pairs = find_pairs(self.fit.disks, 0.5 * NEIGHBOUR_BLUR_WIDTHS * self.fit.blur)
+        return len(pairs) > max(MOST_NEIGHBOURS * len(self.fit.disks), FEWEST_PAIRS)
 
     def add_wide_residuals(self) -> None:
         """Add candidates from what the disks leave of the image: contacts that others hid or outshone."""

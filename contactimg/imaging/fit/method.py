@@ -35,6 +35,7 @@ from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
     FEWEST_WIDE_DISKS,
+    OPTICS_STEPS,
     JointFit,
     OpticsPrior,
     contrast_prior,
@@ -61,6 +62,8 @@ DARKEST_RATIO = -0.95
 """Contrast over background level of the darkest contact. Theory: nothing is darker than black, -1."""
 LEAST_LEVEL_FRACTION = 0.1
 """Smallest background level assumed when a contact's gain is computed, of the contrast. By hand."""
+FEW_STEPS = 3
+"""Newton steps of contrast and blur where not all candidates are fitted. By hand, for time."""
 MOST_ATTEMPTS = 2
 """Contrasts at which disks are assembled, at most. By hand."""
 WORSE_RATIO = 1.5
@@ -152,7 +155,9 @@ def measure_by_fit(
     best = frame.settle(problem, blur, frame.prior)
     for _ in range(MOST_ATTEMPTS - 1):
         joint = best.joint
-        if joint is None or abs(np.log(joint.contrast / problem.contrast)) < CONTRAST_CHANGE_LOG:
+        if joint is None or best.limited:
+            break
+        if abs(np.log(joint.contrast / problem.contrast)) < CONTRAST_CHANGE_LOG:
             break
         if hides_contrast(best.fit):  # which regions at half of that contrast would not show either
             break
@@ -250,8 +255,9 @@ class _Frame:
         )  # fmt: skip
 
     def refine(
-        self, problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, free_blur: bool = False
-    ) -> JointFit:
+        self, problem: FitProblem, fit: FittedDisks, optics_prior: OpticsPrior, *, free_blur: bool = False,
+        steps: int = OPTICS_STEPS,
+    ) -> JointFit:  # fmt: skip
         """Last fit, with correlation of the noise and spread of the contrasts from the fit before."""
         radius, image, noise = fit.disks[:, RADIUS], problem.image, problem.noise
         gain, known_spread = 1.0 + noise.slope, self.foreground.prior_optics.spread
@@ -270,7 +276,9 @@ class _Frame:
             start=ModelImage.over(fit.model, len(radius), complete=False),
         )  # fmt: skip
         inflation = correlation.rim_inflation(radius, fit.blur, noise=noise, gain=gain)
-        joint = settle_optics(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide)
+        joint = settle_optics(
+            problem, fit, optics_prior, inflation=inflation, wide_contrast=wide, steps=steps
+        )
         # a misfit common to all disks is due to the noise model; that of a single disk is its own. Pixels
         # coarser than the edge hide a part of what they add or take away: that a circle fits them well says
         # little

@@ -185,6 +185,7 @@ def settle_optics(
     *,
     inflation: NDArray[np.float64],
     wide_contrast: float,
+    steps: int = OPTICS_STEPS,
 ) -> JointFit:
     """Find the most probable common contrast and blur of an image, and the disks with them.
 
@@ -199,6 +200,8 @@ def settle_optics(
         Factor of the variances for what the noise model leaves out.
     wide_contrast : float
         Contrast that the wide contacts show; NaN if there are none.
+    steps : int
+        Newton steps at most.
 
     Returns
     -------
@@ -207,10 +210,13 @@ def settle_optics(
         contact shows its contrast, see `contactimg.imaging.fit.unseen_contrast`.
     """
     joint = None
-    if not _is_unseen(problem, fit, optics_prior):
-        joint = _newton(problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast)
+    few = steps < OPTICS_STEPS
+    if few or not _is_unseen(problem, fit, optics_prior):
+        joint = _newton(
+            problem, fit, optics_prior, inflation=inflation, wide_contrast=wide_contrast, steps=steps
+        )
         problem = replace(problem, prior=joint.prior)
-    if joint is None or _is_unseen(problem, joint.fit, optics_prior):
+    if joint is None or (not few and _is_unseen(problem, joint.fit, optics_prior)):
         start = fit if joint is None else joint.fit
         return _profiled(problem, start, float(np.median(inflation)), wide_contrast)
     if joint.contrast > problem.shown_contrast:
@@ -228,13 +234,14 @@ def _newton(
     *,
     inflation: NDArray[np.float64],
     wide_contrast: float,
+    steps: int = OPTICS_STEPS,
 ) -> JointFit:
     """Newton steps of contrast and blur with fits of the disks in between, see `settle_optics`."""
     most = problem.largest_contrast
     contrast, prior = min(problem.prior.mean, most), problem.prior.at(min(problem.prior.mean, most))
     noise_slope, least_factor = problem.noise.slope / contrast, float(np.median(inflation))
     last_step = np.zeros(2)
-    for remaining in reversed(range(OPTICS_STEPS)):
+    for remaining in reversed(range(steps)):
         scores = DiskScores.of(fit, prior)
         gradient, own = scores.total(least_factor, float(np.log(wide_contrast / contrast)))
         gradient += optics_prior.information @ (optics_prior.mean - np.array([np.log(contrast), fit.blur]))
