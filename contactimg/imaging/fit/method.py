@@ -241,7 +241,8 @@ class _Frame:
         problem, fit = remove_background(problem, fit, means, free_blur=free)
         if self.edits and edited is None:
             fit, edited = fit_edited(problem, fit, self.edits)
-        joint = self.refine(problem, fit, prior, free_blur=free)
+        steps = FEW_STEPS if found.limited else OPTICS_STEPS
+        joint = self.refine(problem, fit, prior, free_blur=free, steps=steps)
         if joint.fit.blur < SHARPEST_BLUR_PX < fit.blur:  # seen only now that the contrast has settled
             for _ in range(2):
                 model = render_disks(joint.fit.disks, joint.fit.blur, problem.image.shape)
