@@ -5,7 +5,6 @@ half of its own plateau, and what stands out of the noise below half of the comm
 half of its own. Round regions are one disk; the others are covered by inscribed disks.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import cv2
@@ -60,9 +59,16 @@ USUAL_RANGE, LEAST_CORE = 0.3, 10
 show it better than their peaks. By hand."""
 MOST_RUNS = 1500
 """Runs of pixels that are looked at for it. Accuracy: they know a median to 1 % of the scatter."""
+FAINT_RATIO, RAGGED_SHARE = 0.7, 0.6
+"""Plateau over the common contrast up to which a region is faint, and share of its area that its pieces at
+the common level cover at most. By hand: at half of the contrast noise decides pixel by pixel."""
 WEIGHT_CAP = 8.0
 """Area over the median one up to which a region counts in the common contrast. By hand: no single region
 decides."""
+
+
+FaintRegion = tuple[np.void, float, tuple[int, int], NDArray[np.float32]]
+"""A region, its plateau, the corner of its window, and the window."""
 
 
 @dataclass(frozen=True)
@@ -197,6 +203,8 @@ def find_candidates(
         heights = np.broadcast_to(height, len(disks))
         others.append(np.column_stack([heights, np.full(len(disks), own_level), np.full(len(disks), whole)]))
 
+    faint, ragged = _faint_regions(image, valid, noise, level, regions)
+    regions, plateau, bright = regions[~ragged], plateau[~ragged], bright[~ragged]
     one = is_round(regions, smooth.shape) & ~bright
     add(_disks_of(regions[one]), plateau[one], own_level=False)
     for k in np.flatnonzero(~one & ~bright & (regions["area"] > LEAST_AREA_PX2)):
@@ -209,7 +217,7 @@ def find_candidates(
     for k in np.flatnonzero(bright):
         for height, disks, whole in _at_own_half(regions[k], smooth, level, float(plateau[k])):
             add(disks, height, own_level=True, whole=whole)
-    for region, height, corner, window in _faint_regions(image, valid, noise, level, regions):
+    for region, height, corner, window in faint:
         disks, whole = disks_in_region(region, window, 0.5 * height)
         small = _small_at(height / contrast, blur) if contrast > height else 0.0
         spot = HALF_HEIGHT * np.sqrt(blur**2 + 0.25 * small**2 + FAINT_SMOOTHING_PX**2)
@@ -239,7 +247,7 @@ def _whole_at_lower_level(
     window = image[top : int(region["bottom"]) + margin + 1, left : int(region["right"]) + margin + 1]
     parts, runs = label_runs(window, LOWER_RATIO * level)
     at = _component_at(runs, np.array([region["peak_x"] - left]), np.array([region["peak_y"] - top]))
-    if len(at) != 1:
+    if at[0] < 0:
         return None
     disks, whole = disks_in_region(parts[at[0]], window, LOWER_RATIO * level)
     return disks + np.array([left, top, 0.0]) if whole and len(disks) == 1 else None
@@ -364,42 +372,48 @@ def _at_own_half(
 
 def _faint_regions(
     image: NDArray[np.float32], valid: Mask, noise: float, level: float, regions: NDArray[np.void]
-) -> Iterator[tuple[np.void, float, tuple[int, int], NDArray[np.float32]]]:
+) -> tuple[list[FaintRegion], NDArray[np.bool_]]:
     """Regions that stand out of the noise and contain none found before, each in a window of its own.
 
-    Yields the region, its plateau, the corner of the window and the window.
+    Those found before are pieces of a region whose own plateau lies about at the level at which they were
+    outlined, where they are ragged: which of them is returned too.
     """
+    ragged = np.zeros(len(regions), np.bool_)
     coarse = _coarse(image, valid, 2)
     coarse_noise = _coarse_noise(coarse, noise / 2.0)
     floor = np.float32(max(SUPPORT_SIGMA * coarse_noise, 1e-6))
     if not floor < level:
-        return
+        return [], ragged
     support, runs = label_runs(coarse, float(floor))
     support, plateau, half_area = _with_plateaus(coarse, support, runs)
-    taken = np.zeros(len(support), np.bool_)
     # a few pixels of noise on a faint plateau reach the level as well
-    outlined = regions[regions["area"] > LEAST_AREA_PX2]
-    if len(outlined):
-        taken[_component_at(runs, outlined["peak_x"] // 2, outlined["peak_y"] // 2)] = True
+    where = _component_at(runs, regions["peak_x"] // 2, regions["peak_y"] // 2)
+    outlined = (where >= 0) & (regions["area"] > LEAST_AREA_PX2)
+    covered = np.bincount(where[outlined], regions["area"][outlined], minlength=len(support))
+    at_level = plateau < FAINT_RATIO * 2.0 * level
+    taken = (covered > 0) & ~(at_level & (covered < RAGGED_SHARE * 4.0 * half_area))
     light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
     shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
+    ragged[where >= 0] = shown[where[where >= 0]]
+    found = []
     for k in np.flatnonzero(shown):
         top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)
         box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
         blurred = cv2.GaussianBlur(image[box], (0, 0), FAINT_SMOOTHING_PX, borderType=cv2.BORDER_REPLICATE)
         window = np.asarray(blurred, np.float32)
-        for part in label_runs(window, 0.5 * float(plateau[k]))[0]:
-            if part["area"] > 0.5 * WIDE_PX2:
-                yield part, float(plateau[k]), (left, top), window
+        parts = label_runs(window, 0.5 * float(plateau[k]))[0]
+        wide = parts[parts["area"] > 0.5 * WIDE_PX2]
+        found.extend((part, float(plateau[k]), (left, top), window) for part in wide)
+    return found, ragged
 
 
 def _component_at(runs: NDArray[np.int64], x: NDArray, y: NDArray) -> NDArray[np.int64]:
-    """Numbers of the components that contain some pixels; pixels in none are left out."""
+    """Number of the component that contains each of some pixels; -1 for pixels in none."""
     if not len(runs):
-        return np.empty(0, np.int64)
+        return np.full(len(x), -1)
     width = int(runs[:, 2].max(initial=0)) + 2
     start, end = runs[:, 0] * width + runs[:, 1], runs[:, 0] * width + runs[:, 2]
     place = y * width + np.minimum(x, width - 1)
     k = np.searchsorted(start, place, side="right") - 1
     inside = (k >= 0) & (place <= end[np.maximum(k, 0)])
-    return np.unique(runs[k[inside], 3])
+    return np.where(inside, runs[np.maximum(k, 0), 3], -1)
