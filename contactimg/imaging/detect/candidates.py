@@ -395,7 +395,7 @@ def _faint_regions(
     light = support["flux"] * 4.0 > LIGHT_SIGMA * 2.0 * coarse_noise * np.sqrt(support["area"] * 4.0)
     shown = light & ~taken & (half_area * 4.0 > WIDE_PX2)
     ragged[where >= 0] = shown[where[where >= 0]]
-    found = []
+    found: list[FaintRegion] = []
     for k in np.flatnonzero(shown):
         top, left = max(2 * int(support[k]["top"]) - 2, 0), max(2 * int(support[k]["left"]) - 2, 0)
         box = (slice(top, 2 * int(support[k]["bottom"]) + 4), slice(left, 2 * int(support[k]["right"]) + 4))
