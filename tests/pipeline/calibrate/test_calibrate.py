@@ -319,8 +319,9 @@ def test_modulus_with_the_threshold_of_another_sample(threshold_result, small_se
     assert run(*words) == 0
     assert "outside the measured 2.7 +- 0.05 MPa" in capsys.readouterr().out
     found = read_calibration(tmp_path / "modulus")
-    assert found["young_modulus"]["value"] == pytest.approx(3e6, rel=1e-3)
-    assert found["slope"]["value"] == pytest.approx(0.9, rel=1e-3)
+    # the slope is interpolated between thresholds 0.025 apart, at which single pixels come and go
+    assert found["young_modulus"]["value"] == pytest.approx(3e6, rel=1.5e-3)
+    assert found["slope"]["value"] == pytest.approx(0.9, rel=1.5e-3)
     assert found["compatible"] is False
 
 
