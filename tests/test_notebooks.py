@@ -53,8 +53,13 @@ def test_notebook_runs(path, monkeypatch):
 
 
 @every_notebook
-def test_notebook_is_stored_without_outputs_and_defines_no_function(path):
-    assert not any(cell.outputs or cell.execution_count for cell in code_of(path))
+def test_notebook_is_stored_as_it_ran_and_defines_no_function(path):
+    cells = [cell for cell in code_of(path) if cell.source]
+    assert [cell.execution_count for cell in cells] == list(range(1, len(cells) + 1))
+    kinds_of_output = {output.output_type for cell in cells for output in cell.outputs}
+    assert "error" not in kinds_of_output
+    assert kinds_of_output & {"display_data", "execute_result", "stream"}
+    assert path.stat().st_size < 400_000
     kinds = ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda | ast.ClassDef
     assert not [node for node in ast.walk(tree_of(path)) if isinstance(node, kinds)]
 
