@@ -12,8 +12,6 @@ class Reason(enum.StrEnum):
     """One or two pixels whose neighbours are much darker than any optics could make them."""
     TOO_SHARP = "hot pixel or streak: sharper than the optics"
     """A narrow object whose brightest pixel stands far above the pixels on both sides of it."""
-    TOO_BRIGHT = "brighter than the contacts"
-    """Many of its pixels are much brighter than the plateau of the contacts."""
     LONG = "long: neither a disk nor a group of disks"
     """A bar, hair or scratch."""
     REFERENCE_DUST = "dust in the reference"
@@ -23,9 +21,8 @@ class Reason(enum.StrEnum):
     NO_RIM = "no rim: the brightness hardly falls across its edge"
     """A wide disk without an edge: uneven illumination."""
     INVISIBLE = "not seen: hardly brighter inside than around it"
-    """The mean inside exceeds the median of its surroundings by less than 1.5 times their scatter (for dark
-    contacts: falls short of it), or does not exceed the median of a ring 3 to 10 px from the rim, whatever
-    lies there; a contact that fits stays among others that fill this ring."""
+    """The mean inside exceeds that of its surroundings by less than a quarter of its contrast (for dark
+    contacts: falls short of it)."""
     SCRATCH = "piece of a scratch"
     """One of a chain of small disks between which the image does not fall: a line or an arc."""
     UNNECESSARY = "not needed to explain the pixels"

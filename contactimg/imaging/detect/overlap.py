@@ -49,19 +49,6 @@ def hidden(disks):
 
 
 @njit(cache=True)
-def find_overlaps(disks, depth, share):
-    """Pairs of disks that overlap by more than ``depth`` (px) and more than a share of the smaller radius."""
-    pairs = find_pairs(disks, 0.0)
-    kept = np.zeros(len(pairs), np.bool_)
-    for p in range(len(pairs)):
-        i, j = pairs[p]
-        distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
-        least = max(depth, share * min(disks[i, 2], disks[j, 2]))
-        kept[p] = disks[i, 2] + disks[j, 2] - distance > least
-    return pairs[kept]
-
-
-@njit(cache=True)
 def count_touching(disks, space):
     """Number of other disks whose rim comes closer than ``space`` to that of each disk."""
     out = np.zeros(len(disks), np.int64)

@@ -32,25 +32,6 @@ SHOWS_NOTHING = {Status.BLACK, Status.WHITE, Status.CONSTANT, Status.IDENTICAL, 
 
 
 @dataclass(frozen=True, eq=False)
-class CutOff:
-    """End of the grey levels at the background of a frame.
-
-    Parameters
-    ----------
-    pixels : ndarray of uint8, shape (rows, columns)
-        1 at this end.
-    span : float
-        Distance of the other end.
-    step : float
-        Between two levels.
-    """
-
-    pixels: NDArray[np.uint8]
-    span: float
-    step: float
-
-
-@dataclass(frozen=True, eq=False)
 class FramePair:
     """A frame and its reference.
 
@@ -117,19 +98,6 @@ class FramePair:
     def within(self, valid: Mask) -> "FramePair":
         """With other holes: also those of the registered reference."""
         return replace(self, valid=valid)
-
-    def cut_off(self, sign: int) -> "CutOff | None":
-        """Where the levels end beyond a background on which contacts have a sign; None if nowhere.
-
-        With a reference too: the noise of both is cut off alike.
-        """
-        if self.reference is not None or self.trivial or not self.whole_levels:
-            return None
-        if sign > 0:
-            pixels = (self.frame == 0).view(np.uint8) if self.frame.min() == 0 else None
-        else:
-            pixels = self.saturated
-        return None if pixels is None else CutOff(pixels, self.full_scale - self.black, 1.0 / self.unit)
 
     def without(self, mask: Mask) -> "FramePair":
         """With further holes, where ``mask`` is 1."""
