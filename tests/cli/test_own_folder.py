@@ -64,7 +64,6 @@ CAMERAS = {
     "upright": {},
     "mirrored": {"mirrored": True},
     "turned": {"rotation_deg": 92.0},
-    "mirrored and turned": {"mirrored": True, "rotation_deg": -178.5},
 }
 
 

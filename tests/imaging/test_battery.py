@@ -21,9 +21,10 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from imaging_battery import BELOW, score
 
 SEEDS = {25: 11, 140: 12}
-"""None of those on which the engine was worked."""
+"""None of those on which the engine was worked; with 140 contacts every third world: the benchmark has
+all."""
 CASES = [(name, 25) for name in WORLDS]
-CASES += [pytest.param(name, 140, marks=pytest.mark.slow) for name in WORLDS]
+CASES += [pytest.param(name, 140, marks=pytest.mark.slow) for name in list(WORLDS)[::3]]
 
 NO_FILM = "without a film setting nothing tells a narrow fringe from a slightly larger contact"
 PIECES = "speckle as strong as the contrast cuts wide contacts into pieces"
