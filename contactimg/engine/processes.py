@@ -21,6 +21,7 @@ _ENDING = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)
 )
 
+_asked_to_end = threading.Event()
 _executors: list[Any] = []
 """The executor whose processes wait for calls, if there is one."""
 
@@ -73,10 +74,21 @@ def ending_cleanly() -> Iterator[None]:
     Signals that are ignored (``nohup``) stay ignored.
     """
     try:
-        with _handled(_interrupt, only=signal.SIG_DFL):
+        with _handled(_interrupt, only=(signal.SIG_DFL, signal.default_int_handler)):
             yield
     finally:
+        _asked_to_end.clear()
         end_workers()
+
+
+def end_if_asked() -> None:
+    """Raise `KeyboardInterrupt` if the process was asked to end.
+
+    An exception that a signal raises within a callback of the compiler is lost there: the compiler then fails
+    for a reason of its own, and the process would go on.
+    """
+    if _asked_to_end.is_set():
+        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -88,18 +100,19 @@ def signals_held() -> Iterator[None]:
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
     """Raise what Ctrl-C raises, so that ``with`` and ``finally`` clean up."""
+    _asked_to_end.set()
     raise KeyboardInterrupt
 
 
 @contextmanager
-def _handled(handler: Callable[..., Any] | int, only: Any = None) -> Iterator[None]:
-    """Handle the signals that end a process in this way, where the handler was ``only`` if that is given."""
+def _handled(handler: Callable[..., Any] | int, only: tuple[Any, ...] = ()) -> Iterator[None]:
+    """Handle the signals that end a process in this way, where the handler was one of ``only`` if given."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {number: signal.getsignal(number) for number in _ENDING}
     for number, old in before.items():
-        if only is None or old == only:
+        if not only or old in only:
             signal.signal(number, handler)
     try:
         yield

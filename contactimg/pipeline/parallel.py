@@ -10,6 +10,7 @@ from typing import Any, ClassVar, TypeVar
 from numpy.typing import NDArray
 
 from contactimg.engine.calls import in_parallel
+from contactimg.engine.processes import end_if_asked
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, PartStore, edits_file
 from contactimg.pipeline.inputs import read_reference
@@ -86,6 +87,7 @@ def for_each_frame(
         names = _part_names(store, experiment, measure, jobs)
         results = store.results(call, jobs, names, workers=workers, lost=_lost_frame, said=said)
     for result in results:
+        end_if_asked()
         yield result
         if advance is not None:
             advance()

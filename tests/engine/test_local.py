@@ -1,7 +1,9 @@
 """A call that ends its process costs the others nothing, and is given up after a second time alone."""
 
+import ctypes
 import os
 import signal
+import sys
 import time
 from functools import partial
 
@@ -118,6 +120,27 @@ def test_processes_end_with_the_command():
         found = set(in_parallel(process_of, [(0.05,)] * 8, count=8, workers=2))
         assert all(map(is_running, found))
     assert not any(map(is_running, found))
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("fails", [True, False])
+def test_an_end_that_is_asked_for_within_a_callback_of_c_is_not_lost(
+    small_series, tmp_path, monkeypatch, number, fails
+):
+    """Python discards what a signal raises there; the compiler, which has such, then fails or goes on."""
+    monkeypatch.setattr(sys, "unraisablehook", lambda _: None)
+    experiment, measured = open_experiment(read_scene(copy_of(small_series, tmp_path / "series"))), []
+
+    def measure(frame, _reference):
+        measured.append(frame.name)
+        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(number))()
+        if fails:
+            raise RuntimeError("no compiled object yet")
+        return frame.name
+
+    with pytest.raises(KeyboardInterrupt), ending_cleanly():
+        list(for_each_frame(experiment, measure, workers=1))
+    assert measured == ["frame_1.tif"]
 
 
 def test_a_frame_that_ends_its_process_fails_and_the_others_are_kept(small_series, tmp_path):
