@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from platformdirs import user_cache_path
 
 PACKAGE = Path(__file__).parent
@@ -132,3 +133,17 @@ def _remove_unused(folders: Iterable[Path]) -> None:
         with suppress(OSError):
             if time.time() - folder.stat().st_mtime > UNUSED_SECONDS:
                 shutil.rmtree(folder)
+
+
+@njit(cache=True)
+def lengthened(rows):
+    """A table with the same rows and space for as many more.
+
+    Compiled functions copy number by number: numba checks the shapes of an array that is assigned to a part
+    of another, and the text of that error alone takes seconds to compile.
+    """
+    out = np.empty((2 * len(rows), rows.shape[1]), rows.dtype)
+    for i in range(len(rows)):
+        for j in range(rows.shape[1]):
+            out[i, j] = rows[i, j]
+    return out

@@ -202,7 +202,8 @@ def _covariance(image, model, background, side, clip):
     rows, columns = image.shape
     size, seen = LARGEST_LAG + 1, 0
     value, usual = np.zeros((size, columns), np.float32), np.zeros((size, columns), np.float32)
-    counted, wide = np.empty(columns, np.float32), columns - LARGEST_LAG
+    counted, here = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    wide = columns - LARGEST_LAG
     total, count = np.zeros(LARGEST_LAG + 1), np.zeros(LARGEST_LAG + 1)
     middle = 0.0
     every = max(rows * columns // COVARIANCE_PIXELS, 1)
@@ -215,16 +216,19 @@ def _covariance(image, model, background, side, clip):
             seen += 1
         # both ends of the longest lag lie in background blocks, hence nearly all pixels between
         _mark(background[y // side], background[(y + LARGEST_LAG) // side], counted)
-        counted *= usual[y % size]
-        here = counted * value[y % size]
-        middle += here[:wide].sum()
+        for x in range(columns):
+            counted[x] *= usual[y % size, x]
+            here[x] = counted[x] * value[y % size, x]
+            middle += here[x] if x < wide else 0.0
         for lag in range(size):
             total[lag] += _product(here, value, y % size, lag, wide)
             total[lag] += _product(here, value, (y + lag) % size, 0, wide)
             count[lag] += _product(counted, usual, y % size, lag, wide)
             count[lag] += _product(counted, usual, (y + lag) % size, 0, wide)
     middle /= max(0.5 * count[0], 1.0)
-    return total / np.maximum(count, 1.0) - middle * middle
+    for lag in range(size):
+        total[lag] = total[lag] / max(count[lag], 1.0) - middle * middle
+    return total
 
 
 @njit(cache=True)

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.compiled import njit
-from contactimg.imaging.detect.components import COMPONENT, add_pixel, finish_component, label_runs
-from contactimg.imaging.detect.inscribed_disks import select_inscribed
+from contactimg.imaging.detect.components import add_pixel, empty_components, finish_component, label_runs
+from contactimg.imaging.detect.inscribed_disks import inscribed_disks
 from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
@@ -26,10 +26,6 @@ Theory: 1.5 for two equal disks that touch, 1.03 for a disk beside one of a fift
 single contacts in noise stay below."""
 LEAST_AREA_PX2 = 25
 """Least area of such a component: two disks of the smallest radius that is inscribed, 2 px (2 pi 2^2)."""
-STRAIGHT, DIAGONAL, KNIGHT = np.float32(1.0), np.float32(1.4), np.float32(2.1969)
-"""Lengths of the three moves of the distance transform, px: those of `cv2.DIST_MASK_5`."""
-NEAR, FAR = np.float32(0.0), np.float32(1e6)
-"""Distance of pixels outside the region, and of those not reached yet, px."""
 
 
 def split_components(
@@ -69,33 +65,40 @@ def split_components(
     for number, top, bottom, left, right in zip(candidates.tolist(), *places, strict=True):
         box = (slice(max(top - 1, 0), bottom + 2), slice(max(left - 1, 0), right + 2))
         alone = np.zeros(image[box].shape, np.float32)
-        _copy_component(alone, image, runs, number, (box[0].start, box[1].start))
-        disks = _inscribe(_smoothed(alone, smoothing), np.float32(level))
+        rows = slice(*np.searchsorted(runs[:, 0], [top, bottom + 1]))
+        _copy_component(alone, image, runs[rows], number, box[0].start, box[1].start)
+        above = (_smoothed(alone, smoothing) > level).astype(np.uint8)
+        # the border repeats: a region cut by it goes on beyond
+        disks = inscribed_disks(cv2.copyMakeBorder(above, 3, 3, 3, 3, cv2.BORDER_REPLICATE), 3)
+        disks = disks[~hidden(disks)]
         if len(disks) > 1:
             counts[number] = len(disks)
             groups.append((alone, disks, box))
     split = np.repeat(counts > 1, counts)
-    parts = np.zeros(np.count_nonzero(split), COMPONENT)
+    whole = np.repeat(components, counts)
     end = 0
     for alone, disks, box in groups:
-        start, end = end, end + len(disks)
+        parts = empty_components(len(disks), alone.shape)
         inside = for_kernel(None if marks is None else marks[box])
-        _share(alone, inside, disks, parts[start:end], (box[0].start, box[1].start))
-    whole = np.repeat(components, counts)
-    whole[split] = parts
+        _share(alone, inside, disks, np.argsort(disks[:, 0], kind="stable"), parts)
+        for name in ("x", "peak_x", "left", "right"):
+            parts[name] += box[1].start
+        for name in ("y", "peak_y", "top", "bottom"):
+            parts[name] += box[0].start
+        start, end = end, end + len(disks)
+        whole[np.flatnonzero(split)[start:end]] = parts
     seen = ~split | (whole["area"] > 0)
     return whole[seen], split[seen]
 
 
 @njit(cache=True)
-def _copy_component(out, image, runs, number, corner):
-    """Copy the pixels of one component to a smaller image whose first pixel is at (row, column)."""
-    top, left = corner
-    first, last = np.searchsorted(runs[:, 0], top), np.searchsorted(runs[:, 0], top + len(out))
-    for k in range(first, last):
-        y, start, end, owner = runs[k]
-        if owner == number:
-            out[y - top, start - left : end + 1 - left] = image[y, start : end + 1]
+def _copy_component(out, image, runs, number, top, left):
+    """Copy the pixels of one component to a smaller image whose first pixel is at (top, left)."""
+    for k in range(len(runs)):
+        if runs[k, 3] == number:
+            y = runs[k, 0]
+            for x in range(runs[k, 1], runs[k, 2] + 1):
+                out[y - top, x - left] = image[y, x]
 
 
 def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
@@ -103,57 +106,6 @@ def _smoothed(image: NDArray[np.float32], width: float) -> NDArray[np.float32]:
     if not width:
         return image
     return np.asarray(cv2.GaussianBlur(image, (0, 0), width, borderType=cv2.BORDER_REPLICATE))
-
-
-@njit(cache=True)
-def _inscribe(image, level):
-    """Disks inscribed in the region above a level, without those that overlap a larger one too much."""
-    distance = _measure_distances(image, level)
-    if distance.min() > 0:
-        return np.empty((0, 3))  # nothing bounds a disk
-    disks = select_inscribed(distance)
-    return disks[~hidden(disks)]
-
-
-@njit(cache=True)
-def _measure_distances(image, level):
-    """Distance of the pixels above a level to the nearest pixel below, by moves of the king and the knight.
-
-    The same as `cv2.distanceTransform` (Borgefors, doi:10.1016/S0734-189X(86)80047-0), whose call takes
-    longer than the work on most components. The border repeats: a region cut by it goes on beyond.
-    """
-    rows, columns = image.shape
-    out = np.full((rows + 6, columns + 6), FAR, np.float32)
-    for y in range(-1, rows + 1):
-        pixels, row = image[min(max(y, 0), rows - 1)], out[y + 3, 3:-3]
-        for x in range(columns):
-            row[x] = FAR if pixels[x] > level else NEAR
-        out[y + 3, 2], out[y + 3, columns + 3] = row[0], row[-1]
-    for y in range(2, rows + 4):
-        _from_rows(out[y], out[y - 1], out[y - 2])
-        _along(out[y])
-    for y in range(rows + 3, 1, -1):
-        _from_rows(out[y], out[y + 1], out[y + 2])
-        _along(out[y, ::-1])
-    return out[3:-3, 3:-3]
-
-
-@njit(cache=True)
-def _from_rows(row, near, far):
-    """Shorten the distances of a row by moves from the two rows before."""
-    for x in range(len(row) - 4):
-        diagonal = min(near[x + 1], near[x + 3]) + DIAGONAL
-        knight = min(near[x], near[x + 4], far[x + 1], far[x + 3]) + KNIGHT
-        row[x + 2] = min(row[x + 2], near[x + 2] + STRAIGHT, diagonal, knight)
-
-
-@njit(cache=True)
-def _along(row):
-    """Shorten the distances of a row by moves along it."""
-    last = FAR
-    for x in range(len(row)):
-        last = min(row[x], last + STRAIGHT)
-        row[x] = last
 
 
 @njit(cache=True)
@@ -194,15 +146,12 @@ def _disks_of_row(disks, order, j):
 
 
 @njit(cache=True)
-def _share(image, marks, disks, parts, corner):
+def _share(image, marks, disks, order, parts):
     """Give each pixel of a component to the disk with the least power ``|p - c|^2 - r^2``.
 
-    The image is 0 outside the component; ``corner`` is the row and column of its first pixel in the frame.
+    The image is 0 outside the component; ``order`` is that of the disks along x.
     """
-    top, left = corner
-    parts["left"][:] = image.shape[1]
-    parts["top"][:] = image.shape[0]
-    marked, order = marks.shape == image.shape, np.argsort(disks[:, 0], kind="mergesort")
+    marked = marks.shape == image.shape
     for j in range(image.shape[0]):
         near, best = _disks_of_row(disks, order, j), 0
         for i in range(image.shape[1]):
@@ -214,14 +163,5 @@ def _share(image, marks, disks, parts, corner):
                 continue
             add_pixel(parts[near[best]], i, j, image[j, i], marked and marks[j, i] > 0)
     for part in parts:
-        if part["area"] == 0:  # its disk lies in those around it
-            continue
-        finish_component(part)
-        part["x"] += left
-        part["peak_x"] += left
-        part["left"] += left
-        part["right"] += left
-        part["y"] += top
-        part["peak_y"] += top
-        part["top"] += top
-        part["bottom"] += top
+        if part["area"] > 0:  # else its disk lies in those around it
+            finish_component(part)

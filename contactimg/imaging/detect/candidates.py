@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_runs
-from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round
+from contactimg.imaging.detect.inscribed_disks import disks_in_region, is_round, whole_region
 from contactimg.imaging.pixels.blocks import block_means
 from contactimg.imaging.pixels.masks import Mask, visible_fraction
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
@@ -249,8 +249,8 @@ def _whole_at_lower_level(
     at = _component_at(runs, np.array([region["peak_x"] - left]), np.array([region["peak_y"] - top]))
     if at[0] < 0:
         return None
-    disks, whole = disks_in_region(parts[at[0]], window, LOWER_RATIO * level)
-    return disks + np.array([left, top, 0.0]) if whole and len(disks) == 1 else None
+    disk = whole_region(parts[at[0]], window, LOWER_RATIO * level)
+    return None if disk is None else disk + np.array([left, top, 0.0])
 
 
 def _coarse(image: NDArray[np.float32], valid: Mask, side: int) -> NDArray[np.float32]:
@@ -291,7 +291,7 @@ def _core_pixels(image, runs, plateau):
         total += runs[i, 2] - runs[i, 1] + 1
     values, owner, n = np.empty(total, np.float64), np.empty(total, np.int64), 0
     for i in range(len(runs)):
-        y, first, last, k = runs[i]
+        y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
         half = 0.5 * plateau[k]
         if y == 0 or y == rows - 1 or not np.isfinite(half):
             continue
@@ -332,7 +332,7 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
     """Mean of the pixels near the peak of each region (`CORE_FRACTION`), and its area above half of it."""
     count = np.zeros(len(peak))
     for i in range(len(runs)):
-        y, first, last, k = runs[i]
+        y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
         for x in range(first, last + 1):
             value = image[y, x]
             if value > CORE_FRACTION * peak[k]:
@@ -341,7 +341,7 @@ def _measure_plateaus(image, runs, peak, plateau, half_area):
     for k in range(len(peak)):
         plateau[k] /= max(count[k], 1.0)
     for i in range(len(runs)):
-        y, first, last, k = runs[i]
+        y, first, last, k = runs[i, 0], runs[i, 1], runs[i, 2], runs[i, 3]
         for x in range(first, last + 1):
             if image[y, x] > 0.5 * plateau[k]:
                 half_area[k] += 1.0

@@ -8,7 +8,7 @@ run; no label image is written. For 500 contacts on 1600 x 1200 pixels it takes 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.compiled import njit
+from contactimg.compiled import lengthened, njit
 from contactimg.imaging.pixels.masks import Mask, for_kernel
 
 NONE, EIGHT = np.uint64(0), np.uint64(0x0101010101010101)
@@ -78,16 +78,23 @@ def label_runs(
     image = np.ascontiguousarray(image)
     runs = _find_runs(image, np.float32(level))
     _join_runs(runs)
-    components = np.zeros(_number(runs), COMPONENT)
+    components = empty_components(_number(runs), image.shape)
     _measure(image, runs, for_kernel(marks), components)
     return components, runs
+
+
+def empty_components(count: int, shape: tuple[int, ...]) -> NDArray[np.void]:
+    """Components without a pixel, of an image of this shape."""
+    components = np.zeros(count, COMPONENT)
+    components["top"], components["left"] = shape
+    return components
 
 
 @njit(cache=True)
 def _find_runs(image, level):
     """Runs (row, first column, last column, own number) of pixels above the level, row by row."""
     rows, columns = image.shape
-    runs = np.empty((1024, 4), np.int64)
+    runs = np.empty((1024 + columns, 4), np.int64)
     count = 0
     # a vectorised pass writes bytes, which are then read eight at a time; the last byte is never set
     mask = np.zeros((columns // 8 + 1) * 8, np.uint8)
@@ -95,7 +102,7 @@ def _find_runs(image, level):
     for y in range(rows):
         _compare(image[y], level, mask)
         if count + columns // 2 + 1 > len(runs):
-            runs = np.concatenate((runs, np.empty((len(runs) + columns, 4), np.int64)))
+            runs = lengthened(runs)
         inside, unchanged = False, NONE
         for k in range(len(words)):
             if words[k] == unchanged:
@@ -168,12 +175,9 @@ def _number(runs):
 @njit(cache=True)
 def _measure(image, runs, marks, out):
     """Sums over the pixels of each component."""
-    out["left"][:] = image.shape[1]
-    out["top"][:] = image.shape[0]
     marked = marks.shape == image.shape
     for i in range(len(runs)):
-        y, first, last, number = runs[i]
-        c = out[number]
+        y, first, last, c = runs[i, 0], runs[i, 1], runs[i, 2], out[runs[i, 3]]
         _add_run(c, y, first, last)
         flux, peak = _light(image[y, first : last + 1])
         c["flux"] += flux

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.compiled import njit
+from contactimg.compiled import lengthened, njit
 
 SMALLEST_INSCRIBED = 2.0
 """Least radius of a disk inscribed in a region, px: below, noise at the rim makes as large ones. By hand."""
@@ -69,24 +69,39 @@ def disks_in_region(
     Holes that are small against the region, which noise or mottling makes, are filled. A region that is an
     ellipse, or nearly one and convex, when all its holes are is one contact, the disk of its area.
     """
+    own, cut = _mask_of(region, image, level)
+    corner, holes = np.array([int(region["left"]), int(region["top"]), 0.0]), find_holes(own)
+    disk = None if any(cut) else as_one_contact(fill(own, holes, LARGEST_WHOLE_HOLES * own.sum()), own)
+    if disk is not None:
+        return disk + corner, True
+    if np.isfinite(holes[1]).any():
+        closed = cv2.copyMakeBorder(own, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+        widest = float(cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5).max())
+        own = fill(own, holes, LARGEST_HOLE_SHARE * np.pi * widest**2)
+    disks = _inscribed(own, cut)
+    if not len(disks):
+        disks = np.array([[region["x"], region["y"], np.sqrt(region["area"] / np.pi)]]) - corner
+    return disks + corner, False
+
+
+def whole_region(region: np.void, image: NDArray[np.float32], level: float) -> NDArray[np.float64] | None:
+    """The disk of a region above a level that is one ellipse as a whole, shape (1, 3); else None."""
+    own, cut = _mask_of(region, image, level)
+    if any(cut):
+        return None
+    disk = as_one_contact(fill(own, find_holes(own), LARGEST_WHOLE_HOLES * own.sum()), own)
+    return None if disk is None else disk + np.array([int(region["left"]), int(region["top"]), 0.0])
+
+
+def _mask_of(
+    region: np.void, image: NDArray[np.float32], level: float
+) -> tuple[NDArray[np.uint8], tuple[bool, bool, bool, bool]]:
+    """The pixels of a region in its box, and which sides of the box lie at the border of the image."""
     top, bottom, left, right = (int(region[name]) for name in ("top", "bottom", "left", "right"))
     above = (image[top : bottom + 1, left : right + 1] > level).astype(np.uint8)
     labels = cv2.connectedComponents(above, connectivity=8)[1]
     own = (labels == labels[region["peak_y"] - top, region["peak_x"] - left]).astype(np.uint8)
-    cut = (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
-    corner = np.array([left, top, 0.0])
-    if not any(cut):
-        whole = own.copy()
-        fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(region["area"]))
-        disk = as_one_contact(whole, own)
-        if disk is not None:
-            return disk + corner, True
-    widest = float(cv2.distanceTransform(np.pad(own, 1), cv2.DIST_L2, cv2.DIST_MASK_5).max())
-    fill_small_holes(own, LARGEST_HOLE_SHARE * np.pi * widest**2)
-    disks = _inscribed(own, cut)
-    if not len(disks):
-        disks = np.array([[region["x"] - left, region["y"] - top, np.sqrt(region["area"] / np.pi)]])
-    return disks + corner, False
+    return own, (top == 0, bottom == image.shape[0] - 1, left == 0, right == image.shape[1] - 1)
 
 
 def as_one_contact(
@@ -117,15 +132,22 @@ def _share_of_hull(mask: NDArray[np.uint8], area: float) -> float:
     return float(area / np.count_nonzero(hull))
 
 
-def fill_small_holes(mask: NDArray[np.uint8], largest: float) -> None:
-    """Fill the holes of a region up to an area, in place."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=4)
-    rows, columns = mask.shape
-    for k in range(1, count):
-        x, y, width, height, area = stats[k]
-        inside = x > 0 and y > 0 and x + width < columns and y + height < rows
-        if inside and area <= largest:
-            mask[labels == k] = 1
+def find_holes(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    """Number of the gap that each pixel belongs to, and area of each gap if it is a hole, else infinite."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(1 - mask, connectivity=4)
+    x, y, width, height, area = stats.T
+    enclosed = (x > 0) & (y > 0) & (x + width < mask.shape[1]) & (y + height < mask.shape[0])
+    enclosed[0] = False  # the mask itself
+    return labels, np.where(enclosed, area, np.inf)
+
+
+def fill(
+    mask: NDArray[np.uint8], holes: tuple[NDArray[np.int32], NDArray[np.float64]], largest: float
+) -> NDArray[np.uint8]:
+    """The mask with its holes up to an area filled."""
+    labels, areas = holes
+    small = areas <= largest
+    return mask | small[labels] if small.any() else mask
 
 
 def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
@@ -135,22 +157,27 @@ def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> N
     for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
         if side:
             rim[:] = inside
-    if closed.all():
-        return np.empty((0, 3))  # nothing bounds a disk
-    distance = cv2.distanceTransform(closed, cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
-    return select_inscribed(distance)
+    return inscribed_disks(closed, 1)
+
+
+def inscribed_disks(mask: NDArray[np.uint8], margin: int) -> NDArray[np.float64]:
+    """Disks (x, y, radius) inscribed in the set pixels of a mask, largest first; none if nothing bounds them.
+
+    No disk is centred in the ``margin`` at the border, and places are counted from its inside.
+    """
+    if mask.all():
+        return np.empty((0, 3))
+    inside = slice(margin, -margin)
+    distance = cv2.distanceTransform(mask, cv2.DIST_L2, cv2.DIST_MASK_5)[inside, inside]
+    summits = _summits(np.ascontiguousarray(distance), SMALLEST_INSCRIBED)
+    high, wide = (size // CELL_PX + 1 for size in distance.shape)
+    head = np.full((int(high), int(wide)), -1, np.int64)
+    return _select(summits[np.argsort(-summits[:, 2], kind="stable")], head)
 
 
 def _rims(array: NDArray, depth: int) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Rows and columns so far inside the four sides of an array."""
     return array[depth], array[-1 - depth], array[:, depth], array[:, -1 - depth]
-
-
-@njit(cache=True)
-def select_inscribed(distance):
-    """Disks (x, y, radius) from the distances of pixels to the rim, largest first."""
-    summits = _summits(distance, SMALLEST_INSCRIBED)
-    return _select(summits[np.argsort(-summits[:, 2], kind="mergesort")])
 
 
 @njit(cache=True)
@@ -175,9 +202,7 @@ def _summits(distance, smallest):
             if not top:
                 continue
             if count == len(out):
-                grown = np.empty((2 * count, 3))
-                grown[:count] = out
-                out = grown
+                out = lengthened(out)
             # distances end at the centre of the first pixel outside, on average 0.4 px beyond the rim
             out[count, 0], out[count, 1], out[count, 2] = x, y, d
             count += 1
@@ -185,42 +210,36 @@ def _summits(distance, smallest):
 
 
 @njit(cache=True)
-def _select(summits):
-    """Choose disks that do not lie inside one another, largest first, in linear time by a grid of cells."""
-    n = len(summits)
-    kept = np.empty((n, 3))
-    if n == 0:
-        return kept
-    wide = int(summits[:, 0].max() // CELL_PX) + 1
-    high = int(summits[:, 1].max() // CELL_PX) + 1
-    head = np.full((high, wide), -1, np.int64)
-    capacity = 4 * n + 64
-    follow, owner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+def _select(summits, head):
+    """Choose disks that do not lie inside one another, largest first, in linear time by a grid of cells.
+
+    ``head`` holds the first link of each cell, none so far; a link is the disk and the next link.
+    """
+    high, wide = head.shape
+    kept, link = np.empty(summits.shape), np.empty((4 * len(summits) + 64, 2), np.int64)
     count = links = 0
-    for k in range(n):
-        x, y, r = summits[k]
+    for k in range(len(summits)):
+        x, y, r = summits[k, 0], summits[k, 1], summits[k, 2]
         free = True
         q = head[int(y // CELL_PX), int(x // CELL_PX)]
         while q >= 0:
-            other = kept[owner[q]]
-            dx, dy = x - other[0], y - other[1]
-            limit = other[2] + (1.0 - PENETRATION) * r
+            other = link[q, 0]
+            dx, dy = x - kept[other, 0], y - kept[other, 1]
+            limit = kept[other, 2] + (1.0 - PENETRATION) * r
             if dx * dx + dy * dy < limit * limit:
                 free = False
                 break
-            q = follow[q]
+            q = link[q, 1]
         if not free:
             continue
-        kept[count] = summits[k]
+        kept[count, 0], kept[count, 1], kept[count, 2] = x, y, r
         # later disks are no larger, so this one matters to centres within its radius plus a part of it
         reach = (2.0 - PENETRATION) * r
         for j in range(max(int((y - reach) // CELL_PX), 0), min(int((y + reach) // CELL_PX) + 1, high)):
             for i in range(max(int((x - reach) // CELL_PX), 0), min(int((x + reach) // CELL_PX) + 1, wide)):
-                if links == capacity:
-                    follow = np.append(follow, np.empty(capacity, np.int64))
-                    owner = np.append(owner, np.empty(capacity, np.int64))
-                    capacity *= 2
-                follow[links], owner[links] = head[j, i], count
+                if links == len(link):
+                    link = lengthened(link)
+                link[links, 0], link[links, 1] = count, head[j, i]
                 head[j, i] = links
                 links += 1
         count += 1

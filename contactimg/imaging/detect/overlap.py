@@ -1,9 +1,9 @@
 """Which disks touch, which lie inside one another, and how much of each rim is visible."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from contactimg.compiled import njit
-from contactimg.imaging.kernels.pairs import find_pairs, list_neighbours
+from contactimg.imaging.kernels.pairs import find_pairs
 
 DEEPEST = 0.35
 """Overlap over the diameter of the smaller disk above which two disks are one contact. Chosen by hand."""
@@ -12,55 +12,36 @@ LEAST_VISIBLE_RIM = 0.2
 """Visible fraction of a rim below which a disk is treated as if it showed this much. Chosen by hand."""
 
 
-@njit(cache=True)
-def overlapping(disks, deepest):
+def overlapping(disks: NDArray, deepest: float) -> NDArray[np.bool_]:
     """Whether each disk lies in a larger one by more than ``deepest`` of its own diameter."""
-    n = len(disks)
-    out = np.zeros(n, np.bool_)
-    order = np.argsort(disks[:, 0] - disks[:, 2])
-    for u in range(n):
-        i = order[u]
-        for v in range(u + 1, n):
-            j = order[v]
-            if disks[j, 0] - disks[j, 2] > disks[i, 0] + disks[i, 2]:
-                break
-            distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
-            small = min(disks[i, 2], disks[j, 2])
-            if disks[i, 2] + disks[j, 2] - distance > 2.0 * deepest * small:
-                out[i if disks[i, 2] <= disks[j, 2] else j] = True
+    out = np.zeros(len(disks), np.bool_)
+    i, j = _deep_pairs(disks, deepest).T
+    out[np.where(disks[i, 2] <= disks[j, 2], i, j)] = True
     return out
 
 
-@njit(cache=True)
-def hidden(disks):
+def hidden(disks: NDArray) -> NDArray[np.bool_]:
     """Whether each disk overlaps an earlier one, itself not hidden, by more than `DEEPEST`."""
     out = np.zeros(len(disks), np.bool_)
-    start, link = list_neighbours(len(disks), find_pairs(disks, 0.0))
-    for i in range(len(disks)):
-        for q in range(start[i], start[i + 1]):
-            j = link[q, 2]
-            if j >= i:
-                continue
-            distance = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
-            deep = disks[i, 2] + disks[j, 2] - distance
-            if not out[j] and deep > 2.0 * DEEPEST * min(disks[i, 2], disks[j, 2]):
-                out[i] = True
+    pairs = _deep_pairs(disks, DEEPEST)
+    for earlier, later in pairs[np.argsort(pairs[:, 1])]:
+        out[later] |= not out[earlier]
     return out
 
 
-@njit(cache=True)
-def count_touching(disks, space):
+def _deep_pairs(disks: NDArray, deepest: float) -> NDArray[np.int64]:
+    """Pairs of disks that overlap by more than ``deepest`` of the diameter of the smaller one."""
+    pairs = find_pairs(disks, 0.0)
+    (x, y, a), (u, v, b) = disks[pairs[:, 0], :3].T, disks[pairs[:, 1], :3].T
+    return pairs[a + b - np.hypot(x - u, y - v) > 2.0 * deepest * np.minimum(a, b)]
+
+
+def count_touching(disks: NDArray, space: float) -> NDArray[np.int64]:
     """Number of other disks whose rim comes closer than ``space`` to that of each disk."""
-    out = np.zeros(len(disks), np.int64)
-    pairs = find_pairs(disks, 0.5 * space)
-    for p in range(len(pairs)):
-        out[pairs[p, 0]] += 1
-        out[pairs[p, 1]] += 1
-    return out
+    return np.bincount(find_pairs(disks, 0.5 * space).ravel(), minlength=len(disks))
 
 
-@njit(cache=True)
-def visible_share(disks):
+def visible_share(disks: NDArray) -> NDArray[np.float64]:
     """Fraction of each disk's rim that lies in no other disk.
 
     A disk of radius b at distance d hides the arc of half angle ``acos((d^2 + a^2 - b^2)/(2 d a))`` of one of
@@ -68,11 +49,9 @@ def visible_share(disks):
     """
     share = np.ones(len(disks))
     pairs = find_pairs(disks, 0.0)
-    for p in range(len(pairs)):
-        for side in range(2):
-            i, j = pairs[p, side], pairs[p, 1 - side]
-            a, b = disks[i, 2], disks[j, 2]
-            d = np.hypot(disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1])
-            cosine = (d * d + a * a - b * b) / max(2.0 * d * a, 1e-12)
-            share[i] -= np.arccos(min(max(cosine, -1.0), 1.0)) / np.pi
+    i, j = np.concatenate([pairs, pairs[:, ::-1]]).T
+    (x, y, a), (u, v, b) = disks[i, :3].T, disks[j, :3].T
+    d = np.hypot(x - u, y - v)
+    cosine = (d * d + a * a - b * b) / np.maximum(2.0 * d * a, 1e-12)
+    np.subtract.at(share, i, np.arccos(np.clip(cosine, -1.0, 1.0)) / np.pi)
     return np.maximum(share, LEAST_VISIBLE_RIM)

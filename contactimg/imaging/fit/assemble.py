@@ -323,13 +323,10 @@ def _near(disks: NDArray, changed: NDArray[np.bool_], blur: float) -> NDArray[np
     return _neighbours(disks, changed, NEIGHBOUR_BLUR_WIDTHS * blur)
 
 
-@njit(cache=True)
-def _neighbours(disks, changed, gap):
+def _neighbours(disks: NDArray, changed: NDArray[np.bool_], gap: float) -> NDArray[np.bool_]:
     """The changed disks, and those whose rim is closer than ``gap`` to the rim of one."""
     out = changed.copy()
-    pairs = find_pairs(disks, 0.5 * gap)
-    for p in range(len(pairs)):
-        i, j = pairs[p]
-        out[i] |= changed[j]
-        out[j] |= changed[i]
+    i, j = find_pairs(disks, 0.5 * gap).T
+    out[i[changed[j]]] = True
+    out[j[changed[i]]] = True
     return out

@@ -21,7 +21,8 @@ from contactimg.imaging.detect.arcs import cover_outline
 from contactimg.imaging.detect.inscribed_disks import (
     LARGEST_WHOLE_HOLES,
     as_one_contact,
-    fill_small_holes,
+    fill,
+    find_holes,
 )
 from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.fit.disks import FittedDisks
@@ -174,8 +175,7 @@ def _one_contact(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[n
         return None
     own = (labels == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA])).astype(np.uint8)
     rim = np.concatenate([own[0], own[-1], own[:, 0], own[:, -1]])
-    whole = own.copy()
-    fill_small_holes(whole, LARGEST_WHOLE_HOLES * float(own.sum()))
+    whole = fill(own, find_holes(own), LARGEST_WHOLE_HOLES * float(own.sum()))
     disk = None if rim.any() else as_one_contact(whole, own, LEAST_CONVEX)
     if disk is None or (len(disks) == 1 and np.abs(disk[0] - disks[0, :3]).max() < window.blur):
         return None

@@ -205,7 +205,7 @@ def fit_disks(
     n = len(disks)
     brightness = problem.brightness_at(disks) if brightness is None else brightness
     start = start or ModelImage.blank(problem.image.shape, n)
-    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, *_ = iterate(
+    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score = iterate(
         problem.image,
         for_kernel(problem.valid, problem.saturated),
         np.array(disks, float),
@@ -223,8 +223,6 @@ def fit_disks(
         start.drawn.copy(),
         start.complete,
         _largest_radii(problem, disks, blur) if largest is None else largest,
-        np.inf,
-        np.inf,
     )
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
     std = std / visible_share(fitted)[:, None]

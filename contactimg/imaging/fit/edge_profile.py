@@ -336,10 +336,7 @@ class _Search:
         most, shift = 0.0, np.zeros(len(disks))
         if len(scores.score) < FEWEST_SCORES:
             return shift
-        response, _ = EdgeScores.response_to(
-            np.arange(SHARED + len(current.learned.edge.shape)), self._with_prior(joint), disks,
-            current.learned.edge, self.placement,
-        )  # fmt: skip
+        chosen, deviations = np.empty(0, np.int64), np.empty((0, 0))
         without = scores.step(parameters_of(families), prior).gain
         for name, columns in FAMILIES.items():
             if self.excluded(name, families):
@@ -349,14 +346,18 @@ class _Search:
             known = np.linalg.slogdet(step.covariance[np.ix_(own, own)])[1]
             known -= 2.0 * float(np.sum(np.log(PRIOR_STD[list(columns)])))
             odds = PRIOR_ODDS.get(name, USUAL_ODDS) * np.exp(min(0.5 * (step.gain - without + known), 50.0))
-            along = response[:, step.chosen]
-            square = (along @ step.delta) ** 2 + np.sum(
-                along[:, own] @ step.covariance[own][:, own] * along[:, own], 1
-            )
-            moved = np.sqrt(odds / (1.0 + odds) * square)
-            if float(disks[:, RADIUS] @ moved) > most:
-                most, shift = float(disks[:, RADIUS] @ moved), moved
-        return shift
+            uncertain = np.zeros((len(step.chosen), len(own)))
+            uncertain[own] = np.linalg.cholesky(step.covariance[np.ix_(own, own)])
+            moves = np.sqrt(odds / (1.0 + odds)) * np.column_stack([step.delta, uncertain])
+            moved = float(scores.radius @ np.linalg.norm(scores.response[:, step.chosen] @ moves, axis=1))
+            if moved > most:
+                most, chosen, deviations = moved, step.chosen, moves
+        if not len(chosen):
+            return shift
+        response, _ = EdgeScores.response_to(
+            chosen, self._with_prior(joint), disks, current.learned.edge, self.placement
+        )
+        return np.linalg.norm(response[:, chosen] @ deviations, axis=1)
 
     def _knowledge(self, current: EdgeFit, score: Values, information: Values, count: int) -> EdgeKnowledge:
         """What the frame alone says of its edges, whatever contrast and blur."""

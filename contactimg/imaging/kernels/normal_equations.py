@@ -14,8 +14,10 @@ from contactimg.imaging.kernels.rim_pixels import (
     BY_X,
     BY_Y,
     DATA,
+    EACH,
     FAST,
     MODEL,
+    NONE,
     PLACE,
     WEIGHT,
     add_block,
@@ -49,7 +51,7 @@ def _reach(table, near):
     return near if table.outer <= INNER_BLUR_WIDTHS else table.outer
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", inline="always")
 def add_disk(model, disk, s, table, sign):
     """Add ``sign`` times one disk to the model image."""
     x, y, a, c = disk
@@ -59,11 +61,11 @@ def add_disk(model, disk, s, table, sign):
     row, pixels, height = interpolate_row(table, a, s), allocate_pixels(half), np.float32(sign * c)
     j, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
     while j <= bottom:
-        left, right = next_blocks(j, bottom, 1, half, inner, x, y, columns)
-        n = pad_pixels(pixels, add_block(pixels, add_block(pixels, 0, left, x, y), right, x, y))
+        left, right = next_blocks(j, bottom, EACH, half, inner, x, y, columns)
+        n = pad_pixels(pixels, add_block(pixels, add_block(pixels, NONE, left, x, y), right, x, y))
         evaluate_profile(pixels, n, a, s, row)
         _scale_profile(pixels[BY_C, :n], pixels[PLACE, :n], np.float32(reach / END_BLUR_WIDTHS), height)
-        _add_levels(model, left, pixels[BY_C], 0)
+        _add_levels(model, left, pixels[BY_C], NONE)
         _add_levels(model, right, pixels[BY_C], left[1] * left[4])
         _add_flat(model, block_between(left, right), height)
         j += left[1]
@@ -95,7 +97,7 @@ def _add_flat(model, block, height):
             line[i] += height
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, table, out):
     """Normal matrix, gradient and chi-square of one disk into ``out`` (see `SUMS`).
 
@@ -112,7 +114,7 @@ def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, t
     reach = _reach(table, REACH_BLUR_WIDTHS)
     half, inner = a + reach * s, a - REACH_BLUR_WIDTHS * s
     j, bottom = max(int(np.ceil(y - half)), 0), min(int(np.floor(y + half)), rows - 1)
-    row, pixels, n = interpolate_row(table, a, s), allocate_pixels(half), 0
+    row, pixels, n = interpolate_row(table, a, s), allocate_pixels(half), NONE
     masked = _has_masked_pixel(weight, image.shape, j, bottom + 1, x, half)
     whole = not masked and x > half and x + half < columns - 1 and y > half and y + half < rows - 1
     flat = np.float32(1.0 / (noise[0] * (1.0 + noise[1] * c)))
@@ -121,7 +123,7 @@ def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, t
         left, right = next_blocks(j, bottom, step, half, 0.0 if masked else inner, x, y, columns)
         if n + left[1] * (left[4] + right[4]) > pixels.shape[1]:
             _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out)
-            n = 0
+            n = NONE
         n = _gather(pixels, n, left, image, model, weight, x, y, isolated, masked)
         n = _gather(pixels, n, right, image, model, weight, x, y, isolated, masked)
         _add_plateau(image, model, block_between(left, right), c, flat, isolated, robust, whole, out)
@@ -322,7 +324,7 @@ def unpack_sums(out, normal, gradient):
         gradient[u] = out[GRADIENT + u]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def sum_pair(model, weight, one, two, s, noise, table, out):
     """The 4 x 4 block of the normal matrix between two disks, from the pixels in the windows of both."""
     out[:] = 0.0
@@ -339,13 +341,13 @@ def sum_pair(model, weight, one, two, s, noise, table, out):
     first, second = allocate_pixels(half1), allocate_pixels(half1)
     tall = first.shape[1] // width
     while j <= bottom:
-        block = (j, min(tall, bottom + 1 - j), 1, left, width)
-        copy_levels(first, 0, block, model)
-        n = add_block(first, 0, block, one[0], one[1])
+        block = (j, min(tall, bottom + 1 - j), EACH, left, width)
+        copy_levels(first, NONE, block, model)
+        n = add_block(first, NONE, block, one[0], one[1])
         first[WEIGHT, :n] = np.float32(1.0)
         if weight.shape == model.shape:
-            _mask_pixels(first, 0, block, weight)
-        add_block(second, 0, block, two[0], two[1])
+            _mask_pixels(first, NONE, block, weight)
+        add_block(second, NONE, block, two[0], two[1])
         pad_pixels(second, n)
         n = pad_pixels(first, n)
         _add_pair(first, second, n, one, two, s, row1, row2, noise, reach, out)

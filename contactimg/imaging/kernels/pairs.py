@@ -1,19 +1,22 @@
-"""Which disks share pixels: pairs whose rims come close (compiled)."""
+"""Which disks share pixels: pairs whose rims come close."""
 
 import numpy as np
 
-from contactimg.compiled import njit
+from contactimg.compiled import lengthened, njit
+
+
+def find_pairs(disks, space):
+    """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x."""
+    disks = np.ascontiguousarray(disks)
+    left = disks[:, 0] - disks[:, 2] - space
+    return _sweep(disks, left, np.argsort(left), float(space))
 
 
 @njit(cache=True)
-def find_pairs(disks, space):
-    """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x."""
+def _sweep(disks, left, order, space):
+    """The pairs, each disk compared with those that begin before it ends."""
     n = len(disks)
-    left = disks[:, 0] - disks[:, 2] - space
-    order = np.argsort(left)
-    capacity = 4 * n + 16
-    pairs = np.empty((capacity, 2), np.int64)
-    count = 0
+    pairs, count = np.empty((4 * n + 16, 2), np.int64), 0
     for u in range(n):
         i = order[u]
         right = disks[i, 0] + disks[i, 2] + space
@@ -25,39 +28,33 @@ def find_pairs(disks, space):
             dx, dy = disks[i, 0] - disks[j, 0], disks[i, 1] - disks[j, 1]
             if abs(dy) > limit or dx * dx + dy * dy > limit * limit:
                 continue
-            if count == capacity:
-                grown = np.empty((2 * capacity, 2), np.int64)
-                grown[:capacity] = pairs
-                pairs, capacity = grown, 2 * capacity
+            if count == len(pairs):
+                pairs = lengthened(pairs)
             pairs[count, 0], pairs[count, 1] = min(i, j), max(i, j)
             count += 1
     return pairs[:count]
 
 
-@njit(cache=True)
 def select_close(pairs, disks, space):
     """The pairs whose rims come closer than ``2 space``."""
-    near = np.zeros(len(pairs), np.bool_)
-    for p in range(len(pairs)):
-        one, two = disks[pairs[p, 0]], disks[pairs[p, 1]]
-        limit = one[2] + two[2] + 2 * space
-        near[p] = (one[0] - two[0]) ** 2 + (one[1] - two[1]) ** 2 <= limit * limit
-    return pairs[near]
+    (x, y, a), (u, v, b) = disks[pairs[:, 0], :3].T, disks[pairs[:, 1], :3].T
+    return pairs[(x - u) ** 2 + (y - v) ** 2 <= (a + b + 2 * space) ** 2]
 
 
 @njit(cache=True)
 def list_neighbours(n, pairs):
     """Neighbours of each disk: start of its list, and rows of (pair, side in the pair, the other disk)."""
-    start = np.zeros(n + 1, np.int64)
+    start, fill = np.zeros(n + 1, np.int64), np.zeros(n, np.int64)
     for p in range(len(pairs)):
         start[pairs[p, 0] + 1] += 1
         start[pairs[p, 1] + 1] += 1
-    start = np.cumsum(start)
-    fill = start[:-1].copy()
+    for i in range(n):
+        fill[i] = start[i]
+        start[i + 1] += start[i]
     link = np.empty((2 * len(pairs), 3), np.int64)
     for p in range(len(pairs)):
         for side in range(2):
             i = pairs[p, side]
-            link[fill[i]] = p, side, pairs[p, 1 - side]
+            link[fill[i], 0], link[fill[i], 1], link[fill[i], 2] = p, side, pairs[p, 1 - side]
             fill[i] += 1
     return start, link

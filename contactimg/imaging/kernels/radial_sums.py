@@ -47,9 +47,11 @@ def _place(r, inner, step):
 def _axes(disk):
     """Half-axes and angle of a row, as `rim_distance` takes them; how far it reaches beyond its radius."""
     parameters = np.zeros(6)
-    parameters[:3], parameters[5] = disk[:3], disk[3]
+    for k in range(3):
+        parameters[k] = disk[k]
     if len(disk) > 4:
-        parameters[3:5] = disk[4:6]
+        parameters[3], parameters[4] = disk[4], disk[5]
+    parameters[5] = disk[3]
     ellipse = axes_of(parameters)
     return ellipse, ellipse[0] - disk[2] if len(disk) > 4 else 0.0
 

@@ -22,9 +22,12 @@ BY_X, BY_Y, BY_A, BY_C, BY_S, DATA, WEIGHT, PLACE, MODEL = range(FIELDS)
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # all optimisations except assumptions on NaN and infinity
 CHUNK_PIXELS = 512  # pixels at a time, which fit into the fastest cache; speed only
-BLOCK_ROWS = 8  # rows of a block at most; speed only; speed only
+BLOCK_ROWS = 8  # rows of a block at most; speed only
 LEAST_INSIDE_PX = 12  # columns inside the rim for which a row is split in two blocks; speed only
 VECTOR_PIXELS = 32  # pixels in one pass of vector instructions; a remainder would be slow; speed only
+
+NONE, EACH = np.int64(0), np.int64(1)
+"""No pixel so far, and each row: variables, because a function is compiled anew for each literal number."""
 
 
 @njit(cache=True, error_model="numpy")

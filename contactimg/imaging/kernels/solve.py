@@ -1,4 +1,4 @@
-"""The coupled normal equations of disks that share pixels (compiled)."""
+"""The coupled normal equations of disks that share pixels."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import list_neighbours
 
 LARGEST_INFLATION = 25.0  # of a variance by free neighbours; by hand: beyond, the two are not resolved
+MOST_SWEEPS = 40  # of the Gauss-Seidel iteration, which stops at 1e-4 px; accuracy
 DIVERGENCE_RATIO = 100.0  # change over that of the first sweep at which the sweeps diverge; by hand
 
 
@@ -35,83 +36,73 @@ def invert_4x4(matrix, out):
             out[u, v] = total
 
 
-@njit(cache=True)
-def solve_coupled(inverse, gradient, moving, pairs, blocks, steps, sweeps):
+def solve_coupled(inverse, gradient, moving, pairs, blocks, steps):
     """Solve the coupled normal equations by block Gauss-Seidel; ``steps`` starts at the uncoupled solution.
 
     The sweeps converge for a positive definite matrix. It may not be positive definite where many disks
-    describe something that is not a disk; if the sweeps diverge, the uncoupled solution is kept.
+    describe something that is not a disk: False if the sweeps diverge.
     """
     start, link = list_neighbours(len(gradient), pairs)
-    limit = np.inf
-    for sweep in range(sweeps):
-        largest = 0.0
-        for i in range(len(gradient)):
-            if moving[i] and start[i] < start[i + 1]:
-                change = _solve_one(i, inverse, gradient, link[start[i] : start[i + 1]], blocks, steps)
-                largest = max(largest, change)
-        if sweep == 0:
-            limit = DIVERGENCE_RATIO * largest
-        if not largest <= limit:
-            for i in range(len(gradient)):
-                if moving[i]:
-                    steps[i] = inverse[i] @ gradient[i]
-            break
-        if largest < 1e-4:
-            break
+    coupled = np.flatnonzero(moving & (start[:-1] < start[1:]))
+    return bool(_sweep(coupled, inverse, gradient, start, link, blocks, steps))
 
 
 @njit(cache=True)
-def _solve_one(i, inverse, gradient, linked, blocks, steps):
+def _sweep(coupled, inverse, gradient, start, link, blocks, steps):
+    """Sweep through the disks until no step changes any more; whether the changes stay bounded."""
+    limit = np.inf
+    for sweep in range(MOST_SWEEPS):
+        largest = 0.0
+        for i in coupled:
+            change = _solve_one(i, inverse, gradient, start[i], start[i + 1], link, blocks, steps)
+            largest = max(largest, change)
+        if sweep == 0:
+            limit = DIVERGENCE_RATIO * largest
+        if not largest <= limit:
+            return False
+        if largest < 1e-4:
+            break
+    return True
+
+
+@njit(cache=True)
+def _solve_one(i, inverse, gradient, first, end, link, blocks, steps):
     """Solve for the step of one disk, given those of its neighbours; the largest change of a length."""
-    rest = gradient[i].copy()
-    for q in range(len(linked)):
-        p, side, other = linked[q]
-        for u in range(4):
-            for v in range(4):
-                b = blocks[p, u, v] if side == 0 else blocks[p, v, u]
-                rest[u] -= b * steps[other, v]
     largest = 0.0
     for u in range(4):
         value = 0.0
         for v in range(4):
-            value += inverse[i, u, v] * rest[v]
+            rest = gradient[i, v]
+            for q in range(first, end):
+                p, other = link[q, 0], link[q, 2]
+                for w in range(4):
+                    b = blocks[p, v, w] if link[q, 1] == 0 else blocks[p, w, v]
+                    rest -= b * steps[other, w]
+            value += inverse[i, u, v] * rest
         if u < 3:
             largest = max(largest, abs(value - steps[i, u]))
         steps[i, u] = value
     return largest
 
 
-@njit(cache=True)
 def marginal_variances(normals, inverse, pairs, blocks, moved):
     """Variances of each disk's parameters, marginalised over its direct neighbours.
 
     From the Schur complement over the neighbours that moved, each taken as independent of the others.
     """
-    n = len(normals)
-    out = np.empty((n, 4))
-    reduced = normals.copy()
-    coupled = np.zeros(n, np.bool_)
-    for p in range(len(pairs)):
-        i, j = pairs[p]
-        if moved[i] and moved[j]:
-            b = blocks[p]
-            reduced[i] -= b @ inverse[j] @ b.T
-            reduced[j] -= b.T @ inverse[i] @ b
-            coupled[i] = coupled[j] = True
-    for i in range(n):
-        for u in range(4):
-            out[i, u] = inverse[i, u, u]
-        if not coupled[i]:
-            continue
-        for u in range(
-            4
-        ):  # without information from pixels, only the damping of the inverse keeps the matrix regular
-            reduced[i, u, u] += 1e-9 / inverse[i, u, u]
-        full = np.linalg.inv(reduced[i])
-        for u in range(4):
-            if full[u, u] <= 0:
-                out[i, u] *= LARGEST_INFLATION
-            else:
-                out[i, u] = min(max(full[u, u], out[i, u]), LARGEST_INFLATION * out[i, u])
+    out = np.einsum("iuu->iu", inverse).copy()
+    chosen = moved[pairs].all(axis=1)
+    (i, j), b = pairs[chosen].T, blocks[chosen]
+    coupled = np.unique(pairs[chosen])
+    if not len(coupled):
+        return out
+    reduced, transposed = normals.copy(), b.transpose(0, 2, 1)
+    np.subtract.at(reduced, i, b @ inverse[j] @ transposed)
+    np.subtract.at(reduced, j, transposed @ inverse[i] @ b)
+    alone = out[coupled]
+    # without information from pixels, only the damping of the inverse keeps the matrix regular
+    reduced = reduced[coupled] + 1e-9 / alone[:, None, :] * np.eye(4)
+    full = np.einsum("iuu->iu", np.linalg.inv(reduced))
+    most = LARGEST_INFLATION * alone
+    out[coupled] = np.where(full <= 0, most, np.clip(full, alone, most))
     return out
