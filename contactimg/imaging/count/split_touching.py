@@ -69,7 +69,8 @@ def split_components(
         _copy_component(alone, image, runs[rows], number, box[0].start, box[1].start)
         above = (_smoothed(alone, smoothing) > level).astype(np.uint8)
         # the border repeats: a region cut by it goes on beyond
-        disks = inscribed_disks(cv2.copyMakeBorder(above, 3, 3, 3, 3, cv2.BORDER_REPLICATE), 3)
+        mask = np.asarray(cv2.copyMakeBorder(above, 3, 3, 3, 3, cv2.BORDER_REPLICATE), np.uint8)
+        disks = inscribed_disks(mask, 3)
         disks = disks[~hidden(disks)]
         if len(disks) > 1:
             counts[number] = len(disks)

@@ -138,7 +138,7 @@ def find_holes(mask: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.f
     x, y, width, height, area = stats.T
     enclosed = (x > 0) & (y > 0) & (x + width < mask.shape[1]) & (y + height < mask.shape[0])
     enclosed[0] = False  # the mask itself
-    return labels, np.where(enclosed, area, np.inf)
+    return np.asarray(labels, np.int32), np.where(enclosed, area, np.inf)
 
 
 def fill(
@@ -153,7 +153,7 @@ def fill(
 def _inscribed(mask: NDArray[np.uint8], cut: tuple[bool, bool, bool, bool]) -> NDArray[np.float64]:
     """Disks inscribed in a mask, largest first; ``cut`` marks the sides beyond which the mask continues."""
     # a contact cut by the border continues: repeat the border instead of closing it
-    closed = cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT)
+    closed = np.asarray(cv2.copyMakeBorder(mask, 1, 1, 1, 1, cv2.BORDER_CONSTANT), np.uint8)
     for side, rim, inside in zip(cut, _rims(closed, 0), _rims(closed, 1), strict=True):
         if side:
             rim[:] = inside

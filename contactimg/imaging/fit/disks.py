@@ -1,29 +1,45 @@
 """Least-squares fit of blurred disks to an image, all contacts of a frame together.
 
 Each contact has a centre, a radius and a contrast. The model image is the sum of contrast x profile, minus
-the light counted twice where contacts overlap. The blur is common to all contacts
-(`contactimg.imaging.kernels.gauss_newton`). Contrasts have a normal prior, whose mean and width come from
-the wide contacts of the frame. The radius and contrast of a small disk are degenerate, so the prior
-determines its contrast; a wide disk determines its own.
+the light counted twice where contacts overlap. The blur is common to all contacts. Contrasts have a normal
+prior, whose mean and width come from the wide contacts of the frame. The radius and contrast of a small disk
+are degenerate, so the prior determines its contrast; a wide disk determines its own.
+
+Each disk has a 4 x 4 block of the normal matrix, summed over its rim and interior; two disks whose windows
+overlap have a 4 x 4 block between them (`contactimg.imaging.kernels.normal_equations`), and the linear system
+is solved block by block (`contactimg.imaging.kernels.solve`). The common blur is one more unknown. Only what
+looks at pixels or goes through pairs is compiled, each part alone: compiled code is optimised once more with
+every compiled function that calls it.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.detect.overlap import visible_share
-from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem
-from contactimg.imaging.kernels.gauss_newton import (
-    WELL_FITTED_CHI_SQUARE,
+from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, X, Y
+from contactimg.imaging.kernels.normal_equations import (
+    SATURATED,
+    build_normal_equations,
+    build_pair_blocks,
     draw_disks,
-    iterate,
 )
-from contactimg.imaging.kernels.pairs import find_pairs
+from contactimg.imaging.kernels.pairs import find_pairs, select_close
+from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.masks import for_kernel
-from contactimg.imaging.profile.blurred_disk import EdgeTable, disk_table
+from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.timings import stage
 
+PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
+ISOLATION_GAP_BLUR_WIDTHS = 5.5  # gap of isolated disks; theory: nearer, one changes the other by 1e-4
+COUPLING_REACH_BLUR_WIDTHS = 2.6  # reach of a rim within which disks are solved for together; by hand
+BLUR_TOLERANCE = 2e-3  # relative step of the blur at which it is held fixed; accuracy
+ROUGH_BLUR_TOLERANCE = 1e-2  # the same of a rough fit that only provides a start; accuracy
+FAINTEST_FRACTION = 0.05  # lower bound of the contrasts over the expected one; by hand
+SMALLEST_BLUR_WIDTHS = 0.1  # least radius: keeps a disk from vanishing; accuracy
+NARROWEST_BLUR_PX = PIXEL_VARIANCE**0.5  # theory: that of the pixel alone
+WELL_FITTED_CHI_SQUARE = 3.0  # worse fits do not determine the blur or the contrast; by hand
 GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.5, 2.0
 """Bound of the growth of a disk in one fit, of its radius and in blur widths. By hand: no start is further
 off."""
@@ -167,7 +183,7 @@ def erase_disks(problem: FitProblem, fit: FittedDisks, erased: NDArray[np.bool_]
 
 
 @stage("fit")
-def fit_disks(
+def fit_disks(  # noqa: PLR0915 -- one iteration, whose parts share these arrays
     problem: FitProblem,
     disks: NDArray[np.float64],
     *,
@@ -202,33 +218,112 @@ def fit_disks(
     FittedDisks
 
     """
-    n = len(disks)
+    n, s, disks = len(disks), float(blur), np.array(disks, float)
+    image, weight, table = problem.image, for_kernel(problem.valid, problem.saturated), problem.profile
     brightness = problem.brightness_at(disks) if brightness is None else brightness
-    start = start or ModelImage.blank(problem.image.shape, n)
-    fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score = iterate(
-        problem.image,
-        for_kernel(problem.valid, problem.saturated),
-        np.array(disks, float),
-        float(blur),
-        np.array(astuple(problem.noise)),
-        _contrast_bounds(problem, disks, blur, brightness),
-        np.ascontiguousarray(brightness, float),
-        control.free_blur,
-        control.robust,
-        np.ones(n, np.bool_) if active is None else active.copy(),
-        problem.profile,
-        control.iterations,
-        control.tolerance,
-        start.model,
-        start.drawn.copy(),
-        start.complete,
-        _largest_radii(problem, disks, blur) if largest is None else largest,
-    )
+    prior = _contrast_bounds(problem, disks, blur, brightness)
+    largest = _largest_radii(problem, disks, blur) if largest is None else largest
+    start = start or ModelImage.blank(image.shape, n)
+    model, drawn = start.model, start.drawn.copy()
+    started = np.ones(n, np.bool_) if active is None else active
+    moving, free_blur = started.copy(), control.free_blur
+    coupling, isolation = COUPLING_REACH_BLUR_WIDTHS, ISOLATION_GAP_BLUR_WIDTHS
+    if table.outer > INNER_BLUR_WIDTHS:
+        coupling, isolation = table.outer, 2.0 * table.outer
+    far = 1.1 * max(0.5 * ISOLATION_GAP_BLUR_WIDTHS, coupling)
+    # variance of a background pixel at each disk, its slope with the model level, its excess at the rim
+    noise = problem.noise
+    levels = np.column_stack([noise.variance / brightness, noise.slope / prior[0], np.full(n, noise.rim)])
+    normals, inverse = np.zeros((n, 4, 4)), np.zeros((n, 4, 4))
+    gradient, cross, blurs = np.zeros((n, 4)), np.zeros((n, 4)), np.zeros((n, 2))
+    chi_square, pixels = np.ones(n), np.zeros(n, np.int64)
+    saturated = bool((weight == SATURATED).any())
+    near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
+    pairs, blocks, count = np.empty((0, 2), np.int64), np.zeros((0, 4, 4)), 0
+    for iteration in range(control.iterations):
+        if s > 1.1 * paired_blur or _largest_move(disks, paired) > PAIR_MARGIN_PX:
+            near_pairs, paired, paired_blur = find_pairs(disks, far * s + PAIR_MARGIN_PX), disks.copy(), s
+        pairs, count = select_close(near_pairs, disks, coupling * s), count + 1
+        # isolated disks are their own model: they are drawn when they have settled
+        isolated = np.full(n, not saturated)
+        isolated[select_close(near_pairs, disks, 0.5 * isolation * s)] = False
+        draw_disks(model, disks, s, drawn, ~(isolated & moving), near_pairs, table)
+        row_step = 1 if control.robust else (4 if iteration == 0 else 2)
+        build_normal_equations(
+            image, model, weight, disks, s, levels, prior, moving, isolated, control.robust, row_step, table,
+            normals, inverse, gradient, cross, blurs, chi_square, pixels,
+        )  # fmt: skip
+        blocks = np.zeros((len(pairs), 4, 4))
+        if len(pairs):
+            build_pair_blocks(model, weight, disks, s, levels, started, pairs, table, blocks)
+        change = 0.0
+        if free_blur:
+            chosen = moving & (disks[:, RADIUS] > s)
+            if (
+                iteration > 0
+            ):  # disks that fit worse than most, two taken for one say, would increase the blur
+                usual = float(np.median(chi_square[moving]))
+                chosen &= chi_square < max(WELL_FITTED_CHI_SQUARE, 2.0 * usual)
+            change = _blur_step(s, *(part[chosen] for part in (inverse, cross, gradient, blurs, chi_square)))
+        gradient[moving] -= change * cross[moving]
+        alone = np.where(moving[:, None], np.einsum("iuv,iv->iu", inverse, gradient), 0.0)
+        steps = alone.copy()
+        if len(pairs) and not solve_coupled(inverse, gradient, moving, pairs, blocks, steps):
+            steps = alone
+        draw_disks(model, disks, s, drawn, ~moving & (change == 0.0), near_pairs, table)
+        s = max(s + change, NARROWEST_BLUR_PX)
+        blur_tolerance = BLUR_TOLERANCE if control.robust else ROUGH_BLUR_TOLERANCE
+        steady = abs(change) < blur_tolerance * s and (control.robust or iteration >= 1)
+        free_blur = free_blur and not steady
+        before = disks.copy()
+        disks[moving] = _moved(disks[moving], steps[moving], s, prior[:, moving], largest[moving])
+        blurs[:, 1] -= blurs[:, 0] * change + np.einsum("iu,iu->i", cross, disks - before)
+        if steady:
+            # quadratic convergence: the next step is of the order of this one squared over the blur
+            longest = np.abs(steps[:, :CONTRAST]).max(axis=1)
+            moving &= longest**2 >= control.tolerance * np.sqrt(inverse[:, RADIUS, RADIUS]) * s
+        if not moving.any():
+            break
+    if start.complete and count > 0:
+        draw_disks(model, disks, s, drawn, np.ones(n, np.bool_), find_pairs(disks, 0.0), table)
+    information = np.empty((n, 5, 5))
+    information[:, :4, :4], information[:, 4, 4] = normals, blurs[:, 0]
+    information[:, :4, 4] = information[:, 4, :4] = cross
+    std = np.sqrt(marginal_variances(normals, inverse, pairs, blocks, started))
     # the kernel takes derivatives of whole disks, but the part of a rim inside a neighbour has no information
-    std = std / visible_share(fitted)[:, None]
+    std = std / visible_share(disks)[:, None]
     return FittedDisks(
-        fitted, std, chi_square, pixels, blur, model, steps, settled, information, blur_score, brightness
+        disks, std, chi_square, pixels, s, model, count, ~moving, information, blurs[:, 1].copy(), brightness
     )
+
+
+def _largest_move(disks: NDArray[np.float64], before: NDArray[np.float64]) -> float:
+    """Largest distance that a rim has moved."""
+    moved = np.hypot(disks[:, X] - before[:, X], disks[:, Y] - before[:, Y])
+    return float(np.max(moved + disks[:, RADIUS] - before[:, RADIUS], initial=0.0))
+
+
+def _blur_step(
+    s: float, inverse: NDArray, cross: NDArray, gradient: NDArray, blurs: NDArray, chi_square: NDArray
+) -> float:
+    """Gauss-Newton step of the common blur, with the parameters of each disk eliminated."""
+    t, weight = np.einsum("iuv,iv->iu", inverse, cross), 1.0 / np.maximum(chi_square, 1.0)
+    bottom = weight @ (blurs[:, 0] - np.einsum("iu,iu->i", cross, t))
+    top = weight @ (blurs[:, 1] - np.einsum("iu,iu->i", gradient, t))
+    return 0.0 if bottom <= 0.0 else float(min(max(top / bottom, -0.2 * s), 0.2 * s))
+
+
+def _moved(disks: NDArray, steps: NDArray, s: float, prior: NDArray, largest: NDArray) -> NDArray[np.float64]:
+    """The disks after a step within limits."""
+    (x, y, a, c), step, (mean, _, brightest) = disks.T, steps.T, prior
+    limit = 0.5 * np.maximum(a, s)
+    wider = a + np.clip(step[RADIUS], -0.4 * a, np.maximum(0.4 * a, 0.5 * s))
+    return np.column_stack([
+        x + np.clip(step[X], -limit, limit),
+        y + np.clip(step[Y], -limit, limit),
+        np.minimum(np.maximum(wider, SMALLEST_BLUR_WIDTHS * s), largest),
+        np.minimum(np.maximum(c + step[CONTRAST], FAINTEST_FRACTION * mean), brightest),
+    ])  # fmt: skip
 
 
 def _largest_radii(problem: FitProblem, disks: NDArray, blur: float) -> NDArray[np.float64]:

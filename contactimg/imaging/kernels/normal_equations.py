@@ -5,8 +5,11 @@ information on c only and are summed row by row; those about the rim are gathere
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.compiled import njit
+from contactimg.imaging.kernels.disk_union import add_lens, overlaps
+from contactimg.imaging.kernels.pairs import select_close
 from contactimg.imaging.kernels.rim_pixels import (
     BY_A,
     BY_C,
@@ -31,13 +34,15 @@ from contactimg.imaging.kernels.rim_pixels import (
     pad_pixels,
     row_of_block,
 )
-from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS
+from contactimg.imaging.kernels.solve import invert_4x4
+from contactimg.imaging.profile.blurred_disk import END_BLUR_WIDTHS, INNER_BLUR_WIDTHS, EdgeTable
 
 REACH_BLUR_WIDTHS = 3.6  # pixels about the rim in the fit; theory: beyond, the profile is 0 or 1 to 2e-4
 THINNING_RADIUS_PX = 4.0  # radius for each row that a rough fit may skip; by hand
 OUTLIER_SIGMA = 5.0  # residual beyond which a pixel loses weight; false-alarm rate 6e-7 of a normal deviate
 LARGEST_TERM = 4.0 * OUTLIER_SIGMA**2  # largest term of chi-square, that of 10 sigma; by hand
 SATURATED = 2  # in the mask: the light is at least what the pixel shows
+CLEARED_PIXELS = 6000  # of the model image for each disk to erase, up to which all is cleared; speed only
 RINGS_PER_BLUR_WIDTH = 4  # rings over which the expected information of a rim is summed; accuracy
 
 SUMS = 22
@@ -371,3 +376,86 @@ def _add_pair(first, second, n, one, two, s, row1, row2, noise, reach, out):
     for u in range(4):
         for v in range(4):
             out[u, v] += _product(weight, first[u, :n], second[v, :n])
+
+
+@njit(cache=True, error_model="numpy")
+def build_normal_equations(
+    image, model, weight, disks, s, levels, prior, moving, isolated, robust, row_step, table,
+    normals, inverse, gradient, cross, blurs, chi_square, pixels,
+):  # fmt: skip
+    """Normal equations of each moving disk with its prior, and the inverse of the normal matrix.
+
+    ``prior`` holds mean, width and upper bound of the contrasts.
+    Every ``row_step``-th row of a wide disk is used.
+    """
+    out, damped = np.empty(SUMS), np.empty((4, 4))
+    for i in range(len(disks)):
+        if not moving[i]:
+            continue
+        expected, spread = prior[0, i], prior[1, i]
+        sum_disk(image, model, weight, disks[i], s, levels[i], isolated[i], robust, row_step, table, out)
+        unpack_sums(out, normals[i], gradient[i])
+        normals[i, 3, 3] += 1.0 / spread**2
+        gradient[i, 3] += (expected - disks[i, 3]) / spread**2
+        for u in range(4):
+            cross[i, u] = out[CROSS + u]
+        blurs[i, 0], blurs[i, 1] = out[CROSS + 4], out[GRADIENT + 4]
+        pixels[i] = int(out[PIXEL_COUNT])
+        chi_square[i] = out[CHI_SQUARE] / max(out[PIXEL_COUNT] - 3.0, 1.0)
+        # a disk much smaller than the blur, or outside the image, has little information: keep steps finite
+        floor = 1e-3 * expected**2 / levels[i, 0]
+        for u in range(4):
+            for v in range(4):
+                damped[u, v] = normals[i, u, v]
+            if u < 3:
+                damped[u, u] = damped[u, u] * (1.0 + 1e-6) + floor
+        invert_4x4(damped, inverse[i])
+
+
+@njit(cache=True, error_model="numpy")
+def build_pair_blocks(model, weight, disks, s, levels, started, pairs, table, blocks):
+    """Blocks of the normal matrix between disks; settled disks still count for the uncertainties."""
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        if started[i] and started[j]:
+            sum_pair(model, weight, disks[i], disks[j], s, levels[i], table, blocks[p])
+
+
+def draw_disks(
+    model: NDArray[np.float32], disks: NDArray[np.float64], s: float, drawn: NDArray[np.bool_],
+    wanted: NDArray[np.bool_],
+    near_pairs: NDArray[np.int64], table: EdgeTable,
+) -> None:  # fmt: skip
+    """Add disks to the model image, or subtract them, until it contains those wanted, each with its overlaps.
+
+    ``near_pairs`` contains all pairs that overlap.
+    """
+    change = np.flatnonzero(drawn != wanted)
+    if not len(change):
+        return
+    if len(change) * CLEARED_PIXELS > model.size and not wanted.any():
+        model.fill(0.0)
+        drawn[:] = False
+        return
+    touching = select_close(near_pairs, disks, 0.0)
+    _draw(model, disks, s, wanted, table, change)
+    if len(touching):
+        _draw_overlaps(model, disks, s, drawn, wanted, touching)
+    drawn[change] = wanted[change]
+
+
+@njit(cache=True, error_model="numpy")
+def _draw(model, disks, s, wanted, table, change):
+    """Add or subtract the disks that ``change``."""
+    for i in change:
+        add_disk(model, disks[i], s, table, 1.0 if wanted[i] else -1.0)
+
+
+@njit(cache=True)
+def _draw_overlaps(model, disks, s, drawn, wanted, pairs):
+    """Subtract or add what the pairs that are drawn after, or were before, share."""
+    for p in range(len(pairs)):
+        i, j = pairs[p]
+        before, after = drawn[i] and drawn[j], wanted[i] and wanted[j]
+        if before != after and overlaps(disks[i], disks[j]):
+            add_lens(model, disks[i], disks[j], s, -1.0 if after else 1.0)

@@ -1,15 +1,16 @@
 """Which disks share pixels: pairs whose rims come close."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.compiled import lengthened, njit
 
 
-def find_pairs(disks, space):
+def find_pairs(disks: NDArray[np.float64], space: float) -> NDArray[np.int64]:
     """Pairs of disks whose rims come closer than ``2 space``, by a sweep along x."""
     disks = np.ascontiguousarray(disks)
     left = disks[:, 0] - disks[:, 2] - space
-    return _sweep(disks, left, np.argsort(left), float(space))
+    return np.asarray(_sweep(disks, left, np.argsort(left), float(space)), np.int64)
 
 
 @njit(cache=True)
@@ -35,7 +36,7 @@ def _sweep(disks, left, order, space):
     return pairs[:count]
 
 
-def select_close(pairs, disks, space):
+def select_close(pairs: NDArray[np.int64], disks: NDArray[np.float64], space: float) -> NDArray[np.int64]:
     """The pairs whose rims come closer than ``2 space``."""
     (x, y, a), (u, v, b) = disks[pairs[:, 0], :3].T, disks[pairs[:, 1], :3].T
     return pairs[(x - u) ** 2 + (y - v) ** 2 <= (a + b + 2 * space) ** 2]

@@ -1,6 +1,7 @@
 """The coupled normal equations of disks that share pixels."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.kernels.pairs import list_neighbours
@@ -36,7 +37,10 @@ def invert_4x4(matrix, out):
             out[u, v] = total
 
 
-def solve_coupled(inverse, gradient, moving, pairs, blocks, steps):
+def solve_coupled(
+    inverse: NDArray[np.float64], gradient: NDArray[np.float64], moving: NDArray[np.bool_],
+    pairs: NDArray[np.int64], blocks: NDArray[np.float64], steps: NDArray[np.float64],
+) -> bool:  # fmt: skip
     """Solve the coupled normal equations by block Gauss-Seidel; ``steps`` starts at the uncoupled solution.
 
     The sweeps converge for a positive definite matrix. It may not be positive definite where many disks
@@ -85,7 +89,10 @@ def _solve_one(i, inverse, gradient, first, end, link, blocks, steps):
     return largest
 
 
-def marginal_variances(normals, inverse, pairs, blocks, moved):
+def marginal_variances(
+    normals: NDArray[np.float64], inverse: NDArray[np.float64], pairs: NDArray[np.int64],
+    blocks: NDArray[np.float64], moved: NDArray[np.bool_],
+) -> NDArray[np.float64]:  # fmt: skip
     """Variances of each disk's parameters, marginalised over its direct neighbours.
 
     From the Schur complement over the neighbours that moved, each taken as independent of the others.

@@ -20,20 +20,22 @@ def block_means(image: NDArray, valid: Mask = None, *, side: int = BLOCK) -> NDA
     rows, columns = image.shape
     size = (-(-columns // side), -(-rows // side))
     pad = (0, size[1] * side - rows, 0, size[0] * side - columns)
-    image, is_whole = np.asarray(image, np.float32), not any(pad)
-    image = image if is_whole else cv2.copyMakeBorder(image, *pad, cv2.BORDER_REPLICATE)
+    levels = np.asarray(image, np.float32)
+    if any(pad):
+        levels = np.asarray(cv2.copyMakeBorder(levels, *pad, cv2.BORDER_REPLICATE), np.float32)
     if valid is None:
-        return _halve(image, side)
-    valid = cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE).astype(np.float32)
-    weight = _halve(valid, side)
-    total = _halve(np.where(valid > 0, image, np.float32(0.0)), side)
+        return _halve(levels, side)
+    seen = np.asarray(cv2.copyMakeBorder(valid, *pad, cv2.BORDER_REPLICATE), np.float32)
+    weight = _halve(seen, side)
+    total = _halve(np.where(seen > 0, levels, np.float32(0.0)), side)
     return np.divide(total, weight, out=np.full_like(total, np.nan), where=weight > 0)
 
 
 def _halve(image: NDArray[np.float32], side: int) -> NDArray[np.float32]:
     """Means over ``side`` squared pixels, by means over 2 x 2, which OpenCV has in vector instructions."""
     while side > 1:
-        image = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        image = np.asarray(half, np.float32)
         side //= 2
     return image
 
