@@ -247,7 +247,7 @@ def divide_by_reference(
     numbers = np.array([*gains, *(1.0 / scatters), level, DARKEST_FRACTION * level], np.float32)
     out = np.empty(frame.shape, np.float32)
     divide_rows(
-        out, np.ascontiguousarray(frame), bands.full, bands.half, bands.quarter,
+        out, np.ascontiguousarray(frame, np.float32), bands.full, bands.half, bands.quarter,
         *illumination.row_polynomials(frame.shape),
         np.stack([narrow] if gains[0] == 0.0 else [sharp, narrow]), sharp, numbers,
     )  # fmt: skip
@@ -268,7 +268,7 @@ class _ReferenceBands:
         finite = np.isfinite(half)
         quarter = block_means(half, None if finite.all() else finite.astype(np.uint8), side=2)
         return cls(
-            np.ascontiguousarray(reference),
+            np.ascontiguousarray(reference, np.float32),
             _move_and_blur(half, MIDDLE_PX, residual, 2),
             _move_and_blur(quarter, WIDE_PX, residual, 4),
             residual,

@@ -259,6 +259,8 @@ def own_rise(foreground: Foreground, places: NDArray, radius: NDArray, blur: flo
     dip = -foreground.sign * _rise_of_pixels(pair.reference, places, distance)
     rise = _rise_of_pixels(foreground.image, places, distance)
     rows = np.flatnonzero((dip > DIP_SHARE * rise) & (dip > DIP_SIGMA * foreground.noise))
+    if not len(rows):
+        return share
     disks = np.column_stack([places, radius])[rows]
     own, other = (
         foreground.sign * measure_rise(image, disks, blur) for image in (pair.frame, pair.reference)

@@ -134,7 +134,8 @@ def sum_disk(image, model, weight, disk, s, noise, isolated, robust, row_step, t
         _add_plateau(image, model, block_between(left, right), c, flat, isolated, robust, whole, out)
         j += left[1] * step
     _add_rim(pixels, n, disk, s, row, noise, reach, isolated, robust, whole, out)
-    out[:CHI_SQUARE] *= step
+    for k in range(CHI_SQUARE):
+        out[k] *= step
     if whole:
         _add_expected(pixels, disk, s, row, max(inner, 0.0), half, noise, reach, out)
 
@@ -437,7 +438,7 @@ def draw_disks(
         model.fill(0.0)
         drawn[:] = False
         return
-    touching = select_close(near_pairs, disks, 0.0)
+    disks, touching = np.ascontiguousarray(disks), select_close(near_pairs, disks, 0.0)
     _draw(model, disks, s, wanted, table, change)
     if len(touching):
         _draw_overlaps(model, disks, s, drawn, wanted, touching)

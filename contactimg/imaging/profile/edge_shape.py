@@ -126,7 +126,8 @@ def blurred_profile(disks: PlacedDisks, blur: Values | float) -> Values:
 
 def look_up(table: NDArray[np.float32], disks: PlacedDisks, blur: Values, count: int = 3) -> Values:
     """The first of ``P``, ``s dP/da``, ``s dP/dr`` from the values of an edge table, shape (count, n, k)."""
-    return np.asarray(_interpolate(table, disks.radius[:, 0], blur[:, 0], disks.distance, count))
+    radius, s = np.array(disks.radius[:, 0]), np.array(blur[:, 0])
+    return np.asarray(_interpolate(table, radius, s, disks.distance, count))
 
 
 @njit(cache=True, error_model="numpy")
