@@ -189,7 +189,7 @@ def _cubics(
 
 @lru_cache(maxsize=4)
 def _basis(blocks: tuple[int, int], shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Which blocks enter the fit, and each term of the polynomial at their centres."""
+    """The blocks that enter the fit, and each term of the polynomial at their centres."""
     enough = FIT_BLOCKS * (BLOCK // side_of(blocks, shape)) ** 2
     every = max(int(np.sqrt(blocks[0] * blocks[1] / enough)), 1)
     rows, columns = (place.ravel() for place in jittered_grid(blocks, every))

@@ -85,7 +85,7 @@ class NoiseCorrelation:
 
     @classmethod
     def independent(cls) -> "NoiseCorrelation":
-        """Of pixels that share no noise."""
+        """The correlation of pixels that share no noise."""
         return cls(np.zeros(LARGEST_LAG + 1))
 
     def rim_inflation(
@@ -131,21 +131,21 @@ class NoiseCorrelation:
 
 @lru_cache(maxsize=1)
 def _rim_autocorrelation() -> NDArray[np.float64]:
-    """Of the derivative with respect to the radius: a row for each of `RADII`, over `LAGS`."""
+    """Autocorrelation of the derivative by the radius: a row for each of `RADII`, over `LAGS`."""
     k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
     return _autocorrelation(k, special.j0(np.outer(RADII, k)))
 
 
 @lru_cache(maxsize=1)
 def _plateau_autocorrelation() -> NDArray[np.float64]:
-    """Of the derivative with respect to the contrast."""
+    """Autocorrelation of the derivative with respect to the contrast."""
     k = (np.arange(WAVE_NUMBERS) + 0.5) * (LARGEST_WAVE_NUMBER / WAVE_NUMBERS)
     ka = np.outer(RADII, k)
     return _autocorrelation(k, special.j1(ka) / ka)
 
 
 def _autocorrelation(k: NDArray[np.floating], spectrum: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Of a template behind a blur, from its spectrum at wave numbers (over the blur)."""
+    """Autocorrelation of a template behind a blur, from its spectrum at wave numbers (over the blur)."""
     power = spectrum**2 * np.exp(-(k**2)) * k
     return np.asarray(power @ special.j0(np.outer(k, LAGS)) / power.sum(axis=1, keepdims=True))
 

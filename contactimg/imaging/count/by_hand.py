@@ -68,7 +68,7 @@ class _Components:
 
     @classmethod
     def of(cls, above: NDArray[np.bool_]) -> "_Components":
-        """Of an image."""
+        """The components of an image."""
         _, labels, boxes, _ = cv2.connectedComponentsWithStats(above.astype(np.uint8), connectivity=8)
         return cls(np.asarray(labels, np.int32), np.asarray(boxes, np.int32))
 

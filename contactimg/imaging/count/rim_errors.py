@@ -44,7 +44,7 @@ reaches the threshold. Chosen."""
 
 @dataclass(frozen=True)
 class Crossing:
-    """Where rims cross a threshold.
+    """The place where rims cross a threshold.
 
     Parameters
     ----------

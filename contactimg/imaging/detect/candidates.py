@@ -90,7 +90,7 @@ class Contrast:
     std: float = float("nan")
 
     def within(self, largest: float) -> "Contrast":
-        """With a plateau that does not exceed the largest possible one."""
+        """The contrast, with a plateau that does not exceed the largest possible one."""
         return replace(self, plateau=min(self.plateau, largest))
 
 

@@ -128,12 +128,12 @@ def _squared_diagonal(components: NDArray[np.void]) -> NDArray[np.float64]:
 
 
 def _sprawls(components: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Which components are no disk and no pair of disks."""
+    """The components that are no disk and no pair of disks."""
     return np.asarray(_squared_diagonal(components) > SPRAWL * components["area"])
 
 
 def _may_be_long(components: NDArray[np.void]) -> NDArray[np.bool_]:
-    """Which components may be long: a quick check that clears most frames."""
+    """The components that may be long: a quick check that clears most frames."""
     shortest = LENGTH_HALF_WIDTHS * (0.5 + LENGTH_MARGIN_PX)
     return _sprawls(components) & (_squared_diagonal(components) > shortest**2)
 

@@ -62,7 +62,7 @@ class EditedDisks:
 
     @property
     def new(self) -> NDArray[np.bool_]:
-        """Which disks are new."""
+        """The disks that are new."""
         return self.source < 0
 
     def find(self, x: float, y: float) -> int | None:
@@ -187,6 +187,6 @@ def remark_on(unmatched: Sequence[HandEdit]) -> str:
 
 
 def _place(edit: HandEdit) -> str:
-    """Where an edit points to."""
+    """The place that an edit points to."""
     places = edit.points if np.isnan(edit.x) else ((edit.x, edit.y),)
     return " and ".join(f"({x:g}, {y:g})" for x, y in places)

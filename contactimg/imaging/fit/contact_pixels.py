@@ -71,7 +71,7 @@ class ContactPixels:
     visible: NDArray[np.float64]
 
     def updated(self, rows: NDArray[np.intp], other: "ContactPixels") -> "ContactPixels":
-        """With the values of some rows replaced by those of another look at them."""
+        """The sums with the values of some rows replaced by those of another look at them."""
         values = {name: value.copy() for name, value in vars(self).items()}
         for name, value in vars(other).items():
             values[name][rows] = value

@@ -91,7 +91,7 @@ class ModelImage:
 
     @classmethod
     def blank(cls, shape: tuple[int, ...], n: int, *, complete: bool = True) -> "ModelImage":
-        """Without a disk; left incomplete, it is not to be used after the fit."""
+        """A model image without a disk; left incomplete, it is not to be used after the fit."""
         # the zeros of `numpy.zeros` become memory page by page as they are drawn on, which is slower
         return cls.over(np.empty(shape, np.float32), n, complete=complete)
 

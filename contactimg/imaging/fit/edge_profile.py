@@ -179,7 +179,7 @@ class _Search:
         return any({name, *families} >= pair for pair in INDISTINCT)
 
     def _with_prior(self, joint: JointFit) -> FitProblem:
-        """With the contrast and spread of a fit."""
+        """The problem with the contrast and spread of a fit."""
         return replace(self.problem, prior=joint.prior)
 
     def isolated(self, joint: JointFit) -> NDArray[np.int64]:
@@ -191,13 +191,13 @@ class _Search:
         return isolated[~touches(self.problem.saturated, 1, disks, disks[:, RADIUS])[isolated]]
 
     def scores(self, current: EdgeFit, chosen: NDArray[np.int64]) -> EdgeScores:
-        """Of some contacts, as far as no hole disturbs them."""
+        """The scores of some contacts, as far as no hole disturbs them."""
         joint, edge = current.joint, current.learned.edge
         scores = EdgeScores.of(self._with_prior(joint), joint.fit.disks[chosen], edge, self.placement)
         return self._with_noise(scores, joint, chosen)
 
     def unseen(self, current: EdgeFit) -> EdgeScores:
-        """Of contacts that all touch each other: whether their edges are those assumed is not known.
+        """The scores of contacts that all touch each other, whose edges may not be those assumed.
 
         Their information is the expected one, their scores are 0; where other frames lend their edge, these
         alone count.
@@ -234,14 +234,14 @@ class _Search:
         return current, scores
 
     def _with_noise(self, scores: EdgeScores, joint: JointFit, chosen: NDArray[np.int64]) -> EdgeScores:
-        """With the variances that the fit states, which include noise that neighbouring pixels share."""
+        """The scores with the variances of the fit, which include noise that neighbouring pixels share."""
         if len(scores.radius_std) != len(chosen) or not len(chosen):
             return scores
         ratio = joint.fit.std[chosen, RADIUS] / scores.radius_std
         return replace(scores, least_factor=max(float(np.median(ratio**2)), 1.0))
 
     def prior(self, current: EdgeFit, *, own: bool = False) -> tuple[Values, Values]:
-        """Of the shared quantities: score and information; ``own``: without what is known from elsewhere."""
+        """Prior of the shared quantities, score and information; ``own``: without what other frames tell."""
         edge = current.learned.edge
         score, information = self._optics(current)
         if own:
@@ -304,7 +304,7 @@ class _Search:
         return replace(self.problem, image=image)
 
     def finish(self, current: EdgeFit, scores: EdgeScores, *, of: int = 0) -> EdgeFit:
-        """With the uncertainties that the edge brings to all radii.
+        """The fit with the uncertainties that the edge brings to all radii.
 
         ``scores`` may be those of a sample of ``of`` contacts.
         """
@@ -371,7 +371,7 @@ class _Search:
         return EdgeKnowledge(learned.families, blur, shape, own, own @ shape + pull, count)
 
     def _learned(self, current: EdgeFit, scores: EdgeScores) -> JointFit:
-        """With the uncertainties that a learned edge brings to all radii."""
+        """The fit with the uncertainties that a learned edge brings to all radii."""
         joint, edge, families = current.joint, current.learned.edge, current.learned.families
         step, problem = scores.step(parameters_of(families), self.prior(current)), self._with_prior(joint)
         disks, chosen = joint.fit.disks, step.chosen

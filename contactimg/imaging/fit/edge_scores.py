@@ -108,7 +108,7 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where contacts lie, and how strong they are against the background.
+    """The places of contacts, and their strength against the background.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def isolated_disks(disks: Values, shape: tuple[int, int], *, blur: float) -> NDA
 
 
 def evenly(chosen: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """At most so many of them, evenly spaced."""
+    """A number of contacts, at most ``most``, evenly spaced."""
     if len(chosen) <= most:
         return chosen
     return chosen[np.linspace(0, len(chosen) - 1, most).round().astype(int)]
@@ -243,7 +243,7 @@ class EdgeScores:
 
     @classmethod
     def of(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
-        """From the pixels about isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`)."""
+        """Scores of isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`), from their pixels."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
         profile = edge.profile(fine.disks)
@@ -260,7 +260,7 @@ class EdgeScores:
 
     @classmethod
     def expected(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
-        """Without the pixels: scores of 0, with the information and the responses."""
+        """The scores without the pixels, which are 0, with the information and the responses."""
         return cls._solve(problem, disks, edge, placement, None)
 
     @classmethod

@@ -111,7 +111,7 @@ class FittedEllipse:
 
     @classmethod
     def unknown(cls) -> "FittedEllipse":
-        """Where none was fitted."""
+        """The ellipse where none was fitted."""
         square, nothing = np.full((PARAMETERS, PARAMETERS), np.nan), np.full((1, PARAMETERS, 2), np.nan)
         scores = DiskScores(nothing[:, 0], nothing[:, :2], nothing)
         return cls(square[0], square, nothing[0], square[0, :2], 0, scores, float("nan"))
@@ -123,7 +123,7 @@ class FittedEllipse:
 
     @property
     def angle(self) -> float:
-        """Of the major axis, from +x towards +y, between -pi/2 and pi/2, rad."""
+        """Angle of the major axis, from +x towards +y, between -pi/2 and pi/2, rad."""
         return float(0.5 * np.arctan2(self.parameters[E2], self.parameters[E1]))
 
     @property
@@ -133,7 +133,7 @@ class FittedEllipse:
 
     @property
     def total_covariance(self) -> NDArray[np.float64]:
-        """With the part of contrast and blur."""
+        """The covariance with the part of contrast and blur."""
         return np.asarray(self.covariance + self.shifts @ self.shifts.T)
 
     @property

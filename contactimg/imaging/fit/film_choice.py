@@ -193,13 +193,13 @@ class FilmTrial:
 
     @property
     def _problem(self) -> FitProblem:
-        """With the contrast and spread of the fit."""
+        """The problem with the contrast and spread of the fit."""
         joint = self.joint
         return replace(self.problem, prior=joint.prior)
 
     @property
     def _log_odds(self) -> float:
-        """Of a film, before the pixels are looked at."""
+        """Log-odds of a film before the pixels are looked at."""
         if self.setting.asked == "auto" and self.likely is None:
             return 0.0
         film = self.setting.asked == "on" or (self.setting.asked == "auto" and self.likely)
@@ -225,7 +225,7 @@ class FilmTrial:
         )  # fmt: skip
 
     def _verdict(self, ratios: RimRatios, radius: Values, shift: Values, *, cost: float = 0.0) -> FilmVerdict:
-        """From the log-likelihood ratios of the rims; ``cost`` is what the edge without a film pays."""
+        """The verdict from log-likelihood ratios of the rims; the edge without a film pays ``cost``."""
         asked, n, total, std = self.setting.asked, len(ratios.values), ratios.total + cost, ratios.std
         data = 0.0
         if n >= FEWEST_RIMS:
@@ -291,7 +291,7 @@ def film_makes_contrast(rim: Rim, ratio: float) -> bool | None:
 
 
 def _probability(log_odds: float) -> float:
-    """From the logarithm of odds."""
+    """The probability from the logarithm of odds."""
     return float(1.0 / (1.0 + np.exp(np.clip(-log_odds, -700.0, 700.0))))
 
 

@@ -37,7 +37,7 @@ class FilmEdge(Edge):
 
     @classmethod
     def of(cls, blur: float, rim: Rim) -> "FilmEdge":
-        """At a blur (px, pixel included)."""
+        """The edge at a blur (px, pixel included)."""
         return cls(blur, Edge.plain(blur).shape, rim)
 
     def profile(self, disks: PlacedDisks) -> Values:
@@ -78,11 +78,11 @@ class FilmDirection(FilmEdge):
     """The plain edge, with the light of the film as the one direction into which it may change."""
 
     def profile(self, disks: PlacedDisks) -> Values:
-        """That of the plain edge."""
+        """The same as that of the plain edge."""
         return blurred_profile(disks, self.blur)
 
     def by_radius(self, disks: PlacedDisks) -> Values:
-        """That of the plain edge."""
+        """The same as that of the plain edge."""
         return BlurredDisks.of(disks, self.blur).by_a / self.blur
 
     def templates(self, disks: PlacedDisks, chosen: Sequence[int] = EVERY_TEMPLATE) -> Values:

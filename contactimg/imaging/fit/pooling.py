@@ -144,7 +144,7 @@ def gain_of_pooling(
 
 
 def _covariance(optics: SharedOptics) -> NDArray[np.float64]:
-    """Of (ln contrast, blur)."""
+    """Covariance of (ln contrast, blur)."""
     std = np.array([optics.contrast_relative_std, optics.blur_std_px])
     return np.outer(std, std) * np.array([[1.0, optics.correlation], [optics.correlation, 1.0]])
 

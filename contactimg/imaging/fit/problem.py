@@ -51,12 +51,12 @@ class ContrastPrior:
 
     @classmethod
     def loose(cls, contrast: float, odd: NDArray[np.float64] | None = None) -> "ContrastPrior":
-        """As long as the frame's own spread of contrasts is not known."""
+        """The prior as long as the frame's own spread of contrasts is not known."""
         std = LOOSE_CONTRAST_FRACTION * contrast
         return cls(contrast, std, std, np.empty((0, 4)) if odd is None else odd)
 
     def at(self, contrast: float) -> "ContrastPrior":
-        """With another common contrast and the same relative spreads."""
+        """The prior at another common contrast, with the same relative spreads."""
         ratio = contrast / self.mean
         return replace(self, mean=contrast, std=ratio * self.std, small_std=ratio * self.small_std)
 
@@ -136,7 +136,7 @@ class FitProblem:
 
     @classmethod
     def of(cls, foreground: Foreground, *, binning: int) -> "FitProblem":
-        """Of a foreground, with so many pixels each way averaged into one.
+        """The problem of a foreground, with so many pixels each way averaged into one.
 
         The noise is that of a pixel of the frame, and the prior of the contrasts is loose.
         """
@@ -186,15 +186,15 @@ class FitProblem:
         return float(np.sqrt(self.noise.variance))
 
     def with_noise(self, variance: float) -> "FitProblem":
-        """With another variance of a background pixel."""
+        """The problem with another variance of a background pixel."""
         return replace(self, noise=replace(self.noise, variance=variance))
 
     def with_contrast(self, contrast: float) -> "FitProblem":
-        """With a loose prior about another contrast."""
+        """The problem with a loose prior about another contrast."""
         return replace(self, prior=ContrastPrior.loose(contrast, self.prior.odd))
 
     def without_background(self, coefficients: NDArray[np.float64]) -> "FitProblem":
-        """With a slow polynomial subtracted from the image."""
+        """The problem with a slow polynomial subtracted from the image."""
         if not coefficients.any():
             return self
         image = Illumination(coefficients, self.background, 0.0).subtract_from(self.image)

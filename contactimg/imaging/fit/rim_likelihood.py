@@ -84,7 +84,7 @@ class RimFit:
         return self.edge.profile(replace(disks, radius=self.disks[:, [RADIUS]]))
 
     def part(self, chosen: NDArray[np.int64]) -> "RimFit":
-        """Of those contacts asked for that are among ``chosen``."""
+        """The part of those contacts asked for that are among ``chosen``."""
         held = np.isin(self.chosen, chosen)
         return replace(
             self, disks=self.disks[held], background=self.background[held], chosen=self.chosen[held]
@@ -188,7 +188,7 @@ class RimRatios:
 
     @classmethod
     def of(cls, values: Values, model_error: Values) -> "RimRatios":
-        """From the ratios of rims; those without a value are left out."""
+        """The sums of the ratios of rims; those without a value are left out."""
         kept = np.isfinite(values)
         values, model_error = values[kept], model_error[kept]
         if len(values):
@@ -199,7 +199,7 @@ class RimRatios:
 
     @property
     def total(self) -> float:
-        """Of all rims."""
+        """The ratio of all rims together."""
         return float(self.values.sum())
 
     @property

@@ -54,7 +54,7 @@ class Ellipses:
     blur: float = 1.0
 
     def kept(self, kept: NDArray[np.bool_]) -> "Ellipses":
-        """Those of the disks that stay, in their new rows."""
+        """The ellipses of the disks that stay, in their new rows."""
         new = np.cumsum(kept) - 1
         stay = [k for k, row in enumerate(self.rows) if kept[row]]
         return Ellipses(new[self.rows[stay]].astype(np.intp), [self.fitted[k] for k in stay], self.blur)

@@ -148,7 +148,7 @@ class OpticsPrior:
 
     @classmethod
     def of(cls, optics: SharedOptics, start: FitProblem, *, blur: float) -> "OpticsPrior":
-        """From prior optics, for the problem to start from.
+        """The prior from prior optics, for the problem to start from.
 
         Where the optics are not known, the contrast of the problem is the brightest light in the image, which
         blur may have reduced by up to `LARGEST_CONTRAST_RATIO` (uniform in the logarithm), as far as the grey
@@ -384,7 +384,7 @@ class DiskScores:
 
     @classmethod
     def of(cls, fit: FittedDisks, prior: ContrastPrior) -> "DiskScores":
-        """From the last normal equations of a fit with this prior.
+        """The sums from the last normal equations of a fit with this prior.
 
         A contact with a contrast of its own says nothing about the common one.
         """

@@ -69,7 +69,7 @@ class ContrastProfile:
 
     @property
     def covariance(self) -> Values:
-        """Of (ln contrast, blur in px of the fit), shape (2, 2); the blur beside the valley is known well."""
+        """Covariance of (ln contrast, blur in px of the fit), shape (2, 2); beside its valley it is narrow."""
         beside = (1e-3 * self.fit.blur) ** 2
         slope = self.blur_slope
         return self.log_std**2 * np.array([[1.0, slope], [slope, slope**2]]) + np.diag([0.0, beside])
@@ -209,7 +209,7 @@ class _Tries:
         return _Tried(log_contrast, fit, self._chi_square(fit, float(np.exp(log_contrast))))
 
     def _chi_square(self, fit: FittedDisks, contrast: float) -> float:
-        """Of the pixels and of the scatter of the contrasts."""
+        """Chi-square of the pixels and of the scatter of the contrasts."""
         rest = self.problem.image.ravel()[self.pixels] - fit.model.ravel()[self.pixels]
         excess = (fit.disks[:, CONTRAST] / contrast - 1.0) / self.spread
         return float(np.sum(rest.astype(float) ** 2 / self.variance) + np.sum(excess**2))
@@ -273,7 +273,7 @@ class _Curve:
         return int(np.argmin(np.where((self.x >= low) & (self.x <= high), self.chi_square, np.inf)))
 
     def within_one_std(self, at: int, kurtosis_std: float) -> NDArray[np.bool_]:
-        """Where a contrast is not excluded by one standard deviation, about that at the index ``at``.
+        """The contrasts that are not excluded by one standard deviation, about that at the index ``at``.
 
         It is excluded by pixels and, if the point spread function is a Gaussian, by the kurtosis: the
         variances of these two reasons add.

@@ -96,11 +96,11 @@ class FramePair:
         return MESSAGES.get(self.defect, "")
 
     def within(self, valid: Mask) -> "FramePair":
-        """With other holes: also those of the registered reference."""
+        """The pair with other holes: also those of the registered reference."""
         return replace(self, valid=valid)
 
     def without(self, mask: Mask) -> "FramePair":
-        """With further holes, where ``mask`` is 1."""
+        """The pair with further holes, where ``mask`` is 1."""
         return replace(self, valid=exclude(self.valid, mask))
 
     def near_hole(self, x: NDArray, y: NDArray, reach: NDArray) -> NDArray[np.bool_]:
@@ -114,7 +114,7 @@ class FramePair:
 
     @classmethod
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "FramePair":
-        """From arrays of uint8, uint16 or float with non-finite holes; see `contactimg.imaging.measure`."""
+        """A pair of arrays of uint8, uint16 or float, non-finite at holes; see `contactimg.imaging.measure`."""
         scale = _full_scale(image, full_scale)
         valid = _finite([image] if reference is None else [image, reference])
         frame = _fill_holes(image, valid)
@@ -163,7 +163,7 @@ def _constant(image: NDArray) -> bool:
 
 
 def _fill_holes(array: NDArray, valid: Mask) -> Levels:
-    """As float32 or 8 bits, holes filled with the median of the other pixels."""
+    """The image as float32 or 8 bits, holes filled with the median of the other pixels."""
     if valid is None:
         return array if array.dtype == np.uint8 else array.astype(np.float32)
     good = valid > 0

@@ -82,7 +82,7 @@ class PlacedDisks:
     ratio: float
 
     def widened(self, step: float) -> "PlacedDisks":
-        """With radii larger by ``step``."""
+        """The disks with radii larger by ``step``."""
         return PlacedDisks(self.radius + step, self.field, self.distance, self.ratio)
 
 
@@ -193,7 +193,7 @@ def edge_profile(disks: PlacedDisks, blur: float, shape: Values) -> Values:
 
 
 def _with_rims(disks: PlacedDisks) -> PlacedDisks:
-    """As wide as the rims outside them."""
+    """Disks as wide as the rims outside them."""
     return PlacedDisks((1.0 + RIM_RADII) * disks.radius, disks.field, disks.distance, disks.ratio)
 
 

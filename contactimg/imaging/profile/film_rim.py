@@ -127,7 +127,7 @@ class PlainRim:
 
     @property
     def contrast(self) -> float:
-        """Not known."""
+        """Contrast of the rim, which is not known."""
         return float("nan")
 
     def excess(self, distance_px: NDArray, radius_px: float) -> NDArray[np.float64]:  # noqa: ARG002

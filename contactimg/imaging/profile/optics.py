@@ -111,7 +111,7 @@ class SharedOptics:
     known_edge: KnownEdge | None = None
 
     def scaled(self, factor: float) -> "SharedOptics":
-        """With contrasts multiplied by ``factor``."""
+        """The optics with contrasts multiplied by ``factor``."""
         return replace(
             self,
             contrast=self.contrast * factor,
@@ -120,11 +120,11 @@ class SharedOptics:
         )
 
     def without_contrast(self) -> "SharedOptics":
-        """Without what is known of the contrast."""
+        """The optics without what is known of the contrast."""
         return replace(self, contrast=np.nan, contrast_std=0.0, correlation=0.0)
 
     def with_edge(self, shift_px: float, shift_std_px: float | None) -> "SharedOptics":
-        """With what a reference contact has told of the edge; unchanged without an uncertainty."""
+        """The optics with what a reference contact has told of the edge; unchanged without an uncertainty."""
         return self if shift_std_px is None else replace(self, known_edge=KnownEdge(shift_px, shift_std_px))
 
     @property

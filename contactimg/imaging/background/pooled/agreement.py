@@ -35,7 +35,7 @@ FEWEST_WITNESSES = 3
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """Which squares of the views agree, and the slow differences of their light.
+    """The squares in which the views agree, and the slow differences of their light.
 
     Parameters
     ----------

@@ -105,13 +105,13 @@ class RimSums:
     def of(
         cls, rims: Rims, image: NDArray[np.float32], brightness: NDArray[np.float32], used: NDArray
     ) -> "RimSums":
-        """Of a view with these rims; ``image`` minus ``brightness`` is multiplied with the templates."""
+        """The sums of a view; ``image`` minus ``brightness`` is multiplied with the templates of the rims."""
         templates = rims.templates(brightness, used)
         products = templates.T @ (image - brightness).ravel().astype(np.float64)
         return cls(templates, products, 1.0 / np.maximum(PRIOR_STDS * rims.radius_std, 1e-3) ** 2)
 
     def change(self, correction: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float32]:
-        """By how much the view shows the rings that the corrections take out."""
+        """The amount by which the view shows the rings that the corrections take out."""
         return (self.templates @ correction.astype(np.float32)).reshape(shape).astype(np.float32)
 
 
@@ -195,7 +195,7 @@ class RimHistory:
 
 
 def _excess(radius: NDArray, blur: float, views: NDArray) -> NDArray[np.float64]:
-    """From the radii of the same contact in the frame (first column) and in the others, NaN where it is none.
+    """The excess from the radii of a contact in the frame (first column) and in the others; NaN where none.
 
     Examples
     --------

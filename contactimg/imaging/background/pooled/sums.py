@@ -38,20 +38,20 @@ class PooledBackground:
 
     @classmethod
     def empty(cls, shape: tuple[int, int]) -> "PooledBackground":
-        """Without any view."""
+        """The sums without any view."""
         return cls(np.zeros(shape, np.float32), np.zeros(shape, np.uint8))
 
     def plus(self, view: View, weight: int = 1) -> "PooledBackground":
-        """With one view more, which counts like ``weight`` views."""
+        """The sums with one view more, which counts like ``weight`` views."""
         seen = view.seen * np.uint8(weight)
         return PooledBackground(self.total + view.image * seen, self.count + seen)
 
     def minus(self, view: View) -> "PooledBackground":
-        """Without a view that was added."""
+        """The sums without a view that was added."""
         return PooledBackground(self.total - view.image * view.seen, self.count - view.seen)
 
     def changed_by(self, change: NDArray[np.float32]) -> "PooledBackground":
-        """With a change of the sum."""
+        """The sums after a change of the sum."""
         return replace(self, total=self.total + change)
 
     def mean(self) -> NDArray[np.float32]:

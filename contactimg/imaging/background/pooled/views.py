@@ -34,7 +34,7 @@ BRIGHTNESS_PX = 33
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """Where a frame lies on the anchor, and its light relative to it.
+    """The place of a frame on the anchor, and its light relative to it.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Placement:
 
     @classmethod
     def unknown(cls) -> "Placement":
-        """Of a frame that was not found on the anchor."""
+        """The placement of a frame that was not found on the anchor."""
         nothing = Illumination(np.ones((1, 1)), np.zeros((1, 1), np.bool_), 0.0)
         return cls(Alignment(0.0, 0.0, np.inf), nothing, found=False)
 
@@ -74,7 +74,7 @@ class View:
 
     @classmethod
     def plain(cls, image: NDArray) -> "View":
-        """Of an image without contacts; non-finite pixels are holes."""
+        """The view of an image without contacts; non-finite pixels are holes."""
         finite = np.isfinite(image)
         return cls(np.where(finite, image, 0.0).astype(np.float32), finite.astype(np.uint8))
 

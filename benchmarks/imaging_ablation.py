@@ -1,0 +1,159 @@
+"""What each mechanism of the measurement earns: the battery with one mechanism after the other left out.
+
+    python benchmarks/imaging_ablation.py --counts 25 --seeds 31
+    python benchmarks/imaging_ablation.py --only "halo,wide residuals" --page docs/imaging_results.md
+
+A mechanism is left out by putting a function that does nothing in its place. The table says how many frames
+are right, said or WRONG (see `imaging_battery`) and the mean F1, then which worlds come out otherwise than
+with everything; a mechanism without a line that changes earns nothing on these frames.
+"""
+
+import argparse
+import importlib
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import imaging_battery as battery
+
+START, END = "<!-- table: ablation -->", "<!-- end -->"
+"""Marks around the table in a page of the documentation."""
+BASE = "contactimg.imaging."
+
+
+def plain_edge(problem, joint, *_arguments, **_options):
+    """The edge of a disk behind one Gaussian."""
+    edge = importlib.import_module(BASE + "fit.edge_profile")
+    return edge.EdgeFit(problem, joint, edge.LearnedEdge(edge.Edge.plain(joint.fit.blur)))
+
+
+def no_rule(name):
+    """The rules of rejection without one."""
+    rules = importlib.import_module(BASE + "evidence.rules").RULES
+    return [rule for rule in rules if rule[0].name != name]
+
+
+def common_contrast(start):
+    """Disks that all start at the common contrast, none with its own."""
+
+    def changed(problem, found, blur, most):
+        problem_, disks, largest = start(problem, found, blur, most)
+        disks[:, 3] = problem.contrast
+        return replace(problem_, prior=problem.prior), disks, largest
+
+    return changed
+
+
+def mechanisms():
+    """What is left out: names of places (module, attribute) and what stands there instead."""
+    nothing = {"remove_halo": lambda problem, fit, _means, **_: (problem, fit, None, np.empty((0, 3)))}
+    start = importlib.import_module(BASE + "fit.assemble")._start
+    foreign = importlib.import_module(BASE + "detect.foreign").NONE
+    table = {
+        "better covers of groups": [("fit.assemble", "_Assembly.improve_covers", lambda _self: None)],
+        "arcs among the covers": [("fit.covers", "cover_outline", lambda *_a, **_o: np.empty((0, 3)))],
+        "wide residuals": [("fit.assemble", "_Assembly.add_wide_residuals", lambda _self: None)],
+        "faint regions": [
+            ("detect.candidates", "_faint_regions", lambda *a: ([], np.zeros(len(a[4]), np.bool_)))
+        ],
+        "outlines at a lower level": [("detect.candidates", "_whole_at_lower_level", lambda *_a: None)],
+        "own contrasts at the start": [("fit.assemble", "_start", common_contrast(start))],
+        "another common contrast": [("fit.method", "MOST_ATTEMPTS", 1)],
+        "contrasts that no contact shows": [("fit.shared_optics", "_is_unseen", lambda *_a: False)],
+        "halo": [("fit.method", "remove_halo", nothing["remove_halo"])],
+        "background that is left": [("fit.method", "remove_background", lambda p, f, _m, **_: (p, f))],
+        "learned edge": [("fit.method", "learn_edge", plain_edge)],
+        "coarse rims": [
+            (room, "allow_for_coarse_rims", lambda problem, *_a, **_o: problem)
+            for room in ("fit.assemble", "fit.method")
+        ],
+        "ellipses": [
+            ("fit.method", "_Frame.with_ellipses", lambda _self, plain, **_: plain),
+            ("fit.assemble", "_Assembly.find_ellipses", lambda _self, _tried: None),
+        ],
+        "foreign objects": [("foreground", "find_foreign", lambda *_a, **_o: foreign)],
+        "uneven background": [
+            ("background." + room, "even_out", lambda difference, **_: difference)
+            for room in ("subtract", "no_reference")
+        ],
+        "flicker": [("background.even_out", "_without_flicker", lambda difference, *_a: difference)],
+        "colour mosaic": [("measure", "mosaic_gains", lambda *_a: None)],
+        "regions without light": [("measure", "find_unlit", lambda *_a: None)],
+        "dead lines": [("measure", "find_dead_lines", lambda *_a: None)],
+        "dark spots": [("evidence.status", "count_dark_spots", lambda *_a: 0)],
+    }
+    for reason in ("REFERENCE_DUST", "NO_RIM", "INVISIBLE", "TOO_SHARP", "SCRATCH", "NOISE"):
+        table[f"rule: {reason.lower().replace('_', ' ')}"] = [("evidence.rules", "RULES", no_rule(reason))]
+    return table
+
+
+class LeftOut:
+    """A context in which a mechanism does nothing."""
+
+    def __init__(self, places):
+        self.places = places
+
+    def __enter__(self):
+        self.before = []
+        for room, name, instead in self.places:
+            owner = importlib.import_module(BASE + room)
+            *owners, last = name.split(".")
+            for one in owners:
+                owner = getattr(owner, one)
+            self.before.append((owner, last, owner.__dict__[last]))
+            setattr(owner, last, instead)
+
+    def __exit__(self, *_error):
+        for owner, name, value in self.before:
+            setattr(owner, name, value)
+
+
+def line(name, rows, base):
+    """One line of the table."""
+    good = rows[(rows.verdict != "EXC") & (rows.true > 0)]
+    counts = {word: int((rows.verdict == word).sum()) for word in battery.ORDER}
+    merged = rows.merge(base, on=["world", "count", "seed"], suffixes=("", "_all"))
+    rank = {word: k for k, word in enumerate(battery.ORDER)}
+    change = merged.verdict.map(rank) - merged.verdict_all.map(rank)
+    fall = merged.f1_all - merged.f1
+    worse = merged[(change > 0) | (fall > 0.02)].world
+    better = merged[(change < 0) | (fall < -0.02)].world
+    return {
+        "left out": name, **counts, "F1": f"{good.f1.mean():.4f}", "F": f"{good.F.median():.1f}",
+        "worse": ", ".join(dict.fromkeys(worse)), "better": ", ".join(dict.fromkeys(better)),
+    }  # fmt: skip
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
+    parser.add_argument("--worlds", default="*")
+    parser.add_argument("--counts", default="25")
+    parser.add_argument("--seeds", default="31")
+    parser.add_argument("--only", help="names of mechanisms, separated by commas")
+    parser.add_argument("--page", help="page of the documentation whose table is written anew")
+    given = parser.parse_args()
+    options = battery.parse(["--worlds", given.worlds, "--counts", given.counts, "--seeds", given.seeds])
+    cases = [(*case, options) for case in battery.choose_cases(options)]
+    table = mechanisms()
+    chosen = [part.strip() for part in given.only.split(",")] if given.only else list(table)
+    base = battery.measure_all(cases, options)
+    lines = [line("nothing", base, base)]
+    print(lines[0], flush=True)
+    for name in chosen:
+        with LeftOut(table[name]):
+            lines.append(line(name, battery.measure_all(cases, options), base))
+        print(lines[-1], flush=True)
+    rows = [list(lines[0]), ["---"] * len(lines[0]), *(list(one.values()) for one in lines)]
+    text = "\n".join("| " + " | ".join(map(str, row)) + " |" for row in rows)
+    print(text)
+    if given.page:
+        page = Path(given.page)
+        before, rest = page.read_text(encoding="utf-8").split(START)
+        page.write_text(f"{before}{START}\n\n{text}\n\n{END}{rest.split(END, 1)[1]}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
