@@ -243,7 +243,7 @@ class EdgeScores:
 
     @classmethod
     def of(cls, problem: FitProblem, disks: Values, edge: Edge, placement: Placement) -> "EdgeScores":
-        """Scores of isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`), from their pixels."""
+        """Scores of isolated disks (x, y, radius, contrast), or ellipses (`ELLIPTICITY`), from pixels."""
         nodes = placement.place(disks, blur=edge.blur)
         fine = placement.place(disks, blur=edge.blur, per_blur=FINE_STEPS_PER_BLUR)
         profile = edge.profile(fine.disks)

@@ -69,7 +69,7 @@ class ContrastProfile:
 
     @property
     def covariance(self) -> Values:
-        """Covariance of (ln contrast, blur in px of the fit), shape (2, 2); beside its valley it is narrow."""
+        """Covariance of (ln contrast, blur in px of the fit), shape (2, 2), narrow across its valley."""
         beside = (1e-3 * self.fit.blur) ** 2
         slope = self.blur_slope
         return self.log_std**2 * np.array([[1.0, slope], [slope, slope**2]]) + np.diag([0.0, beside])

@@ -114,7 +114,7 @@ class FramePair:
 
     @classmethod
     def of(cls, image: NDArray, reference: NDArray | None, full_scale: float | None) -> "FramePair":
-        """A pair of arrays of uint8, uint16 or float, non-finite at holes; see `contactimg.imaging.measure`."""
+        """A pair of arrays: uint8, uint16 or float, non-finite at holes; see `contactimg.imaging.measure`."""
         scale = _full_scale(image, full_scale)
         valid = _finite([image] if reference is None else [image, reference])
         frame = _fill_holes(image, valid)
