@@ -1,11 +1,10 @@
 """Other ways to cover the pixels of a group of disks that fits badly.
 
-Inscribed disks and residual peaks find most contacts. They miss members of a group so compact that its
-widest place lies between them, and they take two close contacts for one. Where a fit is bad, other covers of
-the same pixels are tried: circles along the arcs of the outline, one more disk where light is unexplained, a
-disk split in two or three. A cover is kept if it lowers chi-square by more than the price of the disks it
-adds and if it removes most of the excess chi-square. The second condition distinguishes contacts from a
-ragged rim, which several disks describe only a little better than one.
+Inscribed disks and residual peaks find most contacts. They take two close contacts for one, and miss members
+of a compact group. Where a fit is bad, other covers of the same pixels are tried: one more disk where light
+is unexplained, a disk split in two or three. A cover is kept if it lowers chi-square by more than the price
+of the disks it adds and if it removes most of the excess chi-square. The second condition distinguishes
+contacts from a ragged rim, which several disks describe only a little better than one.
 """
 
 from collections.abc import Iterator
@@ -17,14 +16,12 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from contactimg.imaging.detect.arcs import cover_outline
 from contactimg.imaging.detect.inscribed_disks import (
     LARGEST_WHOLE_HOLES,
     as_one_contact,
     fill,
     find_holes,
 )
-from contactimg.imaging.detect.overlap import hidden
 from contactimg.imaging.fit.disks import FittedDisks
 from contactimg.imaging.fit.ellipse import FittedEllipse, render_ellipse
 from contactimg.imaging.fit.group_window import GroupWindow
@@ -32,17 +29,16 @@ from contactimg.imaging.fit.problem import CONTRAST, RADIUS, ContrastPrior, FitP
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, Ellipses, find_ellipses
 from contactimg.imaging.kernels.pairs import find_pairs
 
-ARC_GROWTH_BLUR_WIDTHS = 0.3
-"""... and an additional margin. By hand."""
-ARC_GROWTH_RATIO = 1.1
-"""Largest fitted radius of a disk over that of its arc, ... By hand."""
+GROWTH_RATIO, GROWTH_BLUR_WIDTHS = 1.1, 0.3
+"""Largest fitted radius of a disk that is about right over the radius before, and an additional margin. By
+hand."""
 BAD_FIT_RATIO = 1.3
 """Chi-square over its usual value above which a fit is bad, ... By hand."""
 BAD_FIT_SIGMA = 6.0
 """... if it is so significant. False-alarm rate: 1e-9 for a normal deviate."""
 CHI_SQUARE_SLACK_SIGMA = 3.0
 """Excess chi-square that counts as none. False-alarm rate: 1e-3 for a normal deviate."""
-COVER_ROUNDS = 5
+COVER_ROUNDS = 4
 """Rounds of trying covers at most. By hand."""
 DISK_PRICE = 40.0
 """Decrease of chi-square required for one more disk. Theory: 6^2 for 6 sigma, 4 for its parameters."""
@@ -69,17 +65,6 @@ LEAST_PAIR_ELONGATION = 1.2
 equal disks that overlap by 0.7 of their radius, the deepest that are told apart."""
 LEAST_NOISE_FRACTION = 5e-3
 """Smallest noise assumed. By hand: no contact is a perfect disk."""
-MISSING_DISK_PEAK_FRACTION = 0.3
-"""Height of a residual peak at which a disk is added to those of an outline. By hand."""
-MOST_ARCS, ARCS_A_DISK, MISSING_DISKS = 60, 3, 4
-"""Arcs of the outline of a group at most: in all, and for each disk, of which so many may be missing. By
-hand: more belong to no disks."""
-NECK_LEVEL_FRACTION = 0.75
-"""Level of a second outline, at which necks between touching contacts open. By hand."""
-NECK_SHRINKAGE_BLUR_WIDTHS = 0.67
-"""Distance of that outline from the rim. Theory: Phi(0.67) = 0.75."""
-SMALLEST_ARC_BLUR_WIDTHS = 0.7
-"""Smallest radius of an arc. By hand."""
 UNSETTLED_CHI_SQUARE_RATIO = 1.5
 """Chi-square over its expectation below which the same disks are refitted first. By hand."""
 
@@ -246,62 +231,23 @@ def _find_cover(window: GroupWindow, disks: NDArray, usual: float) -> NDArray[np
     for number in range(-1 if unsettled else 0, COVER_ROUNDS):
         if chi_square < expected + slack:
             break
-        covers = list(_other_covers(window, best, number, expected + slack))
+        covers = list(_other_covers(window, best, number))
         costs = [value + DISK_PRICE * (len(cover) - len(best)) for cover, value in covers]
         gain, same = chi_square - min(costs, default=np.inf), True
         if gain > 0.0:
             before, (best, chi_square) = best, covers[int(np.argmin(costs))]
             same = len(best) == len(before) and gain < LEAST_GAIN
-        if number > 0 and same:
+        if number >= 0 and same:
             break
     return disks if chi_square - expected > EXCESS_LEFT_FRACTION * (first - expected) + slack else best
 
 
-def _other_covers(window: GroupWindow, disks: NDArray, number: int, enough: float) -> Iterator[Cover]:
-    """What to try in a round: the same disks again, then the arcs of the outline, then more disks."""
+def _other_covers(window: GroupWindow, disks: NDArray, number: int) -> Iterator[Cover]:
+    """What to try in a round: at first the same disks again, then more disks."""
     if number < 0:
         yield window.fit(disks, np.full(len(disks), np.inf))
     else:
-        yield from (
-            _outline_covers(window, enough, len(disks)) if number == 0 else _larger_covers(window, disks)
-        )
-
-
-def _outline_covers(window: GroupWindow, enough: float, count: int) -> Iterator[Cover]:
-    """Disks along the outline of the group, until chi-square is below ``enough``."""
-    problem, blur = window.problem, window.blur
-    for level, shrinkage in ((0.5, 0.0), (NECK_LEVEL_FRACTION, NECK_SHRINKAGE_BLUR_WIDTHS)):
-        arcs = cover_outline(
-            problem.image, level * problem.contrast, smallest=SMALLEST_ARC_BLUR_WIDTHS * blur
-        )
-        arcs = arcs[np.argsort(-arcs[:, 3], kind="stable")]
-        arcs[:, RADIUS] += shrinkage * blur
-        arcs[:, CONTRAST] = problem.contrast
-        # a ragged outline has many more arcs than there are disks
-        if 0 < len(arcs) <= min(MOST_ARCS, ARCS_A_DISK * (count + MISSING_DISKS)):
-            cover = _completed(window, arcs[~hidden(arcs)])
-            yield cover
-            if cover[1] < enough:
-                break
-
-
-def _completed(window: GroupWindow, disks: NDArray) -> Cover:
-    """Some disks fitted, and one more at each high residual peak in turn.
-
-    While a disk is missing, the others would grow into its place: their radii are bounded.
-    """
-    margin = ARC_GROWTH_BLUR_WIDTHS * window.blur
-    fitted, chi_square = window.fit(disks, disks[:, RADIUS] + margin)
-    for _ in range(LARGEST_GROUP):
-        peak = window.highest_residual(fitted)
-        if peak is None or peak[2] < MISSING_DISK_PEAK_FRACTION * window.problem.contrast:
-            break
-        more = np.vstack([fitted, window.small_disk(peak[0], peak[1])])
-        candidate, value = window.fit(more, np.append(fitted[:, RADIUS] + margin, np.inf))
-        if len(candidate) <= len(fitted) or value > chi_square - DISK_PRICE:
-            break
-        fitted, chi_square = candidate, value
-    return window.fit(fitted, _bounds(window, fitted))
+        yield from _larger_covers(window, disks)
 
 
 def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
@@ -323,7 +269,7 @@ def _larger_covers(window: GroupWindow, disks: NDArray) -> Iterator[Cover]:
 
 def _bounds(window: GroupWindow, disks: NDArray) -> NDArray[np.float64]:
     """Upper bounds of the radii of disks that are about right."""
-    return np.asarray(ARC_GROWTH_RATIO * disks[:, RADIUS] + ARC_GROWTH_BLUR_WIDTHS * window.blur)
+    return np.asarray(GROWTH_RATIO * disks[:, RADIUS] + GROWTH_BLUR_WIDTHS * window.blur)
 
 
 def _split(window: GroupWindow, residual: NDArray, disk: NDArray, count: int) -> NDArray[np.float64]:

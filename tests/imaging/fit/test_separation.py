@@ -8,7 +8,6 @@ from contact_frames import Optics, expose, match, render
 
 from contactimg.imaging.contrast.noise import Noise
 from contactimg.imaging.count.split_touching import split_components
-from contactimg.imaging.detect.arcs import cover_outline
 from contactimg.imaging.detect.components import label_components
 from contactimg.imaging.detect.overlap import DEEPEST, hidden, visible_share
 from contactimg.imaging.fit.disks import FitControl, fit_disks, render_disks
@@ -101,26 +100,6 @@ def test_hidden_disks_overlap_one_before_them():
     step = 2 * 5 * (1 - DEEPEST)  # distance of equal disks of radius 5 at the limit
     disks = np.array([[0, 0, 5], [step - 0.1, 0, 5], [2 * step - 0.1, 0, 5], [30, 0, 5]], float)
     assert list(hidden(disks)) == [False, True, False, False]
-
-
-def test_arcs_of_a_compact_group():
-    # three disks about a middle that is wider than they are: no inscribed disk shows them
-    centres = [(30.0, 24.0), (24.5, 33.5), (35.5, 33.5)]
-    x, y = np.meshgrid(np.arange(60.0), np.arange(60.0))
-    distance = np.min([np.hypot(x - cx, y - cy) - 6.5 for cx, cy in centres], axis=0)
-    image = cv2.GaussianBlur(np.clip(0.5 - distance, 0, 1).astype(np.float32), (0, 0), 1.2)
-    circles = cover_outline(image, 0.5, smallest=1.0)[:3]
-    near = np.hypot(
-        circles[:, None, 0] - np.array(centres)[:, 0], circles[:, None, 1] - np.array(centres)[:, 1]
-    )
-    assert sorted(near.argmin(axis=1)) == [0, 1, 2]
-    # points off a circle by up to 0.5 px still count for it
-    assert near.min(axis=1).max() < 0.8
-    assert np.abs(circles[:, 2] - 6.5).max() < 0.8
-
-
-def test_nothing_has_no_outline():
-    assert cover_outline(np.zeros((20, 20), np.float32), 0.5, smallest=1.0).shape == (0, 4)
 
 
 GROUPS = {
