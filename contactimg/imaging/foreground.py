@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference_image import DifferenceImage
+from contactimg.imaging.background.illumination import DifferenceImage
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.detect.candidates import Contrast, measure_contrast
 from contactimg.imaging.detect.foreign import NONE, Foreign, find_foreign

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from skimage.measure import find_contours
 
 from contactimg.errors import FrameError, InputError
-from contactimg.imaging.background.difference_image import DifferenceImage, plain_difference
 from contactimg.imaging.background.find_illumination import BackgroundLevel
+from contactimg.imaging.background.illumination import DifferenceImage, plain_difference
 from contactimg.imaging.background.no_reference import estimate_background, estimate_either_background
 from contactimg.imaging.background.subtract import subtract_reference
 from contactimg.imaging.contrast.polarity import find_polarity
-from contactimg.imaging.count.method import measure_by_count
-from contactimg.imaging.count.threshold import choose_threshold
+from contactimg.imaging.count.method import choose_threshold, measure_by_count
 from contactimg.imaging.detect.hand_edits import HandEdit, remark_on
 from contactimg.imaging.evidence.background_left import inspect_background
 from contactimg.imaging.evidence.rules import OWN_RISE, Columns, judge_contacts, own_rise
@@ -45,8 +44,7 @@ from contactimg.imaging.pixels.field_of_view import (
     find_unlit,
     mosaic_gains,
 )
-from contactimg.imaging.pixels.frame_pair import FramePair
-from contactimg.imaging.pixels.freed_memory import keep_freed_memory
+from contactimg.imaging.pixels.frame_pair import FramePair, keep_freed_memory
 from contactimg.imaging.pixels.masks import exclude
 from contactimg.imaging.profile.film_rim import FilmSetting, Rim
 from contactimg.imaging.profile.optics import SharedOptics

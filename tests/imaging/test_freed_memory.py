@@ -9,7 +9,7 @@ import pytest
 CODE = """
 import resource
 import numpy as np
-from contactimg.imaging.pixels.freed_memory import keep_freed_memory
+from contactimg.imaging.pixels.frame_pair import keep_freed_memory
 
 if {kept}:
     keep_freed_memory()

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.find_illumination import neighbour_scatter
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     SMALLEST_SCATTER_FRACTION,
+    DifferenceImage,
     fit_illumination,
     one_sided_scatter,
 )

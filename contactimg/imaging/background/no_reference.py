@@ -12,7 +12,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.even_out import even_out, find_background_regions
 from contactimg.imaging.background.find_illumination import (
     RIM_SCATTER,
@@ -24,6 +23,7 @@ from contactimg.imaging.background.find_illumination import (
 from contactimg.imaging.background.illumination import (
     BACKGROUND_CLIP_SIGMA,
     SMALLEST_SCATTER_FRACTION,
+    DifferenceImage,
     Illumination,
     fit_illumination,
     one_sided_scatter,

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.alignment import UNKNOWN, Alignment, move_reference
-from contactimg.imaging.background.difference_image import DifferenceImage
 from contactimg.imaging.background.divide import DARKEST_FRACTION, divide_by_reference
 from contactimg.imaging.background.even_out import even_out
 from contactimg.imaging.background.find_illumination import (
@@ -21,7 +20,7 @@ from contactimg.imaging.background.find_illumination import (
     find_illumination,
     neighbour_scatter,
 )
-from contactimg.imaging.background.illumination import Illumination
+from contactimg.imaging.background.illumination import DifferenceImage, Illumination
 from contactimg.imaging.background.register import GOOD_STD_PX, align_all_rows, align_strips, search_alignment
 from contactimg.imaging.pixels.blocks import BLOCK, block_means, side_of
 from contactimg.imaging.pixels.masks import Mask

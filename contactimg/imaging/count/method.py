@@ -11,10 +11,12 @@ contacts.
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from contactimg.errors import InputError
 from contactimg.imaging.count.by_hand import edit_counts
 from contactimg.imaging.count.rim_errors import (
     Crossing,
@@ -24,6 +26,7 @@ from contactimg.imaging.count.rim_errors import (
     shown_contrast,
 )
 from contactimg.imaging.count.split_touching import split_components
+from contactimg.imaging.detect.candidates import Contrast
 from contactimg.imaging.detect.hand_edits import HandEdit
 from contactimg.imaging.detect.rim_blur import estimate_blur
 from contactimg.imaging.evidence.rules import OWN_RISE, Columns, own_rise
@@ -34,6 +37,12 @@ from contactimg.imaging.profile.optics import SharedOptics, combine_errors
 from contactimg.tables import Flag, Reason
 from contactimg.timings import stage
 
+DEFAULT_FRACTION = 0.5
+"""Threshold where none is given: half height, where the radius of a wide disk depends least on its blur."""
+OTSU_LEVELS = 200.0
+"""Grey levels of 8 bits between background and plateau."""
+OTSU_RANGE = (0.05, 0.95)
+"""Range of the automatic threshold: outside it noise makes contacts or takes them away."""
 COMPONENT_LIGHT_SIGMA = 8.0
 """Least summed light of a component in standard deviations of the noise. Noise alone stays below 6."""
 HOT_PIXEL_NEIGHBOUR_FRACTION = 0.2
@@ -340,3 +349,34 @@ def _level_around(image: NDArray[np.float32], components: NDArray[np.void]) -> N
     grid = image[np.clip(y, 0, rows - 1)[:, None], np.clip(x, 0, columns - 1)[None]].reshape(9, -1)
     out[specks] = np.median(np.delete(grid, 4, axis=0), axis=0)
     return out
+
+
+def choose_threshold(image: NDArray[np.float32], contrast: Contrast, threshold: float | str | None) -> float:
+    """The fraction to use: a number as given, `DEFAULT_FRACTION` for None, Otsu's for ``"auto"``.
+
+    Raises
+    ------
+    InputError
+        If it is not a fraction between 0 and 1.
+    """
+    if threshold is None:
+        return DEFAULT_FRACTION
+    if isinstance(threshold, str):
+        if threshold != "auto":
+            raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
+        return _otsu(image, contrast.plateau)
+    if not 0 < threshold < 1:
+        raise InputError(f'threshold must be a fraction between 0 and 1 or "auto", got {threshold!r}')
+    return float(threshold)
+
+
+def _otsu(image: NDArray[np.float32], plateau: float) -> float:
+    """Fraction of the plateau that separates two classes of pixels with least variance inside both (Otsu).
+
+    N. Otsu, doi:10.1109/TSMC.1979.4310076.
+    """
+    if plateau <= 0:
+        return DEFAULT_FRACTION
+    scaled = np.clip(image * (OTSU_LEVELS / plateau), 0, 255).astype(np.uint8)
+    level, _ = cv2.threshold(scaled, 0, 255, cv2.THRESH_BINARY + cv2.THRESH_OTSU)
+    return float(np.clip((level + 0.5) / OTSU_LEVELS, *OTSU_RANGE))

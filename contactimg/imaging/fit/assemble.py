@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 from contactimg.compiled import njit
 from contactimg.imaging.detect.candidates import Candidates, find_candidates
 from contactimg.imaging.detect.peaks import FALSE_ALARM_SIGMA, find_peaks
-from contactimg.imaging.fit.coarse_rims import allow_for_coarse_rims
 from contactimg.imaging.fit.covers import Replacement, find_better_covers, find_pairs_of_disks
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, erase_disks, fit_disks
+from contactimg.imaging.fit.disks import (
+    FitControl,
+    FittedDisks,
+    ModelImage,
+    allow_for_coarse_rims,
+    erase_disks,
+    find_insignificant,
+    fit_disks,
+)
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
 from contactimg.imaging.fit.shapes import EXACT_OPTICS, NO_ELLIPSES, Ellipses, find_ellipses, made_round
-from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.kernels.pairs import find_pairs
 from contactimg.timings import stage
 

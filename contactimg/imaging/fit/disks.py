@@ -12,12 +12,12 @@ looks at pixels or goes through pairs is compiled, each part alone: compiled cod
 every compiled function that calls it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from contactimg.imaging.detect.overlap import visible_share
+from contactimg.imaging.detect.overlap import DEEPEST, count_touching, overlapping, visible_share
 from contactimg.imaging.fit.problem import CONTRAST, RADIUS, WIDE_RADIUS_BLUR_WIDTHS, FitProblem, X, Y
 from contactimg.imaging.kernels.normal_equations import (
     SATURATED,
@@ -28,9 +28,31 @@ from contactimg.imaging.kernels.normal_equations import (
 from contactimg.imaging.kernels.pairs import find_pairs, select_close
 from contactimg.imaging.kernels.solve import marginal_variances, solve_coupled
 from contactimg.imaging.pixels.masks import for_kernel
+from contactimg.imaging.pixels.robust import MAD_TO_STD, quantile
 from contactimg.imaging.profile.blurred_disk import INNER_BLUR_WIDTHS, PIXEL_VARIANCE, EdgeTable, disk_table
 from contactimg.timings import stage
 
+SIGNIFICANT_LIGHT_SIGMA = 5.0
+"""Light below which a disk is dropped. False-alarm rate: 3e-7 for a normal deviate."""
+FAINTEST_BESIDE = 0.4
+"""Contrast over the expected one below which a disk beside another is part of it. By hand."""
+SUSPICIOUS_CHI_SQUARE = 1.3
+"""Mean chi-square of a disk above which another is searched beside it before it is dropped. By hand."""
+SPECK_RADIUS_PX = 0.5
+"""Radius below which a disk that touches another is dropped as part of its rim. By hand."""
+SHARPEST_BLUR_PX = 0.75
+"""Blur, pixel included, below which a misfit at the rims is that of coarse pixels, not of the edge. By hand:
+the edge then rises within 1.5 px."""
+RIM_BAND = (0.2, 0.8)
+"""Fractions of the contrast between which a pixel is at the rim. By hand."""
+RIM_SAMPLE_PIXELS = 250_000
+"""Pixels of an image that are looked at. Accuracy: a thousand at rims give their scatter to 4 %."""
+FEWEST_RIM_PIXELS = 10
+"""Pixels at rims that give their scatter. By hand: half the rim of one contact of 2 px."""
+USUAL_CHI_SQUARE = 2.0
+"""Largest chi-square of the rims ascribed to the noise model. By hand."""
+QUANTILES_TO_STD = {0.25: 1.0 / 0.3186, 0.5: MAD_TO_STD}
+"""Standard deviation of normal deviates over quantiles of their size: ``1/Phi^-1(1/2 + share/2)``."""
 PAIR_MARGIN_PX = 2.0  # move of a rim (or 10 % of the blur) after which pairs are searched again; speed only
 ISOLATION_GAP_BLUR_WIDTHS = 5.5  # gap of isolated disks; theory: nearer, one changes the other by 1e-4
 COUPLING_REACH_BLUR_WIDTHS = 2.6  # reach of a rim within which disks are solved for together; by hand
@@ -347,3 +369,56 @@ def wide_disks(fit: FittedDisks) -> NDArray[np.bool_]:
     """Disks wide enough to show their own contrast and fitted well enough."""
     wide = fit.disks[:, RADIUS] > WIDE_RADIUS_BLUR_WIDTHS * fit.blur
     return np.asarray(wide & (fit.chi_square < WELL_FITTED_CHI_SQUARE) & (fit.std[:, CONTRAST] > 0))
+
+
+def allow_for_coarse_rims(problem: FitProblem, fit: FittedDisks, *, share: float = 0.25) -> FitProblem:
+    """The problem with the noise of its rims as large as their misfit.
+
+    Parameters
+    ----------
+    problem : FitProblem
+    fit : FittedDisks
+        Of this problem, with all its disks in the model image.
+    share : float
+        Quantile of the residuals that decides, 0.25 or 0.5: the lower one, so that rims of disks still to be
+        told apart hardly count.
+
+    Notes
+    -----
+    Behind a blur s the places of the edge in neighbouring pixels are averaged: their variance is at most that
+    of a place anywhere in a pixel, 1/12 px^2, times ``int g^2 = 1/(2 sqrt(pi) s)``.
+    """
+    plain = replace(problem.noise, rim=0.0)
+    if fit.blur > SHARPEST_BLUR_PX or not len(problem.profile.powers):  # a film blurs its rim by itself
+        return replace(problem, noise=plain)
+    every = max(int(np.sqrt(problem.image.size / RIM_SAMPLE_PIXELS)), 1)
+    height, image = fit.model[::every] / problem.contrast, problem.image[::every]
+    rim = (height > RIM_BAND[0]) & (height < RIM_BAND[1])
+    if problem.valid is not None:
+        rim &= problem.valid[::every] > 0
+    if np.count_nonzero(rim) < FEWEST_RIM_PIXELS:
+        return problem
+    scatter = (image[rim] - fit.model[::every][rim]) ** 2 / (plain.variance * plain.at(height[rim]))
+    excess = QUANTILES_TO_STD[share] ** 2 * quantile(scatter, share)
+    if excess < USUAL_CHI_SQUARE:
+        return replace(problem, noise=plain)
+    slope = problem.contrast / (fit.blur * np.sqrt(2.0 * np.pi))
+    most = PIXEL_VARIANCE / max(2.0 * np.sqrt(np.pi) * fit.blur, 1.0) * slope**2 / plain.variance
+    return replace(problem, noise=replace(plain, rim=float(min((excess - 1.0) * plain.at(0.5), most))))
+
+
+def find_insignificant(fit: FittedDisks, problem: FitProblem, *, final: bool) -> NDArray[np.bool_]:
+    """Disks whose light is not significant, that lie in a larger one, or that are a faint part of another.
+
+    A faint disk that stands alone is a faint contact. One that fits badly may be two close ones: it is
+    dropped only in the ``final`` selection.
+    """
+    radius = fit.disks[:, RADIUS]
+    weak = radius < 2.0 * SIGNIFICANT_LIGHT_SIGMA * fit.std[:, RADIUS]  # light goes as radius^2
+    expected, _ = problem.prior.of_disks(fit.disks, fit.blur)
+    beside = count_touching(fit.disks, 2.0 * fit.blur) > 0
+    faint = (fit.disks[:, CONTRAST] < FAINTEST_BESIDE * expected) & beside
+    if not final:
+        faint &= fit.chi_square < SUSPICIOUS_CHI_SQUARE
+    speck = (radius < SPECK_RADIUS_PX) & beside
+    return np.asarray(weak | faint | speck | overlapping(fit.disks, DEEPEST))

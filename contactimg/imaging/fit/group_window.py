@@ -4,9 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.detect.peaks import find_peaks_near
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, fit_disks, render_disks
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, find_insignificant, fit_disks, render_disks
 from contactimg.imaging.fit.problem import RADIUS, FitProblem
-from contactimg.imaging.fit.significance import find_insignificant
 
 DISK_REACH_BLUR_WIDTHS = 2.0
 """Margin about a disk within which pixels count as its own. By hand."""

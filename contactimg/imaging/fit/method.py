@@ -12,25 +12,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.contrast.noise import Noise, estimate_noise, measure_correlation
-from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit
+from contactimg.imaging.detect.hand_edits import EditedDisks, HandEdit, edit_disks
 from contactimg.imaging.detect.rim_blur import estimate_blur, widest_spot_blur
 from contactimg.imaging.fit.assemble import assemble_disks
-from contactimg.imaging.fit.by_hand import fit_edited
-from contactimg.imaging.fit.coarse_rims import SHARPEST_BLUR_PX, allow_for_coarse_rims
 from contactimg.imaging.fit.disks import (
+    SHARPEST_BLUR_PX,
     FitControl,
     FittedDisks,
     ModelImage,
+    allow_for_coarse_rims,
     fit_disks,
     render_disks,
     wide_disks,
 )
 from contactimg.imaging.fit.edge_profile import learn_edge
 from contactimg.imaging.fit.edge_scores import Edge, EdgeScores, Placement
-from contactimg.imaging.fit.film_choice import FilmTrial, WeighedFilm, film_makes_contrast
-from contactimg.imaging.fit.film_edge import FilmEdge
+from contactimg.imaging.fit.film_choice import FilmEdge, FilmTrial, WeighedFilm, film_makes_contrast
 from contactimg.imaging.fit.learned_edge import LearnedEdge
-from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem
+from contactimg.imaging.fit.problem import RADIUS, ContrastPrior, FitProblem, X, Y
 from contactimg.imaging.fit.residual_light import remove_background, remove_halo
 from contactimg.imaging.fit.shapes import NO_ELLIPSES, Ellipses, find_ellipses, made_round
 from contactimg.imaging.fit.shared_optics import (
@@ -45,11 +44,12 @@ from contactimg.imaging.fit.shared_optics import (
 from contactimg.imaging.foreground import Foreground
 from contactimg.imaging.pixels.blocks import BlockMeans
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
-from contactimg.imaging.profile.film_rim import FilmSetting
-from contactimg.imaging.profile.film_tables import film_table
+from contactimg.imaging.profile.film_rim import FilmSetting, film_table
 from contactimg.imaging.profile.optics import Halo, KnownEdge
 from contactimg.timings import stage
 
+ITERATIONS = 12
+"""Of the fit from starting values drawn by hand, which may be off by a radius. Chosen by hand."""
 WIDEST_UNBINNED_BLUR_PX = 3.2
 """Frames with a wider blur are binned. Accuracy."""
 BINNED_BLUR_PX = 1.6
@@ -374,3 +374,22 @@ class _Frame:
             own_covariance=film.own_covariance, radius_shifts=shifts,
         )  # fmt: skip
         return replace(result, problem=problem, fit=joint.fit, joint=joint, film=weighed)
+
+
+def fit_edited(
+    problem: FitProblem, fit: FittedDisks, edits: Sequence[HandEdit]
+) -> tuple[FittedDisks, EditedDisks]:
+    """The fit after the corrections, and which of its disks they concern."""
+    binning, offset = problem.binning, (problem.binning - 1) / 2
+    places = np.column_stack([problem.in_frame(fit.disks[:, [X, Y]]), fit.disks[:, RADIUS] * binning])
+    image = problem.image if binning == 1 else np.kron(problem.image, np.ones((binning, binning), np.float32))
+    edited = edit_disks(places, edits, image)
+    new = edited.places[edited.new]
+    fresh = np.column_stack(
+        [(new[:, :2] - offset) / binning, new[:, 2] / binning, np.full(len(new), problem.contrast)]
+    )
+    if not len(new) and len(edited.source) == len(fit.disks):
+        return fit, edited  # an excluded disk goes on explaining its light
+    disks = np.vstack([fit.disks[edited.source[~edited.new]], fresh])
+    control = FitControl(free_blur=False, robust=False, iterations=ITERATIONS)
+    return fit_disks(problem, disks, blur=fit.blur, control=control), edited

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.imaging.background.illumination import Illumination, fit_illumination
-from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, fit_disks
+from contactimg.imaging.fit.disks import FitControl, FittedDisks, ModelImage, find_insignificant, fit_disks
 from contactimg.imaging.fit.halo import estimate_halo, subtract_halo
 from contactimg.imaging.fit.problem import CONTRAST, FitProblem
-from contactimg.imaging.fit.significance import find_insignificant
 from contactimg.imaging.pixels.blocks import BLOCK, BlockMeans, block_means, side_of
 from contactimg.imaging.pixels.robust import MAD_TO_STD, median, quantile
 from contactimg.imaging.profile.optics import Halo, SharedOptics

@@ -1,6 +1,7 @@
 """A frame and its reference, prepared for the measurement: scaled, holes filled, defects named."""
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -10,6 +11,8 @@ from contactimg.imaging.pixels.masks import Mask, exclude
 from contactimg.imaging.pixels.robust import median, quantile
 from contactimg.tables import Status
 
+LARGEST_KEPT_BYTES = 31 * 2**20
+"""Largest array that is kept. Theory: glibc keeps none beyond 32 MB, 8 megapixels in single precision."""
 Levels = NDArray[np.float32] | NDArray[np.uint8]
 """Grey levels of an image."""
 SPAN_LEVELS = 200.0  # range of the internal levels of an image: about that of 8 bits, whatever the unit
@@ -197,3 +200,13 @@ def _defect(frame: NDArray, reference: NDArray | None, valid: Mask, scale: float
     ):
         return Status.IDENTICAL
     return Status.HOLES if valid is not None else ""
+
+
+@lru_cache(maxsize=1)
+def keep_freed_memory() -> None:
+    """Let the process keep up to twice `LARGEST_KEPT_BYTES` that it has freed.
+
+    glibc keeps freed arrays up to the size of the largest that was ever freed: one that is never written to
+    tells it. It has no memory of its own, and other C libraries take no notice.
+    """
+    np.empty(LARGEST_KEPT_BYTES, np.uint8)
