@@ -1,7 +1,7 @@
 """From a frame and its reference to the difference image: the background is found, aligned and divided out.
 
-In: a `contactimg.imaging.pixels.frame_pair.FramePair`. Out: a `DifferenceImage`, zero on the background, with
-the illumination, the blocks that are background, and the alignment of the frame with its reference.
+In: a `contactimg.imaging.pixels.frame_pair.FramePair`. Out: an `illumination.DifferenceImage`, zero on the
+background, with the illumination, the blocks that are background, and the alignment of the frame with its reference.
 
 Read in this order:
 
@@ -10,5 +10,4 @@ Read in this order:
   ``Alignment`` as the result), by which the reference is moved; the frame divided by it (``divide``).
 - ``no_reference``: the background of a frame without reference, from the frame itself.
 - ``even_out``: the last step of both. Flicker, steps, patches and slow waves that no polynomial describes.
-- ``difference_image``: the result.
 """

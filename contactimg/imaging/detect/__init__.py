@@ -1,5 +1,6 @@
 """Candidates: where light stands out of its surroundings, and a first estimate of each contact.
 
 Read in this order: `candidates` (regions at half of their own plateau, split into disks), `components`
-(labelling by runs of pixels), `inscribed_disks`, `peaks` (a matched filter for small contacts), `rim_blur`.
+(labelling by runs of pixels), `inscribed_disks`, `peaks` (a matched filter for small contacts), `overlap`
+(which disks touch), `foreign` (scratches and hairs), `rim_blur` (a first guess of the blur), `hand_edits`.
 """

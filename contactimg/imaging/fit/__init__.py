@@ -1,11 +1,12 @@
 """The method "disk": a blurred disk is fitted to each contact.
 
-In: a `contactimg.imaging.reject.foreground.Foreground`, the difference image it comes from, and optionally
-the rim that an air film draws. Out: `contactimg.imaging.reject.detections.Detections`.
+In: a `contactimg.imaging.foreground.Foreground`, and optionally the rim that an air film draws. Out: a
+`method.FrameFit`, on whose disks `contactimg.imaging.evidence` decides.
 
 Read in this order: `method` (the steps), `problem` (the record all steps take), `disks` (one fit of all
-disks), `number_of_disks` (how many disks) with `significance`, `covers` and `group_window`,
-`residual_light` with `halo`, `shared_optics` (contrast and blur common to all contacts) with
-`unseen_contrast`, `quality` (flags and tables). `pooling` combines contrast and blur of a series of frames.
-`settings` is the table of the constants that shape the result.
+disks), `assemble` (how many disks) with `covers` and `group_window`, `residual_light` with `halo`,
+`shared_optics` (contrast and blur common to all contacts) with `unseen_contrast`, `shapes` with `ellipse`,
+`edge_profile` with `edge_scores` and `learned_edge` (the edge that the contacts share), `film_choice` with
+`rim_likelihood` (the rim of an air film), `contact_pixels` (sums over the pixels of each contact). `pooling`
+combines contrast and blur of a series of frames.
 """
