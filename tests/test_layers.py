@@ -52,7 +52,6 @@ INNER_ROOMS = {
         "pixels",
         "profile",
         "kernels",
-        "shapes",
         "contrast",
         "detect",
         "background",

@@ -7,8 +7,8 @@ import pytest
 from contact_frames import FINITE, Optics, coverage, expose, match, scatter, sub_pixel_shift, surface_texture
 from hostile_frames import dirty_plate, hostile_frame
 
+from contactimg.imaging.detect.labelled_regions import label_regions
 from contactimg.imaging.measure import measure_image
-from contactimg.imaging.shapes.labelled_regions import label_regions
 from contactimg.tables import Flag
 
 OPTICS = Optics(shape=(300, 400), contrast=60 / 80, dust=2)

@@ -1,7 +1,8 @@
 """From a frame and its reference to the difference image: the background is found, aligned and divided out.
 
 In: a `contactimg.imaging.pixels.frame_pair.FramePair`. Out: an `illumination.DifferenceImage`, zero on the
-background, with the illumination, the blocks that are background, and the alignment of the frame with its reference.
+background, with the illumination, the blocks that are background, and the alignment of the frame with its
+reference.
 
 Read in this order:
 

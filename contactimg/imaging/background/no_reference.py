@@ -31,10 +31,10 @@ from contactimg.imaging.background.illumination import (
 from contactimg.imaging.contrast.noise import estimate_noise
 from contactimg.imaging.contrast.polarity import find_polarity
 from contactimg.imaging.detect.candidates import measure_contrast
+from contactimg.imaging.detect.labelled_regions import label_regions
 from contactimg.imaging.pixels.blocks import BLOCK, block_means
 from contactimg.imaging.pixels.masks import Mask
 from contactimg.imaging.pixels.robust import median, robust_std
-from contactimg.imaging.shapes.labelled_regions import label_regions
 
 # Constants without a stated origin were chosen by hand on rendered frames; their sensitivity is not measured.
 FLAT_SHARE = 0.2  # of the blocks: so large a flat region is the background; by hand

@@ -2,5 +2,6 @@
 
 Read in this order: `candidates` (regions at half of their own plateau, split into disks), `components`
 (labelling by runs of pixels), `inscribed_disks`, `peaks` (a matched filter for small contacts), `overlap`
-(which disks touch), `foreign` (scratches and hairs), `rim_blur` (a first guess of the blur), `hand_edits`.
+(which disks touch), `foreign` with `labelled_regions` (scratches and hairs), `rim_blur` (a first guess of the
+blur), `hand_edits`.
 """

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.imaging.detect.components import label_components
-from contactimg.imaging.pixels.blocks import block_means
-from contactimg.imaging.pixels.masks import Mask
-from contactimg.imaging.shapes.labelled_regions import (
+from contactimg.imaging.detect.labelled_regions import (
     LENGTH_HALF_WIDTHS,
     LENGTH_MARGIN_PX,
     label_regions,
 )
+from contactimg.imaging.pixels.blocks import block_means
+from contactimg.imaging.pixels.masks import Mask
 from contactimg.tables import Reason
 
 SIDE = 2
