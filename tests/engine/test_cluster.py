@@ -18,8 +18,7 @@ from contactimg.engine import cluster as cluster_module
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import PATIENCE_VARIABLE, ClusterError, on_cluster
 from contactimg.files import open_experiment, read_scene
-from contactimg.pipeline.analyse.group_by_load import predict_places
-from contactimg.pipeline.analyse.places import open_place
+from contactimg.pipeline.analyse.places import open_place, predict_places
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.simulate import write_simulation
