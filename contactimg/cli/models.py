@@ -1,11 +1,12 @@
 """Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import click
 
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_tradeoff, progress, say
+from contactimg.errors import InputError
 from contactimg.timings import stage
 
 if TYPE_CHECKING:
@@ -78,71 +79,41 @@ def predict(
     """
     with stage("loading"):
         from contactimg.cli.scenes import scene_at
-        from contactimg.errors import InputError
         from contactimg.files import RUN_TABLES
+        from contactimg.pipeline import predict as pipeline
         from contactimg.pipeline.ensemble import predict_ensemble
-        from contactimg.pipeline.predict import (
-            choice_sentence,
-            error_records,
-            plan_records,
-            predict_loads,
-            prescriptions,
-            refuse_repeated,
-            solver_tolerance,
-            write_predictions,
-        )
-        from contactimg.pipeline.predict import (
-            touching_load as touching_load_of,
-        )
         from contactimg.tables import FAILED
 
     if patterns is not None and model != "interacting":
         raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
     described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
-    planes_touch_at = None
+    touching = {}
     if touching_load:
-        planes_touch_at = touching_load_of(described, model=model, coupling=coupling)
+        planes_touch_at = pipeline.touching_load(described, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
+        touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
-    prescribed = prescriptions(described, loads, [displacement / 1e6 for displacement in displacements_um])
-    annulus = annulus_mm * 1e-3
+    stages = [displacement / 1e6 for displacement in displacements_um]
+    prescribed = pipeline.prescriptions(described, loads, stages)
+    how: dict[str, Any] = {"coupling": coupling, "annulus": annulus_mm * 1e-3}
+    how |= {"relative": relative, "workers": workers}
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
         if patterns is None:
-            predictions = predict_loads(
-                described,
-                prescribed,
-                model=model,
-                coupling=coupling,
-                annulus=annulus,
-                relative=relative,
-                workers=workers,
-            )
+            predictions = pipeline.predict_loads(described, prescribed, model=model, **how)
         else:
-            refuse_repeated(prescribed)
             with progress("solving patterns", patterns) as advance:
-                predictions = predict_ensemble(
-                    described,
-                    prescribed,
-                    patterns=patterns,
-                    coupling=coupling,
-                    annulus=annulus,
-                    tolerance=None if relative is None else solver_tolerance(relative),
-                    workers=workers,
-                    store=out.part_store(),
-                    advance=advance,
-                )
-        frames = write_predictions(predictions, described, out.folder)
-        out.record["plans"] = plan_records(predictions)
-        if planes_touch_at is not None:
-            out.record["touching_load_N"] = planes_touch_at
-        out.record["expected_errors"] = error_records(predictions)
+                how |= {"store": out.part_store(), "advance": advance}
+                predictions = predict_ensemble(described, prescribed, patterns=patterns, **how)
+        frames, record = pipeline.write_predictions(predictions, described, out.folder)
+        out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""
         many = f", {patterns:,} patterns" if patterns else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}{many}")
-        say(*(choice_sentence(one, relative=relative) for one in predictions if one.plan is not None))
+        planned = [one for one in predictions if one.plan is not None]
+        say(*(pipeline.choice_sentence(one, relative=relative) for one in planned))
     return int((frames["status"] == FAILED).any())
 
 
