@@ -148,9 +148,8 @@ def _process_folder(
 ) -> int:
     """Measure the frames of one folder; return the exit code."""
     with stage("loading"):
+        from contactimg import files
         from contactimg.cli.scenes import describe_use, scene_of_folder
-        from contactimg.files import RUN_TABLES, open_experiment, read_calibration, require_format
-        from contactimg.pipeline.edits import edits_record
         from contactimg.pipeline.measured_series import write_run
         from contactimg.pipeline.pictures import draw_overlays
         from contactimg.pipeline.series import measure_parts
@@ -160,11 +159,11 @@ def _process_folder(
 
     scene = scene_of_folder(folder, stated, scene_file=scene_file, calibration=calibration)
     relative = stated.get("tolerance", {}).get("relative")
-    require_format(table_format)
-    experiment = open_experiment(scene)
+    files.require_format(table_format)
+    experiment = files.open_experiment(scene)
     used, acts = {}, ""
     if calibration is not None:
-        record = read_calibration(calibration)
+        record = files.read_calibration(calibration)
         acts = describe_use(record, method=scene.measure.method)
         used = {"calibration": {"file": calibration, "record": record, "acts": acts}}
     echo_first_run()
@@ -174,7 +173,7 @@ def _process_folder(
         scene=scene,
         options=used,
         inputs=experiment.inputs,
-        main_files=RUN_TABLES,
+        main_files=files.RUN_TABLES,
         then="overlay" if scene.elastic and scene.indenter and scene.asperities else "",
     ) as out:
         count = len(experiment.frames)
@@ -187,7 +186,8 @@ def _process_folder(
             overlays = out.folder / "overlays"
             with progress("drawing overlays", count) as advance:
                 draw_overlays(series, experiment, overlays, workers=workers, numbers=numbers, advance=advance)
-        out.record |= facts | edits_record(experiment.edits)
+        counts = {str(action): int(n) for action, n in experiment.edits["action"].value_counts().items()}
+        out.record |= facts | ({"edits": counts} if counts else {})
         method = scene.measure.method if relative is None else f"chosen for {100 * relative:g} %"
         title = f"{folder}, method {method}"
         echo_frames(frames.head(MOST_SHOWN), title=title, statuses=Counter(frames["status"]))
