@@ -59,17 +59,21 @@ class PixelCorrections:
     dark, flat : tuple of FrameSource
         Images whose mean is subtracted, and divided by.
     areas : tuple of MaskedArea
-    names : tuple of str
-        Names of the frames in order, which regions of a stack refer to by number.
+        To leave out.
+    number : int
+        Of the frame, from 1, to which regions of a stack refer; 0 for none.
+    masked : bool
+        Whether an area of any frame is left out: then no frame keeps its type of pixel.
     """
 
     dark: tuple[FrameSource, ...] = ()
     flat: tuple[FrameSource, ...] = ()
     areas: tuple[MaskedArea, ...] = ()
-    names: tuple[str, ...] = ()
+    number: int = 0
+    masked: bool = False
 
     def __bool__(self) -> bool:
-        return bool(self.dark or self.flat or self.areas)
+        return bool(self.dark or self.flat or self.masked)
 
     @property
     def files(self) -> list[Path]:
@@ -77,19 +81,10 @@ class PixelCorrections:
         images = [source.path for source in (*self.dark, *self.flat)]
         return list(dict.fromkeys(images + [area.path for area in self.areas if area.path is not None]))
 
-    @property
-    def of_reference(self) -> "PixelCorrections":
-        """Those of the reference: an area masked in a frame is left out wherever the two are compared."""
-        return replace(self, areas=tuple(replace(area, frame="") for area in self.areas))
-
-    def of_frame(self, name: str) -> tuple[object, ...]:
-        """All that decides how the frame of this name is corrected.
-
-        Masks of other frames do so only by being there: then no frame keeps its type of pixel.
-        """
-        areas = [area for area in self.areas if area.frame in (EVERY_FRAME, name)]
-        number = self.names.index(name) if areas and name in self.names else None
-        return self.dark, self.flat, areas, number, bool(self.areas)
+    def of_frame(self, name: str, number: int) -> "PixelCorrections":
+        """Those of one frame. Of the reference none: what a frame hides is left out of the comparison."""
+        areas = tuple(area for area in self.areas if name and area.frame in (EVERY_FRAME, name))
+        return replace(self, areas=areas, number=number if areas else 0) if self.masked else self
 
     def __call__(self, frame: Frame) -> Frame:
         """The corrected frame.
@@ -101,26 +96,17 @@ class PixelCorrections:
         """
         if self.dark or self.flat:
             frame = _subtract_and_divide(frame, self.dark, self.flat)
-        if not self.areas:
+        if not self.masked:
             return frame
         image = frame.image if frame.image.dtype.kind == "f" else frame.image.astype(np.float32)
-        masked = self.masked(frame.name, frame.shape)
-        if masked.any():
-            image = np.where(masked, np.float32(np.nan), image)
-        return replace(frame, image=image)
-
-    def masked(self, name: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Which pixels of the frame of this name are left out."""
-        out = np.zeros(shape, np.bool_)
-        number = self.names.index(name) + 1 if name in self.names else 0
         for area in self.areas:
-            if area.frame not in (EVERY_FRAME, name):
-                continue
-            if area.path is None:
-                out |= _inside([area.points], shape)
-            else:
-                out |= _of_file(area.path, number, shape, name)
-        return out
+            out = (
+                _inside([area.points], frame.shape)
+                if area.path is None
+                else _of_file(area.path, self.number, frame.shape, frame.name)
+            )
+            image = np.where(out, np.float32(np.nan), image)
+        return replace(frame, image=image)
 
 
 def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) -> tuple[MaskedArea, ...]:

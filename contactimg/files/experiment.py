@@ -201,12 +201,14 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     edits = EDITS.empty() if tables[2] is None else read_edits(tables[2])
     loads = _align_loads(tables[0], [frame.name for frame in frames], pulled=pulled)
     corrections = _find_corrections(scene, frames)
-    corrections = replace(corrections, areas=corrections.areas + masked_areas(edits))
+    areas = corrections.areas + masked_areas(edits)
+    corrections = replace(corrections, areas=areas, masked=bool(areas))
     files = [source.path for source in references] + [table for table in tables if table is not None]
     others = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
-        frames = [replace(frame, correct=corrections) for frame in frames]
-        references = tuple(replace(one, correct=corrections.of_reference) for one in references)
+        numbered = enumerate(frames, start=1)
+        frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
+        references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
     asperities = read_scene_asperities(scene)
     return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
 
@@ -218,7 +220,7 @@ def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrectio
         _list_frames(named, scene, folder=folder) if named else () for named in (images.dark, images.flat)
     )
     names = [frame.name for frame in frames]
-    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names), tuple(names))
+    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names))
 
 
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:

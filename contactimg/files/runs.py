@@ -427,7 +427,11 @@ def _read_run(folder: Path) -> Run:
         raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None
     except (ValueError, RecursionError):
         raise InputError(f"{folder / PROVENANCE_FILE}: is damaged; repeat the run") from None
-    record = _record_of_contacts(records)
+    # the record of the command that wrote the contacts; the last one if none says so
+    made = {"contacts.csv", "contacts.parquet"}
+    named = ((one, one.get("outputs")) for one in records)
+    wrote = (one for one, files in named if isinstance(files, list) and made & set(map(str, files)))
+    record = next(wrote, records[0])
     version = record.get("schema_version")
     if isinstance(version, int) and version > SCHEMA_VERSION:
         raise InputError(
@@ -445,20 +449,15 @@ def _read_run(folder: Path) -> Run:
             folder,
             " and ".join(changed),
         )
-    scene = _scene_of_run(folder, record["configuration"])
+    stated = record["configuration"]
+    place, relative = str(stated.get("scene_folder", ".")), stated.get("scene_folder_relative")
+    if relative is not None and not Path(place).is_dir():  # moved together with the output folder
+        place = os.path.normpath(folder / relative)
+    scene = scene_from_dict(stated.get("scene") or {}, name=str(folder / PROVENANCE_FILE), folder=place)
     apex = record.get("apex")
     scene = scene if apex is None else scene.with_apex(tuple(apex["apex_m"]))
     pose = None if record.get("pose") is None else _pose_of(record["pose"])
     return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
-
-
-def _record_of_contacts(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """The record of the command that wrote the contacts; the last one if none says so."""
-    for record in records:
-        outputs = record.get("outputs")
-        if isinstance(outputs, list) and {"contacts.csv", "contacts.parquet"} & set(map(str, outputs)):
-            return record
-    return records[0]
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
@@ -483,21 +482,3 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
             f"{table_file(folder, CONTACTS)}: row {int(np.argmin(placed)) + 1} of {len(placed)} has no x_m "
             "and y_m, others have; delete the row or repeat the run"
         )
-
-
-def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene:
-    """The scene of a run; it may have been moved together with the output folder."""
-    return scene_from_dict(
-        configuration.get("scene") or {},
-        name=str(folder / PROVENANCE_FILE),
-        folder=_scene_folder(folder, configuration),
-    )
-
-
-def _scene_folder(folder: Path, configuration: dict[str, Any]) -> str:
-    """The folder of the scene: as recorded, or else relative to the output folder."""
-    recorded = str(configuration.get("scene_folder", "."))
-    relative = configuration.get("scene_folder_relative")
-    if Path(recorded).is_dir() or relative is None:
-        return recorded
-    return os.path.normpath(folder / relative)

@@ -17,7 +17,7 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.pipeline.background import measuring
+from contactimg.pipeline import background as background_module
 from contactimg.pipeline.inputs import need_asperities, read_reference
 from contactimg.pipeline.series import measure_experiment, measure_series
 from contactimg.pipeline.simulate import write_simulation
@@ -153,7 +153,7 @@ def test_several_references_are_one_with_less_noise(series, tmp_path):
 def test_measured_again_on_the_pooled_background_only_where_something_changed(series, pooled, tmp_path):
     experiment = open_experiment(read_scene(series))
     record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
-    calls, measure = [], measuring.measure_scene_frame
+    calls, measure = [], background_module.measure_scene_frame
 
     def counting(frame, *arguments, **options):
         calls.append(frame.name)
@@ -161,7 +161,7 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
 
     runs = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measuring, "measure_scene_frame", counting)
+        patch.setattr(background_module, "measure_scene_frame", counting)
         for _ in range(2):
             store = PartStore(tmp_path / "store", record, resumes=False)
             runs.append(measure_experiment(experiment, workers=1, store=store))
