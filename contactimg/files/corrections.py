@@ -154,7 +154,7 @@ def _regions(path: Path) -> tuple[Region, ...]:
 
 
 @lru_cache(maxsize=16)
-def _image(path: Path) -> NDArray:
+def _mask_image(path: Path) -> NDArray:
     """The pixels of a mask."""
     return FrameSource(path.name, path).read().image
 
@@ -176,7 +176,7 @@ def _of_file(path: Path, number: int, shape: tuple[int, int], name: str) -> NDAr
     if path.suffix.lower() in ROI_SUFFIXES:
         regions = [region for region in _regions(path) if region.image in (0, number)]
         return _inside([region.outline for region in regions], shape)
-    image = _image(path)
+    image = _mask_image(path)
     _check_size(path.name, image, shape, name)
     return image != 0
 

@@ -102,7 +102,8 @@ def read_load_table(path: str | Path) -> tuple[pd.DataFrame, str]:
     for separator in _SEPARATORS_OF_LOADS:
         for number, line in enumerate(lines):
             header = [cell.strip().strip('"') for cell in line.split(separator)]
-            loads = [k for k, name in enumerate(header) if _is_load(name)]
+            units = [k for k, name in enumerate(header) if _UNIT.search(name)]
+            loads = [k for k in units if not _FRICTION.search(header[k].lower())]
             rows = _rows_below(lines[number + 1 :], separator, len(header))
             if len(header) == 1 or not rows:
                 continue
@@ -113,11 +114,6 @@ def read_load_table(path: str | Path) -> tuple[pd.DataFrame, str]:
         f"{path}: no column is a load with its unit, such as load_mN, load_g, Kraft [mN] or Load (N)"
         + (f"; the columns are {shown}" if shown else "")
     )
-
-
-def _is_load(name: str) -> bool:
-    """Whether a header names a normal load: a unit of force or weight, and no friction."""
-    return _UNIT.search(name) is not None and _FRICTION.search(name.lower()) is None
 
 
 def _rows_below(lines: list[str], separator: str | None, width: int) -> list[list[str]]:

@@ -109,17 +109,13 @@ def _text_matrix(path: Path) -> Values | None:
         if separator and not cells[-1].strip() and rows and len(cells) == len(rows[0]) + 1:
             cells.pop()  # a separator at the end of each line
         try:
-            rows.append([_number(cell.replace(",", ".") if decimal_comma else cell) for cell in cells])
+            numbers = [cell.replace(",", ".") if decimal_comma else cell for cell in cells]
+            rows.append([float(cell) if cell.strip() else np.nan for cell in numbers])
         except ValueError:
             return None
     if separator and all(np.isnan(row[-1]) for row in rows):
         rows = [row[:-1] for row in rows]
     return np.array(rows) if len({len(row) for row in rows}) == 1 and len(rows[0]) > 3 else None
-
-
-def _number(cell: str) -> float:
-    """A height; an empty cell is one that was not measured."""
-    return float(cell) if cell.strip() else np.nan
 
 
 def _of_instrument(path: Path) -> tuple[Values, float | None, tuple[float, float] | None]:

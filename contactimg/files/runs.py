@@ -81,6 +81,9 @@ def provenance(
     >>> provenance(command="contactimg process frames")["schema_version"]
     1
     """
+    declared = importlib.metadata.requires("contactimg") or []
+    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
+    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
     configuration: dict[str, Any] = {"options": dict(options or {})}
     if scene is not None:
         configuration |= {"scene": scene.configuration, "scene_folder": str(Path(scene.folder).resolve())}
@@ -88,7 +91,7 @@ def provenance(
         "schema_version": SCHEMA_VERSION,
         "command": command,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": _versions(),
+        "versions": {"contactimg": __version__, "python": platform.python_version()} | versions,
         "platform": platform.platform(),
         "configuration": configuration,
         "inputs": [_fingerprint(path.resolve()) for path in inputs],
@@ -117,14 +120,6 @@ def changed_inputs(record: Mapping[str, Any]) -> list[str]:
             if "modified_ns" in entry and now != {name: entry[name] for name in now}:
                 found.append(entry["path"])
     return found
-
-
-def _versions() -> dict[str, str]:
-    """Versions of contactimg, Python and the libraries that contactimg declares."""
-    declared = importlib.metadata.requires("contactimg") or []
-    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
-    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
-    return {"contactimg": __version__, "python": platform.python_version()} | versions
 
 
 def table_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:

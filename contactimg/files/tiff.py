@@ -171,33 +171,21 @@ def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
 
 def _strip_alpha(page: tifffile.TiffPage, array: NDArray) -> NDArray:
     """Grey or red-green-blue without transparency; any other set of channels has no grey level."""
+    jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG  # its decoder makes red, green and blue
     grey = page.photometric in (_PHOTOMETRIC.MINISBLACK, _PHOTOMETRIC.MINISWHITE)
-    if not (grey or _is_colour(page)):
+    decoded = page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
+    if not (grey or decoded or page.photometric == _PHOTOMETRIC.RGB):
         name = getattr(page.photometric, "name", page.photometric)
         raise UnsupportedPixelsError(f"pixels of photometric type {name} are not supported")
     if array.ndim == 2:
         return array
     channels = 1 if grey else 3
     extra = array.shape[-1] - channels
-    if extra < 0 or extra > 1 or (grey and extra == 1 and not _has_alpha(page)):
+    alpha = tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA
+    transparent = bool(page.extrasamples) and page.extrasamples[-1] in alpha
+    if extra < 0 or extra > 1 or (grey and extra == 1 and not transparent):
         raise UnsupportedPixelsError(f"{array.shape[-1]} channels are neither grey nor red-green-blue")
     return array[..., 0] if grey else array[..., :3]
-
-
-def _is_colour(page: tifffile.TiffPage) -> bool:
-    """True if the decoded channels are red, green and blue; the JPEG decoder makes them so."""
-    jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG
-    return page.photometric == _PHOTOMETRIC.RGB or (
-        page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
-    )
-
-
-def _has_alpha(page: tifffile.TiffPage) -> bool:
-    """True if the last channel is declared as transparency."""
-    return bool(page.extrasamples) and page.extrasamples[-1] in (
-        tifffile.EXTRASAMPLE.ASSOCALPHA,
-        tifffile.EXTRASAMPLE.UNASSALPHA,
-    )
 
 
 def _bits(page: tifffile.TiffPage) -> int:

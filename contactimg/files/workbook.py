@@ -74,11 +74,13 @@ def write_workbook(
             raise InputError(
                 f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
             )
-        headings = [heading(name, units) for name in schema.columns]
+        headings, cells = [heading(name, units) for name in schema.columns], schema.conform(table)
+        if "flags" in cells:
+            cells = cells.assign(flags=flag_names(cells["flags"]))
         _write_rows(
             book.create_sheet(schema.name),
             [name for name, _ in headings],
-            _cells(schema.conform(table)),
+            cells.astype(object).where(cells.notna(), None).to_numpy().tolist(),
             [factor for _, factor in headings],
         )
     rows = [
@@ -91,13 +93,6 @@ def write_workbook(
     )
     with replacing(path) as part, part.open("wb") as file:
         book.save(file)
-
-
-def _cells(table: pd.DataFrame) -> list[list[Any]]:
-    """Rows of Python values; None where there is none, flags as names."""
-    if "flags" in table:
-        table = table.assign(flags=flag_names(table["flags"]))
-    return table.astype(object).where(table.notna(), None).to_numpy().tolist()
 
 
 def _write_rows(
