@@ -1,13 +1,8 @@
 """``contactimg check``: contacts of known radius drawn into the frames, and measured again."""
 
-from typing import TYPE_CHECKING
-
 from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_first_run, progress, say
 from contactimg.timings import stage
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @shared.command()
@@ -70,18 +65,13 @@ def check(
             plot_check(result.drawn, result.classes), out.folder, "check", caption=caption_of("check")
         )
         out.record["sentence"] = result.sentence
-        _echo(result.classes)
+        say("    radius, px  drawn  found  bias, px  rms, px  1 std  2 std")
+        for row in result.classes.to_dict("records"):
+            share, one, two = (100 * row[name] for name in ("completeness", "within_1_std", "within_2_std"))
+            say(
+                f"  {row['low_px']:5.2f} -{row['high_px']:5.2f} {row['drawn']:6d} {share:5.0f}% "
+                f"{row['bias_px']:+9.3f} {row['rms_px']:8.3f} {one:5.0f}% {two:5.0f}%"
+            )
         say(result.sentence)
         say(*(f"{row.frame}: not checked, {row.message}" for row in result.failed.itertuples()))
     return 1 if len(result.failed) else 0
-
-
-def _echo(classes: "pd.DataFrame") -> None:
-    """Print a row a class of radii."""
-    say("    radius, px  drawn  found  bias, px  rms, px  1 std  2 std")
-    for row in classes.to_dict("records"):
-        share, one, two = (100 * row[name] for name in ("completeness", "within_1_std", "within_2_std"))
-        say(
-            f"  {row['low_px']:5.2f} -{row['high_px']:5.2f} {row['drawn']:6d} {share:5.0f}% "
-            f"{row['bias_px']:+9.3f} {row['rms_px']:8.3f} {one:5.0f}% {two:5.0f}%"
-        )

@@ -1,6 +1,6 @@
 """Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`."""
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import click
 
@@ -8,9 +8,6 @@ from contactimg.cli import options as shared
 from contactimg.cli.printing import echo_frames, echo_plan, echo_tradeoff, progress, say
 from contactimg.errors import InputError
 from contactimg.timings import stage
-
-if TYPE_CHECKING:
-    from contactimg.scene import Scene
 
 # --- predict
 
@@ -173,20 +170,16 @@ def simulate(
     ) as out:
         out.record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
-        out.record["effects"] = planned.scene.effects.switches()
+        switches = planned.scene.effects.switches()
+        out.record["effects"] = switches
         with progress("making frames", count) as advance:
             write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
-        say(*(plan.sentence() for plan in planned.plans), _shown(planned.scene))
+        shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
+        sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
+        ideal = "; the frames are floating-point numbers without noise" if sensor else ""
+        said = f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
+        say(*(plan.sentence() for plan in planned.plans), said)
         say(f"{count - 1} frames and the true contacts")
-
-
-def _shown(scene: "Scene") -> str:
-    """One line: which effects the frames show and which were left out."""
-    switches = scene.effects.switches()
-    shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
-    sensor = {"shot_noise", "read_noise", "quantisation"}
-    ideal = "; the frames are floating-point numbers without noise" if sensor <= set(left_out) else ""
-    return f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
 
 
 # --- effects

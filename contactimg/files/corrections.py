@@ -199,19 +199,14 @@ def _check_size(name: str, image: NDArray, shape: tuple[int, int], frame: str) -
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Fields:
-    """Dark frame and gain (flat field over its median) with the pixels that they make useless."""
-
-    dark: NDArray[np.float32]
-    gain: NDArray[np.float32]
-    level: float
-    useless: NDArray[np.bool_]
-
-
 @lru_cache(maxsize=2)
-def _fields(dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]) -> _Fields:
-    """The mean dark frame and the gain; pixels saturated in the dark or without light are useless."""
+def _fields(
+    dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], float, NDArray[np.bool_]]:
+    """The mean dark frame, the gain (flat field over its median), the dark level, and useless pixels.
+
+    Those are saturated in the dark or without light.
+    """
     shape = (*dark_sources, *flat_sources)[0].read().shape
     dark, useless = np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
     if dark_sources:
@@ -230,7 +225,7 @@ def _fields(dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSour
         gain = light / np.float32(middle)
         useless |= gain < LEAST_FLAT_FRACTION
         gain[useless] = 1.0
-    return _Fields(dark, gain, float(np.median(dark)), useless)
+    return dark, gain, float(np.median(dark)), useless
 
 
 def _subtract_and_divide(
@@ -241,19 +236,19 @@ def _subtract_and_divide(
     Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the
     new full scale. A frame with one value everywhere keeps one value: black stays black.
     """
-    fields = _fields(dark_sources, flat_sources)
-    _check_size((*dark_sources, *flat_sources)[0].name, fields.dark, frame.shape, frame.name)
+    dark, gain, level, useless = _fields(dark_sources, flat_sources)
+    _check_size((*dark_sources, *flat_sources)[0].name, dark, frame.shape, frame.name)
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:
-        flat = np.full(frame.shape, max(float(raw[0, 0]) - fields.level, 0.0), np.float32)
+        flat = np.full(frame.shape, max(float(raw[0, 0]) - level, 0.0), np.float32)
         return replace(frame, image=flat)
-    image = (raw.astype(np.float32) - fields.dark) / fields.gain
+    image = (raw.astype(np.float32) - dark) / gain
     full_scale = frame.full_scale
     if full_scale is not None:
         saturated = raw >= full_scale
-        top = np.float32(max(float(np.max(image[~fields.useless], initial=0.0)), full_scale - fields.level))
+        top = np.float32(max(float(np.max(image[~useless], initial=0.0)), full_scale - level))
         full_scale = float(np.nextafter(top, np.float32(np.inf)))
         image[saturated] = full_scale
-    image[fields.useless] = np.nan
+    image[useless] = np.nan
     return Frame(image, frame.name, full_scale)

@@ -29,6 +29,7 @@ from contactimg.pose import Pose
 from contactimg.pose.apex import FOUND, STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
+from contactimg.scene.rules import Count, CountFrom1, NonNegative, Number, Point, Positive, YesNo
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
 
@@ -41,12 +42,8 @@ SCHEMA_VERSION = 1
 RUN_TABLES = ("contacts.csv", "frames.csv", "contacts.parquet", "frames.parquet")
 """The tables that other results are derived from, in either format."""
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
-Count = Annotated[int, Field(strict=True, ge=0)]
-Size = Annotated[int, Field(strict=True, ge=1, le=10**6)]
+Size = Annotated[CountFrom1, Field(le=10**6)]
 Text = Annotated[str, Field(strict=True)]
-YesNo = Annotated[bool, Field(strict=True)]
 
 
 @stage("provenance")
@@ -189,20 +186,20 @@ class PoseRecord(_Part):
     rows: Size
     columns: Size
     pixel_size_m: Positive
-    centre_m: tuple[Number, Number]
+    centre_m: Point
     rotation_deg: Number
     mirrored: YesNo
     fitted: YesNo
     n_points: Count
     n_matched: Count
-    residual_m: Annotated[Number, Field(ge=0)] | None
+    residual_m: NonNegative | None
 
 
 class ApexRecord(_Part):
     """The apex of the indenter over the sample."""
 
-    apex_m: tuple[Number, Number]
-    std_m: tuple[Number, Number]
+    apex_m: Point
+    std_m: Point
     known: Text
 
 
@@ -238,7 +235,7 @@ class _InputFile(_Part):
 class RunRecord(_Part):
     """The record of a run."""
 
-    schema_version: Annotated[int, Field(strict=True, ge=1)]
+    schema_version: CountFrom1
     command: Text
     created: Text = ""
     configuration: _Configuration

@@ -186,7 +186,7 @@ class Session:
         self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
         self._scratch = TemporaryDirectory(prefix="contactimg_review_")
         self.picture = lru_cache(KEPT_FRAMES)(self._picture)
-        self._view = lru_cache(KEPT_FRAMES)(self._look_at)
+        self._view = lru_cache(KEPT_FRAMES)(lambda number, _masks: FrameView.of(self.open(), number))
 
     def close(self) -> None:
         """Remove the files of tables that were measured again."""
@@ -283,9 +283,6 @@ class Session:
     def _picture(self, number: int) -> bytes:
         """PNG of a frame as it was recorded."""
         return picture(replace(self.sources[number], correct=None).read().image, self._stretch)
-
-    def _look_at(self, number: int, _masks: tuple[Any, ...]) -> FrameView:
-        return FrameView.of(self.open(), number)
 
     @cached_property
     def _stretch(self) -> tuple[float, float]:

@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from small_series import SCENE, copy_of
+from small_series import copy_of, write_small_series
 
 from contactimg.files import (
     FrameSource,
@@ -18,9 +18,8 @@ from contactimg.files import (
 from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.pipeline import background as background_module
-from contactimg.pipeline.inputs import need_asperities, read_reference
+from contactimg.pipeline.inputs import read_reference
 from contactimg.pipeline.series import measure_experiment, measure_series
-from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 
 SHAPE = (300, 320)
@@ -29,12 +28,8 @@ SHAPE = (300, 320)
 @pytest.fixture(scope="module")
 def series(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pooled") / "series"
-    folder.mkdir()
     loads = [0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09]
-    simulate = SCENE["simulate"] | {"loads_N": loads, "shape": list(SHAPE), "seed": 23}
-    scene = scene_from_dict(SCENE | {"simulate": simulate})
-    write_simulation(scene, need_asperities(scene, "a test"), folder)
-    return folder
+    return write_small_series(folder, loads_N=loads, shape=list(SHAPE), seed=23)
 
 
 def measured(folder, *, workers=1, **images):
