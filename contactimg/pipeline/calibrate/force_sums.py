@@ -1,7 +1,8 @@
 """Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
 
 from collections.abc import Mapping
-from typing import Any, TypedDict
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -35,13 +36,8 @@ def frames_with_load(series: ThresholdSeries) -> ThresholdSeries:
             "no local force is known: give the radii of the asperities ([asperities] file or radius_m); "
             "without them a threshold is found by `calibrate plateau`"
         )
-    return ThresholdSeries(
-        series.thresholds,
-        series.areas[:, good],
-        np.nan_to_num(forces, nan=0.0),
-        series.frames[good].reset_index(drop=True),
-        series.failed,
-    )
+    kept = series.frames[good].reset_index(drop=True)
+    return replace(series, areas=series.areas[:, good], forces=np.nan_to_num(forces), frames=kept)
 
 
 def stated_modulus(experiment: Experiment) -> CoverageEstimate:
@@ -50,21 +46,14 @@ def stated_modulus(experiment: Experiment) -> CoverageEstimate:
     return CoverageEstimate.of_normal(elastic.young_modulus, elastic.young_modulus_std)
 
 
-class CommonErrors(TypedDict):
-    """Standard uncertainties that all force sums, or all loads, of a series share."""
-
-    relative_std: float
-    zero_std: float
-
-
-def common_errors(experiment: Experiment, *, relative: float = 0.0) -> CommonErrors:
-    """Those of the load cell, and a relative one of the forces."""
+def common_errors(experiment: Experiment, *, relative: float = 0.0) -> dict[str, float]:
+    """Standard uncertainties that all force sums or all loads share: of load cell and forces (relative)."""
     cell = LoadCell.stated(experiment.scene.load)
     return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
 
 
 def disk_slope(
-    experiment: Experiment, series: ThresholdSeries, errors: CommonErrors, workers: int | None
+    experiment: Experiment, series: ThresholdSeries, errors: dict[str, float], workers: int | None
 ) -> tuple[CoverageEstimate, np.ndarray]:
     """Slope and force sums that the disk method gives for the frames of a series."""
     frames = measure_experiment(experiment, workers=workers).frames.set_index("frame")
