@@ -57,25 +57,7 @@ def measure_series(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    return measure_experiment(open_experiment(scene), workers=workers, advance=advance)
-
-
-def measure_experiment(
-    experiment: Experiment,
-    *,
-    relative: float | None = None,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
-    store: PartStore | None = None,
-) -> Run:
-    """Measure every frame of an opened experiment; see `measure_series`.
-
-    With a ``store``, frames that it contains are not measured again.
-
-    With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
-    is estimated to meet it (`contactimg.tradeoff.choice`).
-    """
-    return measure_parts(experiment, relative=relative, workers=workers, advance=advance, store=store).whole()
+    return measure_parts(open_experiment(scene), workers=workers, advance=advance).whole()
 
 
 def measure_parts(
@@ -86,7 +68,13 @@ def measure_parts(
     advance: Callable[[], None] | None = None,
     store: PartStore | None = None,
 ) -> MeasuredSeries:
-    """Measure every frame of an opened experiment, in little memory if there is a store."""
+    """Measure every frame of an opened experiment; see `measure_series`.
+
+    With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
+
+    With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
+    is estimated to meet it (`contactimg.tradeoff.choice`).
+    """
     scene, asperities, sites = asperities_and_sites(experiment.scene)
     edits = edits_by_frame(experiment, relative=relative)
     options = FrameOptions.of(scene, sites, relative)

@@ -19,7 +19,7 @@ from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
 from contactimg.pipeline import background as background_module
 from contactimg.pipeline.inputs import read_reference
-from contactimg.pipeline.series import measure_experiment, measure_series
+from contactimg.pipeline.series import measure_parts, measure_series
 from contactimg.scene import scene_from_dict
 
 SHAPE = (300, 320)
@@ -159,7 +159,7 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
         patch.setattr(background_module, "measure_scene_frame", counting)
         for _ in range(2):
             store = PartStore(tmp_path / "store", record, resumes=False)
-            runs.append(measure_experiment(experiment, workers=1, store=store))
+            runs.append(measure_parts(experiment, workers=1, store=store).whole())
             calls.append("end")
     assert calls.index("end") >= 7
     assert calls[calls.index("end") :] == ["end", "end"]

@@ -17,7 +17,7 @@ from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, ThresholdSeries, measure_thresholds
-from contactimg.pipeline.series import measure_experiment
+from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
@@ -56,7 +56,7 @@ def disk_slope(
     experiment: Experiment, series: ThresholdSeries, errors: dict[str, float], workers: int | None
 ) -> tuple[CoverageEstimate, np.ndarray]:
     """Slope and force sums that the disk method gives for the frames of a series."""
-    frames = measure_experiment(experiment, workers=workers).frames.set_index("frame")
+    frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
     forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
     load = series.frames["load_N"].to_numpy(float)
     return load_slope(np.nan_to_num(forces), load, **errors), forces
