@@ -216,7 +216,7 @@ class MeasuredFrame:
 
     row: dict[str, Any]
     shape: tuple[int, int] | None
-    where: FrameTables | str | None = field(compare=False)
+    where: FrameTables | str | None
     own_optics: SharedOptics | None = None
     level: float = 0.0
     choice: Choice | None = None
