@@ -60,7 +60,7 @@ INSIDE_SCATTER = 1.5
 """Ratio of the scatter of the views inside to that outside the contacts, above which contacts are taken not
 to show the surface (or not to be described by the model) and are left out. Theory: below 1 if they are."""
 
-FEWEST_GHOSTS = 3
+FEWEST_FALSE_SPOTS = 3
 """Spots like contacts from which on a reference is not used at all. Chosen: a grain that has moved makes
 one spot or two, a reference taken in contact many."""
 
@@ -78,7 +78,7 @@ _MARGIN = np.array([0.0, 0.0, HIDDEN_PX])
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class ViewRecipe:
     """How a frame is turned into a view of the background.
 
     Parameters
@@ -107,7 +107,7 @@ class Look:
     digest: bytes = b""
 
     @classmethod
-    def of(cls, part: MeasuredFrame, options: FrameOptions) -> "Look":
+    def of(cls, part: MeasuredFrame, options: FrameOptions) -> "ViewRecipe":
         """The contacts of a frame, to be divided out if their optics are known, else to be left out."""
         tables, optics = part.tables, part.own_optics
         places, rejected = (
@@ -123,16 +123,16 @@ class Look:
         else:
             described = False
         taken = options.film is not None and part.film is not None and part.film.taken
-        look = cls(
+        recipe = cls(
             np.column_stack([places, np.full(len(places), contrast)]),
             np.nan_to_num(tables.contacts["radius_std_px"].to_numpy(float), nan=1.0),
             rejected[np.isfinite(rejected).all(axis=1)] + _MARGIN,
             blur,
             options.film.rim if taken and options.film else None,
         )
-        return look if described else look.with_contacts_hidden()
+        return recipe if described else recipe.with_contacts_hidden()
 
-    def with_contacts_hidden(self) -> "Look":
+    def with_contacts_hidden(self) -> "ViewRecipe":
         """The same with the contacts left out instead of divided out."""
         hidden = np.concatenate([self.hidden, self.disks[:, :3] + _MARGIN])
         return replace(self, disks=self.disks[:0], radius_std=self.radius_std[:0], hidden=hidden)
@@ -166,7 +166,7 @@ class OwnView:
     ----------
     number : int
         Of the frame among those pooled.
-    look : Look
+    recipe : ViewRecipe
     used, light : ndarray
         Of the `contactimg.imaging.background.pooled.agreement.Agreement`.
     correction : ndarray, shape (n,), px
@@ -174,7 +174,7 @@ class OwnView:
     """
 
     number: int
-    look: Look
+    recipe: ViewRecipe
     used: NDArray[np.bool_]
     light: NDArray[np.float32]
     correction: NDArray[np.float64]
@@ -183,26 +183,26 @@ class OwnView:
 def prepare_view(
     frame: Frame,
     _reference: NDArray | None,
-    look: Look,
+    recipe: ViewRecipe,
     *,
     anchor: NDArray,
     background_is: BackgroundLevel,
     registered: bool,
-) -> tuple[Look, NDArray[np.float32]] | None:
+) -> tuple[ViewRecipe, NDArray[np.float32]] | None:
     """Place a frame on the anchor and bin what it shows of the background; None if it does not show it."""
     placement = place_frame(frame.image, anchor, background_is=background_is, registered=registered)
     if placement is None or not placement.found:
         return None
-    look = replace(look, placement=placement, digest=digest_of(frame.image))
-    return look, look.view(frame.image).squares()
+    recipe = replace(recipe, placement=placement, digest=digest_of(frame.image))
+    return recipe, recipe.view(frame.image).squares()
 
 
 def contribute_view(
     frame: Frame, _reference: NDArray | None, own: OwnView, *, brightness: NDArray[np.float32]
 ) -> tuple[View, RimSums]:
     """The view of a frame, its slow light corrected and only where it is used, and its equations."""
-    view = own.look.view(frame.image).restricted(own.used, own.light)
-    rims = own.look.rims((view.image.shape[0], view.image.shape[1]))
+    view = own.recipe.view(frame.image).restricted(own.used, own.light)
+    rims = own.recipe.rims((view.image.shape[0], view.image.shape[1]))
     return view, RimSums.of(rims, view.image, brightness, view.seen > 0)
 
 
@@ -311,7 +311,7 @@ class SeriesBackground:
         Frame -> what it contributed.
     remarks : dict
         Frame -> what to say of it; under the empty name, what to say of each.
-    ghosts : int
+    false_spots : int
         Spots of the reference that look like contacts and that no frame confirms.
     """
 
@@ -319,7 +319,7 @@ class SeriesBackground:
     first: Sequence[MeasuredFrame]
     own: dict[str, OwnView]
     remarks: dict[str, str]
-    ghosts: int
+    false_spots: int
 
     def before(self, k: int) -> FirstPass:
         """What `measure_on_pool` needs for the frame of this number, beside optics and edits."""
@@ -364,8 +364,8 @@ def measure_on_background(
     again, fault, frames = list(parts), "", experiment.frames
     try:
         background = _pool_views(_Pooling(experiment, options, again, workers))
-        if background is not None and background.ghosts >= FEWEST_GHOSTS:
-            fault = f"the reference shows {background.ghosts} spots like contacts that no frame confirms"
+        if background is not None and background.false_spots >= FEWEST_FALSE_SPOTS:
+            fault = f"the reference shows {background.false_spots} spots like contacts that no frame confirms"
             logger.warning("%s; it is not used", fault)
             jobs: list[tuple[Any, ...]] = [(frame, edits.get(frame.name, ())) for frame in frames]
             alone = partial(_measure_alone, options=options)
@@ -453,7 +453,7 @@ class _Pooling:
         self.sign = 1 if light >= 0 else -1  # whether most contacts are brighter than the background
         places = np.linspace(0, len(usable) - 1, min(MOST_VIEWS, len(usable)))
         self.numbers = [usable[k] for k in np.unique(np.rint(places).astype(int))]
-        self.views: dict[FrameSource, tuple[Look, NDArray[np.float32]]] = {}
+        self.views: dict[FrameSource, tuple[ViewRecipe, NDArray[np.float32]]] = {}
         reference = None if self.reference_fault else read_reference(self.experiment)
         if reference is None or not np.ptp(reference.image[np.isfinite(reference.image)]) > 0:
             self.take_frame_as_anchor()
@@ -466,8 +466,8 @@ class _Pooling:
         areas = [float(np.sum(self.parts[k].contacts["radius_px"] ** 2)) for k in self.numbers]
         number = self.numbers[int(np.argmin(areas))]
         frame = self.experiment.frames[number]
-        look = Look.of(self.parts[number], self.options)
-        self.anchor, self.reference_count = look.without_contacts(frame.read().image), 0
+        recipe = ViewRecipe.of(self.parts[number], self.options)
+        self.anchor, self.reference_count = recipe.without_contacts(frame.read().image), 0
         self.source = f"in the coordinates of {frame.name}"
 
     @property
@@ -475,7 +475,7 @@ class _Pooling:
         """Rows and columns."""
         return self.anchor.shape[0], self.anchor.shape[1]
 
-    def prepare(self, looks: dict[FrameSource, Look]) -> None:
+    def prepare(self, recipes: dict[FrameSource, ViewRecipe]) -> None:
         """Place frames on the anchor; those that do not show its surface are left out."""
         place = partial(
             prepare_view,
@@ -483,7 +483,7 @@ class _Pooling:
             background_is=BACKGROUND_IS["bright" if self.sign > 0 else "dark"],
             registered=bool(self.options.scene.effects.switched_off("position_drift")),
         )
-        jobs = list(looks.items())
+        jobs = list(recipes.items())
         found = for_each_frame(self.experiment, place, jobs, workers=self.workers)
         self.views = {
             frame: part
@@ -494,7 +494,7 @@ class _Pooling:
     def compare(self) -> Agreement:
         """Where the views agree; if contacts do not show the surface, they are left out of all."""
         agreement, first = self._agreement(), int(self.reference_count > 0)
-        rims = [look.rims(self.shape) for look, _ in self.views.values()]
+        rims = [recipe.rims(self.shape) for recipe, _ in self.views.values()]
         ratios = [
             agreement.scatter_inside(one.x, one.y, one.radius + HIDDEN_PX, view=k)
             for k, one in enumerate(rims, start=first)
@@ -502,7 +502,7 @@ class _Pooling:
         if np.median(ratios) <= INSIDE_SCATTER:
             return agreement
         logger.info("contacts do not show the surface as their surroundings do: they are left out")
-        self.prepare({frame: look.with_contacts_hidden() for frame, (look, _) in self.views.items()})
+        self.prepare({frame: recipe.with_contacts_hidden() for frame, (recipe, _) in self.views.items()})
         return self._agreement()
 
     def _agreement(self) -> Agreement:
@@ -551,12 +551,12 @@ class _Pooling:
 def _pool_views(pooling: _Pooling) -> SeriesBackground | None:
     """The pooled background of a series; None if too few different frames show it, or agree on it."""
     parts, frames = pooling.parts, pooling.experiment.frames
-    looks = {frames[k]: Look.of(parts[k], pooling.options) for k in pooling.numbers}
-    pooling.prepare(looks)
-    if pooling.reference_count and len(pooling.views) < 0.5 * len(looks):
+    recipes = {frames[k]: ViewRecipe.of(parts[k], pooling.options) for k in pooling.numbers}
+    pooling.prepare(recipes)
+    if pooling.reference_count and len(pooling.views) < 0.5 * len(recipes):
         pooling.take_frame_as_anchor()
-        pooling.prepare(looks)
-    by_digest = {look.digest: frame for frame, (look, _) in reversed(pooling.views.items())}
+        pooling.prepare(recipes)
+    by_digest = {recipe.digest: frame for frame, (recipe, _) in reversed(pooling.views.items())}
     pooling.views = {frame: view for frame, view in pooling.views.items() if frame in by_digest.values()}
     if len(pooling.views) < FEWEST_VIEWS:
         logger.info("the background is not pooled: only %d different frames show it", len(pooling.views))
@@ -572,8 +572,8 @@ def _pool_views(pooling: _Pooling) -> SeriesBackground | None:
     }
     brightness = smooth_brightness(pooling.anchor)
     pooled, own = pooling.add_up(agreement, own, brightness)
-    history = RimHistory(tuple(one.look.rims(pooling.shape) for one in own.values()))
-    digests = tuple(one.look.digest for one in own.values())
+    history = RimHistory(tuple(one.recipe.rims(pooling.shape) for one in own.values()))
+    digests = tuple(one.recipe.digest for one in own.values())
     logger.info("background pooled from %d frames%s", len(good), " and the reference" * first)
     return SeriesBackground(
         Pool(pooled, brightness, history, digests, pooling.options, pooling.source),
