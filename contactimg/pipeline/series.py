@@ -98,8 +98,9 @@ def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[st
     """
     edits: dict[str, Edits] = {}
     names = [source.name for source in experiment.frames] if len(experiment.edits) else []
+    known = {EVERY_FRAME, *names}
     for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
-        if row["frame"] not in (EVERY_FRAME, *names):
+        if row["frame"] not in known:
             logger.warning(
                 "edits: row %s (%s) is for the frame %s, which is not there; the edit has no effect",
                 number, row["action"], row["frame"],
@@ -137,10 +138,8 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    frames, said = (
-        experiment.frames,
-        "%s of %s frames were done by a run that was ended; the others are measured",
-    )
+    frames = experiment.frames
+    said = "%s of %s frames were done by a run that was ended; the others are measured"
     measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
     jobs: list[tuple[Any, ...]] = [(frame, None, edits.get(frame.name, ())) for frame in frames]
     parts: list[MeasuredFrame] = []
