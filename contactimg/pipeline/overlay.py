@@ -242,9 +242,14 @@ def _draw(
         source.read().image,
         contact_outlines(*(table[table["frame"] == source.name] for table in (run.contacts, run.outlines))),
         predicted,
-        hertz_circle(run.scene, float(run.frames.set_index("frame")["load_N"][source.name])),
+        hertz_circle(run.scene, _load_of(run, source.name)),
         pose=run.need_pose(),
         shift_px=frame_shift(run.frames, source.name),
         view=view,
     )
     write_picture(picture, folder, source.name)
+
+
+def _load_of(run: Run, frame: str) -> float:
+    """The load of a frame, N."""
+    return float(run.frames.loc[run.frames["frame"] == frame, "load_N"].iloc[0])

@@ -200,12 +200,19 @@ def draw_predicted(
             seen = contact_outlines(predicted[model])
             layers.append(Layer(seen, colour, f"predicted, {model} ({len(seen)})", dashes, width=0.7))
     if hertz_circle is not None:
-        (x, y), radius = pose.to_pixels(*hertz_circle[:2]), hertz_circle[2] / pose.pixel_size
-        circle = Outline(0, float(x) + shift_px[0], float(y) + shift_px[1], radius, radius)
-        layers.append(Layer([circle], HERTZ, "Hertz, smooth sphere", (16.0, 10.0)))
+        circle = pd.DataFrame([hertz_circle], columns=["x_m", "y_m", "radius_m"])
+        layers.append(Layer(_in_pixels(circle, pose, shift_px), HERTZ, "Hertz, smooth sphere", (16.0, 10.0)))
     seen = [outline for layer in layers if layer.colour != HERTZ for outline in layer.outlines]
     x, y = (np.array([getattr(outline, name) for outline in seen]) for name in ("x", "y"))
     part, top, left = crop_to(image, x, y, margin_px=0.05 * max(image.shape))
     low, high = view.stretch
     dimmed = low, low + (high - low) / DIMMED
     return draw_overlay(part, layers, replace(view, stretch=dimmed, top=top, left=left))
+
+
+def _in_pixels(contacts: pd.DataFrame, pose: Pose, shift_px: tuple[float, float]) -> list[Outline]:
+    """Disks (px) of contacts given in sample coordinates."""
+    x, y = pose.to_pixels(contacts["x_m"], contacts["y_m"])
+    radius = contacts["radius_m"].to_numpy(float) / pose.pixel_size
+    places = np.column_stack([x + shift_px[0], y + shift_px[1], radius]).tolist()
+    return [Outline(0, x, y, radius, radius) for x, y, radius in places]

@@ -2,6 +2,7 @@
 
 import logging
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -116,20 +117,21 @@ def shown_apex(
         caps = asperities.iloc[part["asperity"].to_numpy(int)]
         radius = equivalent_radii(caps)
         field = FieldOfView(pose, frame_shift(frames, str(name)))
-
-        def in_view(points: NDArray[np.float64], field: FieldOfView = field) -> NDArray[np.bool_]:
-            return field.holds(*points.T)
-
         apex = find_apex(
             caps[["x_m", "y_m"]],
             caps["height_m"],
             radius / (1 + radius / lens),
             part["radius_m"],
-            in_view=in_view,
+            in_view=partial(_holds, field),
         )
         if apex is not None:
             found.append(apex)
     return min(found, key=lambda apex: np.hypot(*apex.std), default=None)
+
+
+def _holds(field: FieldOfView, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether sample points, one a row, lie in the image."""
+    return field.holds(*points.T)
 
 
 @stage("pose")
