@@ -36,6 +36,8 @@ MODULUS, RADIUS, ADHESION, LENS = 4e6, 1e-4, 0.05, 0.013
 rubber, of the patterns SA and of the lens of RA."""
 
 FLAT: dict[str, Any] = {"indenter_radius": np.inf, "contact_modulus": MODULUS}
+ROUGH: dict[str, Any] = FLAT | {"indenter_radius": LENS, "apex": (1e-3, 1e-3)}
+"""Conditions on a flat, and under the rough lens above the middle of a pattern of 2 mm."""
 SUMMED = 300
 """Contacts for which equations are summed one by one. Chosen by time."""
 
@@ -276,7 +278,7 @@ def _withdrawn(share: float) -> Outcome:
 
 @hard_case("adhesion of {:g} J/m2, RA-, 0.1 N", 1e-15, quick=False)
 def _vanishing_adhesion(adhesion: float) -> Outcome:
-    where = FLAT | {"indenter_radius": LENS, "apex": (1e-3, 1e-3), "load": 0.1, "coupling": "full"}
+    where = ROUGH | {"load": 0.1, "coupling": "full"}
     table = pattern("RA-", 2e-3)
     solution = solve_adhesive(table, work_of_adhesion=adhesion, **where)
     true = solve_interacting(table, **where).force
@@ -285,8 +287,8 @@ def _vanishing_adhesion(adhesion: float) -> Outcome:
 
 @hard_case("adhesive RA+, unloaded to {:g} N", 0.0, -2e-5)
 def _unloaded(load: float) -> Outcome:
-    where = FLAT | {"indenter_radius": LENS, "apex": (1e-3, 1e-3), "work_of_adhesion": ADHESION}
-    *_, solution = solve_adhesive_path(pattern("RA+", 2e-3), loads=[0.05, 0.01, load], **where)
+    where = ROUGH | {"work_of_adhesion": ADHESION, "loads": [0.05, 0.01, load]}
+    *_, solution = solve_adhesive_path(pattern("RA+", 2e-3), **where)
     return Outcome(solution.status, np.nan, 0.0, "", solution.residual)
 
 
@@ -375,9 +377,10 @@ def _radii_over_decades() -> Outcome:
 
 @hard_case("E* of {:g} Pa, RA-", 1.0, 1e4, 1e12)
 def _any_modulus(modulus: float) -> Outcome:
-    where: dict[str, Any] = {"indenter_radius": LENS, "apex": (1e-3, 1e-3), "coupling": "full"}
     solution, usual = (
-        solve_interacting(pattern("RA-", 2e-3), load=0.1 * E / MODULUS, contact_modulus=E, **where)
+        solve_interacting(
+            pattern("RA-", 2e-3), load=0.1 * E / MODULUS, **ROUGH | {"contact_modulus": E, "coupling": "full"}
+        )
         for E in (modulus, MODULUS)
     )
     return compared(solution, solution.radius, usual.radius, 1e-9, "the same problem in other units")
@@ -405,18 +408,16 @@ def _many(count: float) -> Outcome:
 
 @hard_case("RA- by a stage through {:g} N/m", 1e6, 1e12)
 def _stiff_spring(stiffness: float) -> Outcome:
-    where = FLAT | {"indenter_radius": LENS, "apex": (1e-3, 1e-3)}
     table = pattern("RA-", 2e-3)
-    solution = solve_interacting(table, load=LoadSpring(stiffness, 2e-5), **where)
-    true = solve_interacting(table, indentation=2e-5 - solution.load / stiffness, **where).load
+    solution = solve_interacting(table, load=LoadSpring(stiffness, 2e-5), **ROUGH)
+    true = solve_interacting(table, indentation=2e-5 - solution.load / stiffness, **ROUGH).load
     return compared(solution, solution.load, true, 1e-8, "the indentation prescribed")
 
 
 @hard_case("gap between base planes, RA-, {:g} N", 0.2, 0.05)
 def _base_gap(load: float) -> Outcome:
-    where = FLAT | {"indenter_radius": LENS, "apex": (1e-3, 1e-3)}
     table = pattern("RA-", 2e-3)
-    solution = solve_interacting(table, load=load, **where)
+    solution = solve_interacting(table, load=load, **ROUGH)
     base, R = table[["x_m", "y_m"]].to_numpy(), table["radius_m"].to_numpy()
     b = np.sqrt(2 * R * table["height_m"] - table["height_m"] ** 2).to_numpy()
     centre, half, least = np.array([1e-3, 1e-3]), 8e-4, np.inf

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -233,9 +233,8 @@ def doubts_about_calibration(
             f"{MAX_CONTACT_OVER_RADIUS:g} no model holds; are pixel_size_m and radius_m in metres?"
         )
     hint = "are loads in N, and pixel_size_m and radius_m in metres?"
-    modulus = PlausibleRange(YOUNG_MODULUS.low, YOUNG_MODULUS.high, "Pa", hint, hint)
+    modulus, adhesion = (replace(one, below=hint, above=hint) for one in (YOUNG_MODULUS, WORK_OF_ADHESION))
     yield from modulus.doubt("the fitted young_modulus", young_modulus)
-    adhesion = PlausibleRange(WORK_OF_ADHESION.low, WORK_OF_ADHESION.high, "J/m^2", hint, hint)
     yield from adhesion.doubt("the fitted work_of_adhesion", max(work_of_adhesion, 0.0))
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -85,10 +85,8 @@ class Prediction:
     def failed(cls, load: Prescribed, reason: str) -> "Prediction":
         """No solution at a load (N) or displacement: empty tables and a row that says why."""
         known = np.nan if isinstance(load, LoadSpring) else load
-        row = pd.DataFrame(
-            {"frame": [load_name(load)], "status": [Status.FAILED], "load_N": [known], "message": [reason]}
-        )
-        return cls(CONTACTS.empty(), FRAMES.conform(row), PROFILE.empty())
+        frames = _frames(load_name(load), known, status=Status.FAILED, message=reason)
+        return cls(CONTACTS.empty(), frames, PROFILE.empty())
 
 
 def predict_contacts(
@@ -156,20 +154,32 @@ def predict_contacts(
         history=history,
         surroundings=field,
     )
-    refuse_touching_planes(solution)
+    if solution.base_gap.beyond_models:
+        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
     name, model = frame or load_name(load), "uncoupled" if level == "none" else "coupled"
-    contacts = _with_hertz_forces(solution.contacts(name), solution, scene)
+    contacts = solution.contacts(name)
+    hertz_forces = hertz.load(
+        contacts["radius_m"].to_numpy(float),
+        sphere_radius=solution.law_radius[solution.touching],
+        contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
+    )
+    contacts = contacts.assign(force_hertz_N=hertz_forces)
     borne = solution.load if isinstance(load, LoadSpring) else load
     sunk = 0.0 if field is None else field.sinking(shaped_asperities(asperities, scene))
-    row = _row(name, borne, contacts["area_m2"].sum(), contacts["force_N"].sum(), solution.indentation + sunk)
-    row = row.assign(n_contacts=len(contacts), force_hertz_sum_N=contacts["force_hertz_N"].sum())
-    row = row.assign(min_gap_m=solution.base_gap.least)
-    border = _around_the_table(scene, asperities, solution, field, borne)
-    row = row.assign(**_judgement(solution, scene, border), law=law_name(scene, shapes=solution.shapes))
+    row = {
+        "n_contacts": len(contacts),
+        "area_m2": float(contacts["area_m2"].sum()),
+        "force_sum_N": float(contacts["force_N"].sum()),
+        "force_hertz_sum_N": contacts["force_hertz_N"].sum(),
+        "indentation_m": solution.indentation + sunk,
+        "min_gap_m": solution.base_gap.least,
+        "law": law_name(scene, shapes=solution.shapes),
+    }
+    row |= _judgement(solution, scene, _around_the_table(scene, asperities, solution, field, borne))
     centre = scene.need("indenter", "a profile").apex
     edges = annulus_edges(contacts, centre=centre, width=annulus)
     profile = radial_profile(contacts, centre=centre, edges=edges, frame=name, model=model)
-    return Prediction(contacts, FRAMES.conform(row), profile, plan)
+    return Prediction(contacts, _frames(name, borne, **row), profile, plan)
 
 
 def make_mechanical_plan(scene: Scene, asperities: pd.DataFrame, *, load: Prescribed) -> Plan:
@@ -219,16 +229,6 @@ def scene_level(scene: Scene, coupling: str) -> str:
         return coupling
     effects = scene.effects
     return coupling_level(coupling=effects.coupling != "off", full_coupling=effects.full_coupling == "on")
-
-
-def _with_hertz_forces(contacts: pd.DataFrame, solution: InteractingSolution, scene: Scene) -> pd.DataFrame:
-    """The contacts with the forces that Hertz's formula gives for their radii."""
-    forces = hertz.load(
-        contacts["radius_m"].to_numpy(float),
-        sphere_radius=solution.law_radius[solution.touching],
-        contact_modulus=scene.need("elastic", PURPOSE).contact_modulus,
-    )
-    return contacts.assign(force_hertz_N=forces)
 
 
 def _judgement(solution: InteractingSolution, scene: Scene, border: str) -> dict[str, str]:
@@ -334,12 +334,6 @@ def _around_the_table(
     )
 
 
-def refuse_touching_planes(solution: InteractingSolution) -> None:
-    """Raise `ModelRangeError` if most of the base within the nominal contact touches."""
-    if solution.base_gap.beyond_models:
-        raise ModelRangeError(f"at {solution.load:g} N {solution.base_gap.sentence}; lower the load")
-
-
 def predict_average(
     scene: Scene, asperities: pd.DataFrame | None, *, load: float, model: Literal["gw", "gt"]
 ) -> Prediction:
@@ -373,13 +367,12 @@ def predict_average(
     """
     name = load_name(load)
     if load == 0:
-        return Prediction(CONTACTS.empty(), FRAMES.conform(_row(name, load, 0.0, 0.0, 0.0)), PROFILE.empty())
+        nothing = _frames(name, load, area_m2=0.0, force_sum_N=0.0, indentation_m=0.0)
+        return Prediction(CONTACTS.empty(), nothing, PROFILE.empty())
     rings = solve_average(scene, asperities, load=load, model=model)
     profile = rings.profile(name)
-    widest, radius = (
-        profile["mean_radius_m"].max(),
-        _mean_radius(scene.need("asperities", PURPOSE), asperities),
-    )
+    widest = profile["mean_radius_m"].max()
+    radius = _mean_radius(scene.need("asperities", PURPOSE), asperities)
     if widest > radius:
         raise ModelRangeError(
             f"at {load:g} N the contacts would have a mean radius of {widest * 1e6:.3g} um on asperities of "
@@ -387,23 +380,25 @@ def predict_average(
         )
     if rings.touching_share > MAX_TOUCHING_SHARE:
         raise ModelRangeError(f"at {load:g} N {rings.limits()[-1]}; lower the load")
-    row = _row(name, load, rings.area, rings.load, rings.indentation)
-    remarks = [*rings.limits(), *([_scatter_remark(rings)] if _scatter_remark(rings) else [])]
-    row = row.assign(message="; ".join(remarks), law="hertz", min_gap_m=rings.base_gap)
-    if rings.base_gap < 0:
-        row = row.assign(status=Status.APPROXIMATE)
-    return Prediction(CONTACTS.empty(), FRAMES.conform(row), profile)
-
-
-def _scatter_remark(rings: RingSolution) -> str:
-    """Remark on averages that stand for a few contacts; empty for many."""
-    count = float(ring_weights(rings.r) @ rings.density)
-    if count >= FEW_CONTACTS:
-        return ""
-    return (
-        f"an average over random patterns in which only about {count:.2g} asperities touch: a single pattern "
-        f"scatters about it by {100 / np.sqrt(count):.0f} % or more"
+    remarks, count = rings.limits(), float(ring_weights(rings.r) @ rings.density)
+    if count < FEW_CONTACTS:
+        remark = (
+            f"an average over random patterns in which only about {count:.2g} asperities touch: a single "
+            f"pattern scatters about it by {100 / np.sqrt(count):.0f} % or more"
+        )
+        remarks = [*remarks, remark]
+    frames = _frames(
+        name,
+        load,
+        status=Status.APPROXIMATE if rings.base_gap < 0 else Status.OK,
+        area_m2=float(rings.area),
+        force_sum_N=float(rings.load),
+        indentation_m=rings.indentation,
+        min_gap_m=rings.base_gap,
+        law="hertz",
+        message="; ".join(remarks),
     )
+    return Prediction(CONTACTS.empty(), frames, profile)
 
 
 def solve_average(
@@ -440,18 +435,10 @@ def solve_average(
     )
 
 
-def _row(name: str, load: float, area: float, force: float, indentation: float) -> pd.DataFrame:
-    """The frames row of a solved load."""
-    return pd.DataFrame(
-        {
-            "frame": [name],
-            "status": [Status.OK],
-            "load_N": [load],
-            "area_m2": [float(area)],
-            "force_sum_N": [float(force)],
-            "indentation_m": [indentation],
-        }
-    )
+def _frames(name: str, load: float, **row: Any) -> pd.DataFrame:
+    """The frames table of a load."""
+    whole = {"frame": name, "status": Status.OK, "load_N": load} | row
+    return FRAMES.conform(pd.DataFrame([whole]))
 
 
 def _table(asperities: pd.DataFrame | None, wanted: str) -> pd.DataFrame:

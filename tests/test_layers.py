@@ -65,8 +65,6 @@ INNER_ROOMS = {
     "pipeline": [
         "inputs",
         "parallel",
-        "measured_frame",
-        "edits",
         "effects",
         "frame",
         "pose_and_forces",

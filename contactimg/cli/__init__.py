@@ -24,7 +24,7 @@ COMMANDS = {
     "init": ("init", "Write a first scene.toml for a folder of frames."),
     "asperities": ("asperities", "Find the asperities on a profilometer's height map."),
     "process": ("process", "Measure the contacts on every frame of a folder."),
-    "check": ("check", "Test the measurement on contacts of known radius drawn into your own frames."),
+    "check": ("process", "Test the measurement on contacts of known radius drawn into your own frames."),
     "calibrate": ("calibrate", "Calibrate the modulus, the threshold or the plateau on a folder of frames."),
     "predict": ("models", "Predict the contacts at given loads with a contact model."),
     "overlay": ("runs", "Compare measured with predicted contacts, frame by frame."),
@@ -35,7 +35,7 @@ COMMANDS = {
     "report": ("runs", "Write one self-contained HTML page about a run."),
     "review": ("runs", "Check and correct the contacts of a run on a local web page."),
     "export": ("runs", "Write a run for ImageJ, napari and Excel."),
-    "selftest": ("selftest", "Solve hard contact problems whose answers are known, and compare."),
+    "selftest": ("models", "Solve hard contact problems whose answers are known, and compare."),
     "import-rois": ("runs", "Bring regions corrected in ImageJ back as edits.csv."),
 }
 """Command -> its module, and what it does."""

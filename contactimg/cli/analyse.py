@@ -95,8 +95,7 @@ def analyse(
         from contactimg.analysis.estimates import Estimate
         from contactimg.files import PROVENANCE_FILE, main_tables, read_topography
         from contactimg.pipeline.analyse.analysis import AnalysisOptions, analyse_places, smooth_shear_stress
-        from contactimg.pipeline.analyse.group_by_load import count_solutions
-        from contactimg.pipeline.analyse.places import differences, open_place, read_centre
+        from contactimg.pipeline.analyse.places import count_solutions, differences, open_place, read_centre
         from contactimg.pipeline.analyse.results_table import write_analysis, write_results, write_topography
         from contactimg.prediction import COMPARED_MODELS
 

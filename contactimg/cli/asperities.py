@@ -55,13 +55,13 @@ def asperities(
     """
     with stage("loading"):
         from contactimg.files import write_table
-        from contactimg.files.height_maps import HEIGHT_UNITS, MapScale, read_height_map
+        from contactimg.files.height_maps import METRES, read_height_map
         from contactimg.summits import SummitSearch, find_summits
         from contactimg.tables import SUMMITS
 
     pixel = None if pixel_size_um is None else pixel_size_um * 1e-6
-    unit = None if height_unit is None else HEIGHT_UNITS[height_unit]
-    surface = read_height_map(map_file, MapScale(pixel, unit))
+    unit = None if height_unit is None else METRES[height_unit]
+    surface = read_height_map(map_file, pixel_size=pixel, height_unit=unit)
     found = find_summits(surface, SummitSearch(form=form, least_height=min_height_um * 1e-6, depth=depth))
     if found.table.empty:
         raise InputError(

@@ -1,7 +1,6 @@
 """``contactimg calibrate``: modulus and adhesion, threshold, plateau, from folders of frames."""
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
@@ -23,7 +22,12 @@ ONE_OF_TWO = (
 )
 
 
-running = shared.together(shared.frames, shared.cluster)
+running = shared.together(
+    shared.frames,
+    shared.cluster,
+    shared.option("output", shared.Output),
+    shared.option("workers", shared.Workers),
+)
 """Options that every calibration has, beside those of its signature."""
 
 modulus_options = shared.scene_options(
@@ -54,14 +58,7 @@ def calibrate() -> None:
 
 @shared.command(calibrate, "Young's modulus, work of adhesion and centre from a smooth contact.")
 @running
-def jkr(
-    folder: shared.ExistingFolder,
-    *,
-    scene: str | None,
-    stated: shared.Stated,
-    output: shared.Output = None,
-    workers: shared.Workers = None,
-) -> int:
+def jkr(folder: shared.ExistingFolder, **common: Any) -> int:
     """Fit Young's modulus and the work of adhesion to frames of a smooth contact at three or more loads.
 
     Measures the radius of the circular contact on each frame of FOLDER and fits the JKR law to radius against
@@ -75,22 +72,13 @@ def jkr(
     with stage("loading"):
         from contactimg.pipeline.calibrate.jkr import run_jkr
 
-    experiment = _open(folder, scene, stated, pulled=True)
-    return _calibrate("jkr", folder, experiment, run_jkr, output=output, workers=workers)
+    return _calibrate("jkr", folder, run_jkr, pulled=True, **common)
 
 
 @shared.command(calibrate, "The threshold at which the local forces add up to the load.")
 @running
 @modulus_options
-def threshold(
-    folder: shared.ExistingFolder,
-    *,
-    scene: str | None,
-    stated: shared.Stated,
-    jkr: Jkr = None,
-    output: shared.Output = None,
-    workers: shared.Workers = None,
-) -> int:
+def threshold(folder: shared.ExistingFolder, *, stated: shared.Stated, jkr: Jkr = None, **common: Any) -> int:
     """Find the threshold at which the local forces of a sample of known modulus add up to the load.
 
     Young's modulus is that of --jkr or --young-modulus-MPa, else that of the scene. Writes calibration.json
@@ -102,16 +90,18 @@ def threshold(
       contactimg calibrate threshold sample_data/sa_plus --young-modulus-MPa 3 -o threshold
     """
     with stage("loading"):
-        from contactimg.files import read_calibration, shares_frames
+        from contactimg.files import read_calibration
         from contactimg.pipeline.calibrate.force_sums import run_threshold
 
-    experiment = _open(folder, scene, _with_modulus(stated, jkr))
     record = read_calibration(jkr) if jkr else {}
-    if record.get("kind") == "modulus" and shares_frames(record, _fingerprints(experiment)):
-        raise InputError(ONE_OF_TWO)
-    used = {"jkr": record} if record else {}
     return _calibrate(
-        "threshold", folder, experiment, run_threshold, used=used, output=output, workers=workers
+        "threshold",
+        folder,
+        run_threshold,
+        stated=_with_modulus(stated, jkr),
+        used={"jkr": record} if record else {},
+        other_frames=record if record.get("kind") == "modulus" else None,
+        **common,
     )
 
 
@@ -121,13 +111,11 @@ def threshold(
 def modulus(
     folder: shared.ExistingFolder,
     *,
-    scene: str | None,
     stated: shared.Stated,
     calibration: shared.Existing | None = None,
     threshold: float | None = None,
     jkr: Jkr = None,
-    output: shared.Output = None,
-    workers: shared.Workers = None,
+    **common: Any,
 ) -> int:
     """Find Young's modulus at which the local forces add up to the load, with the threshold fixed.
 
@@ -148,32 +136,29 @@ def modulus(
         Threshold as a fraction of the contrast, from 0 to 1.
     """
     with stage("loading"):
-        from contactimg.files import read_calibration, shares_frames
+        from contactimg.files import read_calibration
         from contactimg.pipeline.calibrate.force_sums import run_modulus
 
-    experiment = _open(folder, scene, _with_modulus(stated, jkr))
     record = read_calibration(calibration) if calibration else {}
-    if "threshold" in record.get("fitted", []) and shares_frames(record, _fingerprints(experiment)):
-        raise InputError(ONE_OF_TWO)
-    run = partial(run_modulus, threshold=_fixed_threshold(experiment, record, threshold))
-    used: dict[str, Any] = {"jkr": read_calibration(jkr)} if jkr else {}
-    if record:
-        used["calibration"] = record
-    if threshold is not None:
-        used["threshold"] = threshold
-    return _calibrate("modulus", folder, experiment, run, used=used, output=output, workers=workers)
+
+    def run(experiment: "Experiment", **how: Any) -> "Calibrated":
+        return run_modulus(experiment, threshold=_fixed_threshold(experiment, record, threshold), **how)
+
+    used = {"jkr": read_calibration(jkr) if jkr else {}, "calibration": record, "threshold": threshold}
+    return _calibrate(
+        "modulus",
+        folder,
+        run,
+        stated=_with_modulus(stated, jkr),
+        used={name: value for name, value in used.items() if value not in ({}, None)},
+        other_frames=record if "threshold" in record.get("fitted", []) else None,
+        **common,
+    )
 
 
 @shared.command(calibrate, "The range of thresholds over which the contact area hardly changes.")
 @running
-def plateau(
-    folder: shared.ExistingFolder,
-    *,
-    scene: str | None,
-    stated: shared.Stated,
-    output: shared.Output = None,
-    workers: shared.Workers = None,
-) -> int:
+def plateau(folder: shared.ExistingFolder, **common: Any) -> int:
     """Find the range of thresholds over which the total contact area hardly changes.
 
     For samples whose asperity radii are not known; the two ends of the range give the error bar of the area.
@@ -187,37 +172,33 @@ def plateau(
     with stage("loading"):
         from contactimg.pipeline.calibrate.force_sums import run_plateau
 
-    return _calibrate(
-        "plateau", folder, _open(folder, scene, stated), run_plateau, output=output, workers=workers
-    )
-
-
-def _open(folder: str, scene: str | None, stated: shared.Stated, *, pulled: bool = False) -> "Experiment":
-    """The frames of a folder."""
-    with stage("loading"):
-        from contactimg.cli.scenes import scene_of_folder
-        from contactimg.files import open_experiment
-
-    return open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
+    return _calibrate("plateau", folder, run_plateau, **common)
 
 
 def _calibrate(
     kind: str,
     folder: str,
-    experiment: "Experiment",
     run: Callable[..., "Calibrated"],
     *,
+    scene: str | None,
+    stated: shared.Stated,
     output: str | None,
     workers: int | None,
+    pulled: bool = False,
     used: dict[str, Any] | None = None,
+    other_frames: Mapping[str, Any] | None = None,
 ) -> int:
     """Run a calibration, write and print its result; return the exit code.
 
-    ``used`` holds the earlier results that it builds on, for the provenance.
+    ``used`` holds the earlier results that it builds on, for the provenance; the calibration ``other_frames``
+    must not have used the same ones.
     """
     with stage("loading"):
+        from contactimg.cli.scenes import scene_of_folder
+        from contactimg.files import open_experiment, shares_frames
         from contactimg.pipeline.calibrate.result import write_calibration
 
+    experiment = open_experiment(scene_of_folder(folder, stated, scene_file=scene), pulled=pulled)
     echo_first_run()
     with shared.results_in(
         output,
@@ -227,6 +208,8 @@ def _calibrate(
         inputs=experiment.inputs,
         main_files=["calibration.json"],
     ) as out:
+        if other_frames and shares_frames(other_frames, out.record["inputs"]):
+            raise InputError(ONE_OF_TWO)
         with progress("measuring frames", len(experiment.frames)) as advance:
             result = run(experiment, workers=workers, advance=advance)
         write_calibration(result, out.folder, frames=out.record["inputs"])
@@ -303,11 +286,3 @@ def _fixed_threshold(
     if scene.measure.method == "disk":
         return None
     raise InputError(ONE_OF_TWO)
-
-
-def _fingerprints(experiment: "Experiment") -> list[dict[str, Any]]:
-    """The inputs of an experiment with their sha256."""
-    from contactimg.files import provenance
-
-    inputs: list[dict[str, Any]] = provenance(command="", inputs=experiment.inputs)["inputs"]
-    return inputs

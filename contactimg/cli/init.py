@@ -89,7 +89,7 @@ def init(
 def _recognise(folder: Path) -> tuple[shared.Stated, list[str]]:
     """Keys of a scene that names, tables and headers tell, and what to say of them; no pixels are read."""
     from contactimg.files.folder import recognise_folder
-    from contactimg.files.pixel_size import stated_pixel_size
+    from contactimg.files.tiff import stated_pixel_size
 
     found = recognise_folder(folder)
     frames, reference, masks = found.frames, found.images["reference"], found.images["mask"]

@@ -1,15 +1,13 @@
-"""Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`."""
+"""Commands on a scene alone: `predict`, `simulate`, `effects` and `tradeoff`; `selftest` of the models."""
 
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import click
 
 from contactimg.cli import options as shared
-from contactimg.cli.printing import echo_frames, echo_plan, echo_tradeoff, progress, say
+from contactimg.cli.printing import echo_frames, echo_plan, echo_table, echo_tradeoff, progress, say
+from contactimg.errors import InputError
 from contactimg.timings import stage
-
-if TYPE_CHECKING:
-    from contactimg.scene import Scene
 
 # --- predict
 
@@ -78,71 +76,41 @@ def predict(
     """
     with stage("loading"):
         from contactimg.cli.scenes import scene_at
-        from contactimg.errors import InputError
         from contactimg.files import RUN_TABLES
+        from contactimg.pipeline import predict as pipeline
         from contactimg.pipeline.ensemble import predict_ensemble
-        from contactimg.pipeline.predict import (
-            choice_sentence,
-            error_records,
-            plan_records,
-            predict_loads,
-            prescriptions,
-            refuse_repeated,
-            solver_tolerance,
-            write_predictions,
-        )
-        from contactimg.pipeline.predict import (
-            touching_load as touching_load_of,
-        )
         from contactimg.tables import FAILED
 
     if patterns is not None and model != "interacting":
         raise InputError(f'model "{model}" is an average over patterns itself; leave out --patterns')
     described, inputs = scene_at(scene, stated)
     relative = stated.get("tolerance", {}).get("relative")
-    planes_touch_at = None
+    touching = {}
     if touching_load:
-        planes_touch_at = touching_load_of(described, model=model, coupling=coupling)
+        planes_touch_at = pipeline.touching_load(described, model=model, coupling=coupling)
         loads = (*loads, *([planes_touch_at] if planes_touch_at > 0 else []))
+        touching = {"touching_load_N": planes_touch_at}
         say(f"the base planes touch from {planes_touch_at:.4g} N on")
-    prescribed = prescriptions(described, loads, [displacement / 1e6 for displacement in displacements_um])
-    annulus = annulus_mm * 1e-3
+    stages = [displacement / 1e6 for displacement in displacements_um]
+    prescribed = pipeline.prescriptions(described, loads, stages)
+    how: dict[str, Any] = {"coupling": coupling, "annulus": annulus_mm * 1e-3}
+    how |= {"relative": relative, "workers": workers}
     with shared.results_in(
         output, described.folder, scene=described, inputs=inputs, main_files=RUN_TABLES
     ) as out:
         if patterns is None:
-            predictions = predict_loads(
-                described,
-                prescribed,
-                model=model,
-                coupling=coupling,
-                annulus=annulus,
-                relative=relative,
-                workers=workers,
-            )
+            predictions = pipeline.predict_loads(described, prescribed, model=model, **how)
         else:
-            refuse_repeated(prescribed)
             with progress("solving patterns", patterns) as advance:
-                predictions = predict_ensemble(
-                    described,
-                    prescribed,
-                    patterns=patterns,
-                    coupling=coupling,
-                    annulus=annulus,
-                    tolerance=None if relative is None else solver_tolerance(relative),
-                    workers=workers,
-                    store=out.part_store(),
-                    advance=advance,
-                )
-        frames = write_predictions(predictions, described, out.folder)
-        out.record["plans"] = plan_records(predictions)
-        if planes_touch_at is not None:
-            out.record["touching_load_N"] = planes_touch_at
-        out.record["expected_errors"] = error_records(predictions)
+                how |= {"store": out.part_store(), "advance": advance}
+                predictions = predict_ensemble(described, prescribed, patterns=patterns, **how)
+        frames, record = pipeline.write_predictions(predictions, described, out.folder)
+        out.record |= record | touching
         level = f", coupling {coupling}" if model == "interacting" else ""
         many = f", {patterns:,} patterns" if patterns else ""
         echo_frames(frames, title=f"{scene}, model {model}{level}{many}")
-        say(*(choice_sentence(one, relative=relative) for one in predictions if one.plan is not None))
+        planned = [one for one in predictions if one.plan is not None]
+        say(*(pipeline.choice_sentence(one, relative=relative) for one in planned))
     return int((frames["status"] == FAILED).any())
 
 
@@ -202,20 +170,16 @@ def simulate(
     ) as out:
         out.record["plans"] = {load_name(plan.load): plan.record for plan in planned.plans}
         out.record["expected_errors"] = {load_name(plan.load): plan.error_record for plan in planned.plans}
-        out.record["effects"] = planned.scene.effects.switches()
+        switches = planned.scene.effects.switches()
+        out.record["effects"] = switches
         with progress("making frames", count) as advance:
             write_simulation(planned.scene, asperities, out.folder, workers=workers, advance=advance)
-        say(*(plan.sentence() for plan in planned.plans), _shown(planned.scene))
+        shown, left_out = ([one for one, switch in switches.items() if switch == on] for on in ("on", "off"))
+        sensor = {"shot_noise", "read_noise", "quantisation"} <= set(left_out)
+        ideal = "; the frames are floating-point numbers without noise" if sensor else ""
+        said = f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
+        say(*(plan.sentence() for plan in planned.plans), said)
         say(f"{count - 1} frames and the true contacts")
-
-
-def _shown(scene: "Scene") -> str:
-    """One line: which effects the frames show and which were left out."""
-    switches = scene.effects.switches()
-    shown, left_out = ([name for name, switch in switches.items() if switch == on] for on in ("on", "off"))
-    sensor = {"shot_noise", "read_noise", "quantisation"}
-    ideal = "; the frames are floating-point numbers without noise" if sensor <= set(left_out) else ""
-    return f"computed: {', '.join(shown) or 'none'}; left out: {', '.join(left_out) or 'none'}{ideal}"
 
 
 # --- effects
@@ -343,3 +307,53 @@ def tradeoff(
         out.record["sentences"] = result.sentences
         echo_tradeoff(result.table)
         say(*result.sentences.values(), *(f"{knob}: {reason}" for knob, reason in left_out.items()))
+
+
+# --- selftest
+
+LONGEST_SENTENCE = 60
+"""Characters of a refusal that the table shows. Chosen: a row stays a line."""
+
+
+@shared.command()
+def selftest(*, every: Annotated[bool, "--all"] = False) -> int:
+    """Solve numerically hard contact problems and compare each with what is known of its answer.
+
+    Among them jump-in and pull-off of adhesive contacts, near-touching, overlapping and coincident caps, a/R
+    up to 1, thin layers, zero and flattening loads, a stiff load cell, touching base planes and limits of the
+    statistical models. The truth is a closed form, a limit, the equations summed one by one, or a stored
+    solution of the whole contact problem. Takes seconds, the first time half a minute; writes nothing.
+
+    Exit codes: 0 every case holds, 1 one does not.
+
+    \b
+    Examples:
+      contactimg selftest
+      contactimg selftest --all
+
+    Parameters
+    ----------
+    every
+        All cases, with 100,000 and a million asperities; takes some minutes.
+    """
+    with stage("loading"):
+        from contactimg.hard_cases import chosen_cases, run_cases
+
+    with progress("solving", len(chosen_cases(every=every))) as advance:
+        table = run_cases(every=every, advance=advance)
+    rows = [
+        {
+            "case": row["case"],
+            "answer": str(row["said"])[:LONGEST_SENTENCE],
+            "": "" if row["passed"] else "FAILS",
+            "residual": f"{row['residual']:.1g}".replace("nan", ""),
+            "error": f"{row['error']:.2g}".replace("nan", ""),
+            "allowed": f"{row['allowed']:.2g}" if row["truth"] else "",
+            "truth": row["truth"],
+        }
+        for row in table.to_dict("records")
+    ]
+    echo_table("hard cases", rows, left=3)
+    failed = int((~table["passed"]).sum())
+    say(f"{len(table) - failed} of {len(table)} hold" + (f", {failed} do not" if failed else ""))
+    return int(failed > 0)

@@ -121,6 +121,19 @@ def together(*decorators: Decorator) -> Decorator:
     return decorate
 
 
+def option(name: str, annotation: Any, default: Any = None) -> Decorator:
+    """An option as a parameter of a command would make it, for several commands."""
+    kind = inspect.Parameter.KEYWORD_ONLY
+    made = _parameter(inspect.Parameter(name, kind, default=default, annotation=annotation), "")
+
+    def decorate(function: Function) -> Function:
+        # where click collects the options of a function
+        function.__dict__.setdefault("__click_params__", []).append(made)
+        return function
+
+    return decorate
+
+
 # --- types and meanings of parameters that several commands share
 
 ExistingFile = Annotated[str, click.Path(exists=True, dir_okay=False)]
@@ -147,62 +160,62 @@ Annulus = Annotated[float, "Width of the rings around the apex over which profil
 
 
 def _preparing(
-    act: Callable[[click.Context, Any], None], flag: str, help_text: str, **more: Any
-) -> Decorator:
-    """An option that prepares the run of a command and is not handed to it."""
+    flag: str, help_text: str, **more: Any
+) -> Callable[[Callable[[click.Context, Any], None]], Decorator]:
+    """An option that prepares the run of a command and is not handed to it, made of what it does."""
 
-    def callback(context: click.Context, _parameter: click.Parameter, value: Any) -> None:
-        if value:
-            act(context, value)
+    def declare(act: Callable[[click.Context, Any], None]) -> Decorator:
+        def callback(context: click.Context, _parameter: click.Parameter, value: Any) -> None:
+            if value:
+                act(context, value)
 
-    settings = more or {"is_flag": True}
-    return click.option(flag, expose_value=False, callback=callback, help=help_text, **settings)
+        settings = more or {"is_flag": True}
+        return click.option(flag, expose_value=False, callback=callback, help=help_text, **settings)
+
+    return declare
 
 
-def _time_stages(context: click.Context, _value: Any) -> None:
+@_preparing("--timings", "Print a table at the end: how long each stage took, in seconds.")
+def timings(context: click.Context, _value: Any) -> None:
+    """Time the stages."""
     times = context.with_resource(collect())
     context.call_on_close(lambda: echo_timings(times))
 
 
-def _be_verbose(_context: click.Context, _value: Any) -> None:
-    logging.getLogger("contactimg").setLevel(logging.INFO)
-
-
-def _be_quiet(context: click.Context, _value: Any) -> None:
+@_preparing("--quiet", "Print nothing but warnings and errors: no tables, no progress bars.")
+def quiet(context: click.Context, _value: Any) -> None:
+    """Say nothing."""
     context.meta[QUIET] = True
 
 
-def _doubt_as_warning(context: click.Context, _value: Any) -> None:
+@_preparing("--verbose", "Report each step on standard error.")
+def verbose(_context: click.Context, _value: Any) -> None:
+    """Say more."""
+    logging.getLogger("contactimg").setLevel(logging.INFO)
+
+
+@_preparing(
+    "--no-plausibility",
+    "Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
+)
+def no_plausibility(context: click.Context, _value: Any) -> None:
+    """Refuse no doubtful value."""
     with stage("loading"):
         from contactimg.plausibility import doubts_as_warnings
     context.with_resource(doubts_as_warnings())
 
 
-def _use_cluster(context: click.Context, address: str) -> None:
-    with stage("loading"):
-        from contactimg.engine.cluster import on_cluster
-    context.with_resource(on_cluster(address))
-
-
-timings = _preparing(
-    _time_stages, "--timings", "Print a table at the end: how long each stage took, in seconds."
-)
-quiet = _preparing(
-    _be_quiet, "--quiet", "Print nothing but warnings and errors: no tables, no progress bars."
-)
-verbose = _preparing(_be_verbose, "--verbose", "Report each step on standard error.")
-no_plausibility = _preparing(
-    _doubt_as_warning,
-    "--no-plausibility",
-    "Warn about values that physics makes doubtful (a length in mm, say) instead of refusing them.",
-)
-cluster = _preparing(
-    _use_cluster,
+@_preparing(
     "--cluster",
     "Work on the cluster of a dask.distributed scheduler, instead of --workers: its address, for example "
     "tcp://host:8786, or its scheduler file.",
     metavar="ADDRESS",
 )
+def cluster(context: click.Context, address: str) -> None:
+    """Let a cluster take the calls."""
+    with stage("loading"):
+        from contactimg.engine.cluster import on_cluster
+    context.with_resource(on_cluster(address))
 
 
 # --- the results of a command

@@ -145,15 +145,13 @@ def echo_results(results: "pd.DataFrame", *, title: str) -> None:
         by_model = {row["model"]: row for row in part.to_dict("records")}
         row = by_model.get(own, {"low": float("nan")})
         interval = "" if isnan(row["low"]) else f"{row['low']:.4g} ... {row['high']:.4g}"
-        values = {m: "" if m not in by_model else _of_row(by_model[m]) for m in (own, *models)}
+        values = {
+            m: _brief(by_model[m]["value"], by_model[m]["std"]) if m in by_model else ""
+            for m in (own, *models)
+        }
         found = {"quantity": str(quantity), own: values.pop(own), "interval": interval}
         rows.append(found | values | {"unit": part["unit"].iloc[0]})
     echo_table(title, rows, left=1)
-
-
-def _of_row(row: Mapping[Hashable, Any]) -> str:
-    """The value of a row of results."""
-    return _brief(row["value"], row["std"])
 
 
 def echo_plan(plan: "Plan", *, title: str) -> None:

@@ -166,7 +166,11 @@ def _in_order(
                     return
                 item, future = calls[0]
                 try:
-                    result = _second_time_alone(pool, item, future, [other for _, other in calls])
+                    try:
+                        result = pool.result(future)
+                    except WorkerEndedError:  # by any call under way: this one is made again alone
+                        pool.settle([other for _, other in calls])
+                        result = pool.result(pool.submit(item))
                     failures = 0
                 except WorkerEndedError as error:
                     failures += 1
@@ -181,15 +185,6 @@ def _in_order(
         finally:
             if calls:
                 pool.drop()
-
-
-def _second_time_alone(pool: Any, item: tuple[Any, ...], future: Any, all_calls: list[Any]) -> Any:
-    """The result of a call; if a worker was ended, by any call under way, that of a second call alone."""
-    try:
-        return pool.result(future)
-    except WorkerEndedError:
-        pool.settle(all_calls)
-        return pool.result(pool.submit(item))
 
 
 class _LocalPool:
@@ -216,14 +211,13 @@ class _LocalPool:
         """Calls that may be under way."""
         return AHEAD * self._processes
 
-    def submit(self, item: tuple[Any, ...]) -> Future[Any]:
+    def submit(self, item: tuple[Any, ...]) -> Any:
         """Make a call."""
         try:
-            future: Future[Any] = self._executor.submit(_call, self._file, *item)
+            return self._executor.submit(_call, self._file, *item)
         except BrokenProcessPool:
             self._executor = self._started()
-            future = self._executor.submit(_call, self._file, *item)
-        return future
+            return self._executor.submit(_call, self._file, *item)
 
     def result(self, future: Future[Any]) -> Any:
         """The result of a call when it is there; `WorkerEndedError` if its worker was ended."""

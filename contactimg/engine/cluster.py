@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import chdir, contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -84,44 +83,27 @@ def _difference(one: dict[str, str], other: dict[str, str]) -> str:
     return ", ".join(f"{name} {one.get(name)} against {other.get(name)}" for name in names)
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What all calls have in common: it travels once to each worker.
-
-    Parameters
-    ----------
-    function : callable
-    folder : str
-        Working directory of the command, in which relative paths are read.
-    installation : dict
-        Of the command: workers must have the same.
-    """
-
-    function: Callable[..., Any]
-    folder: str
-    installation: dict[str, str]
-
-    def call(self, arguments: tuple[Any, ...]) -> Any:
-        """Call the function, on a worker."""
-        other = _difference(self.installation, installation())
-        if other:
-            raise ClusterError(f"the command and a worker of the cluster differ: {other}; install the same")
-        if not Path(self.folder).is_dir():
-            raise ClusterError(
-                f"a worker of the cluster has no folder {self.folder}; command and workers must see frames "
-                "and results under the same path (a shared folder)"
-            )
-        # figures and the working directory belong to the process: its threads take turns
-        with _one_at_a_time, chdir(self.folder):
-            return self.function(*arguments)
-
-
 def _call(name: str, arguments: tuple[Any, ...]) -> Any:
-    """A call on a worker, of the task that it has under a name."""
+    """A call on a worker, of the function that it has under a name.
+
+    Beside it stand the working directory of the command, in which relative paths are read, and its
+    installation: workers must have the same.
+    """
     from distributed import get_worker
 
     plugin: Any = get_worker().plugins[name]
-    return plugin.task.call(arguments)
+    function, folder, installed = plugin.task
+    other = _difference(installed, installation())
+    if other:
+        raise ClusterError(f"the command and a worker of the cluster differ: {other}; install the same")
+    if not Path(folder).is_dir():
+        raise ClusterError(
+            f"a worker of the cluster has no folder {folder}; command and workers must see frames "
+            "and results under the same path (a shared folder)"
+        )
+    # figures and the working directory belong to the process: its threads take turns
+    with _one_at_a_time, chdir(folder):
+        return function(*arguments)
 
 
 class Cluster:
@@ -152,7 +134,7 @@ class Cluster:
         from distributed import WorkerPlugin
 
         class CommonTask(WorkerPlugin):
-            task = _Task(function, str(Path.cwd()), installation())
+            task = function, str(Path.cwd()), installation()
 
         name = f"contactimg-{uuid4().hex}"
         with self.failures_named():
@@ -290,7 +272,11 @@ def on_cluster(place: str) -> Iterator[Cluster]:
         raise InputError(
             'a cluster needs dask.distributed; install it with: pip install "contactimg[cluster]"'
         ) from None
-    where = _place_of(place)
+    if "://" not in place and not Path(place).is_file():
+        raise InputError(
+            f"--cluster {place}: neither an address such as tcp://host:8786 nor a scheduler file that exists"
+        )
+    where = {"address" if "://" in place else "scheduler_file": place}
     for name in ("distributed", "distributed.client"):  # what it reports is in the errors here
         logging.getLogger(name).setLevel(logging.CRITICAL)
     limit = patience()
@@ -309,14 +295,3 @@ def on_cluster(place: str) -> Iterator[Cluster]:
             _in_use.reset(token)
             with suppress(Exception):  # the scheduler may have gone
                 client.close(timeout=_CLOSE_SECONDS)
-
-
-def _place_of(place: str) -> dict[str, str]:
-    """The arguments of a client for an address or a scheduler file."""
-    if "://" in place:
-        return {"address": place}
-    if not Path(place).is_file():
-        raise InputError(
-            f"--cluster {place}: neither an address such as tcp://host:8786 nor a scheduler file that exists"
-        )
-    return {"scheduler_file": place}

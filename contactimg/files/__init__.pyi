@@ -39,9 +39,9 @@ from .output import OutputFolder as OutputFolder
 from .part_store import PartStore as PartStore
 from .part_store import fingerprint as fingerprint
 from .part_store import read_part as read_part
-from .run_tables import EncodedRows as EncodedRows
 from .run_tables import TableFormat as TableFormat
 from .run_tables import TableWriter as TableWriter
+from .run_tables import encoded_rows as encoded_rows
 from .run_tables import main_tables as main_tables
 from .run_tables import read_run_table as read_run_table
 from .run_tables import require_format as require_format

@@ -48,7 +48,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
         part = Path(name)
         try:
             yield part
-            part.chmod(0o666 & ~_umask())
+            mask = os.umask(0)  # which mkstemp ignores
+            os.umask(mask)
+            part.chmod(0o666 & ~mask)
             part.replace(path)
         finally:
             part.unlink(missing_ok=True)
@@ -80,13 +82,6 @@ def _is_running(process: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
-
-
-def _umask() -> int:
-    """The file permission mask of the process, which mkstemp ignores."""
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 @stage("writing")

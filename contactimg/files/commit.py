@@ -117,7 +117,9 @@ def complete_commit(folder: Path) -> None:
             _place(folder, name, foreign=name not in earlier)
         for name in sorted(earlier - new):
             (folder / name).unlink(missing_ok=True)
-            _remove_empty((folder / name).parent, top=folder)
+            with suppress(OSError):  # a folder that is not empty, or the output folder
+                for parent in name.parents[:-1]:
+                    (folder / parent).rmdir()
         (pending / PROVENANCE_FILE).replace(folder / PROVENANCE_FILE)
     if pending.exists():
         shutil.rmtree(pending)
@@ -134,14 +136,6 @@ def _place(folder: Path, name: Path, *, foreign: bool) -> None:
         logger.warning("%s was not written by a run; it is kept as %s", target, kept.name)
         target.replace(kept)
     source.replace(target)
-
-
-def _remove_empty(folder: Path, *, top: Path) -> None:
-    """Remove a folder below ``top``, and those above it, as far as they are empty."""
-    with suppress(OSError):
-        while folder != top:
-            folder.rmdir()
-            folder = folder.parent
 
 
 def finish_commit(folder: str | Path) -> None:

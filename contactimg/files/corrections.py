@@ -59,17 +59,21 @@ class PixelCorrections:
     dark, flat : tuple of FrameSource
         Images whose mean is subtracted, and divided by.
     areas : tuple of MaskedArea
-    names : tuple of str
-        Names of the frames in order, which regions of a stack refer to by number.
+        To leave out.
+    number : int
+        Of the frame, from 1, to which regions of a stack refer; 0 for none.
+    masked : bool
+        Whether an area of any frame is left out: then no frame keeps its type of pixel.
     """
 
     dark: tuple[FrameSource, ...] = ()
     flat: tuple[FrameSource, ...] = ()
     areas: tuple[MaskedArea, ...] = ()
-    names: tuple[str, ...] = ()
+    number: int = 0
+    masked: bool = False
 
     def __bool__(self) -> bool:
-        return bool(self.dark or self.flat or self.areas)
+        return bool(self.dark or self.flat or self.masked)
 
     @property
     def files(self) -> list[Path]:
@@ -77,19 +81,10 @@ class PixelCorrections:
         images = [source.path for source in (*self.dark, *self.flat)]
         return list(dict.fromkeys(images + [area.path for area in self.areas if area.path is not None]))
 
-    @property
-    def of_reference(self) -> "PixelCorrections":
-        """Those of the reference: an area masked in a frame is left out wherever the two are compared."""
-        return replace(self, areas=tuple(replace(area, frame="") for area in self.areas))
-
-    def of_frame(self, name: str) -> tuple[object, ...]:
-        """All that decides how the frame of this name is corrected.
-
-        Masks of other frames do so only by being there: then no frame keeps its type of pixel.
-        """
-        areas = [area for area in self.areas if area.frame in (EVERY_FRAME, name)]
-        number = self.names.index(name) if areas and name in self.names else None
-        return self.dark, self.flat, areas, number, bool(self.areas)
+    def of_frame(self, name: str, number: int) -> "PixelCorrections":
+        """Those of one frame. Of the reference none: what a frame hides is left out of the comparison."""
+        areas = tuple(area for area in self.areas if name and area.frame in (EVERY_FRAME, name))
+        return replace(self, areas=areas, number=number if areas else 0) if self.masked else self
 
     def __call__(self, frame: Frame) -> Frame:
         """The corrected frame.
@@ -101,26 +96,17 @@ class PixelCorrections:
         """
         if self.dark or self.flat:
             frame = _subtract_and_divide(frame, self.dark, self.flat)
-        if not self.areas:
+        if not self.masked:
             return frame
         image = frame.image if frame.image.dtype.kind == "f" else frame.image.astype(np.float32)
-        masked = self.masked(frame.name, frame.shape)
-        if masked.any():
-            image = np.where(masked, np.float32(np.nan), image)
-        return replace(frame, image=image)
-
-    def masked(self, name: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Which pixels of the frame of this name are left out."""
-        out = np.zeros(shape, np.bool_)
-        number = self.names.index(name) + 1 if name in self.names else 0
         for area in self.areas:
-            if area.frame not in (EVERY_FRAME, name):
-                continue
-            if area.path is None:
-                out |= _inside([area.points], shape)
-            else:
-                out |= _of_file(area.path, number, shape, name)
-        return out
+            out = (
+                _inside([area.points], frame.shape)
+                if area.path is None
+                else _of_file(area.path, self.number, frame.shape, frame.name)
+            )
+            image = np.where(out, np.float32(np.nan), image)
+        return replace(frame, image=image)
 
 
 def find_areas(masks: Mapping[str, Source], folder: Path, names: Sequence[str]) -> tuple[MaskedArea, ...]:
@@ -168,7 +154,7 @@ def _regions(path: Path) -> tuple[Region, ...]:
 
 
 @lru_cache(maxsize=16)
-def _image(path: Path) -> NDArray:
+def _mask_image(path: Path) -> NDArray:
     """The pixels of a mask."""
     return FrameSource(path.name, path).read().image
 
@@ -190,7 +176,7 @@ def _of_file(path: Path, number: int, shape: tuple[int, int], name: str) -> NDAr
     if path.suffix.lower() in ROI_SUFFIXES:
         regions = [region for region in _regions(path) if region.image in (0, number)]
         return _inside([region.outline for region in regions], shape)
-    image = _image(path)
+    image = _mask_image(path)
     _check_size(path.name, image, shape, name)
     return image != 0
 
@@ -213,19 +199,14 @@ def _check_size(name: str, image: NDArray, shape: tuple[int, int], frame: str) -
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Fields:
-    """Dark frame and gain (flat field over its median) with the pixels that they make useless."""
-
-    dark: NDArray[np.float32]
-    gain: NDArray[np.float32]
-    level: float
-    useless: NDArray[np.bool_]
-
-
 @lru_cache(maxsize=2)
-def _fields(dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]) -> _Fields:
-    """The mean dark frame and the gain; pixels saturated in the dark or without light are useless."""
+def _fields(
+    dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSource, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.float32], float, NDArray[np.bool_]]:
+    """The mean dark frame, the gain (flat field over its median), the dark level, and useless pixels.
+
+    Those are saturated in the dark or without light.
+    """
     shape = (*dark_sources, *flat_sources)[0].read().shape
     dark, useless = np.zeros(shape, np.float32), np.zeros(shape, np.bool_)
     if dark_sources:
@@ -244,7 +225,7 @@ def _fields(dark_sources: tuple[FrameSource, ...], flat_sources: tuple[FrameSour
         gain = light / np.float32(middle)
         useless |= gain < LEAST_FLAT_FRACTION
         gain[useless] = 1.0
-    return _Fields(dark, gain, float(np.median(dark)), useless)
+    return dark, gain, float(np.median(dark)), useless
 
 
 def _subtract_and_divide(
@@ -255,19 +236,19 @@ def _subtract_and_divide(
     Each pixel now saturates at a level of its own, so saturated pixels get one level above all others, the
     new full scale. A frame with one value everywhere keeps one value: black stays black.
     """
-    fields = _fields(dark_sources, flat_sources)
-    _check_size((*dark_sources, *flat_sources)[0].name, fields.dark, frame.shape, frame.name)
+    dark, gain, level, useless = _fields(dark_sources, flat_sources)
+    _check_size((*dark_sources, *flat_sources)[0].name, dark, frame.shape, frame.name)
     scale = np.inf if frame.full_scale is None else frame.full_scale
     raw = frame.image
     if raw.min() == raw.max() and raw[0, 0] < scale:
-        flat = np.full(frame.shape, max(float(raw[0, 0]) - fields.level, 0.0), np.float32)
+        flat = np.full(frame.shape, max(float(raw[0, 0]) - level, 0.0), np.float32)
         return replace(frame, image=flat)
-    image = (raw.astype(np.float32) - fields.dark) / fields.gain
+    image = (raw.astype(np.float32) - dark) / gain
     full_scale = frame.full_scale
     if full_scale is not None:
         saturated = raw >= full_scale
-        top = np.float32(max(float(np.max(image[~fields.useless], initial=0.0)), full_scale - fields.level))
+        top = np.float32(max(float(np.max(image[~useless], initial=0.0)), full_scale - level))
         full_scale = float(np.nextafter(top, np.float32(np.inf)))
         image[saturated] = full_scale
-    image[fields.useless] = np.nan
+    image[useless] = np.nan
     return Frame(image, frame.name, full_scale)

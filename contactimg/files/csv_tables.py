@@ -3,8 +3,7 @@
 import csv
 import io
 import math
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -77,96 +76,63 @@ def read_table(
     InputError
         With the file, and the line and column of the first cell that is not valid.
     """
-    path, text = Path(path), _read_text(path)
-    separator = _separator(text)
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-    rows = ((lines.line_num, row) for row in lines if any(cell.strip() for cell in row))
+    separator, rows = _csv_rows(path)
+    header = [name.strip() for name in next(rows, (1, []))[1]]
+    columns = _columns(Path(path), header, schema, required)
     blocks = [schema.empty()]
-    try:
-        header = [name.strip() for name in next(rows, (1, []))[1]]
-        columns = _columns(path, header, schema, required)
-        while block := list(islice(rows, _BLOCK_ROWS)):
+    while block := list(islice(rows, _BLOCK_ROWS)):
+        for line, row in block:
+            if len(row) != len(header):
+                raise InputError(
+                    f"{path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
+                )
+        values = dict[str, list[object]]()
+        for name, (place, divisor) in columns.items():
+            parse = _parser(schema, name, divisor, decimal_comma=separator != ",", infinite=infinite)
+            found = values.setdefault(name, [])
             for line, row in block:
-                if len(row) != len(header):
-                    raise InputError(
-                        f"{path}: line {line} has {len(row)} cells, but the header has {len(header)} columns"
-                    )
-            values = {
-                column.name: column.values(path, block, decimal_comma=separator != ",", infinite=infinite)
-                for column in columns
-            }
-            blocks.append(schema.conform(pd.DataFrame(values)))
-    except csv.Error as error:
-        raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
+                try:
+                    if name in (required or ()) and not row[place].strip():
+                        raise ValueError("must have a value")
+                    found.append(parse(row[place]))
+                except ValueError as error:
+                    got = row[place][:_SHOWN_CHARACTERS]
+                    raise InputError(f"{path}: line {line}, column {name} {error}, got {got!r}") from None
+        blocks.append(schema.conform(pd.DataFrame(values)))
     return pd.concat([block for block in blocks if len(block)] or blocks, ignore_index=True)
 
 
-def _read_text(path: str | Path) -> str:
-    """The text of a file; bytes that are not UTF-8 are kept (they occur in file names)."""
+def _csv_rows(path: str | Path) -> tuple[str, Iterator[tuple[int, list[str]]]]:
+    """Separator of a CSV file, and its rows with the numbers of their lines; blank lines are left out.
+
+    Bytes that are not UTF-8 are kept: they occur in file names.
+    """
     try:
         data = Path(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or b"\0" in data[:1000]:
         raise OtherFormError(f"{path}: is not UTF-8 text; save it as 'CSV UTF-8'")
-    return data.decode("utf-8-sig", errors="surrogateescape")
+    text = data.decode("utf-8-sig", errors="surrogateescape")
+    separator = max(_SEPARATORS, key=text.lstrip("\r\n").partition("\n")[0].count)
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
 
+    def rows() -> Iterator[tuple[int, list[str]]]:
+        try:
+            yield from ((lines.line_num, row) for row in lines if any(cell.strip() for cell in row))
+        except csv.Error as error:
+            raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
 
-def _separator(text: str) -> str:
-    """The separator of the cells in the header."""
-    header = text.lstrip("\r\n").partition("\n")[0]
-    return max(_SEPARATORS, key=header.count)
-
-
-@dataclass(frozen=True)
-class _Column:
-    """A column of a file.
-
-    Parameters
-    ----------
-    name, kind : str
-        Of the schema; the kind is "flags" or the type of the values.
-    place : int
-        In the file.
-    required : bool
-        Whether every row needs a value.
-    divisor : float
-        Of a number in another unit; 300 / 1e3 is 0.3, and 300 * 1e-3 need not be.
-    """
-
-    name: str
-    kind: str
-    place: int
-    required: bool
-    divisor: float
-
-    def values(
-        self, path: Path, block: list[tuple[int, list[str]]], *, decimal_comma: bool, infinite: bool
-    ) -> list[object]:
-        """The values in numbered rows; the error names the first cell that is not valid."""
-        found: list[object] = []
-        for line, row in block:
-            cell = row[self.place]
-            try:
-                if self.required and not cell.strip():
-                    raise ValueError("must have a value")
-                if self.kind == "str":
-                    found.append(cell)
-                elif self.kind == "float64":
-                    number = cell.replace(",", ".") if decimal_comma else cell
-                    found.append(_parse_number(number, infinite=infinite) / self.divisor)
-                else:
-                    found.append(_parse_flags(cell) if self.kind == "flags" else _parse_count(cell))
-            except ValueError as error:
-                got = cell[:_SHOWN_CHARACTERS]
-                raise InputError(f"{path}: line {line}, column {self.name} {error}, got {got!r}") from None
-        return found
+    return separator, rows()
 
 
 def _columns(
     path: Path, header: list[str], schema: Schema, required: Collection[str] | None
-) -> list[_Column]:
-    """The columns of the schema in a file; a repeated, misspelt (capitals) or missing one is an error."""
+) -> dict[str, tuple[int, float]]:
+    """Column of the schema -> its place in a file, and the divisor of its numbers where the unit is another.
+
+    A repeated, misspelt (capitals) or missing one is an error. 300 / 1e3 is 0.3, and 300 * 1e-3 need not be.
+    """
     names, divisors = [], []
     for name in header:
         other = [
@@ -174,8 +140,7 @@ def _columns(
             for ending, (si, divisor) in _UNITS.items()
             if name not in schema.columns and name.endswith(ending)
         ]
-        known = [(right, divisor) for right, divisor in other if right in schema.columns]
-        right, divisor = known[0] if known else (name, 1.0)
+        right, divisor = next((one for one in other if one[0] in schema.columns), (name, 1.0))
         names.append(right)
         divisors.append(divisor)
     needed = schema.first if required is None else required
@@ -191,17 +156,20 @@ def _columns(
         for right in schema.columns:
             if name.lower() == right.lower() and name != right:
                 raise InputError(f"{path}: column {name!r} must be written {right!r}")
-    return [
-        _Column(
-            name,
-            "flags" if name == "flags" else schema.columns[name][0],
-            place,
-            name in (required or ()),
-            divisor,
-        )
-        for place, (name, divisor) in enumerate(zip(names, divisors, strict=True))
-        if name in schema.columns
-    ]
+    return {name: (k, divisors[k]) for k, name in enumerate(names) if name in schema.columns}
+
+
+def _parser(
+    schema: Schema, name: str, divisor: float, *, decimal_comma: bool, infinite: bool
+) -> Callable[[str], object]:
+    """What makes a value of a cell of a column; it raises `ValueError` with what the cell must be."""
+    kind = "flags" if name == "flags" else schema.columns[name][0]
+
+    def number(cell: str) -> float:
+        return _parse_number(cell.replace(",", ".") if decimal_comma else cell, infinite=infinite) / divisor
+
+    parsers: dict[str, Callable[[str], object]] = {"str": str, "float64": number, "flags": _parse_flags}
+    return parsers.get(kind, _parse_count)
 
 
 def _parse_number(cell: str, *, infinite: bool) -> float:
@@ -398,10 +366,5 @@ def read_text_rows(path: str | Path) -> tuple[str, list[list[str]]]:
     InputError
         If it cannot be read or is not CSV.
     """
-    text = _read_text(path)
-    separator = _separator(text)
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
-    try:
-        return separator, [row for row in lines if any(cell.strip() for cell in row)]
-    except csv.Error as error:
-        raise InputError(f"{path}: line {lines.line_num} is not CSV ({error})") from None
+    separator, rows = _csv_rows(path)
+    return separator, [row for _, row in rows]

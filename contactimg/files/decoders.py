@@ -37,17 +37,14 @@ Image.MAX_IMAGE_PIXELS = None  # `check_size` has the limit
 def read_still(path: Path, _index: int) -> Pixels:
     """Pixels as stored (an orientation tag is not applied), without transparency."""
     data = path.read_bytes()
-    array = _decode_png(data) if data.startswith(_PNG) else _decode_other(data)
+    if data.startswith(_PNG):  # grey or red-green-blue, 8 or 16 bits; palettes are expanded
+        check_size(*_PNG_SIZE.unpack(data[16:24].ljust(8, b"\0")))
+        array = imagecodecs.png_decode(data)
+        if array.ndim > 2:
+            array = array[..., 0] if array.shape[2] <= 2 else array[..., :3]
+    else:
+        array = _decode_other(data)
     return Pixels(array, float(np.iinfo(array.dtype).max))
-
-
-def _decode_png(data: bytes) -> NDArray:
-    """Grey or red-green-blue of a PNG, 8 or 16 bits; palettes are expanded."""
-    check_size(*_PNG_SIZE.unpack(data[16:24].ljust(8, b"\0")))
-    array = imagecodecs.png_decode(data)
-    if array.ndim == 2:
-        return array
-    return array[..., 0] if array.shape[2] <= 2 else array[..., :3]
 
 
 def _decode_other(data: bytes) -> NDArray:

@@ -195,18 +195,24 @@ def open_experiment(scene: Scene, *, pulled: bool = False) -> Experiment:
     InputError
         If a named file is missing or not valid, there is no frame, or no load belongs to a frame.
     """
-    references = tuple(_find_references(scene))
+    given = scene.images.reference
+    entries = [given] if isinstance(given, str) else given or []
+    references = tuple(dict.fromkeys(one for entry in entries for one in _list_reference(entry, scene)))
     frames = _find_frames(scene, list(references))
-    tables = [_loads_file(scene), _asperities_file(scene), _edits_file(scene)]
-    edits = EDITS.empty() if tables[2] is None else read_edits(tables[2])
+    named = edits_file(scene, scene.folder)
+    edited = named if scene.images.edits is not None or named.is_file() else None
+    tables = [_loads_file(scene), _asperities_file(scene), edited]
+    edits = EDITS.empty() if edited is None else read_edits(edited)
     loads = _align_loads(tables[0], [frame.name for frame in frames], pulled=pulled)
     corrections = _find_corrections(scene, frames)
-    corrections = replace(corrections, areas=corrections.areas + masked_areas(edits))
+    areas = corrections.areas + masked_areas(edits)
+    corrections = replace(corrections, areas=areas, masked=bool(areas))
     files = [source.path for source in references] + [table for table in tables if table is not None]
     others = tuple(dict.fromkeys(files + corrections.files))
     if corrections:
-        frames = [replace(frame, correct=corrections) for frame in frames]
-        references = tuple(replace(one, correct=corrections.of_reference) for one in references)
+        numbered = enumerate(frames, start=1)
+        frames = [replace(one, correct=corrections.of_frame(one.name, k)) for k, one in numbered]
+        references = tuple(replace(one, correct=corrections.of_frame("", 0)) for one in references)
     asperities = read_scene_asperities(scene)
     return Experiment(scene, references, frames, loads, asperities, others, edits, corrections)
 
@@ -218,7 +224,7 @@ def _find_corrections(scene: Scene, frames: list[FrameSource]) -> PixelCorrectio
         _list_frames(named, scene, folder=folder) if named else () for named in (images.dark, images.flat)
     )
     names = [frame.name for frame in frames]
-    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names), tuple(names))
+    return PixelCorrections(tuple(dark), tuple(flat), find_areas(images.masks, folder, names))
 
 
 def read_scene_asperities(scene: Scene) -> pd.DataFrame | None:
@@ -247,17 +253,8 @@ def _list_frames(
     return list_frames(path, folder=folder, full_scale=full_scale, response=CameraResponse.of(scene.camera))
 
 
-def _find_references(scene: Scene) -> list[FrameSource]:
-    """The reference frames: files, globs, all images of a file, or ``name[k]`` for one of them."""
-    named = scene.images.reference
-    found: list[FrameSource] = []
-    for entry in [named] if isinstance(named, str) else named or []:
-        found += _list_reference(entry, scene)
-    return list(dict.fromkeys(found))
-
-
 def _list_reference(named: str, scene: Scene) -> Sequence[FrameSource]:
-    """The reference frames of one entry."""
+    """The reference frames of one entry: a file, a glob, all images of a file, or ``name[k]`` for one."""
     path = Path(scene.folder) / named
     file = named_file(named, Path(scene.folder))
     if glob.has_magic(named) and file == path and not file.exists():
@@ -315,12 +312,6 @@ def _loads_file(scene: Scene) -> Path | None:
         return Path(scene.folder) / scene.images.loads
     path = Path(scene.folder) / _LOADS_FILE
     return path if path.is_file() else None
-
-
-def _edits_file(scene: Scene) -> Path | None:
-    """Path of the corrections by hand; without one in the scene, edits.csv if it is there."""
-    path = edits_file(scene, scene.folder)
-    return path if scene.images.edits is not None or path.is_file() else None
 
 
 def edits_file(scene: Scene | None, folder: str | Path) -> Path:

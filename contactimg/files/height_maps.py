@@ -1,23 +1,18 @@
 """Height maps of profilometers: plain matrices, float TIFF, and whatever SurfaceTopography reads."""
 
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
 from contactimg.errors import InputError
-from contactimg.files.pixel_size import stated_pixel_size
 from contactimg.files.pixels import check_size
+from contactimg.files.tiff import METRES, stated_pixel_size
 from contactimg.summits import HeightMap
 
 Values = NDArray[np.float64]
-
-HEIGHT_UNITS = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-"""Names of units of height, and how many metres they are."""
 
 TEXT = (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz")
 """Extensions of files that may hold a matrix as text."""
@@ -25,23 +20,9 @@ TEXT = (".txt", ".csv", ".dat", ".asc", ".tsv", ".xyz")
 INSTALL = 'pip install "contactimg[maps]"'
 
 
-@dataclass(frozen=True)
-class MapScale:
-    """What a plain matrix does not say; None where it is not given.
-
-    Parameters
-    ----------
-    pixel_size : float or None, m
-        Distance between neighbouring values, in place of what the file says.
-    height_unit : float or None, m
-        What a height of 1 means.
-    """
-
-    pixel_size: float | None = None
-    height_unit: float | None = None
-
-
-def read_height_map(path: str | Path, scale: MapScale) -> HeightMap:
+def read_height_map(
+    path: str | Path, *, pixel_size: float | None = None, height_unit: float | None = None
+) -> HeightMap:
     """Read a height map.
 
     Parameters
@@ -50,7 +31,10 @@ def read_height_map(path: str | Path, scale: MapScale) -> HeightMap:
         ``.npy``; a matrix as text, one line a row, values divided by spaces, tabs, commas or semicolons, with
         ``nan`` or an empty cell where nothing was measured; a TIFF of one channel; or a file of an instrument
         that SurfaceTopography reads (extra ``maps``).
-    scale : MapScale
+    pixel_size : float, optional
+        Distance between neighbouring values, m, in place of what the file says.
+    height_unit : float, optional
+        What a height of 1 means, m, in place of what the file says.
 
     Returns
     -------
@@ -62,22 +46,18 @@ def read_height_map(path: str | Path, scale: MapScale) -> HeightMap:
         If the file cannot be read, holds no matrix, or pixel size or unit of height are stated nowhere.
     """
     path = Path(path)
-    matrix = _plain_matrix(path)
-    if matrix is None:
-        return _of_instrument(path, scale)
-    if scale.height_unit is None:
+    heights, unit, steps = _plain_matrix(path), None, None
+    if heights is None:
+        heights, unit, steps = _of_instrument(path)
+    unit = height_unit or unit
+    if unit is None:
         raise InputError(f"{path}: does not say the unit of its heights; state it with --height-unit")
-    pixel = scale.pixel_size or stated_pixel_size(path)
-    if pixel is None:
+    pixel = pixel_size or (None if steps else stated_pixel_size(path))
+    steps = steps if pixel is None else (pixel, pixel)
+    if steps is None:
         raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
-    heights = np.where(np.isfinite(matrix), matrix, np.nan) * scale.height_unit
-    return _checked(path, heights, (pixel, pixel))
-
-
-def _checked(path: Path, heights: Values, pixel_size: tuple[float, float]) -> HeightMap:
-    """The map, or an error that names the file."""
     try:
-        return HeightMap(heights, pixel_size)
+        return HeightMap(np.where(np.isfinite(heights), heights, np.nan) * unit, steps)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -129,7 +109,8 @@ def _text_matrix(path: Path) -> Values | None:
         if separator and not cells[-1].strip() and rows and len(cells) == len(rows[0]) + 1:
             cells.pop()  # a separator at the end of each line
         try:
-            rows.append([_number(cell.replace(",", ".") if decimal_comma else cell) for cell in cells])
+            numbers = [cell.replace(",", ".") if decimal_comma else cell for cell in cells]
+            rows.append([float(cell) if cell.strip() else np.nan for cell in numbers])
         except ValueError:
             return None
     if separator and all(np.isnan(row[-1]) for row in rows):
@@ -137,13 +118,8 @@ def _text_matrix(path: Path) -> Values | None:
     return np.array(rows) if len({len(row) for row in rows}) == 1 and len(rows[0]) > 3 else None
 
 
-def _number(cell: str) -> float:
-    """A height; an empty cell is one that was not measured."""
-    return float(cell) if cell.strip() else np.nan
-
-
-def _of_instrument(path: Path, scale: MapScale) -> HeightMap:
-    """A map that SurfaceTopography reads."""
+def _of_instrument(path: Path) -> tuple[Values, float | None, tuple[float, float] | None]:
+    """Heights that SurfaceTopography reads, their unit and the pixel sizes along x and y (m) where stated."""
     try:
         import SurfaceTopography  # noqa: PLC0415
     except ImportError:
@@ -161,23 +137,9 @@ def _of_instrument(path: Path, scale: MapScale) -> HeightMap:
         raise InputError(f"{path}: cannot be read as a height map ({reason})") from None
     if heights.ndim != 2:
         raise InputError(f"{path}: holds a line profile; summits need a map")
-    metres = HEIGHT_UNITS.get(str(surface.unit).replace("µ", "u").replace("μ", "u"))
-    return _checked(path, heights.T * _height_unit(path, scale, metres), _steps(path, surface, scale, metres))
-
-
-def _height_unit(path: Path, scale: MapScale, metres: float | None) -> float:
-    """What a height of 1 means, m: the unit of the file unless another is given."""
-    unit = scale.height_unit or metres
-    if unit is None:
-        raise InputError(f"{path}: does not say the unit of its heights; state it with --height-unit")
-    return unit
-
-
-def _steps(path: Path, surface: Any, scale: MapScale, metres: float | None) -> tuple[float, float]:
-    """Pixel sizes along x and y, m."""
-    if scale.pixel_size is not None:
-        return scale.pixel_size, scale.pixel_size
+    metres = METRES.get(str(surface.unit))
     sizes, counts = surface.physical_sizes, surface.nb_grid_pts
-    if sizes is None or metres is None:
-        raise InputError(f"{path}: does not say its pixel size; state it with --pixel-size-um")
-    return metres * sizes[0] / counts[0], metres * sizes[1] / counts[1]
+    steps = None
+    if sizes is not None and metres is not None:
+        steps = metres * sizes[0] / counts[0], metres * sizes[1] / counts[1]
+    return heights.T, metres, steps

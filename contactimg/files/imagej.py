@@ -152,7 +152,10 @@ def _region(roi: ImagejRoi) -> Region | None:
     """A region with an area; None for points and lines."""
     image = max(roi.position, roi.t_position, roi.z_position, 0)
     if roi.roitype in (ROI_TYPE.OVAL, ROI_TYPE.RECT):
-        x, y, width, height = _bounds(roi)
+        x, y = float(roi.left), float(roi.top)  # in ImageJ's coordinates
+        width, height = float(roi.right - roi.left), float(roi.bottom - roi.top)
+        if roi.options & ROI_OPTIONS.SUB_PIXEL_RESOLUTION and roi.version >= 223:
+            x, y, width, height = map(float, (roi.xd, roi.yd, roi.widthd, roi.heightd))
         if not (width > 0 and height > 0):
             return None
         if roi.roitype == ROI_TYPE.OVAL:
@@ -164,13 +167,6 @@ def _region(roi: ImagejRoi) -> Region | None:
     else:
         return None
     return polygon_region(roi.name, corners - CORNER_TO_CENTRE_PX, image=image)
-
-
-def _bounds(roi: ImagejRoi) -> tuple[float, float, float, float]:
-    """Left, top, width and height of a rectangle or oval, in ImageJ's coordinates."""
-    if roi.options & ROI_OPTIONS.SUB_PIXEL_RESOLUTION and roi.version >= 223:
-        return float(roi.xd), float(roi.yd), float(roi.widthd), float(roi.heightd)
-    return float(roi.left), float(roi.top), float(roi.right - roi.left), float(roi.bottom - roi.top)
 
 
 def polygon_region(name: str, corners: NDArray[np.float64], *, image: int = 0) -> Region | None:

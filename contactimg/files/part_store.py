@@ -66,6 +66,8 @@ def _plain(value: Any) -> Any:
         return value.item()
     if isinstance(value, Mapping):
         return dict(value)
+    if isinstance(value, pd.DataFrame):
+        return value.to_dict("list")
     if value is pd.NA:
         return None
     raise TypeError(f"a {type(value).__name__} has no fingerprint")

@@ -2,7 +2,6 @@
 
 import importlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
@@ -20,26 +19,13 @@ TableFormat = Literal["csv", "parquet"]
 FORMATS: tuple[str, ...] = get_args(TableFormat)
 
 
-@dataclass(frozen=True, eq=False)
-class EncodedRows:
-    """Rows of a table as a file has them: made in any process, written in one.
+@stage("writing")
+def encoded_rows(table: pd.DataFrame, schema: Schema, table_format: TableFormat) -> str | pd.DataFrame:
+    """Rows of a table as a file has them: made in any process, written in one by a `TableWriter`.
 
-    Parameters
-    ----------
-    count : int
-    content : str or DataFrame
-        Text of CSV, or columns for Parquet.
+    Text of CSV, or columns for Parquet; `InputError` if they do not fit the schema.
     """
-
-    count: int
-    content: str | pd.DataFrame
-
-    @classmethod
-    @stage("writing")
-    def of(cls, table: pd.DataFrame, schema: Schema, table_format: TableFormat) -> "EncodedRows":
-        """The rows of a table; `InputError` if they do not fit the schema."""
-        content = text_of_rows(table, schema) if table_format == "csv" else schema.conform(table)
-        return cls(len(table), content)
+    return text_of_rows(table, schema) if table_format == "csv" else schema.conform(table)
 
 
 class TableWriter:
@@ -55,8 +41,8 @@ class TableWriter:
 
     Attributes
     ----------
-    rows : int
-        Number of rows written.
+    empty : bool
+        Whether no row was written.
 
     Raises
     ------
@@ -65,7 +51,7 @@ class TableWriter:
     """
 
     def __init__(self, schema: Schema, folder: Path, table_format: TableFormat = "csv") -> None:
-        self.schema, self.rows, self._format = schema, 0, table_format
+        self.schema, self.empty, self._format = schema, True, table_format
         self.path = folder / f"{schema.name}.{table_format}"
         self._file: Any = None
         try:
@@ -90,23 +76,22 @@ class TableWriter:
 
     def add(self, table: pd.DataFrame) -> None:
         """Add the rows of a table."""
-        self.append(EncodedRows.of(table, self.schema, self._format))
+        self.append(encoded_rows(table, self.schema, self._format))
 
     @stage("writing")
-    def append(self, rows: EncodedRows) -> None:
+    def append(self, rows: str | pd.DataFrame) -> None:
         """Add rows that were encoded for this table and its format."""
         try:
             if self._format == "csv":
-                self._file.write(rows.content)
+                self._file.write(rows)
                 self._file.flush()
             else:
-                self._file.write_table(
-                    self._arrow.Table.from_pandas(rows.content, schema=self._columns, preserve_index=False)
-                )
+                table = self._arrow.Table.from_pandas(rows, schema=self._columns, preserve_index=False)
+                self._file.write_table(table)
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(f"{self.path}: cannot be written ({reason})") from None
-        self.rows += rows.count
+        self.empty &= not len(rows)
 
 
 def table_file(folder: Path, schema: Schema) -> Path:

@@ -29,6 +29,7 @@ from contactimg.pose import Pose
 from contactimg.pose.apex import FOUND, STATED, Apex
 from contactimg.pose.fit import PoseFit
 from contactimg.scene import Scene, scene_from_dict
+from contactimg.scene.rules import Count, CountFrom1, NonNegative, Number, Point, Positive, YesNo
 from contactimg.tables import CONTACTS, FRAMES, OUTLINES, REJECTED, Schema, Status
 from contactimg.timings import stage
 
@@ -41,12 +42,8 @@ SCHEMA_VERSION = 1
 RUN_TABLES = ("contacts.csv", "frames.csv", "contacts.parquet", "frames.parquet")
 """The tables that other results are derived from, in either format."""
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[Number, Field(gt=0)]
-Count = Annotated[int, Field(strict=True, ge=0)]
-Size = Annotated[int, Field(strict=True, ge=1, le=10**6)]
+Size = Annotated[CountFrom1, Field(le=10**6)]
 Text = Annotated[str, Field(strict=True)]
-YesNo = Annotated[bool, Field(strict=True)]
 
 
 @stage("provenance")
@@ -81,6 +78,9 @@ def provenance(
     >>> provenance(command="contactimg process frames")["schema_version"]
     1
     """
+    declared = importlib.metadata.requires("contactimg") or []
+    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
+    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
     configuration: dict[str, Any] = {"options": dict(options or {})}
     if scene is not None:
         configuration |= {"scene": scene.configuration, "scene_folder": str(Path(scene.folder).resolve())}
@@ -88,7 +88,7 @@ def provenance(
         "schema_version": SCHEMA_VERSION,
         "command": command,
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": _versions(),
+        "versions": {"contactimg": __version__, "python": platform.python_version()} | versions,
         "platform": platform.platform(),
         "configuration": configuration,
         "inputs": [_fingerprint(path.resolve()) for path in inputs],
@@ -117,14 +117,6 @@ def changed_inputs(record: Mapping[str, Any]) -> list[str]:
             if "modified_ns" in entry and now != {name: entry[name] for name in now}:
                 found.append(entry["path"])
     return found
-
-
-def _versions() -> dict[str, str]:
-    """Versions of contactimg, Python and the libraries that contactimg declares."""
-    declared = importlib.metadata.requires("contactimg") or []
-    names = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in declared if "extra ==" not in line]
-    versions = {name: importlib.metadata.version(name) for name in sorted(names)}
-    return {"contactimg": __version__, "python": platform.python_version()} | versions
 
 
 def table_hashes(folder: Path, names: Iterable[str]) -> dict[str, str]:
@@ -194,20 +186,20 @@ class PoseRecord(_Part):
     rows: Size
     columns: Size
     pixel_size_m: Positive
-    centre_m: tuple[Number, Number]
+    centre_m: Point
     rotation_deg: Number
     mirrored: YesNo
     fitted: YesNo
     n_points: Count
     n_matched: Count
-    residual_m: Annotated[Number, Field(ge=0)] | None
+    residual_m: NonNegative | None
 
 
 class ApexRecord(_Part):
     """The apex of the indenter over the sample."""
 
-    apex_m: tuple[Number, Number]
-    std_m: tuple[Number, Number]
+    apex_m: Point
+    std_m: Point
     known: Text
 
 
@@ -243,7 +235,7 @@ class _InputFile(_Part):
 class RunRecord(_Part):
     """The record of a run."""
 
-    schema_version: Annotated[int, Field(strict=True, ge=1)]
+    schema_version: CountFrom1
     command: Text
     created: Text = ""
     configuration: _Configuration
@@ -427,7 +419,11 @@ def _read_run(folder: Path) -> Run:
         raise InputError(f"{folder}: holds no run of contactimg ({PROVENANCE_FILE} is missing)") from None
     except (ValueError, RecursionError):
         raise InputError(f"{folder / PROVENANCE_FILE}: is damaged; repeat the run") from None
-    record = _record_of_contacts(records)
+    # the record of the command that wrote the contacts; the last one if none says so
+    made = {"contacts.csv", "contacts.parquet"}
+    named = ((one, one.get("outputs")) for one in records)
+    wrote = (one for one, files in named if isinstance(files, list) and made & set(map(str, files)))
+    record = next(wrote, records[0])
     version = record.get("schema_version")
     if isinstance(version, int) and version > SCHEMA_VERSION:
         raise InputError(
@@ -445,20 +441,15 @@ def _read_run(folder: Path) -> Run:
             folder,
             " and ".join(changed),
         )
-    scene = _scene_of_run(folder, record["configuration"])
+    stated = record["configuration"]
+    place, relative = str(stated.get("scene_folder", ".")), stated.get("scene_folder_relative")
+    if relative is not None and not Path(place).is_dir():  # moved together with the output folder
+        place = os.path.normpath(folder / relative)
+    scene = scene_from_dict(stated.get("scene") or {}, name=str(folder / PROVENANCE_FILE), folder=place)
     apex = record.get("apex")
     scene = scene if apex is None else scene.with_apex(tuple(apex["apex_m"]))
     pose = None if record.get("pose") is None else _pose_of(record["pose"])
     return Run(scene, contacts, frames, pose, folder=folder, provenance=record, changed=tuple(changed))
-
-
-def _record_of_contacts(records: list[dict[str, Any]]) -> dict[str, Any]:
-    """The record of the command that wrote the contacts; the last one if none says so."""
-    for record in records:
-        outputs = record.get("outputs")
-        if isinstance(outputs, list) and {"contacts.csv", "contacts.parquet"} & set(map(str, outputs)):
-            return record
-    return records[0]
 
 
 def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) -> None:
@@ -483,21 +474,3 @@ def _check_tables(folder: Path, contacts: pd.DataFrame, frames: pd.DataFrame) ->
             f"{table_file(folder, CONTACTS)}: row {int(np.argmin(placed)) + 1} of {len(placed)} has no x_m "
             "and y_m, others have; delete the row or repeat the run"
         )
-
-
-def _scene_of_run(folder: Path, configuration: dict[str, Any]) -> Scene:
-    """The scene of a run; it may have been moved together with the output folder."""
-    return scene_from_dict(
-        configuration.get("scene") or {},
-        name=str(folder / PROVENANCE_FILE),
-        folder=_scene_folder(folder, configuration),
-    )
-
-
-def _scene_folder(folder: Path, configuration: dict[str, Any]) -> str:
-    """The folder of the scene: as recorded, or else relative to the output folder."""
-    recorded = str(configuration.get("scene_folder", "."))
-    relative = configuration.get("scene_folder_relative")
-    if Path(recorded).is_dir() or relative is None:
-        return recorded
-    return os.path.normpath(folder / relative)

@@ -128,13 +128,10 @@ def natural_key(text: PathLike) -> str:
     """
     text = os.fspath(text)
     # a number by its length and its digits, the name itself last; NUL is in no name and sorts before all else
-    return re.sub(r"[0-9]+", _sized, text.casefold()) + "\0\0" + text
-
-
-def _sized(number: re.Match[str]) -> str:
-    """A number as a text that sorts by value."""
-    digits = number[0].lstrip("0")
-    return f"\0{chr(len(digits) + 1)}{digits}"
+    parts = re.split(r"([0-9]+)", text.casefold())
+    digits = (part.lstrip("0") for part in parts[1::2])
+    parts[1::2] = [f"\0{chr(len(number) + 1)}{number}" for number in digits]
+    return "".join(parts) + "\0\0" + text
 
 
 @stage("reading")
@@ -182,7 +179,11 @@ def list_frames(
     files = (file for entry in entries for file in _files(Path(folder), entry))
     found = (source for file in files for source in _images(file))
     sources = [replace(source, full_scale=full_scale, response=response) for source in found]
-    _check_names(sources)
+    names = Counter(source.name for source in sources)
+    if len(names) < len(sources):
+        name, count = names.most_common(1)[0]
+        paths = [str(source.path) for source in sources if source.name == name]
+        raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
     return sources
 
 
@@ -225,15 +226,6 @@ def _images(path: Path) -> list[FrameSource]:
     if len(numbers) <= 1:
         return [FrameSource(path.name, path, index) for index in numbers or range(1)]
     return [FrameSource(f"{path.name}[{k}]", path, index) for k, index in enumerate(numbers)]
-
-
-def _check_names(sources: list[FrameSource]) -> None:
-    """Raise if two frames have the same name."""
-    names = Counter(source.name for source in sources)
-    if len(names) < len(sources):
-        name, count = names.most_common(1)[0]
-        paths = [str(source.path) for source in sources if source.name == name]
-        raise InputError(f"{count} frames are called {name} ({paths[0]} and {paths[1]}); rename one of them")
 
 
 class FrameSeries(Sequence[Frame]):

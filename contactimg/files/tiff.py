@@ -1,9 +1,10 @@
 """Read TIFF pages of any bit depth, byte order, compression and photometric type; write TIFF losslessly."""
 
 import logging
+import math
 import struct
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from itertools import islice
 from pathlib import Path
@@ -170,33 +171,21 @@ def _interpret(page: tifffile.TiffPage, array: NDArray) -> Pixels:
 
 def _strip_alpha(page: tifffile.TiffPage, array: NDArray) -> NDArray:
     """Grey or red-green-blue without transparency; any other set of channels has no grey level."""
+    jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG  # its decoder makes red, green and blue
     grey = page.photometric in (_PHOTOMETRIC.MINISBLACK, _PHOTOMETRIC.MINISWHITE)
-    if not (grey or _is_colour(page)):
+    decoded = page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
+    if not (grey or decoded or page.photometric == _PHOTOMETRIC.RGB):
         name = getattr(page.photometric, "name", page.photometric)
         raise UnsupportedPixelsError(f"pixels of photometric type {name} are not supported")
     if array.ndim == 2:
         return array
     channels = 1 if grey else 3
     extra = array.shape[-1] - channels
-    if extra < 0 or extra > 1 or (grey and extra == 1 and not _has_alpha(page)):
+    alpha = tifffile.EXTRASAMPLE.ASSOCALPHA, tifffile.EXTRASAMPLE.UNASSALPHA
+    transparent = bool(page.extrasamples) and page.extrasamples[-1] in alpha
+    if extra < 0 or extra > 1 or (grey and extra == 1 and not transparent):
         raise UnsupportedPixelsError(f"{array.shape[-1]} channels are neither grey nor red-green-blue")
     return array[..., 0] if grey else array[..., :3]
-
-
-def _is_colour(page: tifffile.TiffPage) -> bool:
-    """True if the decoded channels are red, green and blue; the JPEG decoder makes them so."""
-    jpeg = tifffile.COMPRESSION.JPEG, tifffile.COMPRESSION.OJPEG
-    return page.photometric == _PHOTOMETRIC.RGB or (
-        page.photometric == _PHOTOMETRIC.YCBCR and page.compression in jpeg
-    )
-
-
-def _has_alpha(page: tifffile.TiffPage) -> bool:
-    """True if the last channel is declared as transparency."""
-    return bool(page.extrasamples) and page.extrasamples[-1] in (
-        tifffile.EXTRASAMPLE.ASSOCALPHA,
-        tifffile.EXTRASAMPLE.UNASSALPHA,
-    )
 
 
 def _bits(page: tifffile.TiffPage) -> int:
@@ -250,3 +239,62 @@ def write_frame(frame: Frame, path: Path) -> None:
             software=False,
             extratags=tags,
         )
+
+
+# --- the pixel size that a header states
+
+METRES = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "millimeter": 1e-3,
+    "um": 1e-6,
+    "µm": 1e-6,  # micro sign
+    "μm": 1e-6,  # Greek mu
+    "\\u00b5m": 1e-6,  # how ImageJ escapes the micro sign
+    "micron": 1e-6,
+    "microns": 1e-6,
+    "micrometer": 1e-6,
+    "nm": 1e-9,
+}
+
+
+def stated_pixel_size(path: str | Path) -> float | None:
+    """Pixel size in m that a TIFF file of ImageJ or OME states; None where none or an unknown unit is stated.
+
+    The resolution of plain TIFF files is ignored: it is that of a print (72 or 300 dots per inch).
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> import numpy as np
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "frame.tif"
+    ...     pixels = np.zeros((8, 8), np.uint8)
+    ...     tifffile.imwrite(path, pixels, imagej=True, resolution=(0.125, 0.125), metadata={"unit": "um"})
+    ...     stated_pixel_size(path)
+    8e-06
+    """
+    if Path(path).suffix.lower() not in (".tif", ".tiff"):
+        return None
+    with suppress(Exception), tifffile.TiffFile(path) as tif:  # a damaged header states nothing
+        size = _of_ome(tif) if tif.is_ome else _of_imagej(tif)
+        if size is not None and math.isfinite(size) and size > 0:
+            return size
+    return None
+
+
+def _of_imagej(tif: tifffile.TiffFile) -> float | None:
+    """Pixels per unit stand in the resolution, the unit in the description."""
+    unit = (tif.imagej_metadata or {}).get("unit", "")
+    tag = tif.pages.first.tags.get("XResolution")
+    if tag is None or str(unit).lower() not in METRES:
+        return None
+    pixels, units = tag.value
+    return METRES[str(unit).lower()] / (pixels / units)
+
+
+def _of_ome(tif: tifffile.TiffFile) -> float | None:
+    """PhysicalSizeX of the first image, in µm unless its unit says otherwise."""
+    image = tifffile.xml2dict(tif.ome_metadata or "")["OME"]["Image"]
+    pixels = (image[0] if isinstance(image, list) else image)["Pixels"]
+    return float(pixels["PhysicalSizeX"]) * METRES[str(pixels.get("PhysicalSizeXUnit", "µm"))]

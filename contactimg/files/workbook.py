@@ -1,7 +1,6 @@
 """A run as an Excel workbook: one sheet a table, units in the headers, in units that people use."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,22 +22,14 @@ WIDEST_COLUMN, NARROWEST_COLUMN = 40, 9  # characters
 SAMPLED_ROWS = 200  # from which the width of a column is taken
 
 
-@dataclass(frozen=True)
-class Unit:
-    """A unit of a column: its name, and how many of it are one of the unit in the column's name."""
-
-    name: str
-    factor: float
-
-
-_FORCE, _STRESS = Unit("mN", 1e3), Unit("MPa", 1e-6)
-UNITS: dict[str, dict[str, Unit]] = {
-    "um": {"_m": Unit("µm", 1e6), "_m2": Unit("µm²", 1e12), "_N": _FORCE, "_Pa": _STRESS},
-    "mm": {"_m": Unit("mm", 1e3), "_m2": Unit("mm²", 1e6), "_N": _FORCE, "_Pa": _STRESS},
-    "m": {"_m": Unit("m", 1.0), "_m2": Unit("m²", 1.0), "_N": Unit("N", 1.0), "_Pa": Unit("Pa", 1.0)},
+_FORCE, _STRESS = ("mN", 1e3), ("MPa", 1e-6)
+UNITS = {
+    "um": {"_m": ("µm", 1e6), "_m2": ("µm²", 1e12), "_N": _FORCE, "_Pa": _STRESS},
+    "mm": {"_m": ("mm", 1e3), "_m2": ("mm²", 1e6), "_N": _FORCE, "_Pa": _STRESS},
+    "m": {"_m": ("m", 1.0), "_m2": ("m²", 1.0), "_N": ("N", 1.0), "_Pa": ("Pa", 1.0)},
 }
-"""Name of a system of units -> ending of a column's name -> unit in the workbook."""
-_SAME = {"_px": "px", "_px2": "px²", "_rad": "rad"}
+"""Name of a system of units -> ending of a column's name -> unit, how many are one of the column's."""
+_SAME = {"_px": ("px", 1.0), "_px2": ("px²", 1.0), "_rad": ("rad", 1.0)}
 
 
 def heading(column: str, units: str) -> tuple[str, float]:
@@ -49,12 +40,9 @@ def heading(column: str, units: str) -> tuple[str, float]:
     >>> heading("radius_std_m", "um"), heading("x_px", "um"), heading("flags", "um")
     (('radius std (µm)', 1000000.0), ('x (px)', 1.0), ('flags', 1.0))
     """
-    for ending, unit in UNITS[units].items():
+    for ending, (unit, factor) in (UNITS[units] | _SAME).items():
         if column.endswith(ending):
-            return f"{column.removesuffix(ending).replace('_', ' ')} ({unit.name})", unit.factor
-    for ending, name in _SAME.items():
-        if column.endswith(ending):
-            return f"{column.removesuffix(ending).replace('_', ' ')} ({name})", 1.0
+            return f"{column.removesuffix(ending).replace('_', ' ')} ({unit})", factor
     return column.replace("_", " "), 1.0
 
 
@@ -86,11 +74,13 @@ def write_workbook(
             raise InputError(
                 f"{path}: {len(table):,} rows of {schema.name} do not fit into a sheet; use the CSV"
             )
-        headings = [heading(name, units) for name in schema.columns]
+        headings, cells = [heading(name, units) for name in schema.columns], schema.conform(table)
+        if "flags" in cells:
+            cells = cells.assign(flags=flag_names(cells["flags"]))
         _write_rows(
             book.create_sheet(schema.name),
             [name for name, _ in headings],
-            _cells(schema.conform(table)),
+            cells.astype(object).where(cells.notna(), None).to_numpy().tolist(),
             [factor for _, factor in headings],
         )
     rows = [
@@ -103,13 +93,6 @@ def write_workbook(
     )
     with replacing(path) as part, part.open("wb") as file:
         book.save(file)
-
-
-def _cells(table: pd.DataFrame) -> list[list[Any]]:
-    """Rows of Python values; None where there is none, flags as names."""
-    if "flags" in table:
-        table = table.assign(flags=flag_names(table["flags"]))
-    return table.astype(object).where(table.notna(), None).to_numpy().tolist()
 
 
 def _write_rows(

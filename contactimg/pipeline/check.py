@@ -7,7 +7,7 @@ uncertainties hold, is known from that by their radius.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 
@@ -26,9 +26,8 @@ from contactimg.imaging.measure import ImageMeasurement
 from contactimg.imaging.pixels.masks import clear_disks
 from contactimg.imaging.profile.blurred_disk import PIXEL_VARIANCE
 from contactimg.imaging.profile.edge_shape import PARAMETERS, edge_profile
-from contactimg.pipeline.effects import film_setting, resolve_measurement
 from contactimg.pipeline.frame import FrameOptions, measure_prepared
-from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
+from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.tables import CHECK, DRAWN
 
@@ -139,11 +138,8 @@ def check_experiment(
     InputError
         If no frame shows a contact, whose contrast and blur are needed; the message gives the first reason.
     """
-    scene = experiment.scene
-    asperities = None if scene.camera is None else scene_asperities(scene)
-    sites = None if asperities is None else contact_sites(asperities, scene)
-    resolved = resolve_measurement(scene_of_defined_laws(scene, sites))
-    call = partial(_check_frame, options=FrameOptions(resolved, film_setting(resolved, sites)), seed=seed)
+    scene, _, sites = asperities_and_sites(experiment.scene)
+    call = partial(_check_frame, options=FrameOptions.of(scene, sites), seed=seed)
     parts = list(for_each_frame(experiment, call, workers=workers, advance=advance))
     failed = [part.row for part in parts if isinstance(part, FailedFrame)]
     done = [part for part in parts if not isinstance(part, FailedFrame)]
@@ -195,25 +191,19 @@ Checked = tuple[str, pd.DataFrame | None, str, float]
 
 def _check_frame(frame: Frame, reference: NDArray | None, *, options: FrameOptions, seed: int) -> Checked:
     """Draw contacts into one frame and measure it again."""
-    scene = options.scene
-
-    def measured(image: Frame) -> ImageMeasurement:
-        return measure_prepared(
-            image, reference, scene, method=scene.measure.method, threshold=scene.measure.threshold,
-            blur_px=scene.measure.blur_px, options=options,
-        )  # fmt: skip
-
-    before = measured(frame)
+    before = measure_prepared(frame, reference, options.scene, film=options.film)
     if not len(before.disks):
         return frame.name, None, before.message or "no contact", float("nan")
     rng = np.random.default_rng([seed, *frame.name.encode()])
     disks = _choose(before, rng)
     if not len(disks):
         return frame.name, None, f"{frame.name}: the contacts leave no place free for others", float("nan")
-    after = measured(
-        Frame(draw_contacts(frame.image, before, disks, rng), frame.name, frame.full_scale)
-    ).disks
-    row, found = _match(disks, after[["x_px", "y_px"]].to_numpy(float))
+    drawn = replace(frame, image=draw_contacts(frame.image, before, disks, rng))
+    after = measure_prepared(drawn, reference, options.scene, film=options.film).disks
+    row, found = np.zeros(len(disks), np.intp), np.zeros(len(disks), np.bool_)
+    if len(after):  # for each drawn contact the nearest measured one, and whether it is near enough
+        distance, nearest = cKDTree(after[["x_px", "y_px"]].to_numpy(float)).query(disks[:, :2])
+        row, found = np.asarray(nearest), distance < np.maximum(REACH_PX, REACH * disks[:, 2])
     table = pd.DataFrame(disks[:, :3], columns=["x_px", "y_px", "radius_px"])
     table = table.assign(frame=frame.name, contrast=disks[:, 3], found=found.astype(int))
     for name, source in (("measured_px", "radius_px"), ("measured_std_px", "radius_std_px")):
@@ -306,13 +296,3 @@ def _local_light(image: NDArray) -> NDArray[np.float32]:
     for y, x in np.ndindex(2, 2):
         light[y::2, x::2] = cv2.blur(np.ascontiguousarray(light[y::2, x::2]), (LOCAL_PX, LOCAL_PX))
     return light
-
-
-def _match(
-    disks: NDArray[np.float64], found: NDArray[np.float64]
-) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """For each drawn contact the nearest measured one, and whether it is near enough."""
-    if not len(found):
-        return np.zeros(len(disks), np.intp), np.zeros(len(disks), np.bool_)
-    distance, row = cKDTree(found).query(disks[:, :2])
-    return np.asarray(row, np.intp), distance < np.maximum(REACH_PX, REACH * disks[:, 2])

@@ -17,7 +17,13 @@ from contactimg.errors import ContactimgError, InputError
 from contactimg.files import PartStore
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.proof import CONVERGED
-from contactimg.pipeline.inputs import generated_asperities, loads_before, need_asperities
+from contactimg.pipeline.inputs import (
+    generated_asperities,
+    loads_before,
+    need_asperities,
+    refuse_repeated,
+    solver_tolerance,
+)
 from contactimg.prediction import (
     Coupling,
     Prediction,
@@ -43,6 +49,10 @@ SCALARS = ("area", "area^2", "force", "contacts", "indentation", "load", "gap", 
 """Sums over patterns, SI units; the last two are counts of patterns."""
 
 
+PatternSums = tuple[Values, Values]
+"""What one pattern adds at one load: `SCALARS`, and of each annulus `contactimg.analysis.annuli.MOMENTS`."""
+
+
 @dataclass(frozen=True)
 class Ensemble:
     """What the patterns of an ensemble have in common.
@@ -54,8 +64,8 @@ class Ensemble:
     loads : tuple of float, N, or of LoadSpring
     histories : tuple of tuple
         The loads that came before each.
-    level : tuple of str
-        Coupling at each load.
+    coupling : str
+        "hertz", or "auto" for what the effects say.
     edges : tuple of float, m
         Of annuli around the apex.
     tolerance : float or None
@@ -65,86 +75,66 @@ class Ensemble:
     scenes: tuple[Scene, ...]
     loads: tuple[Prescribed, ...]
     histories: tuple[tuple[Prescribed, ...], ...]
-    level: tuple[str, ...]
+    coupling: str
     edges: tuple[float, ...]
     tolerance: float | None
 
-    def solve(self, index: int) -> "list[PatternSums | str]":
+    def solve(self, index: int) -> list[PatternSums | str]:
         """Pattern ``index`` at each load, or why it has no solution; depends on the seed and on it alone."""
         asperities = generated_asperities(self.scenes[0], index)
-        return [self._solve_load(k, asperities) for k in range(len(self.loads))]
+        cases = zip(self.scenes, self.loads, self.histories, strict=True)
+        return [self._solve_load(asperities, *case) for case in cases]
 
-    def _solve_load(self, k: int, asperities: pd.DataFrame) -> "PatternSums | str":
+    def _solve_load(
+        self, asperities: pd.DataFrame, scene: Scene, load: Prescribed, history: Sequence[Prescribed]
+    ) -> PatternSums | str:
         """A pattern at one load."""
-        scene = self.scenes[k]
+        level = scene_level(scene, self.coupling)
         try:
-            load, level = self.loads[k], self.level[k]
+            field = surrounding_field(scene, asperities, load, coupled=level != "none")
             found = solve_scene(
                 scene,
                 asperities,
                 load=load,
                 coupling=level,
                 tolerance=self.tolerance,
-                history=self.histories[k],
-                surroundings=surrounding_field(scene, asperities, load, coupled=level != "none"),
+                history=history,
+                surroundings=field,
             )
         except ContactimgError as error:
             return str(error)
         if found.base_gap.beyond_models:
             return found.base_gap.sentence
-        rows = found.touching
-        contacts = pd.DataFrame(
-            {
-                "x_m": found.x[rows],
-                "y_m": found.y[rows],
-                "radius_m": found.radius[rows],
-                "force_N": found.force[rows],
-            }
-        )
+        values = {"x_m": found.x, "y_m": found.y, "radius_m": found.radius, "force_N": found.force}
+        contacts = pd.DataFrame({name: value[found.touching] for name, value in values.items()})
         centre = scene.need("indenter", "an ensemble").apex
         moments = annulus_moments(contacts, centre=centre, edges=self.edges)
         area = float(np.pi * np.sum(contacts["radius_m"].to_numpy() ** 2))
         force, count = float(contacts["force_N"].sum()), float(len(contacts))
         gap, converged = found.base_gap.least, found.status == CONVERGED
         doubts = float(gap < 0), float(not converged)
-        scalars = np.array([area, area**2, force, count, found.indentation, found.load, gap, *doubts])
-        return PatternSums(scalars, moments[list(MOMENTS)].to_numpy(float))
-
-
-@dataclass(frozen=True, eq=False)
-class PatternSums:
-    """What one pattern adds at one load.
-
-    Parameters
-    ----------
-    scalars : ndarray, shape (9,)
-        `SCALARS`.
-    moments : ndarray, shape (annuli, 8)
-        `contactimg.analysis.annuli.MOMENTS` of each annulus.
-    """
-
-    scalars: Values
-    moments: Values
+        scalars = [area, area**2, force, count, found.indentation, found.load, gap, *doubts]
+        return np.array(scalars), moments[list(MOMENTS)].to_numpy(float)
 
 
 @dataclass(eq=False)
 class LoadSums:
-    """The sums over patterns at one load."""
+    """The sums over patterns at one load, and of annuli over groups of them."""
 
     patterns: int = 0
     scalars: Values = field(default_factory=lambda: np.zeros(len(SCALARS)))
     groups: dict[int, Values] = field(default_factory=dict)
     failures: list[str] = field(default_factory=list)
 
-    def add(self, index: int, found: "PatternSums | str") -> None:
+    def add(self, index: int, found: PatternSums | str) -> None:
         """Add a pattern."""
         if isinstance(found, str):
             self.failures.append(found)
             return
-        group = index % GROUPS
+        (scalars, moments), group = found, index % GROUPS
         self.patterns += 1
-        self.scalars = self.scalars + found.scalars
-        self.groups[group] = self.groups[group] + found.moments if group in self.groups else found.moments
+        self.scalars = self.scalars + scalars
+        self.groups[group] = self.groups[group] + moments if group in self.groups else moments
 
 
 def predict_ensemble(
@@ -154,7 +144,7 @@ def predict_ensemble(
     patterns: int,
     coupling: Coupling,
     annulus: float,
-    tolerance: float | None = None,
+    relative: float | None = None,
     workers: int | None = 1,
     store: PartStore | None = None,
     advance: Callable[[], None] | None = None,
@@ -174,8 +164,8 @@ def predict_ensemble(
         As for `contactimg.prediction.predict_contacts`.
     annulus : float
         Width of the annuli around ``[indenter] apex_m``, m.
-    tolerance : float, optional
-        Of the solver.
+    relative : float, optional
+        Tolerance of the output, as for `contactimg.pipeline.predict.predict_loads`.
     workers : int or None
         As for `contactimg.engine.calls.in_parallel`.
     store : PartStore, optional
@@ -196,6 +186,7 @@ def predict_ensemble(
     section = scene.asperities
     if section is None or section.generate is None:
         raise InputError("an ensemble needs random patterns: state generate in [asperities]")
+    refuse_repeated(loads)
     if patterns < 1:
         raise InputError(f"an ensemble needs one pattern at least, got {patterns}")
     typical, scene = need_asperities(scene, "an ensemble"), with_coupling(scene, coupling)
@@ -206,20 +197,18 @@ def predict_ensemble(
         remembering = with_memory(scene, histories[k])
         try:
             plan = make_mechanical_plan(remembering, typical, load=load)
+            planned[k] = plan.apply(remembering), plan
         except ContactimgError as error:
             failed[k] = error
-        else:
-            planned[k] = plan.apply(remembering), plan
     if not planned:
         raise failed[0]
-    level = "hertz" if coupling == "hertz" else "auto"
     ensemble = Ensemble(
         tuple(one for one, _ in planned.values()),
         tuple(loads[k] for k in planned),
         tuple(histories[k] for k in planned),
-        tuple(scene_level(one, level) for one, _ in planned.values()),
+        "hertz" if coupling == "hertz" else "auto",
         _edges(scene, section.side, annulus),
-        tolerance,
+        solver_tolerance(relative),
     )
     sums = [LoadSums() for _ in planned]
     for index, found in enumerate(_solved(ensemble, patterns, workers=workers, store=store)):
@@ -227,10 +216,11 @@ def predict_ensemble(
             one.add(index, part)
         if advance is not None:
             advance()
-    plans = [plan for _, plan in planned.values()]
-    averages = iter([_average(one, ensemble, k, plans[k]) for k, one in enumerate(sums)])
+    found_at = {
+        k: _average(one, loads[k], *planned[k], ensemble.edges) for k, one in zip(planned, sums, strict=True)
+    }
     return [
-        next(averages) if k in planned else Prediction.failed(load, f"no plan of the effects: {failed[k]}")
+        found_at[k] if k in planned else Prediction.failed(load, f"no plan of the effects: {failed[k]}")
         for k, load in enumerate(loads)
     ]
 
@@ -258,14 +248,15 @@ def _solved(
     return store.results(ensemble.solve, jobs, names, workers=workers, lost=lost, said=said)
 
 
-def _lost(loads: int, error: Exception, _index: int) -> "list[PatternSums | str]":
+def _lost(loads: int, error: Exception, _index: int) -> list[PatternSums | str]:
     """The failure of a pattern whose workers were ended."""
     return [f"its solution {error}"] * loads
 
 
-def _average(sums: LoadSums, ensemble: Ensemble, k: int, plan: Plan) -> Prediction:
-    """The averages at load ``k``."""
-    scene, load = ensemble.scenes[k], ensemble.loads[k]
+def _average(
+    sums: LoadSums, load: Prescribed, scene: Scene, plan: Plan, edges: tuple[float, ...]
+) -> Prediction:
+    """The averages at a load."""
     if not sums.patterns:
         return Prediction.failed(load, f"no pattern has a solution; the first: {sums.failures[0]}")
     name, n = load_name(load), sums.patterns
@@ -292,7 +283,7 @@ def _average(sums: LoadSums, ensemble: Ensemble, k: int, plan: Plan) -> Predicti
         "message": "; ".join(notes),
     }
     coupled = "uncoupled" if scene_level(scene, "auto") == "none" else "coupled"
-    ends = {"inner": ensemble.edges[:-1], "outer": ensemble.edges[1:]}
+    ends = {"inner": edges[:-1], "outer": edges[1:]}
     groups = [
         pd.DataFrame(ends | dict(zip(MOMENTS, moments.T, strict=True))) for moments in sums.groups.values()
     ]

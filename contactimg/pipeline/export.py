@@ -7,17 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, Run, open_experiment
 from contactimg.files.imagej import Region, read_regions, region_of, write_overlay_tiff, write_regions
-from contactimg.files.labels import write_labels
-from contactimg.files.napari_tables import write_napari_points, write_napari_shapes
+from contactimg.files.layers import write_labels, write_napari_points, write_napari_shapes
 from contactimg.files.workbook import write_workbook
+from contactimg.pipeline.pictures import file_stem
 from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Flag
-from contactimg.tables.contact_kinds import CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR
-from contactimg.tables.outlines import contact_outlines
+from contactimg.tables.outlines import (
+    CONTACT_COLOUR,
+    FLAGGED_COLOUR,
+    MANUAL_COLOUR,
+    REJECTED_COLOUR,
+    contact_outlines,
+)
 
 _NAME = re.compile(r"contact_(\d+)")
 
@@ -68,22 +72,15 @@ def export_run(
             write_napari_points(contacts, folder / "napari" / f"{stem}_points.csv")
         if "fiji" in formats:
             regions = contact_regions(contacts, outlines) + rejected_regions(rejected)
-            _write_fiji(run, image, regions, folder / "fiji" / stem)
+            write_regions(regions, folder / "fiji" / f"{stem}.zip")
+            if image is not None:
+                file, camera = folder / "fiji" / f"{stem}_overlay.tif", run.scene.camera
+                pixel_size = None if camera is None else camera.pixel_size
+                write_overlay_tiff(image, regions, file, pixel_size=pixel_size)
         if "labels" in formats and image is not None:
             write_labels(contacts, image.shape, outlines, folder / "labels" / f"{stem}_labels.tif")
         if advance is not None:
             advance()
-
-
-def file_stem(frame: str) -> str:
-    """Name of the exported files of a frame, without extension.
-
-    Examples
-    --------
-    >>> file_stem("stack.tif[3]"), file_stem("frame_1.tif")
-    ('stack.tif_3', 'frame_1.tif')
-    """
-    return frame.replace("[", "_").replace("]", "")
 
 
 def contact_regions(contacts: pd.DataFrame, outlines: pd.DataFrame) -> list[Region]:
@@ -127,15 +124,6 @@ def contact_colour(flags: int) -> str:
     if flags & Flag.MANUAL:
         return MANUAL_COLOUR
     return FLAGGED_COLOUR if flags else CONTACT_COLOUR
-
-
-def _write_fiji(run: Run, image: NDArray | None, regions: list[Region], stem: Path) -> None:
-    """Regions for the ROI Manager, and the frame with the same regions as its overlay."""
-    write_regions(regions, stem.with_name(f"{stem.name}.zip"))
-    if image is not None:
-        camera = run.scene.camera
-        pixel_size = None if camera is None else camera.pixel_size
-        write_overlay_tiff(image, regions, stem.with_name(f"{stem.name}_overlay.tif"), pixel_size=pixel_size)
 
 
 def frame_sources(run: Run) -> dict[str, FrameSource]:
@@ -203,7 +191,11 @@ def edits_from_regions(
     InputError
         If the file or its frame is not known.
     """
-    frame = _frame_of(run, path) if frame is None else frame
+    if frame is None:
+        stems = {file_stem(name): str(name) for name in run.frames["frame"]}
+        frame = stems.get(path.stem) or stems.get(path.stem.removesuffix("_overlay"))
+    if frame is None:
+        raise InputError(f"{path}: its name is not that of an exported frame; name the frame with --frame")
     if frame not in set(run.frames["frame"]):
         raise InputError(f"{run.folder}: has no frame {frame!r}")
     contacts = run.contacts[run.contacts["frame"] == frame]
@@ -247,7 +239,8 @@ def edits_between(
             rows.append(_row("add", (region.x, region.y, region.radius), f"drawn in {program}"))
             continue
         kept.add(label)
-        if not _same(region, before[region.name]):
+        old, names = before[region.name], ("x", "y", "radius_x", "radius_y")
+        if any(abs(getattr(region, name) - getattr(old, name)) >= SAME_PX for name in names):
             rows.append(_row("exclude", places[label], f"moved in {program}"))
             rows.append(_row("add", (region.x, region.y, region.radius), f"moved in {program}"))
     gone = [_row("exclude", places[label], f"deleted in {program}") for label in sorted(places.keys() - kept)]
@@ -261,17 +254,3 @@ def _row(action: str, place: tuple[float, float, float], reason: str) -> dict[st
     """One correction; the radius only where it is used."""
     radius = place[2] if action == "add" else np.nan
     return {"action": action, "x_px": place[0], "y_px": place[1], "radius_px": radius, "reason": reason}
-
-
-def _same(region: Region, exported: Region) -> bool:
-    """Whether a region is as it was exported."""
-    names = ("x", "y", "radius_x", "radius_y")
-    return all(abs(getattr(region, name) - getattr(exported, name)) < SAME_PX for name in names)
-
-
-def _frame_of(run: Run, path: Path) -> str:
-    """The frame whose exported file has this name."""
-    for frame in run.frames["frame"]:
-        if path.stem in (file_stem(frame), f"{file_stem(frame)}_overlay"):
-            return str(frame)
-    raise InputError(f"{path}: its name is not that of an exported frame; name the frame with --frame")

@@ -1,8 +1,10 @@
 """Measure one frame: from pixels to a contacts table, either directly or as its scene says."""
 
+import logging
 import warnings
 from dataclasses import dataclass, field, replace
 from numbers import Real
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -10,16 +12,24 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from contactimg.errors import FrameWarning, InputError
+from contactimg.files import read_part
 from contactimg.frame import Frame
 from contactimg.imaging.detect.hand_edits import HandEdit
+from contactimg.imaging.fit.film_choice import FilmVerdict
 from contactimg.imaging.measure import CORRECTIONS, LINEARITY, ImageMeasurement, measure_image
 from contactimg.imaging.profile.film_rim import FilmSetting
 from contactimg.imaging.profile.optics import SharedOptics
-from contactimg.pipeline.measured_frame import FrameTables, MeasuredFrame, SumOfCubes
+from contactimg.pipeline.effects import film_setting, resolve_measurement
+from contactimg.pipeline.parallel import FailedFrame
 from contactimg.pose import Pose
 from contactimg.scene import Scene
-from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Status
-from contactimg.tradeoff.choice import measure_cheapest
+from contactimg.tables import CONTACTS, OUTLINES, REJECTED, SHARED_SHIFTS, Status
+from contactimg.tradeoff.choice import Choice, measure_cheapest
+
+logger = logging.getLogger(__name__)
+
+Edits = tuple[HandEdit, ...]
+"""Corrections by hand to the contacts of a frame, in the order of their table."""
 
 POINTS_IN_DISK = 4096
 """Points that the visible part of a contact is counted with. Measured: to 0.3 % of the contact's area."""
@@ -133,6 +143,135 @@ def _positive(name: str, value: object, hint: str) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
+@dataclass(frozen=True, eq=False)
+class FrameTables:
+    """The tables of a measured frame.
+
+    Parameters
+    ----------
+    contacts, rejected : DataFrame
+    outlines : DataFrame
+        Of its contacts of free shape.
+    """
+
+    contacts: pd.DataFrame = field(default_factory=CONTACTS.empty)
+    rejected: pd.DataFrame = field(default_factory=REJECTED.empty)
+    outlines: pd.DataFrame = field(default_factory=OUTLINES.empty)
+
+
+@dataclass(frozen=True)
+class SumOfCubes:
+    """Standard uncertainties of the sum of the cubes of the radii of a frame's contacts, by their source.
+
+    Parameters
+    ----------
+    contacts : int
+        Number of contacts.
+    own : float, px^3
+        From the independent errors of the radii.
+    contrast, blur : float, px^3
+        From what the contacts share: the contrast with the correlated blur, and the rest of the blur.
+    edge : float, px^3
+        From what the frame does not decide about its edges.
+    """
+
+    contacts: int
+    own: float
+    contrast: float
+    blur: float
+    edge: float
+
+    @classmethod
+    def of(cls, contacts: pd.DataFrame) -> "SumOfCubes":
+        """Those of a contacts table."""
+        slope = 3.0 * contacts["radius_px"].to_numpy(float) ** 2
+        shifts = contacts[list(SHARED_SHIFTS)].to_numpy(float)
+        alone = np.maximum(contacts["radius_std_px"].to_numpy(float) ** 2 - np.sum(shifts**2, axis=1), 0.0)
+        return cls(len(contacts), float(np.sqrt(slope**2 @ alone)), *map(float, slope @ shifts))
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredFrame:
+    """One frame's part of a run.
+
+    Parameters
+    ----------
+    row : dict
+        Its row of the frames table.
+    shape : (int, int) or None
+        Rows and columns; None for a frame that failed.
+    where : FrameTables, str or None
+        Its tables, or the part file that holds them.
+    own_optics : SharedOptics or None
+        Contrast (grey levels) and blur that the frame alone shows; None where it shows nothing.
+    level : float
+        Grey level of its background; 0 where that was subtracted before.
+    choice : Choice or None
+        How it was measured and why, where that was chosen for a tolerance.
+    film : FilmVerdict or None
+        What its rims say of an air film; None where none was looked for.
+    cubes : SumOfCubes or None
+        None for a frame that failed.
+    """
+
+    row: dict[str, Any]
+    shape: tuple[int, int] | None
+    where: FrameTables | str | None
+    own_optics: SharedOptics | None = None
+    level: float = 0.0
+    choice: Choice | None = None
+    film: FilmVerdict | None = None
+    cubes: SumOfCubes | None = None
+
+    @classmethod
+    def of(cls, result: "MeasuredFrame | FailedFrame") -> "MeasuredFrame":
+        """The part as it is; of a frame that could not be measured empty tables and a row that says why."""
+        return cls(result.row, None, FrameTables()) if isinstance(result, FailedFrame) else result
+
+    @property
+    def tables(self) -> FrameTables:
+        """Its tables, read from the part file each time if they are there."""
+        if isinstance(self.where, FrameTables):
+            return self.where
+        tables: FrameTables = read_part(str(self.where), 1)
+        return tables
+
+    @property
+    def contacts(self) -> pd.DataFrame:
+        """Its contacts."""
+        return self.tables.contacts
+
+    @property
+    def relative_optics(self) -> SharedOptics | None:
+        """Its own optics with the contrast divided by the background, so that drifts of the lamp cancel."""
+        return None if self.own_optics is None else self.own_optics.scaled(1.0 / (self.level or 1.0))
+
+    def with_contacts(self, contacts: pd.DataFrame) -> "MeasuredFrame":
+        """Return the frame with other contacts."""
+        return replace(self, where=replace(self.tables, contacts=contacts), cubes=SumOfCubes.of(contacts))
+
+    def with_remarks(self, *remarks: object) -> "MeasuredFrame":
+        """Return the frame with remarks added to its message, if there are any."""
+        message = "; ".join(str(text) for text in (self.row["message"], *remarks) if text)
+        return replace(self, row=self.row | {"message": message})
+
+    def parts(self) -> tuple["MeasuredFrame", FrameTables]:
+        """Return the frame without its tables, and the tables; most steps of a series need the first only."""
+        return replace(self, where=None), self.tables
+
+    def kept_in(self, path: Path) -> "MeasuredFrame":
+        """Return the frame with its tables left in a part file."""
+        return replace(self, where=str(path))
+
+    def log(self, before: str = "") -> None:
+        """Log one line about the frame."""
+        if logger.isEnabledFor(logging.INFO):
+            numbers = (f"{key} {value:.4g}" for key, value in self.row.items() if isinstance(value, float))
+            count = self.row.get("n_contacts", pd.NA)
+            head = f"{self.row['frame']}: {self.row['status']}, {0 if pd.isna(count) else count} contacts, "
+            logger.info("%s%s", before, head + ", ".join(numbers))
+
+
 @dataclass(frozen=True)
 class FrameOptions:
     """How the frames of a scene are measured.
@@ -145,28 +284,24 @@ class FrameOptions:
         Rim that the air film may draw around the contacts.
     relative : float or None
         Tolerance of the scene's output, for which each frame's method is chosen; None for the scene's method.
-    edits : dict
-        Name of a frame -> corrections by hand to its contacts.
     """
 
     scene: Scene
-    film: FilmSetting | None = None
-    relative: float | None = None
-    edits: dict[str, tuple[HandEdit, ...]] = field(default_factory=dict)
+    film: FilmSetting | None
+    relative: float | None
 
-    def of_all(self) -> "FrameOptions":
-        """These options without the edits, which concern single frames."""
-        return replace(self, edits={})
-
-    def of_frame(self, name: str) -> tuple[HandEdit, ...]:
-        """Those that concern one frame."""
-        return self.edits.get(name, ())
+    @classmethod
+    def of(cls, scene: Scene, sites: pd.DataFrame | None, relative: float | None = None) -> "FrameOptions":
+        """Those of a scene with these composite summits."""
+        resolved = resolve_measurement(scene)
+        return cls(resolved, film_setting(resolved, sites), relative)
 
 
 def measure_scene_frame(
     frame: Frame,
     reference: NDArray | None,
     optics: SharedOptics | None = None,
+    edits: Edits = (),
     *,
     options: FrameOptions,
 ) -> MeasuredFrame:
@@ -179,32 +314,20 @@ def measure_scene_frame(
         Pixels of the reference.
     optics : SharedOptics, optional
         Contrast and blur from other frames; disks are then fitted, whatever the scene's method.
+    edits : tuple of HandEdit
     options : FrameOptions
     """
-    scene, choice = options.scene, None
+    scene, film, choice = options.scene, options.film, None
     if options.relative is not None and optics is None:
+        scale = full_scale(frame, scene)
         measurement, choice = measure_cheapest(
-            frame.image,
-            reference,
-            scene=scene,
-            relative=options.relative,
-            full_scale=full_scale(frame, scene),
-            film=options.film,
+            frame.image, reference, scene=scene, relative=options.relative, full_scale=scale, film=film
         )
     else:
-        measurement = measure_prepared(
-            frame,
-            reference,
-            scene,
-            method=scene.measure.method if optics is None else "disk",
-            threshold=scene.measure.threshold,
-            blur_px=scene.measure.blur_px,
-            optics=optics,
-            options=options,
-        )
+        measurement = measure_prepared(frame, reference, scene, film=film, optics=optics, edits=edits)
     tables = FrameTables(
         contacts_table(measurement, frame.name),
-        rejected_table(measurement, frame.name),
+        REJECTED.conform(measurement.rejected.assign(frame=frame.name)),
         outlines_table(measurement, frame.name),
     )
     return MeasuredFrame(
@@ -224,34 +347,34 @@ def measure_prepared(
     reference: NDArray | None,
     scene: Scene,
     *,
-    method: str,
-    threshold: float | str | None = None,
-    blur_px: float | None = None,
+    count_at: float | None = None,
+    film: FilmSetting | None = None,
     optics: SharedOptics | None = None,
-    options: FrameOptions | None = None,
+    edits: Edits = (),
 ) -> ImageMeasurement:
-    """Measure a frame with the polarity, the full scale and the corrections of its scene.
+    """Measure a frame with the method, the polarity, the full scale and the corrections of its scene.
 
     Every command measures frames this way: a number calibrated on frames applies only to frames that were
-    prepared alike. The other parameters are those of `contactimg.imaging.measure.measure_image`.
+    prepared alike. With ``count_at`` the pixels above this fraction of the contrast are counted, with
+    ``optics`` disks are fitted, whatever the scene's method. The other parameters are those of
+    `contactimg.imaging.measure.measure_image`.
     """
+    measure, counted = scene.measure, count_at is not None
     return measure_image(
         frame.image,
         reference,
-        method=method,
+        method="threshold" if counted else measure.method if optics is None else "disk",
         polarity=scene.images.polarity,
-        threshold=threshold,
-        threshold_std=scene.measure.threshold_std,
+        threshold=count_at if counted else measure.threshold,
+        threshold_std=measure.threshold_std,
         full_scale=full_scale(frame, scene),
-        blur_px=blur_px,
-        optics=(optics or SharedOptics()).with_edge(
-            scene.measure.edge_shift_px, scene.measure.edge_shift_std_px
-        ),
-        film=None if options is None else options.film,
-        shape=scene.measure.shape,
+        blur_px=None if counted else measure.blur_px,
+        optics=(optics or SharedOptics()).with_edge(measure.edge_shift_px, measure.edge_shift_std_px),
+        film=film,
+        shape=measure.shape,
         absent=scene.effects.switched_off(*CORRECTIONS),
         linearity=scene.camera.linearity if scene.camera else LINEARITY,
-        edits=() if options is None else options.edits.get(frame.name, ()),
+        edits=edits,
     )
 
 
@@ -347,11 +470,6 @@ def outlines_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
         if parts
         else OUTLINES.empty()
     )
-
-
-def rejected_table(measurement: ImageMeasurement, name: str) -> pd.DataFrame:
-    """The rejected candidates as a table."""
-    return REJECTED.conform(measurement.rejected.assign(frame=name))
 
 
 _LENGTHS_AND_AREAS = [

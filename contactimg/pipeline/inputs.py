@@ -16,12 +16,19 @@ from contactimg.models.asperity_laws import left_out_for
 from contactimg.models.cap_shapes import CapShapes
 from contactimg.models.load_spring import LoadSpring
 from contactimg.models.profile_law import PROFILED, stated_profile
-from contactimg.prediction import Prescribed
+from contactimg.prediction import Prescribed, load_name
 from contactimg.sample_shape import shaped_asperities
 from contactimg.scene import Asperities, Scene
 from contactimg.surfaces import composite_apexes, generate_asperities
 
 logger = logging.getLogger(__name__)
+
+SOLVER_SHARE = 0.01
+"""Fraction of a tolerance that the residual of the solver may use up; the effects that are left out have the
+rest. Chosen by hand; sensitivity not measured."""
+
+MIN_RESIDUAL = 1e-11
+"""Smallest residual that is requested. Chosen: every solver reaches it in double precision."""
 
 
 @lru_cache(maxsize=1)
@@ -132,6 +139,16 @@ def scene_of_defined_laws(scene: Scene, sites: pd.DataFrame | None) -> Scene:
     return scene.model_copy(update={"effects": off})
 
 
+def asperities_and_sites(scene: Scene) -> tuple[Scene, pd.DataFrame | None, pd.DataFrame | None]:
+    """The scene without laws that its asperities do not have, the asperities, and their composite summits.
+
+    Without a camera no contact has a place, and the asperities are left out.
+    """
+    asperities = None if scene.camera is None else scene_asperities(scene)
+    sites = None if asperities is None else contact_sites(asperities, scene)
+    return scene_of_defined_laws(scene, sites), asperities, sites
+
+
 def contact_sites(asperities: pd.DataFrame, scene: Scene) -> pd.DataFrame:
     """Where each asperity first touches, and with which radius: the composite summits under the indenter."""
     if scene.indenter is None:
@@ -155,6 +172,18 @@ def largest_load(scene: Scene) -> float:
             "the scene states no load; give one, [simulate] loads_N or [images] loads, or --load-N"
         )
     return max(loads)
+
+
+def refuse_repeated(loads: Sequence[Prescribed]) -> None:
+    """Raise if a load is given twice: loads are told apart by their names."""
+    repeated = [load for load in loads if list(loads).count(load) > 1]
+    if repeated:
+        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
+
+
+def solver_tolerance(relative: float | None) -> float | None:
+    """Residual at which the solver stops for a relative tolerance of the output; None for its own."""
+    return None if relative is None else max(SOLVER_SHARE * relative, MIN_RESIDUAL)
 
 
 def loads_before(scene: Scene, load: Prescribed, loads: Sequence[Prescribed]) -> tuple[Prescribed, ...]:

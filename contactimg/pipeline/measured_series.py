@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cached_property, reduce
 from operator import or_
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from contactimg.effects.local_law import LawEvidence, LawPlan, decide_law
 from contactimg.engine.calls import in_parallel
 from contactimg.files import (
-    EncodedRows,
     OutputFolder,
     Run,
     TableFormat,
     TableWriter,
+    encoded_rows,
     main_tables,
     provenance,
     read_run,
@@ -28,8 +28,8 @@ from contactimg.files import (
 from contactimg.files.runs import apex_record, pose_record
 from contactimg.forces import sphere_radii
 from contactimg.imaging.fit.film_choice import summarise_films
+from contactimg.pipeline.frame import MeasuredFrame
 from contactimg.pipeline.inputs import contact_sites
-from contactimg.pipeline.measured_frame import MeasuredFrame
 from contactimg.pipeline.pose_and_forces import apex_of, find_pose, shown_apex, with_forces, with_pose
 from contactimg.pose.apex import STATED, Apex
 from contactimg.pose.fit import PoseFit
@@ -112,7 +112,8 @@ class MeasuredSeries:
 
     def of_blocks(self, make: Callable[[Run], Result]) -> Iterator[Result]:
         """What a function makes of each block, in order; several processes share the blocks."""
-        return self._share(partial(_made_of_block, make, self._law))
+        law = self._law
+        return self._share(lambda block: make(block._finished(law)))
 
     def whole(self) -> Run:
         """The run with the tables of all frames in memory."""
@@ -166,11 +167,6 @@ def _law_evidence(block: MeasuredSeries) -> LawEvidence:
     return LawEvidence.of(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, block.sites))
 
 
-def _made_of_block(make: Callable[[Run], Result], law: LawPlan | None, block: MeasuredSeries) -> Result:
-    """What a function makes of a block."""
-    return make(block._finished(law))
-
-
 def _joined(schema: Schema, parts: Sequence[object]) -> pd.DataFrame:
     """The tables of a schema of several parts as one."""
     return schema.conform(pd.concat([getattr(part, schema.name) for part in parts], ignore_index=True))
@@ -194,13 +190,18 @@ def write_run(
     frames = [FRAMES.empty()]
     with ExitStack() as stack:
         tables = [stack.enter_context(TableWriter(schema, folder, table_format)) for schema in _TABLES]
-        for encoded, rows, law in series.of_blocks(partial(_encoded, table_format)):
-            for table, part in zip(tables, encoded, strict=True):
+
+        def encoded(block: Run) -> tuple[list[str | pd.DataFrame], pd.DataFrame, str]:
+            rows = [encoded_rows(getattr(block, one.name), one, table_format) for one in _TABLES]
+            return rows, block.frames, "" if block.law is None else block.law.sentence()
+
+        for contents, rows, law in series.of_blocks(encoded):
+            for table, part in zip(tables, contents, strict=True):
                 table.append(part)
             frames.append(rows)
             if law:
                 record["law"] = law
-    if not tables[-1].rows:
+    if tables[-1].empty:
         tables[-1].path.unlink()
     films = [part.film for part in series.parts if part.film is not None]
     if films:
@@ -210,12 +211,6 @@ def write_run(
         record[name] = {frame: asdict(found) for frame, found in said if found is not None}
     record = {name: value for name, value in record.items() if value}
     return FRAMES.conform(pd.concat(frames[1:] or frames, ignore_index=True)), record
-
-
-def _encoded(table_format: TableFormat, run: Run) -> tuple[list[EncodedRows], pd.DataFrame, str]:
-    """The tables of a block as they are written, its frames, and the law of its forces."""
-    rows = [EncodedRows.of(getattr(run, schema.name), schema, table_format) for schema in _TABLES]
-    return rows, run.frames, "" if run.law is None else run.law.sentence()
 
 
 def write_joined_tables(

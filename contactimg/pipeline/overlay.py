@@ -96,22 +96,24 @@ def compare_run(
     predicted: dict[str, dict[str, pd.DataFrame]] = {}
     left_out: dict[str, str] = {}
     plans: dict[str, Plan] = {}
-    comparable = _comparable(run.frames)
+    comparable, sites = _comparable(run.frames), contact_sites(asperities, run.scene)
     loads = comparable["load_N"].tolist()
     for row in comparable.to_dict("records"):
         frame = row["frame"]
         measured = _in_view(run.contacts[run.contacts["frame"] == frame], pose.shape)
         found, reasons = _predicted(run.scene, asperities, row, loads)
-        measured = _with_law_of(found.get("coupled"), measured, run.scene, asperities)
-        shift_px = frame_shift(run.frames, frame)
+        coupled, shift_px = found.get("coupled"), frame_shift(run.frames, frame)
+        if coupled is not None and measured["force_N"].notna().any():  # both sides follow one law
+            planned = run.scene if coupled.plan is None else coupled.plan.apply(run.scene)
+            measured = local_forces(planned, measured, sites)[0]
         predicted[frame] = {
             model: _in_view(see_contacts(prediction.contacts, pose, shift_px=shift_px), pose.shape)
             for model, prediction in found.items()
         }
-        if "coupled" in found and found["coupled"].plan is not None:
-            plans[frame] = found["coupled"].plan
+        if coupled is not None and coupled.plan is not None:
+            plans[frame] = coupled.plan
         if reasons:
-            left_out[frame] = "; ".join(f"{model}: {reason}" for model, reason in reasons.items())
+            left_out[frame] = reasons
         for model, contacts in predicted[frame].items():
             pairs, score = compare_frame(
                 measured, contacts, pixel_size=pose.pixel_size, min_radius_px=min_radius_px
@@ -140,35 +142,19 @@ def _comparable(frames: pd.DataFrame) -> pd.DataFrame:
     return frames[good]
 
 
-def _with_law_of(
-    prediction: Prediction | None, measured: pd.DataFrame, scene: Scene, asperities: pd.DataFrame
-) -> pd.DataFrame:
-    """The measured contacts with forces by the law of the prediction, so that both sides follow one law."""
-    if prediction is None or not measured["force_N"].notna().any():
-        return measured
-    planned = scene if prediction.plan is None else prediction.plan.apply(scene)
-    return local_forces(planned, measured, contact_sites(asperities, scene))[0]
-
-
 def _predicted(
     scene: Scene, asperities: pd.DataFrame, row: dict[Hashable, Any], loads: list[float]
-) -> tuple[dict[str, Prediction], dict[str, str]]:
-    """What each model predicts for a frame, one of all the loads, and why a model has no solution."""
-    history = loads_before(scene, row["load_N"], loads)
-    predictions: dict[str, Prediction] = {}
-    reasons: dict[str, str] = {}
+) -> tuple[dict[str, Prediction], str]:
+    """What each model predicts for a frame, one of all the loads, and why models have no solution."""
+    load, found, reasons = row["load_N"], dict[str, Prediction](), list[str]()
+    history = loads_before(scene, load, loads)
     for model in COMPARED_MODELS:
+        told = scene_of_model(scene, model)
         try:
-            predictions[model] = predict_contacts(
-                scene_of_model(scene, model),
-                asperities,
-                load=row["load_N"],
-                frame=row["frame"],
-                history=history,
-            )
+            found[model] = predict_contacts(told, asperities, load=load, frame=row["frame"], history=history)
         except ContactimgError as error:
-            reasons[model] = str(error)
-    return predictions, reasons
+            reasons.append(f"{model}: {error}")
+    return found, "; ".join(reasons)
 
 
 def compare_frame(

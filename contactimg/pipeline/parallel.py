@@ -53,6 +53,7 @@ def for_each_frame(
     workers: int | None,
     advance: Callable[[], None] | None = None,
     store: PartStore | None = None,
+    said: str = "",
 ) -> Iterator[Result | FailedFrame]:
     """Read the frames of an experiment and measure each; a frame that fails does not stop the others.
 
@@ -69,13 +70,15 @@ def for_each_frame(
         Called once a frame, in order.
     store : PartStore, optional
         Results that it holds are taken from it, the others are added; failures are not.
+    said : str
+        As for `contactimg.files.PartStore.results`.
 
     Yields
     ------
     result of ``measure``, or FailedFrame
         In order, a few frames in memory at a time.
     """
-    whole, jobs = jobs is None, [(frame,) for frame in experiment.frames] if jobs is None else jobs
+    jobs = [(frame,) for frame in experiment.frames] if jobs is None else jobs
     if not jobs:
         return
     reference = read_reference(experiment)
@@ -83,7 +86,6 @@ def for_each_frame(
     if store is None:
         results = in_parallel(call, iter(jobs), count=len(jobs), workers=workers, lost=_lost_frame)
     else:
-        said = "%s of %s frames were done by a run that was ended; the others are measured" if whole else ""
         names = _part_names(store, experiment, measure, jobs)
         results = store.results(call, jobs, names, workers=workers, lost=_lost_frame, said=said)
     for result in results:
@@ -103,37 +105,19 @@ def _part_names(
 ) -> list[str | None]:
     """The name of each job's part in the store."""
     call = measure if isinstance(measure, partial) else partial(measure)
-    settings = call.keywords
-    edited = [value for value in settings.values() if hasattr(value, "of_frame")]
-    # of the edits only those that concern a frame are part of its name: of its settings and its corrections
+    # of the edits only those that concern a frame are part of its name: in its job and its corrections
     edits = edits_file(experiment.scene, experiment.scene.folder)
+    references = [_without_folder(source) for source in experiment.references]
     common = store.common(
-        [
-            f"{call.func.__module__}:{call.func.__qualname__}",
-            call.args,
-            {key: value.of_all() if hasattr(value, "of_all") else value for key, value in settings.items()},
-            [_without_folder(source) for source in experiment.references],
-        ],
+        [f"{call.func.__module__}:{call.func.__qualname__}", call.args, call.keywords, references],
         [path for path in experiment.others if path != edits],
     )
-    return [
-        store.name(
-            common,
-            source.path,
-            [_without_folder(source), *(_of_frame(value, source.name) for value in (*rest, *edited))],
-        )
-        for source, *rest in jobs
-    ]
-
-
-def _of_frame(value: Any, name: str) -> Any:
-    """The part of a value that concerns one frame."""
-    return value.of_frame(name) if hasattr(value, "of_frame") else value
+    return [store.name(common, source.path, [_without_folder(source), *rest]) for source, *rest in jobs]
 
 
 def _without_folder(source: FrameSource) -> FrameSource:
-    """The source with the name of its file only, and the corrections that concern it."""
-    return replace(source, path=Path(source.path.name), correct=_of_frame(source.correct, source.name))
+    """The source with the name of its file only."""
+    return replace(source, path=Path(source.path.name))
 
 
 def _measure_source(

@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from contactimg.engine.calls import in_parallel
 from contactimg.errors import FrameError
 from contactimg.files import Experiment, FrameSource, write_palette_image
-from contactimg.pipeline.measured_frame import FrameTables
+from contactimg.pipeline.frame import FrameTables
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.plots import COUPLED, HERTZ, MEASURED, UNCOUPLED, crop_to
 from contactimg.plots.overlay import Layer, Picture, View, draw_overlay
 from contactimg.pose import Pose
 from contactimg.tables import Status
-from contactimg.tables.contact_kinds import REJECTED_COLOUR, kinds_of_contacts
-from contactimg.tables.outlines import Outline, contact_outlines
+from contactimg.tables.outlines import REJECTED_COLOUR, Outline, contact_outlines, kinds_of_contacts
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -105,9 +104,15 @@ def series_stretch(sources: Sequence[FrameSource]) -> tuple[float, float]:
     return low, high if high > low else low + 1.0
 
 
-def picture_name(frame: str) -> str:
-    """File name of the picture of a frame."""
-    return frame.replace("[", "_").replace("]", "") + ".png"
+def file_stem(frame: str) -> str:
+    """Name of a file that is made of a frame, without extension.
+
+    Examples
+    --------
+    >>> file_stem("stack.tif[3]"), file_stem("frame_1.tif")
+    ('stack.tif_3', 'frame_1.tif')
+    """
+    return frame.replace("[", "_").replace("]", "")
 
 
 def view_of(
@@ -127,7 +132,7 @@ def _draw_frame(source: FrameSource, shown: FrameTables, view: View, folder: Pat
 
 def write_picture(picture: Picture, folder: Path, frame: str) -> None:
     """Write the picture of a frame."""
-    write_palette_image(picture.indices, picture.palette, folder / picture_name(frame))
+    write_palette_image(picture.indices, picture.palette, folder / f"{file_stem(frame)}.png")
 
 
 def draw_measured(image: NDArray, shown: FrameTables, view: View, *, numbers: bool = False) -> Picture:

@@ -141,30 +141,23 @@ def with_pose(run: Run, sites: pd.DataFrame | None, pose: PoseFit) -> Run:
     located = CONTACTS.conform(locate_frames(run.contacts, run.frames, pose.pose, targets))
     frames = run.frames
     if targets is not None:
-        frames = _with_pose_status(_with_notes(frames, _unmatched_notes(located)), located)
+        matched = _known(located, "asperity")
+        notes = {
+            str(name): f"only {found} of {count} contacts fall on an asperity: check the asperity table, "
+            "[camera] pixel_size_m and centre_m, and [indenter] apex_m"
+            for name, found, count in matched.itertuples()
+            if found < MATCHED_FRACTION * count
+        }
+        lost = matched["sum"] < SIGNIFICANT_FRACTION * matched["size"]
+        lost &= matched["size"] >= LEAST_VOTING_POINTS
+        without = (frames["status"] == Status.OK) & frames["frame"].isin(matched.index[lost])
+        frames = _with_notes(frames, notes).assign(status=frames["status"].mask(without, Status.NO_POSE))
     return replace(run, contacts=located, frames=frames, pose=pose)
 
 
-def _with_pose_status(frames: pd.DataFrame, contacts: pd.DataFrame) -> pd.DataFrame:
-    """The frames table where frames that no pose explains are no longer ok."""
-    on_asperity = contacts["asperity"].notna().groupby(contacts["frame"]).agg(["sum", "size"])
-    lost = on_asperity["sum"] < SIGNIFICANT_FRACTION * on_asperity["size"]
-    lost &= on_asperity["size"] >= LEAST_VOTING_POINTS
-    without = (frames["status"] == Status.OK) & frames["frame"].isin(on_asperity.index[lost])
-    return frames.assign(status=frames["status"].mask(without, Status.NO_POSE))
-
-
-def _unmatched_notes(contacts: pd.DataFrame) -> dict[str, str]:
-    """What to say of frames where more than a tenth of the contacts fall on no asperity."""
-    notes = {}
-    for name, part in contacts.groupby("frame"):
-        matched = int(part["asperity"].notna().sum())
-        if matched < MATCHED_FRACTION * len(part):
-            notes[str(name)] = (
-                f"only {matched} of {len(part)} contacts fall on an asperity: "
-                "check the asperity table, [camera] pixel_size_m and centre_m, and [indenter] apex_m"
-            )
-    return notes
+def _known(contacts: pd.DataFrame, column: str) -> pd.DataFrame:
+    """Of each frame, how many of its contacts have a value in a column, and their number."""
+    return contacts[column].notna().groupby(contacts["frame"]).agg(["sum", "size"])
 
 
 def series_pose(run: Run, guess: Pose, targets: NDArray[np.float64]) -> PoseFit:
@@ -239,7 +232,12 @@ def with_forces(run: Run, sites: pd.DataFrame | None, law: LawPlan | None = None
         pixel_size=pixel_size,
         length_relative_std=length_std,
     )
-    frames = _with_balance(_with_notes(frames, _missing_force_notes(contacts)), law)
+    notes = {
+        str(name): f"{count - found} contacts have no asperity and so no force; the sum leaves them out"
+        for name, found, count in _known(contacts, "force_N").itertuples()
+        if 0 < found < count
+    }
+    frames = _with_balance(_with_notes(frames, notes), law)
     forces = contacts["force_N"].notna().any()
     return replace(run, contacts=contacts, frames=frames, law=law if forces else None)
 
@@ -249,16 +247,6 @@ def local_law(run: Run, sites: pd.DataFrame | None) -> LawPlan | None:
     if run.scene.elastic is None:
         return None
     return plan_law(run.scene, run.contacts, sphere_radii(run.contacts, run.scene, sites))
-
-
-def _missing_force_notes(contacts: pd.DataFrame) -> dict[str, str]:
-    """What to say of frames where some contacts have a force and others, without an asperity, have none."""
-    notes = {}
-    for name, part in contacts.groupby("frame"):
-        missing = int(part["force_N"].isna().sum())
-        if 0 < missing < len(part):
-            notes[str(name)] = f"{missing} contacts have no asperity and so no force; the sum leaves them out"
-    return notes
 
 
 def _with_balance(frames: pd.DataFrame, law: LawPlan | None) -> pd.DataFrame:

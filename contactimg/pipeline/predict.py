@@ -12,14 +12,19 @@ from contactimg.engine.calls import in_parallel
 from contactimg.errors import ContactimgError, InputError
 from contactimg.files import write_table
 from contactimg.models.load_spring import LoadSpring
-from contactimg.pipeline.inputs import loads_before, need_asperities, scene_asperities
+from contactimg.pipeline.inputs import (
+    loads_before,
+    need_asperities,
+    refuse_repeated,
+    scene_asperities,
+    solver_tolerance,
+)
 from contactimg.prediction import (
     Coupling,
     Model,
     Prediction,
     Prescribed,
     find_touching_load,
-    load_name,
     make_mechanical_plan,
     predict_average,
     predict_contacts,
@@ -30,15 +35,8 @@ from contactimg.prediction import (
 from contactimg.scene import Scene
 from contactimg.tables import CONTACTS, FRAMES, PROFILE
 
-SOLVER_SHARE = 0.01
-"""Fraction of a tolerance that the residual of the solver may use up; the effects that are left out have the
-rest. Chosen by hand; sensitivity not measured."""
-
 BEYOND_AVERAGES = ("adhesion", "layer", "sphere_profile")
 """Effects that the statistical models cannot represent."""
-
-MIN_RESIDUAL = 1e-11
-"""Smallest residual that is requested. Chosen: every solver reaches it in double precision."""
 
 
 def predict_loads(
@@ -89,7 +87,7 @@ def predict_loads(
     refuse_repeated(loads)
     if model == "interacting":
         asperities = need_asperities(scene, "predicting contacts")
-        tolerance = None if relative is None else solver_tolerance(relative)
+        tolerance = solver_tolerance(relative)
         predict = partial(
             _predict_planned, scene, asperities, coupling=coupling, annulus=annulus, tolerance=tolerance
         )
@@ -143,13 +141,6 @@ def _refuse_beyond_averages(scene: Scene, loads: Sequence[Prescribed], model: st
         raise InputError(f'model "{model}" takes loads, no displacements; take the model "interacting"')
 
 
-def refuse_repeated(loads: Sequence[Prescribed]) -> None:
-    """Raise if a load is given twice: loads are told apart by their names."""
-    repeated = [load for load in loads if list(loads).count(load) > 1]
-    if repeated:
-        raise InputError(f"{load_name(repeated[0])} is given more than once; give each load once")
-
-
 def _solve(
     predict: Callable[..., Prediction], load: Prescribed, history: Sequence[Prescribed]
 ) -> Prediction | ContactimgError:
@@ -158,11 +149,6 @@ def _solve(
         return predict(load=load, history=history) if history else predict(load=load)
     except ContactimgError as error:
         return error
-
-
-def solver_tolerance(relative: float) -> float:
-    """Residual at which the solver stops for a relative tolerance of the output."""
-    return max(SOLVER_SHARE * relative, MIN_RESIDUAL)
 
 
 def choice_sentence(prediction: Prediction, *, relative: float | None = None) -> str:
@@ -209,20 +195,19 @@ def _predict_planned(
     return replace(prediction, frames=prediction.frames.assign(message="; ".join(notes)), plan=plan)
 
 
-def plan_records(predictions: Sequence[Prediction]) -> dict[str, list[dict[str, Any]]]:
-    """The plans for the provenance: name of the load -> effect, change, decision, reason."""
-    return {p.frames["frame"].iloc[0]: p.plan.record for p in predictions if p.plan is not None}
-
-
-def error_records(predictions: Sequence[Prediction]) -> dict[str, dict[str, Any]]:
-    """Name of the load -> what its plan leaves out, and the expected errors, for the provenance."""
-    return {p.frames["frame"].iloc[0]: p.plan.error_record for p in predictions if p.plan is not None}
-
-
-def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: Path) -> pd.DataFrame:
-    """Write contacts.csv, frames.csv and profile.csv; return the frames table.
+def write_predictions(
+    predictions: Sequence[Prediction], scene: Scene, folder: Path
+) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """Write contacts.csv, frames.csv and profile.csv.
 
     The pixel columns of the contacts are filled where the scene has a camera and the size of its frames.
+
+    Returns
+    -------
+    frames : DataFrame
+        The frames table.
+    record : dict
+        For the provenance: name of the load -> the plan of its effects, and the errors expected of it.
     """
     contacts = pd.concat([prediction.contacts for prediction in predictions], ignore_index=True)
     if scene.camera is not None and scene.simulate is not None:
@@ -232,7 +217,10 @@ def write_predictions(predictions: Sequence[Prediction], scene: Scene, folder: P
     write_table(contacts, CONTACTS, folder / "contacts.csv")
     write_table(frames, FRAMES, folder / "frames.csv")
     write_table(profiles, PROFILE, folder / "profile.csv")
-    return frames
+    planned = [(name, one.plan) for name, one in zip(frames["frame"], predictions, strict=True)]
+    plans = {name: plan for name, plan in planned if plan is not None}
+    errors = {name: plan.error_record for name, plan in plans.items()}
+    return frames, {"plans": {name: plan.record for name, plan in plans.items()}, "expected_errors": errors}
 
 
 def prescriptions(

@@ -11,15 +11,13 @@ import numpy as np
 import pandas as pd
 
 from contactimg.errors import FrameError, InputError
-from contactimg.files import Experiment, PartStore, Run, open_experiment
+from contactimg.files import EVERY_FRAME, Experiment, PartStore, Run, edit_points, open_experiment
+from contactimg.imaging.detect.hand_edits import ACTIONS, HandEdit
 from contactimg.imaging.fit.pooling import FEWEST_SCORES, gain_of_pooling, pool_edges, pool_optics
 from contactimg.imaging.profile.optics import EdgeKnowledge, SharedOptics
-from contactimg.pipeline.background.second_pass import measure_on_background
-from contactimg.pipeline.edits import edits_by_frame
-from contactimg.pipeline.effects import film_setting, resolve_measurement
-from contactimg.pipeline.frame import FrameOptions, measure_scene_frame
-from contactimg.pipeline.inputs import contact_sites, scene_asperities, scene_of_defined_laws
-from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.pipeline.background import measure_on_background, measure_on_pool
+from contactimg.pipeline.frame import Edits, FrameOptions, MeasuredFrame, measure_scene_frame
+from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.measured_series import MeasuredSeries
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.scene import Scene
@@ -59,25 +57,7 @@ def measure_series(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
-    return measure_experiment(open_experiment(scene), workers=workers, advance=advance)
-
-
-def measure_experiment(
-    experiment: Experiment,
-    *,
-    relative: float | None = None,
-    workers: int | None = None,
-    advance: Callable[[], None] | None = None,
-    store: PartStore | None = None,
-) -> Run:
-    """Measure every frame of an opened experiment; see `measure_series`.
-
-    With a ``store``, frames that it contains are not measured again.
-
-    With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
-    is estimated to meet it (`contactimg.tradeoff.choice`).
-    """
-    return measure_parts(experiment, relative=relative, workers=workers, advance=advance, store=store).whole()
+    return measure_parts(open_experiment(scene), workers=workers, advance=advance).whole()
 
 
 def measure_parts(
@@ -88,24 +68,57 @@ def measure_parts(
     advance: Callable[[], None] | None = None,
     store: PartStore | None = None,
 ) -> MeasuredSeries:
-    """Measure every frame of an opened experiment, in little memory if there is a store."""
-    scene = experiment.scene
-    asperities = None if scene.camera is None else scene_asperities(scene)
-    sites = None if asperities is None else contact_sites(asperities, scene)
-    scene = scene_of_defined_laws(scene, sites)
-    resolved = resolve_measurement(scene)
+    """Measure every frame of an opened experiment; see `measure_series`.
+
+    With a ``store``, frames that it contains are not measured again, and a long series takes little memory.
+
+    With ``relative``, a tolerance of the scene's output, each frame is measured by the cheapest method that
+    is estimated to meet it (`contactimg.tradeoff.choice`).
+    """
+    scene, asperities, sites = asperities_and_sites(experiment.scene)
     edits = edits_by_frame(experiment, relative=relative)
-    options = FrameOptions(resolved, film_setting(resolved, sites), relative, edits)
-    parts, shape = _measure_frames(experiment, options, workers=workers, advance=advance, store=store)
+    options = FrameOptions.of(scene, sites, relative)
+    parts, shape = _measure_frames(experiment, options, edits, workers=workers, advance=advance, store=store)
     parts = [replace(part, own_optics=None) for part in parts]  # which is the largest part of a frame
     loads = experiment.loads.drop_duplicates("frame").set_index("frame")["load_N"]
     in_order = loads.reindex([part.row["frame"] for part in parts]).to_numpy(float)
     return MeasuredSeries(scene, parts, in_order, sites, workers=workers).posed(shape, asperities)
 
 
+def edits_by_frame(experiment: Experiment, *, relative: float | None) -> dict[str, Edits]:
+    """Name of a frame -> corrections by hand to its contacts, in the order of the table.
+
+    An edit of a frame that is not there is logged as a warning.
+
+    Raises
+    ------
+    InputError
+        If contacts are to be corrected and the method is chosen by a tolerance, which may change from frame
+        to frame.
+    """
+    edits: dict[str, Edits] = {}
+    names = [source.name for source in experiment.frames] if len(experiment.edits) else []
+    known = {EVERY_FRAME, *names}
+    for number, row in enumerate(experiment.edits.to_dict("records"), start=1):
+        if row["frame"] not in known:
+            logger.warning(
+                "edits: row %s (%s) is for the frame %s, which is not there; the edit has no effect",
+                number, row["action"], row["frame"],
+            )  # fmt: skip
+        elif row["action"] in ACTIONS:
+            points = edit_points(row["points"])
+            edit = HandEdit(row["action"], number, row["x_px"], row["y_px"], row["radius_px"], points)
+            for name in names if row["frame"] == EVERY_FRAME else [row["frame"]]:
+                edits[name] = (*edits.get(name, ()), edit)
+    if edits and relative is not None:
+        raise InputError("edits correct the contacts of one method; leave out --tolerance, or the edits")
+    return edits
+
+
 def _measure_frames(
     experiment: Experiment,
     options: FrameOptions,
+    edits: dict[str, Edits],
     *,
     workers: int | None,
     advance: Callable[[], None] | None,
@@ -125,29 +138,30 @@ def _measure_frames(
     InputError
         If no frame at all could be measured; the message gives the first reason.
     """
+    frames = experiment.frames
+    said = "%s of %s frames were done by a run that was ended; the others are measured"
     measure: Callable[..., MeasuredFrame] = partial(measure_scene_frame, options=options)
+    jobs: list[tuple[Any, ...]] = [(frame, None, edits.get(frame.name, ())) for frame in frames]
     parts: list[MeasuredFrame] = []
-    for measured in for_each_frame(experiment, measure, workers=workers, advance=advance, store=store):
-        parts.append(MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured)
+    for measured in for_each_frame(
+        experiment, measure, jobs, workers=workers, advance=advance, store=store, said=said
+    ):
+        parts.append(MeasuredFrame.of(measured))
         parts[-1].log()
     shape = _refuse_other_sizes(parts)
-    parts, background = measure_on_background(experiment, options, parts, workers=workers, store=store)
+    parts, background = measure_on_background(experiment, options, edits, parts, workers=workers, store=store)
     optics = _OpticsOfSeries.of(parts, options.scene.measure.method)
     if optics is None:
         return parts, shape
     again = [k for k, part in enumerate(parts) if optics.gains(k, part)]
-
-    def lent(k: int) -> SharedOptics:
-        return optics.for_frame(k).scaled(parts[k].level or 1.0)
-
-    if background is None:
-        jobs: list[tuple[Any, ...]] = [(experiment.frames[k], lent(k)) for k in again]
-    else:
-        measure = background.measure
-        jobs = [(experiment.frames[k], *background.arguments(k, lent(k))) for k in again]
+    lent = (optics.for_frame(k).scaled(parts[k].level or 1.0) for k in again)
+    jobs = [(frames[k], own, edits.get(frames[k].name, ())) for k, own in zip(again, lent, strict=True)]
+    if background is not None:
+        measure = partial(measure_on_pool, pool=background.pool)
+        jobs = [(*job, background.before(k)) for k, job in zip(again, jobs, strict=True)]
     second_pass = for_each_frame(experiment, measure, jobs, workers=workers, store=store)
     for k, measured in zip(again, second_pass, strict=True):
-        part = MeasuredFrame.failed(measured) if isinstance(measured, FailedFrame) else measured
+        part = MeasuredFrame.of(measured)
         part.log("with the contrast, the blur and the edge of the series: ")
         choice = parts[k].choice
         parts[k] = part if choice is None else replace(part, choice=choice).with_remarks(choice)
@@ -179,11 +193,12 @@ class _OpticsOfSeries:
         pooled = pool_optics(replace(optics, edge=None) for optics in own if optics is not None)
         if pooled is None:
             return None
-        seen = [k for k, part in enumerate(parts) if _edge_count(part) >= FEWEST_SCORES]
+        edges = [None if part.own_optics is None else part.own_optics.edge for part in parts]
+        seen = [k for k, edge in enumerate(edges) if edge is not None and edge.count >= FEWEST_SCORES]
         places = np.linspace(0, len(seen) - 1, min(MOST_EDGES, len(seen)))
         chosen = [seen[k] for k in np.unique(np.rint(places).astype(int))]
-        edges = {k: parts[k].own_optics.edge for k in chosen}
-        return cls(replace(pooled, edge=pool_edges(list(edges.values()))), edges, method)
+        pool = {k: edge for k in chosen if (edge := edges[k]) is not None}
+        return cls(replace(pooled, edge=pool_edges(list(pool.values()))), pool, method)
 
     def for_frame(self, k: int) -> SharedOptics:
         """The pooled optics for a frame, with the edge that the others show: its own adds nothing to it."""
@@ -205,12 +220,6 @@ def _is_fitted(part: MeasuredFrame, method: str) -> bool:
     return (part.choice.method if part.choice else method) == "disk"
 
 
-def _edge_count(part: MeasuredFrame) -> int:
-    """Contacts that the edge of a frame rests on."""
-    edge = None if part.own_optics is None else part.own_optics.edge
-    return 0 if edge is None else edge.count
-
-
 def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
     """Whether the optics of the series make the uncertainty of the sum of a^3 much smaller or its edge right.
 
@@ -224,13 +233,9 @@ def _gains_by_pooling(part: MeasuredFrame, pooled: SharedOptics) -> bool:
         return True
     common = np.array([cubes.contrast, cubes.blur])
     gain = gain_of_pooling(common, cubes.own, own, pooled, edge_part=cubes.edge)
-    return gain > POOLING_GAIN or _lacks_edge(own, pooled)
-
-
-def _lacks_edge(own: SharedOptics, pooled: SharedOptics) -> bool:
-    """Whether the frame missed the edge that the others have, with fewer contacts to see it."""
-    if own.edge is None or pooled.edge is None:
-        return False
+    if gain > POOLING_GAIN or own.edge is None or pooled.edge is None:
+        return gain > POOLING_GAIN
+    # whether the frame missed the edge that the others have, with fewer contacts to see it
     return own.edge.families != pooled.edge.families and 2 * own.edge.count < pooled.edge.count
 
 
@@ -243,5 +248,5 @@ def _refuse_other_sizes(parts: list[MeasuredFrame]) -> tuple[int, int]:
     for k, part in enumerate(parts):
         if part.shape not in (None, (rows, columns)):
             odd = f"has {part.shape[1]} x {part.shape[0]} pixels, the other frames {columns} x {rows}"
-            parts[k] = MeasuredFrame.failed(FailedFrame.of(part.row["frame"], FrameError(odd)))
+            parts[k] = MeasuredFrame.of(FailedFrame.of(part.row["frame"], FrameError(odd)))
     return rows, columns

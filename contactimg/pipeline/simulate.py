@@ -1,6 +1,6 @@
 """Synthetic series: solve the scene at each load, render the contacts, keep the true contacts."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -73,7 +73,11 @@ def plan_simulation(scene: Scene, asperities: pd.DataFrame | None, *, optics: bo
     make = make_plan if optics else make_mechanical_plan
     plans = tuple(make(scene, asperities, load=load) for load in sorted({min(pressed), max(pressed)}))
     scene = with_memory(scene, loads_before(scene, min(simulate.loads), simulate.loads))
-    return SimulationPlan(explicit_switches(_with_effects_of(scene, plans)), plans)
+    decisions = [decision for plan in plans for decision in plan.decisions]
+    on = {decision.effect for decision in decisions if decision.on}
+    switches = {one.effect: "on" if one.effect in on else "off" for one in decisions}
+    effects = scene.effects.model_copy(update=switches)
+    return SimulationPlan(explicit_switches(scene.model_copy(update={"effects": effects})), plans)
 
 
 def _refuse_film_of_profile(scene: Scene) -> None:
@@ -82,14 +86,6 @@ def _refuse_film_of_profile(scene: Scene) -> None:
         raise InputError(
             'the air film is rendered around caps, not for a stated profile; set [effects] film = "off"'
         )
-
-
-def _with_effects_of(scene: Scene, plans: Sequence[Plan]) -> Scene:
-    """The scene with every effect on that is on in any of the plans."""
-    on = {decision.effect for plan in plans for decision in plan.decisions if decision.on}
-    known = {decision.effect for plan in plans for decision in plan.decisions}
-    switches = {name: "on" if name in on else "off" for name in known}
-    return scene.model_copy(update={"effects": scene.effects.model_copy(update=switches)})
 
 
 def explicit_switches(scene: Scene) -> Scene:
@@ -153,40 +149,30 @@ def simulate_series(
     seeds = np.random.SeedSequence(simulate.seed).spawn(len(simulate.loads) + 1)
     reference = render_reference(scene, rng=np.random.default_rng(seeds[0]), name="reference.tif")
     yield SimulatedFrame(np.nan, reference, None)
-    jobs = list(zip(simulate.loads, _frame_names(len(simulate.loads)), seeds[1:], strict=True))
-    yield from in_parallel(_renderer(scene, asperities), jobs, count=len(jobs), workers=workers)
+    width = len(str(len(simulate.loads)))
+    names = [f"frame_{k:0{width}d}.tif" for k in range(1, len(simulate.loads) + 1)]
+    radius = None if asperities is None else contact_sites(asperities, scene)["radius_m"].to_numpy(float)
+    jobs = list(zip(simulate.loads, names, seeds[1:], strict=True))
+    render = partial(_render, scene, asperities, radius)
+    yield from in_parallel(render, jobs, count=len(jobs), workers=workers)
 
 
-def _renderer(
-    scene: Scene, asperities: pd.DataFrame | None
-) -> Callable[[float, str, np.random.SeedSequence], SimulatedFrame]:
-    """Renders the frame of a load."""
-    if asperities is None:
-        return partial(_render_smooth, scene)
-    sphere_radius = contact_sites(asperities, scene)["radius_m"].to_numpy(float)
-    return partial(_render_rough, scene, (asperities, sphere_radius))
-
-
-def _render_smooth(scene: Scene, load: float, name: str, seed: np.random.SeedSequence) -> SimulatedFrame:
-    """The frame of a smooth sphere on a smooth flat."""
-    rendered = render_smooth_contact(load, scene, rng=np.random.default_rng(seed), name=name)
-    return SimulatedFrame(load, rendered.frame, rendered.contacts)
-
-
-def _render_rough(
+def _render(
     scene: Scene,
-    rough: tuple[pd.DataFrame, NDArray[np.float64]],
-    load: float,
-    name: str,
-    seed: np.random.SeedSequence,
+    asperities: pd.DataFrame | None,
+    sphere_radius: NDArray[np.float64] | None,
+    *job: Any,
 ) -> SimulatedFrame:
-    """The frame of asperities that interact, given with the radius of each on the smooth sphere."""
-    asperities, sphere_radius = rough
-    loads = scene.need("simulate", "simulating frames").loads
-    history = loads_before(scene, load, loads)
-    contacts = predict_contacts(scene, asperities, load=load, frame=name, history=history).contacts
-    radii, rng = sphere_radius[contacts["asperity"].to_numpy(int)], np.random.default_rng(seed)
-    rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
+    """The frame of a load: a smooth contact, or asperities, given the radius of each on the smooth sphere."""
+    load, name, seed = job
+    rng = np.random.default_rng(seed)
+    if asperities is None or sphere_radius is None:
+        rendered = render_smooth_contact(load, scene, rng=rng, name=name)
+    else:
+        history = loads_before(scene, load, scene.need("simulate", "simulating frames").loads)
+        contacts = predict_contacts(scene, asperities, load=load, frame=name, history=history).contacts
+        radii = sphere_radius[contacts["asperity"].to_numpy(int)]
+        rendered = render_contacts(contacts, scene, rng=rng, sphere_radius=radii, name=name)
     return SimulatedFrame(load, rendered.frame, rendered.contacts)
 
 
@@ -242,9 +228,3 @@ def _measured_scene(scene: Scene) -> dict[str, Any]:
     camera = data.get("camera", {})
     data["camera"] = {key: value for key, value in camera.items() if key not in ("gamma", "response")}
     return data
-
-
-def _frame_names(count: int) -> list[str]:
-    """Names of the frames of a series: numbers padded to one width."""
-    width = len(str(count))
-    return [f"frame_{k:0{width}d}.tif" for k in range(1, count + 1)]

@@ -32,7 +32,7 @@ from contactimg.files import (
     read_table,
 )
 from contactimg.files.runs import is_out_of_date
-from contactimg.pipeline.pictures import picture_name
+from contactimg.pipeline.pictures import file_stem
 from contactimg.plots import CAPTIONS, caption_of, plot_area
 from contactimg.plots.numbers import number_with_std, plain_number
 from contactimg.report import summary
@@ -197,9 +197,8 @@ def _area(run: Run, analyses: list[Part]) -> tuple[Picture | None, summary.Headl
     frames, law = run.frames, None
     if not ((frames["load_N"] > 0) & (frames["area_m2"] > 0)).any():
         return None, None
-    lens = None if run.scene is None else run.scene.indenter
-    measured = run.scene is not None and not frames["indentation_m"].notna().any()
-    cell = LoadCell.stated(run.scene.load) if measured and run.scene is not None else EXACT_LOADS
+    lens, measured = run.scene.indenter, not frames["indentation_m"].notna().any()
+    cell = LoadCell.stated(run.scene.load) if measured else EXACT_LOADS
     try:
         centre = None if lens is None else lens.apex
         areas = frame_areas(frames, run.contacts, place=str(run.folder), centre=centre)
@@ -315,7 +314,7 @@ def _rejected_counts(folder: Path) -> list[tuple[str, int]]:
 
 def _pictures_in(folder: Path, run: Run) -> list[tuple[str, Path]]:
     """Names of the frames of a run that have a picture in a folder, and its file."""
-    pairs = [(str(name), folder / "overlays" / picture_name(str(name))) for name in run.frames["frame"]]
+    pairs = [(str(name), folder / "overlays" / f"{file_stem(str(name))}.png") for name in run.frames["frame"]]
     return [(name, path) for name, path in pairs if path.is_file()]
 
 

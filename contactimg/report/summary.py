@@ -33,7 +33,7 @@ def title(run: Run) -> str:
     if run.command == "predict":
         number = "predicted at one load" if count == 1 else f"predicted at {count} loads"
     bodies = "Contact micrographs"
-    if run.scene is not None and run.scene.indenter is not None:
+    if run.scene.indenter is not None:
         textured = None if run.scene.asperities is None else run.scene.asperities.textured
         lens = "Textured lens" if textured == "rigid" else "Smooth lens"
         rubber = "textured rubber" if textured == "soft" else "smooth rubber"
@@ -53,9 +53,9 @@ def _range_of(values: pd.Series, form: str, factor: float) -> str:
 def facts(run: Run) -> list[tuple[str, str]]:
     """What was measured, and how."""
     scene, found, pose = run.scene, list[tuple[str, str]](), run.provenance.get("pose")
-    if scene is not None and scene.indenter is not None:
+    if scene.indenter is not None:
         found.append(("Lens", f"radius {plain_number(1e3 * scene.indenter.radius)} mm"))
-    body = None if scene is None else scene.elastic
+    body = scene.elastic
     if body is not None:
         parts = [f"ν = {plain_number(body.poisson_ratio)}"]
         if body.stated_modulus is not None:
@@ -66,14 +66,14 @@ def facts(run: Run) -> list[tuple[str, str]]:
         if body.work_of_adhesion:
             parts.append(f"w = {plain_number(1e3 * body.work_of_adhesion)} mJ/m²")
         found.append(("Rubber", ", ".join(parts)))
-    if scene is not None and scene.asperities is not None and scene.asperities.file is not None:
+    if scene.asperities is not None and scene.asperities.file is not None:
         found.append(("Asperities", Path(scene.asperities.file).name))
     loads, size = _range_of(run.frames["load_N"], "; loads {} mN", 1e3), ""
     if pose:
         pixel = plain_number(1e6 * pose["pixel_size_m"])
         size = f" of {pose['columns']} × {pose['rows']} pixels, {pixel} µm per pixel"
     found.append(("Frames", f"{len(run.frames)}{size}{loads or '; loads not known'}"))
-    if scene is not None and run.command != "predict":
+    if run.command != "predict":
         found.append(("Method", _method(run, scene)))
     law = str(run.provenance.get("law", "")).removeprefix("local forces by the ").rstrip(".")
     if law:
@@ -127,7 +127,7 @@ def headlines(run: Run) -> list[Headline]:
 
 def _force_slope(run: Run) -> CoverageEstimate | None:
     """Slope of the sums of the local forces against the loads; None where there are none."""
-    if run.scene is None or run.scene.elastic is None or run.command == "predict":
+    if run.scene.elastic is None or run.command == "predict":
         return None
     good = run.frames[(run.frames["load_N"] > 0) & (run.frames["force_sum_N"] > 0)]
     load, cell, elastic = good["load_N"].to_numpy(float), LoadCell.stated(run.scene.load), run.scene.elastic

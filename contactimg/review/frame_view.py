@@ -2,7 +2,7 @@
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -15,13 +15,11 @@ from contactimg.calibration.plateau import find_plateau
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment
 from contactimg.frame import Frame
-from contactimg.imaging.measure import ImageMeasurement
-from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, count_at
-from contactimg.pipeline.edits import edits_by_frame
-from contactimg.pipeline.effects import film_setting, resolve_measurement
-from contactimg.pipeline.frame import FrameOptions, measure_prepared, measure_scene_frame
-from contactimg.pipeline.inputs import contact_sites, read_reference, scene_asperities
-from contactimg.pipeline.measured_frame import MeasuredFrame
+from contactimg.imaging.measure import ImageMeasurement, count_again
+from contactimg.imaging.profile.optics import SharedOptics
+from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS
+from contactimg.pipeline.frame import Edits, FrameOptions, measure_prepared
+from contactimg.pipeline.inputs import asperities_and_sites, read_reference
 from contactimg.tables.outlines import Outline, contact_outlines
 
 Image = NDArray[np.float32]
@@ -65,12 +63,11 @@ class FrameView:
     @classmethod
     def of(cls, experiment: Experiment, number: int) -> "FrameView":
         """Measure the frame of this number, with the masks of its scene."""
-        options, reference = frame_options(experiment), read_reference(experiment)
-        frame, image = experiment.frames[number].read(), None if reference is None else reference.image
-        measure = partial(measure_prepared, frame, image, options.scene, options=options)
-        blur = measure(method="disk", blur_px=options.scene.measure.blur_px).optics.blur_px
-        counted = measure(method="threshold")
-        return cls(frame, image, counted, blur if np.isfinite(blur) else PLAIN_BLUR_PX, options)
+        frame, reference, options = prepared_frame(experiment, number)
+        measure = partial(measure_prepared, frame, reference, options.scene, film=options.film)
+        blur = measure(optics=SharedOptics()).optics.blur_px
+        counted = measure(count_at=0.5)
+        return cls(frame, reference, counted, blur if np.isfinite(blur) else PLAIN_BLUR_PX, options)
 
     @property
     def light(self) -> Image:
@@ -79,12 +76,12 @@ class FrameView:
             1 / self.counted.contrast if self.counted.contrast else 0.0
         )
 
-    def curves(self, edits: Sequence[Any], pixel_size: float | None) -> dict[str, Any]:
+    def curves(self, edits: Edits, pixel_size: float | None) -> dict[str, Any]:
         """Number and area of the contacts against the threshold.
 
         Parameters
         ----------
-        edits : sequence of HandEdit
+        edits : tuple of HandEdit
             Corrections of the contacts of this frame.
         pixel_size : float or None, m
             With it areas are in m^2, else in px^2.
@@ -96,18 +93,12 @@ class FrameView:
             that `calibrate threshold` and `calibrate plateau` see, without edits; unit of the areas; plateau:
             its lowest threshold, that of the slowest fall and the highest one, None where there is none.
         """
-        options = replace(self.options, edits={self.frame.name: tuple(edits)})
         counts, areas, scanned = [], [], []
         for threshold in THRESHOLDS.tolist():
             disks = measure_prepared(
-                self.frame,
-                self.reference,
-                options.scene,
-                method="threshold",
-                threshold=threshold,
-                options=options,
+                self.frame, self.reference, self.options.scene, count_at=threshold, edits=edits
             ).disks
-            seen = count_at(self.counted, threshold) if self.counted.contrast else disks
+            seen = count_again(self.counted.foreground, threshold).disks if self.counted.contrast else disks
             counts.append(len(disks))
             areas.append(float(np.pi * np.sum(disks["radius_px"] ** 2)))
             scanned.append(float(np.pi * np.sum(seen["radius_px"] ** 2)))
@@ -172,23 +163,12 @@ class FrameView:
         }
 
 
-def frame_options(experiment: Experiment, edits: dict[str, tuple[Any, ...]] | None = None) -> FrameOptions:
-    """How the frames of an experiment are measured one by one, with corrections of their contacts."""
-    scene = experiment.scene
-    asperities = None if scene.camera is None else scene_asperities(scene)
-    sites = None if asperities is None else contact_sites(asperities, scene)
-    resolved = resolve_measurement(scene)
-    return FrameOptions(resolved, film_setting(resolved, sites), edits=edits or {})
-
-
-def measure_alone(experiment: Experiment, number: int) -> MeasuredFrame:
-    """One frame with its corrections, measured without the rest of its series."""
+def prepared_frame(experiment: Experiment, number: int) -> tuple[Frame, NDArray | None, FrameOptions]:
+    """A frame, the pixels of its reference, and how it is measured without the rest of its series."""
     reference = read_reference(experiment)
-    return measure_scene_frame(
-        experiment.frames[number].read(),
-        None if reference is None else reference.image,
-        options=frame_options(experiment, edits_by_frame(experiment, relative=None)),
-    )
+    scene, _, sites = asperities_and_sites(experiment.scene)
+    options = FrameOptions.of(scene, sites)
+    return experiment.frames[number].read(), None if reference is None else reference.image, options
 
 
 def picture(image: NDArray, stretch: tuple[float, float]) -> bytes:

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from threading import RLock
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from contactimg.calibration.plateau import find_plateau
@@ -25,24 +26,111 @@ from contactimg.files import (
     open_experiment,
     provenance,
     read_run,
+    read_run_table,
     set_scene_keys,
 )
 from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
-from contactimg.pipeline.edits import check_frames, edits_by_frame
+from contactimg.pipeline.frame import MeasuredFrame, measure_scene_frame
 from contactimg.pipeline.measured_series import write_run
 from contactimg.pipeline.pictures import series_stretch
-from contactimg.pipeline.series import measure_parts
-from contactimg.review.frame_view import LIGHT_TOP, FrameView, measure_alone, picture
+from contactimg.pipeline.series import edits_by_frame, measure_parts
+from contactimg.review.frame_view import LIGHT_TOP, FrameView, picture, prepared_frame
 from contactimg.review.jobs import Jobs
-from contactimg.review.shown_tables import ShownTables, plain_rows
 from contactimg.scene import Scene, scene_from_dict
-from contactimg.tables import EDITS
+from contactimg.tables import CONTACTS, EDITS, FRAMES, OUTLINES, REJECTED, Schema
 
 KEPT_FRAMES = 4
 """Prepared frames and pictures kept in memory. Chosen: going back and forth between two or three."""
 
+TABLES: dict[str, Schema] = {
+    "contacts.csv": CONTACTS,
+    "frames.csv": FRAMES,
+    "rejected.csv": REJECTED,
+    "outlines.csv": OUTLINES,
+}
+"""Files that the page may read from the folder of a run."""
+CONTACT_COLUMNS = (
+    "label", "x_px", "y_px", "radius_px", "radius_std_px", "flags", "shape", "semi_major_px", "semi_minor_px",
+    "angle_rad", "area_m2", "force_N", "force_std_N", "x_m", "y_m", "asperity",
+)  # fmt: skip
+"""Columns of the contacts that the page uses."""
 
 Edits = list[dict[Any, Any]]
+
+
+class ShownTables:
+    """Tables of a run, frame by frame.
+
+    Parameters
+    ----------
+    tables : dict
+        Name of a file of `TABLES` -> its table.
+    folder : Path or None
+        Folder that holds the files.
+    """
+
+    def __init__(self, tables: dict[str, pd.DataFrame], folder: Path | None = None) -> None:
+        self.folder, self._frames = folder, tables["frames.csv"]
+        self._parts = {
+            name: {str(frame): part for frame, part in table.groupby("frame", sort=False)}
+            for name, table in tables.items()
+            if name != "frames.csv"
+        }
+
+    @classmethod
+    def read(cls, folder: Path, **known: pd.DataFrame) -> "ShownTables":
+        """Read a run, which need not have rejected candidates or outlines; ``frames`` may be given."""
+        read = {
+            name: read_run_table(folder, schema, infinite=True, optional=True)
+            for name, schema in TABLES.items()
+            if schema.name not in known
+        }
+        return cls(read | {f"{name}.csv": table for name, table in known.items()}, folder)
+
+    @classmethod
+    def of_part(cls, part: MeasuredFrame) -> "ShownTables":
+        """The tables of one frame, which are in no folder."""
+        row, tables = FRAMES.conform(pd.DataFrame([part.row])), part.tables
+        return cls(dict(zip(TABLES, (tables.contacts, row, tables.rejected, tables.outlines), strict=True)))
+
+    def rows(self, name: str, frame: str) -> pd.DataFrame:
+        """The rows of a table that are about one frame."""
+        part = self._parts[name].get(frame)
+        return TABLES[name].empty() if part is None else part
+
+    def of_frame(self, frame: str) -> dict[str, Any]:
+        """Contacts, rejected candidates, outlines and the row of one frame, for the page."""
+        lines: dict[str, list[Any]] = {}
+        for (label, _), part in self.rows("outlines.csv", frame).groupby(["label", "outline"]):
+            lines.setdefault(str(label), []).append(part[["x_px", "y_px"]].to_numpy(float).tolist())
+        contacts, rejected = (self.rows(name, frame) for name in ("contacts.csv", "rejected.csv"))
+        return {
+            "row": next(iter(plain_rows(self._frames[self._frames["frame"] == frame])), None),
+            "contacts": _plain(contacts[list(CONTACT_COLUMNS)]).to_dict("list"),
+            "rejected": _plain(rejected.drop(columns="frame")).to_dict("list"),
+            "outlines": lines,
+        }
+
+    @cached_property
+    def summaries(self) -> dict[str, dict[str, Any]]:
+        """Name of a frame -> its status, number of contacts and load."""
+        rows = plain_rows(self._frames[["status", "n_contacts", "load_N"]])
+        return dict(zip(self._frames["frame"].tolist(), rows, strict=True))
+
+    def text(self, name: str) -> bytes:
+        """The file of a table; empty if the run has none."""
+        path = None if self.folder is None else self.folder / name
+        return path.read_bytes() if path is not None and path.exists() else b""
+
+
+def _plain(table: pd.DataFrame) -> pd.DataFrame:
+    """A table with None for what JSON does not have."""
+    return table.astype(object).where(table.notna(), None).replace([np.inf, -np.inf], None)
+
+
+def plain_rows(table: pd.DataFrame) -> list[dict[Any, Any]]:
+    """Rows with None for what JSON does not have."""
+    return _plain(table).to_dict("records")
 
 
 @dataclass(frozen=True)
@@ -75,7 +163,7 @@ class Session:
 
     def __init__(self, folder: Path, *, workers: int | None = None) -> None:
         run = read_run(folder)
-        if run.scene is None or run.command != "process":
+        if run.command != "process":
             raise InputError(f"{folder}: holds no run of `contactimg process`, so there is nothing to review")
         if "methods" in run.provenance:
             raise InputError(
@@ -98,7 +186,7 @@ class Session:
         self._pixel_size = None if pose is None else float(pose["pixel_size_m"])
         self._scratch = TemporaryDirectory(prefix="contactimg_review_")
         self.picture = lru_cache(KEPT_FRAMES)(self._picture)
-        self._view = lru_cache(KEPT_FRAMES)(self._look_at)
+        self._view = lru_cache(KEPT_FRAMES)(lambda number, _masks: FrameView.of(self.open(), number))
 
     def close(self) -> None:
         """Remove the files of tables that were measured again."""
@@ -170,8 +258,11 @@ class Session:
 
     def curves(self, number: int) -> dict[str, Any]:
         """Count and area against the threshold."""
-        edits = edits_by_frame(self.open(), relative=None).get(self.sources[number].name, ())
-        return self.view(number).curves(edits, self._pixel_size)
+        return self.view(number).curves(self._corrections(self.open(), number), self._pixel_size)
+
+    def _corrections(self, experiment: Experiment, number: int) -> tuple[Any, ...]:
+        """The corrections of the contacts of a frame."""
+        return edits_by_frame(experiment, relative=None).get(self.sources[number].name, ())
 
     def window(self, number: int, label: int) -> dict[str, Any]:
         """Pixels and model of a contact that the page shows."""
@@ -193,9 +284,6 @@ class Session:
         """PNG of a frame as it was recorded."""
         return picture(replace(self.sources[number], correct=None).read().image, self._stretch)
 
-    def _look_at(self, number: int, _masks: tuple[Any, ...]) -> FrameView:
-        return FrameView.of(self.open(), number)
-
     @cached_property
     def _stretch(self) -> tuple[float, float]:
         return series_stretch([replace(source, correct=None) for source in self.sources])
@@ -205,7 +293,9 @@ class Session:
     def insert(self, rows: list[dict[str, Any]], place: int | None) -> None:
         """Write edits; those that are there already, with the same time, were sent twice."""
         table = EDITS.conform(pd.DataFrame(rows, columns=list(EDITS.columns)))
-        check_frames(table, [source.name for source in self.sources])
+        unknown = set(table["frame"]) - {EVERY_FRAME, *(source.name for source in self.sources)}
+        if unknown:
+            raise InputError(f"edits: there is no frame {min(unknown)!r}")
         with self._lock:
             present = self._edits_now()
             new = [not row["time"] or row not in present for row in plain_rows(table)]
@@ -276,7 +366,9 @@ class Session:
             edits, experiment, scene = self._edits_now(), self.open(), self.scene
         if number is not None and len(experiment.frames) > 1:
             with suppress(FrameError):  # the series will say why
-                part = measure_alone(experiment, number)
+                frame, reference, options = prepared_frame(experiment, number)
+                edits_of_it = self._corrections(experiment, number)
+                part = measure_scene_frame(frame, reference, None, edits_of_it, options=options)
                 self._preview = (number, ShownTables.of_part(part).of_frame(self.sources[number].name))
                 self.jobs.tell({"preview": number})
         record = provenance(command="contactimg review", scene=scene, inputs=experiment.inputs)

@@ -1,13 +1,12 @@
 """The tables that flow through contactimg, and every flag and status that can stand in them.
 
 Read in this order: `schemas` (each table with its columns, their dtype, meaning and unit), `flags` (what
-qualifies a contact), `reasons` (why a candidate is not a contact), `statuses` (what can be said of a frame or
-load as a whole); `outlines` and `contact_kinds` say how contacts are drawn. The schemas, flags, reasons and
+qualifies a contact, why a candidate is none), `statuses` (what can be said of a frame or
+load as a whole); `outlines` says how contacts are drawn. The schemas, flags, reasons and
 statuses can be imported from here.
 """
 
-from contactimg.tables.flags import Flag, flag_names
-from contactimg.tables.reasons import Reason
+from contactimg.tables.flags import Flag, Reason, flag_names
 from contactimg.tables.schemas import (
     AREA,
     ASPERITIES,

@@ -7,28 +7,16 @@ import shutil
 
 import pandas as pd
 import pytest
+import small_series
 
 from contactimg.cli import main
-from contactimg.pipeline.inputs import need_asperities
-from contactimg.pipeline.simulate import write_simulation
-from contactimg.scene import scene_from_dict
 
 SCENE = {
     "indenter": {"radius_m": 0.1288, "apex_m": [0.0021, 0.0019]},
     "elastic": {"young_modulus_Pa": 3.0e6},
     "asperities": {"generate": "SA", "coverage": 0.4, "side_m": 0.004, "seed": 4},
     "effects": {"model": "paper"},
-    "simulate": {
-        "loads_N": [0.01, 0.02, 0.04, 0.08, 0.12],
-        "shape": [500, 540],
-        "blur_px": 1.4,
-        "texture": 0.02,
-        "light_drift": 0.02,
-        "position_drift_px": 0.3,
-        "electrons_per_level": 20,
-        "read_noise_electrons": 10,
-        "seed": 8,
-    },
+    "simulate": small_series.SCENE["simulate"],
 }
 
 PREAMBLE = (
@@ -40,12 +28,11 @@ PREAMBLE = (
 
 def own_folder(target, **camera):
     """A folder as a camera and a LabVIEW program leave it, of a camera that stands as given."""
-    scene = scene_from_dict(
-        SCENE | {"camera": {"pixel_size_m": 6e-6, "centre_m": [0.00205, 0.002], **camera}}
+    scene = SCENE | {"camera": {"pixel_size_m": 6e-6, "centre_m": [0.00205, 0.002], **camera}}
+    loads = [0.01, 0.02, 0.04, 0.08, 0.12]
+    made = small_series.write_small_series(
+        target.with_name("made"), scene, loads_N=loads, shape=[500, 540], seed=8
     )
-    made = target.with_name("made")
-    made.mkdir()
-    write_simulation(scene, need_asperities(scene, "a test"), made)
     folder = target / "Messung für Jörg, Nähe 2"
     folder.mkdir(parents=True)
     loads = pd.read_csv(made / "loads.csv")

@@ -9,7 +9,7 @@ from functools import partial
 import pandas as pd
 import pytest
 from local_cluster import TIME_LIMIT_S, LocalCluster, files_of, start, wait_until
-from small_series import SCENE
+from small_series import SCENE, write_small_series
 from stored_results import stored_results
 
 from contactimg import InputError, solve_ensemble
@@ -18,12 +18,8 @@ from contactimg.engine import cluster as cluster_module
 from contactimg.engine.calls import in_parallel
 from contactimg.engine.cluster import PATIENCE_VARIABLE, ClusterError, on_cluster
 from contactimg.files import open_experiment, read_scene
-from contactimg.pipeline.analyse.group_by_load import predict_places
-from contactimg.pipeline.analyse.places import open_place
-from contactimg.pipeline.inputs import need_asperities
+from contactimg.pipeline.analyse.places import open_place, predict_places
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
-from contactimg.pipeline.simulate import write_simulation
-from contactimg.scene import scene_from_dict
 
 pytest.importorskip("distributed")
 
@@ -43,10 +39,7 @@ def parts(tmp_path_factory):
 @pytest.fixture(scope="module")
 def series(tmp_path_factory):
     """Three frames of 120 x 90 pixels."""
-    folder, scene = tmp_path_factory.mktemp("tiny") / "series", scene_from_dict(TINY)
-    folder.mkdir()
-    write_simulation(scene, need_asperities(scene, "a test"), folder)
-    return folder
+    return write_small_series(tmp_path_factory.mktemp("tiny") / "series", TINY)
 
 
 def slow_square(folder, number):

@@ -32,11 +32,11 @@ SCENE = {
 }
 
 
-def write_small_series(folder: Path) -> Path:
-    """Write the series into a new folder."""
+def write_small_series(folder: Path, scene: dict = SCENE, **simulate) -> Path:
+    """Write the series of a scene, with other keys of [simulate], into a new folder."""
     folder.mkdir(parents=True)
-    scene = scene_from_dict(SCENE)
-    write_simulation(scene, need_asperities(scene, "a test"), folder)
+    described = scene_from_dict(scene | {"simulate": scene["simulate"] | simulate})
+    write_simulation(described, need_asperities(described, "a test"), folder)
     return folder
 
 

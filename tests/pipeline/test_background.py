@@ -5,7 +5,7 @@ import shutil
 import numpy as np
 import pandas as pd
 import pytest
-from small_series import SCENE, copy_of
+from small_series import copy_of, write_small_series
 
 from contactimg.files import (
     FrameSource,
@@ -17,10 +17,9 @@ from contactimg.files import (
 )
 from contactimg.frame import Frame
 from contactimg.imaging.fit.disks import render_disks
-from contactimg.pipeline.background import measuring
-from contactimg.pipeline.inputs import need_asperities, read_reference
-from contactimg.pipeline.series import measure_experiment, measure_series
-from contactimg.pipeline.simulate import write_simulation
+from contactimg.pipeline import background as background_module
+from contactimg.pipeline.inputs import read_reference
+from contactimg.pipeline.series import measure_parts, measure_series
 from contactimg.scene import scene_from_dict
 
 SHAPE = (300, 320)
@@ -29,12 +28,8 @@ SHAPE = (300, 320)
 @pytest.fixture(scope="module")
 def series(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pooled") / "series"
-    folder.mkdir()
     loads = [0.004, 0.008, 0.015, 0.025, 0.04, 0.06, 0.09]
-    simulate = SCENE["simulate"] | {"loads_N": loads, "shape": list(SHAPE), "seed": 23}
-    scene = scene_from_dict(SCENE | {"simulate": simulate})
-    write_simulation(scene, need_asperities(scene, "a test"), folder)
-    return folder
+    return write_small_series(folder, loads_N=loads, shape=list(SHAPE), seed=23)
 
 
 def measured(folder, *, workers=1, **images):
@@ -153,7 +148,7 @@ def test_several_references_are_one_with_less_noise(series, tmp_path):
 def test_measured_again_on_the_pooled_background_only_where_something_changed(series, pooled, tmp_path):
     experiment = open_experiment(read_scene(series))
     record = provenance(command="contactimg process", scene=experiment.scene, inputs=experiment.inputs)
-    calls, measure = [], measuring.measure_scene_frame
+    calls, measure = [], background_module.measure_scene_frame
 
     def counting(frame, *arguments, **options):
         calls.append(frame.name)
@@ -161,10 +156,10 @@ def test_measured_again_on_the_pooled_background_only_where_something_changed(se
 
     runs = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(measuring, "measure_scene_frame", counting)
+        patch.setattr(background_module, "measure_scene_frame", counting)
         for _ in range(2):
             store = PartStore(tmp_path / "store", record, resumes=False)
-            runs.append(measure_experiment(experiment, workers=1, store=store))
+            runs.append(measure_parts(experiment, workers=1, store=store).whole())
             calls.append("end")
     assert calls.index("end") >= 7
     assert calls[calls.index("end") :] == ["end", "end"]

@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from contactimg.files import Run
-from contactimg.pipeline.analyse.group_by_load import predict_places
-from contactimg.pipeline.analyse.places import Place
+from contactimg.pipeline.analyse.places import Place, predict_places
 from contactimg.pipeline.inputs import need_asperities
 from contactimg.pipeline.overlay import compare_run
 from contactimg.pose.fit import PoseFit

@@ -6,7 +6,7 @@ import weakref
 import numpy as np
 import pandas as pd
 import pytest
-from small_series import SCENE, copy_of
+from small_series import SCENE, copy_of, write_small_series
 
 from contactimg.errors import InputError
 from contactimg.files import FrameSource, read_scene, write_frame, write_table
@@ -161,13 +161,9 @@ def test_a_frame_that_shows_nothing_has_no_area_and_one_without_contact_has_none
 
 def simulated(folder, effects, **simulate):
     """The small series with some effects rendered, and its truth."""
-    data = {section: dict(keys) for section, keys in SCENE.items()}
-    data["effects"] |= effects
-    data["simulate"] |= simulate
-    scene = scene_from_dict(data)
-    folder.mkdir()
-    write_simulation(scene, need_asperities(scene, "a test"), folder)
-    return scene, pd.read_csv(folder / "truth.csv")
+    data = SCENE | {"effects": SCENE["effects"] | effects, "simulate": SCENE["simulate"] | simulate}
+    write_small_series(folder, data)
+    return scene_from_dict(data), pd.read_csv(folder / "truth.csv")
 
 
 def switched(folder, **effects):

@@ -7,14 +7,20 @@ import pytest
 
 from contactimg.files import write_palette_image
 from contactimg.pipeline import pictures
-from contactimg.pipeline.measured_frame import FrameTables
+from contactimg.pipeline.frame import FrameTables
 from contactimg.pipeline.pictures import draw_measured, draw_predicted
 from contactimg.plots import COUPLED, MEASURED
 from contactimg.plots.overlay import GREYS, Layer, View, draw_overlay, grey_indices
 from contactimg.pose import Pose
 from contactimg.tables import CONTACTS, OUTLINES, REJECTED, Flag
-from contactimg.tables.contact_kinds import CONTACT_COLOUR, FLAGGED_COLOUR, MANUAL_COLOUR, REJECTED_COLOUR
-from contactimg.tables.outlines import Outline, contact_outlines
+from contactimg.tables.outlines import (
+    CONTACT_COLOUR,
+    FLAGGED_COLOUR,
+    MANUAL_COLOUR,
+    REJECTED_COLOUR,
+    Outline,
+    contact_outlines,
+)
 
 VIEW = View((0.0, 100.0), title="frame_1.tif, 5 mN", pixel_size=6e-6)
 RADIUS = 20.0

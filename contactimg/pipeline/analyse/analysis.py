@@ -1,33 +1,45 @@
 """Analyse the runs of one or several places together, and the models of these places in the same way."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 import pandas as pd
 
+from contactimg.analysis.annuli import sum_moments
 from contactimg.analysis.area_against_load import area_by_load, fit_area_law, frame_areas
-from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law
+from contactimg.analysis.contacts_against_pressure import QUANTITIES, fit_contact_law, pressure_points
 from contactimg.analysis.estimates import Estimate
 from contactimg.analysis.friction import ShearStress, compare_stress, fit_shear_stress, stress_by_velocity
 from contactimg.analysis.load_cell import EXACT_LOADS, LoadCell
 from contactimg.analysis.power_laws import BrokenLaw, PowerLaw, fit_power_law
+from contactimg.analysis.radial_profiles import (
+    average_profile,
+    hertz_profile,
+    normalise_profile,
+    ring_profile,
+)
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.pipeline.analyse.annulus_averages import LoadAverage, Surface, average_load
-from contactimg.pipeline.analyse.group_by_load import (
+from contactimg.pipeline.analyse.places import (
+    LoadGroup,
+    Place,
+    differences,
     group_frames,
     has_models,
     joined,
     predict_places,
     usable_frames,
 )
-from contactimg.pipeline.analyse.places import Place, warn_of_differences
 from contactimg.pipeline.pose_and_forces import shown_apex
 from contactimg.plausibility import doubts_about_match, settle
-from contactimg.prediction import COMPARED_MODELS
+from contactimg.prediction import COMPARED_MODELS, asperity_density, predict_average
 from contactimg.tables import AREA, FRICTION, NORMALISED, PRESSURE_LAW, PROFILE
+
+logger = logging.getLogger(__name__)
 
 Fit = TypeVar("Fit")
 
@@ -150,29 +162,19 @@ def analyse_places(
         if own == "measured" and "coupled" in places_of:
             for place, predicted in zip(places, places_of["coupled"], strict=True):
                 _doubt_match(place, predicted, options.min_radius_px)
-    surface = Surface.of(places[0])
-    averages = [
-        average_load(
-            group,
-            places_of,
-            surface,
-            width=options.annulus,
-            min_radius_px=options.min_radius_px,
-            notes=notes,
-        )
-        for group in groups
-    ]
+    density = _density(places[0])
+    averages = [_average_load(group, places_of, options, notes) for group in groups]
     friction = _friction_table(places)
     stress = None if friction.empty else _fit_or_note(notes, "friction", _shear_stress, friction, options)
     ratio = None
     if stress is not None and options.smooth_stress is not None:
         ratio = compare_stress(stress, options.smooth_stress)
     return Analysis(
-        area=_area_table(places_of, averages, surface, options),
+        area=_area_table(places_of, averages, density, options),
         profile=joined([average.profile for average in averages], PROFILE),
         normalised=joined([average.normalised for average in averages], NORMALISED),
         pressure_law=joined(
-            [average.points(surface, min_contacts=options.min_contacts) for average in averages], PRESSURE_LAW
+            [_points(average, density, options.min_contacts) for average in averages], PRESSURE_LAW
         ),
         friction=friction,
         area_laws=_area_laws(places_of, options, notes),
@@ -206,7 +208,8 @@ def _run_model(places: Sequence[Place]) -> str:
             "measured and predicted runs are given together; analyse the outputs of `process` and those of "
             "`predict` apart"
         )
-    warn_of_differences(places)
+    for difference in differences(places):
+        logger.warning(difference)
     return "predicted" if predicted == {True} else "measured"
 
 
@@ -270,6 +273,108 @@ def _fit_or_note(notes: list[str], what: str, fit: Callable[..., Fit], *data: ob
         return None
 
 
+# --- one load averaged over annuli and places
+
+
+@dataclass(frozen=True, eq=False)
+class LoadAverage:
+    """Averages at one load.
+
+    Parameters
+    ----------
+    group : LoadGroup
+    moments : dict
+        Model -> place -> sums over annuli, all with the same edges.
+    profile, normalised : DataFrame
+        Columns of `contactimg.tables.PROFILE` and `contactimg.tables.NORMALISED`.
+    ring_area : float, m^2
+        Of the Greenwood-Tripp model; NaN if it was not solved.
+    """
+
+    group: LoadGroup
+    moments: dict[str, dict[str, pd.DataFrame]]
+    profile: pd.DataFrame
+    normalised: pd.DataFrame
+    ring_area: float
+
+
+def _density(place: Place) -> float:
+    """Asperities per unit area of the surface of a place, 1/m^2; NaN if it is not known."""
+    section = place.scene.asperities
+    try:
+        return np.nan if section is None else asperity_density(section, place.asperities)
+    except InputError:
+        return np.nan
+
+
+def _average_load(
+    group: LoadGroup, places_of: dict[str, list[Place]], options: AnalysisOptions, notes: list[str]
+) -> LoadAverage:
+    """Average the contacts of one load over annuli; where models were solved, Greenwood-Tripp is added.
+
+    What cannot be computed is added to the notes.
+    """
+    own = next(iter(places_of.values()))[0]
+    edges = group.edges([place for places in places_of.values() for place in places], width=options.annulus)
+    moments = {
+        model: group.moments(places, edges, min_radius_px=options.min_radius_px)
+        for model, places in places_of.items()
+    }
+    profiles = [
+        average_profile(list(tables.values()), frame=group.name, model=model)
+        for model, tables in moments.items()
+        if tables
+    ]
+    ring_area, normalised = np.nan, NORMALISED.empty()
+    if len(places_of) > 1:
+        try:
+            rings = predict_average(own.scene, own.asperities, load=group.load, model="gt")
+            ring_area = float(rings.frames["area_m2"].iloc[0])
+            profiles.append(ring_profile(rings.profile, edges, frame=group.name))
+        except (InputError, ConvergenceError) as error:
+            notes.append(f"{group.name}: no Greenwood-Tripp curve: {error}")
+    indenter, elastic = own.scene.indenter, own.scene.elastic
+    if indenter is None or elastic is None:
+        return LoadAverage(group, moments, joined(profiles, PROFILE), normalised, ring_area)
+    smooth = {"sphere_radius": indenter.radius, "contact_modulus": elastic.contact_modulus}
+    profiles.append(hertz_profile(edges, load=group.load, frame=group.name, **smooth))
+    profile = joined(profiles, PROFILE)
+    normalised = normalise_profile(profile, load=group.load, **smooth)
+    return LoadAverage(group, moments, profile, normalised, ring_area)
+
+
+def _points(average: LoadAverage, density: float, min_contacts: float) -> pd.DataFrame:
+    """Density and mean radius against the local pressure, columns of `contactimg.tables.PRESSURE_LAW`."""
+    parts = [PRESSURE_LAW.empty()]
+    for model, places in average.moments.items():
+        if model == "uncoupled" or not places:
+            continue
+        sums = sum_moments(places.values())
+        found = pressure_points(sums, min_contacts=min_contacts, by_those_beside=True)
+        columns = {
+            "r_m": "r",
+            "n_contacts": "n",
+            "pressure_Pa": "pressure",
+            "pressure_std_Pa": "pressure_std",
+            "density_per_m2": "density",
+            "density_std_per_m2": "density_std",
+            "mean_radius_m": "mean_radius",
+            "mean_radius_std_m": "mean_radius_std",
+        }
+        table = pd.DataFrame({name: found[source] for name, source in columns.items()}).assign(
+            density_ratio=found["density"] / density,
+            density_ratio_std=found["density_std"] / density,
+            frame=average.group.name,
+            model=model,
+            load_N=average.group.load,
+        )
+        parts.append(PRESSURE_LAW.conform(table))
+    return joined(parts, PRESSURE_LAW)
+
+
+# --- tables and laws
+
+
 def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
     """Areas of all usable frames."""
     tables = [
@@ -280,7 +385,7 @@ def _area_frames(places: Sequence[Place]) -> pd.DataFrame:
 
 
 def _area_table(
-    places_of: dict[str, list[Place]], averages: list[LoadAverage], surface: Surface, options: AnalysisOptions
+    places_of: dict[str, list[Place]], averages: list[LoadAverage], density: float, options: AnalysisOptions
 ) -> pd.DataFrame:
     """Areas of each load, measured and of every model."""
     number = {
@@ -293,7 +398,7 @@ def _area_table(
     for model, places in places_of.items():
         areas = _area_frames(places)
         groups = np.array([number[key] for key in zip(areas["place"], areas["frame"], strict=True)], int)
-        table = area_by_load(areas, groups, model=model, asperity_density=surface.density)
+        table = area_by_load(areas, groups, model=model, asperity_density=density)
         spread = np.hypot(options.load_relative_std * table["load_N"], options.load_std)
         tables.append(table.assign(load_std_N=spread / np.sqrt(table["n_frames"].astype(float))))
     rings = [
@@ -371,7 +476,8 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
     """The shear stress against velocity, if there are several velocities."""
     if not (friction["velocity_m_s"].abs() > 0).any():
         return None
-    stress = _fit_or_note(notes, "friction", _stress_by_velocity, friction, options)
+    fit = partial(stress_by_velocity, friction_std=options.friction_std)
+    stress = _fit_or_note(notes, "friction", fit, friction)
     if stress is None or len(stress) < 2:
         return None
     if (stress["stress_std_Pa"].isna()).any():  # one frame and no stated error: no weights
@@ -382,8 +488,3 @@ def _velocity_law(friction: pd.DataFrame, options: AnalysisOptions, notes: list[
         y_std=stress["stress_std_Pa"],
         confidence=options.confidence,
     )
-
-
-def _stress_by_velocity(friction: pd.DataFrame, options: AnalysisOptions) -> pd.DataFrame:
-    """The shear stress at each velocity."""
-    return stress_by_velocity(friction, friction_std=options.friction_std)

@@ -1,30 +1,45 @@
-"""The places of an experiment: runs read back for their analysis, and whether they belong together."""
+"""The places of an experiment: runs read back, whether they belong together, and what models see there."""
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from scipy.stats import ks_2samp
 
-from contactimg.analysis.annuli import FieldOfView
-from contactimg.errors import InputError
+from contactimg.analysis.annuli import MOMENTS, SECTORS, FieldOfView, annulus_edges, annulus_moments
+from contactimg.analysis.area_against_load import group_loads
+from contactimg.engine.calls import in_parallel
+from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.files import Run, open_experiment, read_calibration, read_run
 from contactimg.files.runs import frame_shift
-from contactimg.pipeline.inputs import scene_asperities
+from contactimg.pipeline.inputs import loads_before, scene_asperities
 from contactimg.pose import Pose
+from contactimg.prediction import load_name, predict_contacts, scene_of_model
 from contactimg.scene import Scene
 from contactimg.surfaces import equivalent_radii
-from contactimg.tables import LOADS, Status
+from contactimg.tables import CONTACTS, LOADS, Schema, Status
 
 logger = logging.getLogger(__name__)
 
 Point = tuple[float, float]
 
+Values = NDArray[np.float64]
 Result = TypeVar("Result")
+
+SAME_NUMBER = 0.01
+"""Relative difference up to which two stated lengths or moduli are taken for the same. Chosen."""
+
+CHANCE = 1e-4
+"""Probability of asperities as different as these on one surface, below which they are taken for those of
+another. Chosen: a false alarm in 200 analyses of twenty-four places."""
+
+STATED = (("indenter", "radius_m"), ("elastic", "young_modulus_Pa"), ("elastic", "thickness_m"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,20 +199,7 @@ def _optional(read: Callable[[], Result], folder: Path, without: str) -> Result 
         return None
 
 
-SAME_NUMBER = 0.01
-"""Relative difference up to which two stated lengths or moduli are taken for the same. Chosen."""
-
-CHANCE = 1e-4
-"""Probability of asperities as different as these on one surface, below which they are taken for those of
-another. Chosen: a false alarm in 200 analyses of twenty-four places."""
-
-STATED = (("indenter", "radius_m"), ("elastic", "young_modulus_Pa"), ("elastic", "thickness_m"))
-
-
-def warn_of_differences(places: Sequence[Place]) -> None:
-    """Warn of places that do not belong together."""
-    for difference in differences(places):
-        logger.warning(difference)
+# --- places of one surface
 
 
 def differences(places: Sequence[Place]) -> Iterator[str]:
@@ -237,3 +239,179 @@ def _centred(column: pd.Series) -> np.ndarray:
     values = column.to_numpy(float)
     values = values[np.isfinite(values)]
     return values - np.median(values) if column.name == "height_m" and len(values) else values
+
+
+# --- frames at nearly the same load
+
+
+@dataclass(frozen=True)
+class LoadGroup:
+    """Frames at one load.
+
+    Parameters
+    ----------
+    name : str
+        The frames' common name, or the load's.
+    load : float, N
+        Mean over the places.
+    frames : dict
+        Place -> its frames at this load.
+    """
+
+    name: str
+    load: float
+    frames: dict[str, list[str]]
+
+    def contacts(self, place: Place) -> dict[str, pd.DataFrame]:
+        """Frame -> its contacts, of those at this load that a place has."""
+        present = set(place.frames["frame"])
+        names = (name for name in self.frames.get(place.name, []) if name in present)
+        return {name: place.contacts[place.contacts["frame"] == name] for name in names}
+
+    def edges(self, places: Sequence[Place], *, width: float) -> Values:
+        """Edges of the annuli (m) that hold the contacts of all places."""
+        edges = [
+            annulus_edges(contacts, centre=place.centre, width=width)
+            for place in places
+            for contacts in self.contacts(place).values()
+        ]
+        return max(edges, key=len)
+
+    def moments(
+        self, places: Sequence[Place], edges: Values, *, min_radius_px: float
+    ) -> dict[str, pd.DataFrame]:
+        """Place -> its sums over the annuli; several frames of a place count as one, averaged.
+
+        Contacts smaller than ``min_radius_px`` do not count, measured or predicted.
+        """
+        columns, means = list(MOMENTS), {}
+        for place in places:
+            least = -np.inf if place.pose is None else min_radius_px * place.pose.pixel_size
+            tables = [
+                annulus_moments(
+                    contacts[contacts["radius_m"] >= least],
+                    centre=place.centre,
+                    edges=edges,
+                    field=place.field(frame),
+                    sectors=SECTORS,
+                )
+                for frame, contacts in self.contacts(place).items()
+            ]
+            if tables:
+                means[place.name] = tables[0].copy()
+                means[place.name][columns] = sum(table[columns] for table in tables) / len(tables)
+        return means
+
+
+def usable_frames(place: Place) -> pd.DataFrame:
+    """Frames of a place with a load above zero and a measured area."""
+    frames = place.frames
+    return frames[(frames["load_N"] > 0) & frames["area_m2"].notna()]
+
+
+def group_frames(places: Sequence[Place], *, tolerance: float) -> list[LoadGroup]:
+    """Groups of nearly equal load, from the lowest.
+
+    Parameters
+    ----------
+    places : sequence of Place
+    tolerance : float
+        Relative difference up to which loads are averaged as one.
+    """
+    usable = [usable_frames(place).assign(place=place.name) for place in places]
+    shots = pd.concat(usable, ignore_index=True)[["place", "frame", "load_N"]]
+    groups = []
+    for _, part in shots.groupby(group_loads(shots["load_N"].tolist(), tolerance=tolerance)):
+        load = float(part.groupby("place")["load_N"].mean().mean())
+        names = part["frame"].unique()
+        name = str(names[0]) if len(names) == 1 else load_name(load)
+        frames = part.groupby("place", sort=False)["frame"].agg(list)
+        groups.append(LoadGroup(name, load, {str(place): found for place, found in frames.items()}))
+    return groups
+
+
+def joined(tables: Sequence[pd.DataFrame], schema: Schema) -> pd.DataFrame:
+    """Tables of one schema concatenated; empty tables are left out, so that they do not change dtypes."""
+    return schema.conform(pd.concat([table for table in tables if len(table)] or [schema.empty()]))
+
+
+def has_models(place: Place) -> bool:
+    """Whether the models can be solved for a place: its lens, rubber and asperities are known."""
+    scene = place.scene
+    return place.asperities is not None and scene.indenter is not None and scene.elastic is not None
+
+
+def count_solutions(places: Sequence[Place]) -> int:
+    """Solutions that `predict_places` finds for one model; none if a place is not known well enough."""
+    known = all(has_models(place) for place in places)
+    return sum(len(usable_frames(place)) for place in places) if known else 0
+
+
+def predict_places(
+    places: Sequence[Place],
+    model: str,
+    *,
+    workers: int | None = None,
+    advance: Callable[[], None] | None = None,
+) -> tuple[list[Place], list[str]]:
+    """Solve a model for every frame of places and keep the contacts in the field of view.
+
+    Parameters
+    ----------
+    places : sequence of Place
+        For which `has_models` holds.
+    model : {"coupled", "uncoupled"}
+    workers : int, optional
+        Processes that share the solutions.
+    advance : callable, optional
+        Called once a solution.
+
+    Returns
+    -------
+    list of Place
+        The same places with the model's contacts and areas. A frame beyond the model's range is left out.
+    list of str
+        Why frames were left out.
+    """
+    jobs = [(place.name, row) for place in places for row in usable_frames(place).to_dict("records")]
+    tables: dict[str, tuple[list[pd.DataFrame], list[dict[Hashable, Any]]]] = {
+        p.name: ([], []) for p in places
+    }
+    notes = []
+    solve = partial(_solve, {place.name: place for place in places}, model)
+    solutions = in_parallel(solve, jobs, count=len(jobs), workers=workers)
+    for (name, row), solved in zip(jobs, solutions, strict=True):
+        if isinstance(solved, str):
+            notes.append(f"{name}, {row['frame']}: the {model} model is left out: {solved}")
+        else:
+            contacts, rows = tables[name]
+            contacts.append(solved)
+            rows.append(row | {"n_contacts": len(solved), "area_m2": float(solved["area_m2"].sum())})
+        if advance is not None:
+            advance()
+    predicted = []
+    for place in places:  # free of measurement errors
+        contacts, rows = tables[place.name]
+        none = CONTACTS.empty().assign(radius_ratio=pd.Series(dtype=float))
+        together = pd.concat(contacts, ignore_index=True) if contacts else none
+        frames = pd.DataFrame(rows, columns=place.frames.columns).assign(area_std_m2=0.0)
+        predicted.append(replace(place, contacts=together, frames=frames))
+    return predicted, notes
+
+
+def _solve(places: dict[str, Place], model: str, name: str, row: dict[Hashable, Any]) -> pd.DataFrame | str:
+    """The contacts of one frame in its field of view, or why there are none."""
+    place, load = places[name], float(row["load_N"])
+    try:
+        prediction = predict_contacts(
+            scene_of_model(place.scene, model),
+            cast("pd.DataFrame", place.asperities),
+            load=load,
+            frame=str(row["frame"]),
+            history=loads_before(place.scene, load, usable_frames(place)["load_N"].tolist()),
+        )
+    except (ModelRangeError, ConvergenceError) as error:
+        return str(error)
+    contacts, field = prediction.contacts, place.field(str(row["frame"]))
+    seen = contacts if field is None else contacts[field.holds(contacts["x_m"], contacts["y_m"])]
+    return seen.assign(radius_ratio=radius_ratios(seen, place.scene, place.asperities))

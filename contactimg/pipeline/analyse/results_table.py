@@ -1,7 +1,6 @@
 """Numbers of an analysis as rows: what, its value and interval, over which range, and how it is defined."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -49,88 +48,58 @@ def result_rows(analysis: Analysis) -> pd.DataFrame:
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """Data behind a number: confidence level, points, places, and the fitted range of the abscissa."""
-
-    confidence: float
-    n_points: int
-    n_places: float = np.nan
-    low: float = np.nan
-    high: float = np.nan
-    unit: str | float = np.nan
-
-    @classmethod
-    def of_law(cls, law: PowerLaw, n_places: float, unit: str) -> "_Fit":
-        """Of a fitted law."""
-        return cls(law.confidence, law.n_points, n_places, law.low, law.high, unit)
+def _fit(law: PowerLaw, unit: str, n_places: float | None = None) -> Row:
+    """The data behind a law: confidence level, points, places, and the fitted range of the abscissa."""
+    n_places = law.n_places if n_places is None else n_places
+    ends = {"range_low": law.low, "range_high": law.high, "range_unit": unit}
+    return ends | {"confidence": law.confidence, "n_points": law.n_points, "n_places": n_places}
 
 
-def _row(quantity: str, model: str, estimate: Estimate, unit: str, fit: _Fit, *, note: str = "") -> Row:
-    """One number."""
-    return {
-        "quantity": quantity,
-        "model": model,
-        "value": estimate.value,
-        "std": estimate.std,
-        "low": estimate.low,
-        "high": estimate.high,
-        "unit": unit,
-        "confidence": fit.confidence,
-        "range_low": fit.low,
-        "range_high": fit.high,
-        "range_unit": fit.unit,
-        "n_points": fit.n_points,
-        "n_places": fit.n_places,
-        "note": note,
-    }
-
-
-def _without_interval(value: float) -> Estimate:
-    """A number that has no interval."""
-    return Estimate(value, np.nan, np.nan, np.nan)
+def _row(quantity: str, model: str, found: Estimate | float, unit: str, note: str = "", **fit: Any) -> Row:
+    """One number, with its interval if it has one, and what it was fitted to."""
+    estimate = found if isinstance(found, Estimate) else Estimate(found, np.nan, np.nan, np.nan)
+    interval = {name: getattr(estimate, name) for name in ("value", "std", "low", "high")}
+    return {"quantity": quantity, "model": model, "unit": unit, "note": note} | interval | fit
 
 
 def _area_rows(model: str, law: PowerLaw) -> Iterator[Row]:
     """A(P)."""
-    fit = _Fit.of_law(law, law.n_places, "N")
+    fit = _fit(law, "N")
     source = "scatter between places" if law.n_places > 1 else "stated errors and scatter within the place"
     note = f"A ~ P^m, errors in A and P; of this surface, whatever its places: interval from {source}"
-    yield _row("area_exponent", model, law.exponent, "1", fit, note=note)
+    yield _row("area_exponent", model, law.exponent, "1", note, **fit)
     if law.here is not None:
         note = "the same exponent, interval from the errors of areas and loads alone: of these very places"
-        yield _row("area_exponent_here", model, law.here, "1", fit, note=note)
-    yield from _another_surface("area_exponent", model, law, fit)
+        yield _row("area_exponent_here", model, law.here, "1", note, **fit)
+    yield _row("area_exponent_another_surface", model, law.another_surface, "1", ANOTHER_SURFACE, **fit)
     note = f"A of that law at {law.reference:.6g} N, the geometric mean of the loads"
-    yield _row("area_at_mean_load", model, law.amplitude, "m2", fit, note=note)
+    yield _row("area_at_mean_load", model, law.amplitude, "m2", note, **fit)
     if law.zero:
         note = "zero of the load cell, fitted because the scene states zero_std_N, and taken off the loads"
-        yield _row("area_load_zero", model, _without_interval(law.zero), "N", fit, note=note)
+        yield _row("area_load_zero", model, law.zero, "N", note, **fit)
     note = "relative scatter of A about the law beyond the stated errors"
-    yield _row("area_excess_scatter", model, _without_interval(law.scatter), "1", fit, note=note)
+    yield _row("area_excess_scatter", model, law.scatter, "1", note, **fit)
 
 
-def _another_surface(name: str, model: str, law: PowerLaw, fit: _Fit) -> Iterator[Row]:
-    """The exponent that another surface of the same kind would give."""
-    note = "the same exponent, interval of what another surface of the same kind gives at as many places"
-    yield _row(f"{name}_another_surface", model, law.another_surface, "1", fit, note=note)
+ANOTHER_SURFACE = (
+    "the same exponent, interval of what another surface of the same kind gives at as many places"
+)
 
 
 def _contact_rows(quantity: str, model: str, law: BrokenLaw) -> Iterator[Row]:
     """Density or mean radius against the local pressure; two laws only where the points support a break."""
-    fit = _Fit.of_law(law.single, law.single.n_places, "Pa")
-    name = f"{quantity}_exponent"
+    fit, name = _fit(law.single, "Pa"), f"{quantity}_exponent"
     note = f"{quantity} ~ p^m, one law; of this surface, whatever its places"
-    yield _row(name, model, law.single.exponent, "1", fit, note=note)
-    yield from _another_surface(name, model, law.single, fit)
+    yield _row(name, model, law.single.exponent, "1", note, **fit)
+    yield _row(f"{name}_another_surface", model, law.single.another_surface, "1", ANOTHER_SURFACE, **fit)
     note = "probability of as much gain by a break that is not there (Davies)"
-    yield _row(f"{quantity}_break_p_value", model, _without_interval(law.p_value), "1", fit, note=note)
+    yield _row(f"{quantity}_break_p_value", model, law.p_value, "1", note, **fit)
     if not law.supported:
         return
-    yield _row(f"{name}_above", model, law.high_exponent, "1", fit, note="above p*")
-    yield _row(f"{name}_below", model, law.low_exponent, "1", fit, note="below p*")
+    yield _row(f"{name}_above", model, law.high_exponent, "1", "above p*", **fit)
+    yield _row(f"{name}_below", model, law.low_exponent, "1", "below p*", **fit)
     note = "p*, where the two laws meet; interval from the bootstrap"
-    yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", fit, note=note)
+    yield _row(f"{quantity}_break_pressure", model, law.break_x, "Pa", note, **fit)
 
 
 def _friction_rows(analysis: Analysis) -> Iterator[Row]:
@@ -139,17 +108,18 @@ def _friction_rows(analysis: Analysis) -> Iterator[Row]:
     if stress is None:
         return
     n_places = analysis.friction["place"].nunique()
-    fit = _Fit(stress.confidence, stress.n_points, n_places, stress.low, stress.high, "m2")
+    fit = {"range_low": stress.low, "range_high": stress.high, "range_unit": "m2", "n_places": n_places}
+    fit |= {"confidence": stress.confidence, "n_points": stress.n_points}
     note = "tau0 of Q = tau0 A, least squares through the origin, errors in A and Q"
-    yield _row("shear_stress", "measured", stress.stress, "Pa", fit, note=note)
+    yield _row("shear_stress", "measured", stress.stress, "Pa", note, **fit)
     if analysis.stress_ratio is not None:
         note = "tau0 over that of the smooth contact"
-        yield _row("shear_stress_ratio", "measured", analysis.stress_ratio, "1", fit, note=note)
+        yield _row("shear_stress_ratio", "measured", analysis.stress_ratio, "1", note, **fit)
     if analysis.velocity_law is not None:
         law = analysis.velocity_law
-        fit = _Fit.of_law(law, n_places, "m/s")
         note = "tau0 ~ v^m, one shear stress at each velocity; 0 where friction does not depend on it"
-        yield _row("shear_stress_velocity_exponent", "measured", law.exponent, "1", fit, note=note)
+        fit = _fit(law, "m/s", n_places)
+        yield _row("shear_stress_velocity_exponent", "measured", law.exponent, "1", note, **fit)
 
 
 def topography_rows(topography: Topography) -> pd.DataFrame:
@@ -165,28 +135,26 @@ def topography_rows(topography: Topography) -> pd.DataFrame:
         Columns of `contactimg.tables.RESULTS`; the contact angle in degrees, and only if height grows with
         radius.
     """
-    fit = _Fit(topography.confidence, topography.n_points)
-    correlation = _without_interval(topography.correlation)
-    p_value = _without_interval(topography.p_value)
+    fit = {"confidence": topography.confidence, "n_points": topography.n_points}
+
+    def row(quantity: str, found: Estimate | float, unit: str, note: str = "") -> Row:
+        return _row(quantity, "measured", found, unit, note, **fit)
+
     rows = [
-        _row("height_over_radius", "measured", topography.slope, "1", fit, note="h/R through the origin"),
-        _row("rank_correlation", "measured", correlation, "1", fit, note="Spearman, h and R"),
-        _row("rank_correlation_p_value", "measured", p_value, "1", fit),
+        row("height_over_radius", topography.slope, "1", "h/R through the origin"),
+        row("rank_correlation", topography.correlation, "1", "Spearman, h and R"),
+        row("rank_correlation_p_value", topography.p_value, "1"),
     ]
     if topography.one_angle:
         angle = topography.contact_angle
         degrees = Estimate(*np.degrees([angle.value, angle.std, angle.low, angle.high]).tolist())
-        rows.append(
-            _row("contact_angle", "measured", degrees, "deg", fit, note="theta of h = R (1 - cos theta)")
-        )
+        rows.append(row("contact_angle", degrees, "deg", "theta of h = R (1 - cos theta)"))
     for name in ("height", "radius"):
         mean, std = (getattr(topography, f"{name}_{kind}") for kind in ("mean", "std"))
         error = Estimate(mean, std / np.sqrt(topography.n_points), np.nan, np.nan)
-        rows.append(_row(f"{name}_mean", "measured", error, "m", fit))
-        rows.append(_row(f"{name}_std", "measured", _without_interval(std), "m", fit))
-        normality = _without_interval(getattr(topography, f"{name}_normality"))
+        rows += [row(f"{name}_mean", error, "m"), row(f"{name}_std", std, "m")]
         note = "probability that normal values deviate as much from a normal law (Shapiro, Wilk)"
-        rows.append(_row(f"{name}_normality_p_value", "measured", normality, "1", fit, note=note))
+        rows.append(row(f"{name}_normality_p_value", getattr(topography, f"{name}_normality"), "1", note))
     return RESULTS.conform(pd.DataFrame(rows, columns=list(RESULTS.columns)))
 
 

@@ -25,9 +25,6 @@ from contactimg.tables import CIRCLES
 BEYOND_FILM_PX = 12.0
 """Width of the background that is sampled outside the film. Chosen by hand; sensitivity not measured."""
 
-OPENING_FRAMES = 3
-"""Number of frames from which the opening of the film is found. Chosen by hand; sensitivity not measured."""
-
 ELLIPSE_SIGMA = 3.72
 """Excess of the axis ratio over 1, in standard deviations, from which it is no chance. Theory: a circle's
 excess follows Rayleigh's law, beyond 3.72 with a false-alarm rate of 1e-3."""
@@ -111,7 +108,9 @@ def measure_circles(
     and the largest contact; with ``[effects] film = "off"`` the edge is taken as sharp.
     """
     scene = experiment.scene
-    model = _edge_model(scene)
+    camera = scene.need("camera", "measuring a smooth contact")
+    indenter = scene.need("indenter", "measuring a smooth contact")
+    model = EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
     measure = partial(_sample_frame, scene=scene, model=model)
     parts = [
         (part.row, None) if isinstance(part, FailedFrame) else part
@@ -120,7 +119,10 @@ def measure_circles(
     sampled = [samples for _, samples in parts if samples is not None]
     if not sampled:
         raise InputError(f"no frame shows a contact circle; the first: {parts[0][0]['message']}")
-    opening = NO_FILM if scene.effects.film == "off" else choose_opening(_spread_out(sampled), model)
+    by_size = sorted(sampled, key=lambda one: one.circle.radius_px)
+    # the frames with the middle, the smallest and the largest contact
+    chosen = [by_size[k] for k in dict.fromkeys((len(by_size) // 2, 0, len(by_size) - 1))]
+    opening = NO_FILM if scene.effects.film == "off" else choose_opening(chosen, model)
 
     def circles(value: float) -> pd.DataFrame:
         rows = [_with_circle(row, samples, model, value) for row, samples in parts]
@@ -131,18 +133,11 @@ def measure_circles(
     return CircleSeries(circles(opening.value), opening.value, opening.doubt, rival)
 
 
-def _edge_model(scene: Scene) -> EdgeModel:
-    """Light and gap at the edge of the contact, as the scene describes them."""
-    camera = scene.need("camera", "measuring a smooth contact")
-    indenter = scene.need("indenter", "measuring a smooth contact")
-    return EdgeModel(camera.pixel_size, indenter.radius, excess_table(lamp(scene.light)))
-
-
 def _sample_frame(
     frame: Frame, reference: NDArray | None, *, scene: Scene, model: EdgeModel
 ) -> tuple[dict[str, object], EdgeSamples | None]:
     """The row of one frame and samples of its edge; without samples if it shows no circle."""
-    measurement = measure_prepared(frame, reference, scene, method="threshold")
+    measurement = measure_prepared(frame, reference, scene, count_at=0.5)
     row: dict[str, object] = {
         "frame": frame.name,
         "status": measurement.status,
@@ -169,13 +164,6 @@ def _sample_edge(frame: Frame, measurement: ImageMeasurement, model: EdgeModel) 
         samples = sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
         circle = fit_circle(samples, model, opening=np.inf)
     return sample_edge(image, circle, outside_px=outside_px, noise=noise, valid=valid)
-
-
-def _spread_out(samples: list[EdgeSamples]) -> list[EdgeSamples]:
-    """The frames with the middle, the smallest and the largest contact."""
-    by_size = sorted(samples, key=lambda one: one.circle.radius_px)
-    places = dict.fromkeys((len(by_size) // 2, 0, len(by_size) - 1))
-    return [by_size[k] for k in list(places)[:OPENING_FRAMES]]
 
 
 def _with_circle(

@@ -1,23 +1,23 @@
 """Calibrations by a threshold: `calibrate threshold`, `calibrate modulus` and `calibrate plateau`."""
 
 from collections.abc import Mapping
-from typing import Any, TypedDict
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
 from contactimg.analysis.load_cell import LoadCell
 from contactimg.calibration.coverage_estimate import CoverageEstimate
 from contactimg.calibration.modulus import calibrate_modulus
 from contactimg.calibration.plateau import Plateau, find_plateau
-from contactimg.calibration.threshold import ThresholdCalibration, calibrate_threshold, load_slope
+from contactimg.calibration.threshold import calibrate_threshold, load_slope
 from contactimg.errors import InputError
 from contactimg.files import Experiment
 from contactimg.pipeline.calibrate.result import Advance, Calibrated, cell_notes
 from contactimg.pipeline.calibrate.threshold_scan import THRESHOLDS, ThresholdSeries, measure_thresholds
-from contactimg.pipeline.series import measure_experiment
+from contactimg.pipeline.series import measure_parts
 from contactimg.plausibility import MAX_SCANNED_FORCES_OVER_LOAD, doubts_about_forces, settle
 from contactimg.plots.calibration import plot_forces, plot_plateau, plot_slopes
 from contactimg.plots.numbers import number_with_interval, plain_number
@@ -36,13 +36,8 @@ def frames_with_load(series: ThresholdSeries) -> ThresholdSeries:
             "no local force is known: give the radii of the asperities ([asperities] file or radius_m); "
             "without them a threshold is found by `calibrate plateau`"
         )
-    return ThresholdSeries(
-        series.thresholds,
-        series.areas[:, good],
-        np.nan_to_num(forces, nan=0.0),
-        series.frames[good].reset_index(drop=True),
-        series.failed,
-    )
+    kept = series.frames[good].reset_index(drop=True)
+    return replace(series, areas=series.areas[:, good], forces=np.nan_to_num(forces), frames=kept)
 
 
 def stated_modulus(experiment: Experiment) -> CoverageEstimate:
@@ -51,30 +46,17 @@ def stated_modulus(experiment: Experiment) -> CoverageEstimate:
     return CoverageEstimate.of_normal(elastic.young_modulus, elastic.young_modulus_std)
 
 
-def modulus_relative_std(experiment: Experiment) -> float:
-    """Relative uncertainty of the modulus that the scene states."""
-    modulus = stated_modulus(experiment)
-    return modulus.std / modulus.value
-
-
-class CommonErrors(TypedDict):
-    """Standard uncertainties that all force sums, or all loads, of a series share."""
-
-    relative_std: float
-    zero_std: float
-
-
-def common_errors(experiment: Experiment, *, relative: float = 0.0) -> CommonErrors:
-    """Those of the load cell, and a relative one of the forces."""
+def common_errors(experiment: Experiment, *, relative: float = 0.0) -> dict[str, float]:
+    """Standard uncertainties that all force sums or all loads share: of load cell and forces (relative)."""
     cell = LoadCell.stated(experiment.scene.load)
     return {"relative_std": float(np.hypot(relative, cell.gain_std)), "zero_std": cell.zero_std}
 
 
 def disk_slope(
-    experiment: Experiment, series: ThresholdSeries, errors: CommonErrors, workers: int | None
+    experiment: Experiment, series: ThresholdSeries, errors: dict[str, float], workers: int | None
 ) -> tuple[CoverageEstimate, np.ndarray]:
     """Slope and force sums that the disk method gives for the frames of a series."""
-    frames = measure_experiment(experiment, workers=workers).frames.set_index("frame")
+    frames = measure_parts(experiment, workers=workers).whole().frames.set_index("frame")
     forces = frames.loc[series.frames["frame"], "force_sum_N"].to_numpy(float)
     load = series.frames["load_N"].to_numpy(float)
     return load_slope(np.nan_to_num(forces), load, **errors), forces
@@ -134,8 +116,8 @@ def run_threshold(
     InputError
         If no threshold brackets slope 1 and the method is "threshold", or no force is known.
     """
-    scene, relative = experiment.scene, modulus_relative_std(experiment)
-    scene.need("elastic", "calibrating the threshold")
+    scene, modulus = experiment.scene, stated_modulus(experiment)
+    relative = modulus.std / modulus.value
     series = frames_with_load(measure_thresholds(experiment, THRESHOLDS, workers=workers, advance=advance))
     load = series.frames["load_N"].to_numpy(float)
     errors = common_errors(experiment, relative=relative)
@@ -143,16 +125,23 @@ def run_threshold(
     record: dict[str, Any] = {
         "kind": "threshold",
         "method": scene.measure.method,
-        "fixed": {"young_modulus": stated_modulus(experiment).record("Pa")},
+        "fixed": {"young_modulus": modulus.record("Pa")},
     }
     slopes = [load_slope(row, load, **errors) for row in series.forces]
     stds = np.array([slope.std for slope in slopes])
-    values = _plausible(np.array([slope.value for slope in slopes]), stated_modulus(experiment).value)
+    values = np.array([slope.value for slope in slopes])
+    closest = float(values[np.argmin(np.abs(np.log(np.maximum(values, np.finfo(float).tiny))))])
+    most = MAX_SCANNED_FORCES_OVER_LOAD
+    doubts = doubts_about_forces(slope=closest, young_modulus=modulus.value, most=most)
+    settle(doubts, "the calibration")
     forces, found, threshold, slope = np.full(len(load), np.nan), None, np.nan, None
     try:
         found = calibrate_threshold(series.thresholds, series.forces, load, **errors)
         forces, threshold, slope = found.forces, found.threshold.value, found.slope
-        record |= _found_record(found, modulus_relative_std(experiment))
+        # a modulus that is too large makes the forces and with them the threshold too large
+        share = relative / slope.std if slope.std else 0.0
+        record |= {"threshold": found.threshold.record("1"), "slope": slope.record("1")}
+        record["correlation"] = {"threshold, young_modulus": min(share, 1.0)}
     except InputError as error:
         if scene.measure.method != "disk":
             raise
@@ -174,25 +163,6 @@ def run_threshold(
         "forces": plot_forces(load, forces, slope=slope),
     }
     return force_sum_result(record, series, forces, figures, curve=curve)
-
-
-def _plausible(slopes: NDArray[np.float64], young_modulus: float) -> NDArray[np.float64]:
-    """The slopes; refused if even the one closest to 1 is far from it."""
-    closest = float(slopes[np.argmin(np.abs(np.log(np.maximum(slopes, np.finfo(float).tiny))))])
-    most = MAX_SCANNED_FORCES_OVER_LOAD
-    settle(doubts_about_forces(slope=closest, young_modulus=young_modulus, most=most), "the calibration")
-    return slopes
-
-
-def _found_record(found: ThresholdCalibration, modulus_std: float) -> dict[str, Any]:
-    """Threshold and slope, and how the errors of threshold and modulus (relative) go together."""
-    # a modulus that is too large makes the forces and with them the threshold too large
-    share = modulus_std / found.slope.std if found.slope.std else 0.0
-    return {
-        "threshold": found.threshold.record("1"),
-        "slope": found.slope.record("1"),
-        "correlation": {"threshold, young_modulus": min(share, 1.0)},
-    }
 
 
 def run_modulus(
@@ -284,12 +254,15 @@ def run_plateau(experiment: Experiment, *, workers: int | None = None, advance: 
     table = series.frames.assign(area_m2=found.area, area_std_m2=found.area_std)
     rate = np.interp(series.thresholds, found.thresholds, found.fall_rates, left=np.nan, right=np.nan)
     curve = {"threshold": series.thresholds, "area_m2": series.areas.sum(axis=1), "fall_rate": rate}
+    loads = [f"P = {plain_number(1e3 * load)} mN" for load in series.frames["load_N"]]
+    known = series.frames["load_N"].notna()
+    names = np.where(known, loads, series.frames["frame"].astype(str)).tolist()
     figure = plot_plateau(
         series.thresholds,
         series.areas,
         low=found.threshold_low,
         high=found.threshold_high,
-        names=_curve_names(series.frames),
+        names=names,
         fall_rates=rate,
     )
     columns = [name for name in FORCE_SUMS.columns if name in table]
@@ -322,10 +295,3 @@ def _record(found: Plateau, step: float, notes: list[str]) -> dict[str, Any]:
         "quality": {"relative_fall": found.relative_fall, "marginal": found.marginal},
         "notes": notes,
     }
-
-
-def _curve_names(frames: pd.DataFrame) -> list[str]:
-    """The loads of the frames; their names where these are not known."""
-    known = frames["load_N"].notna()
-    loads = [f"P = {plain_number(1e3 * load)} mN" for load in frames["load_N"]]
-    return np.where(known, loads, frames["frame"].astype(str)).tolist()

@@ -1,5 +1,6 @@
 """`calibrate jkr`: modulus and work of adhesion from the circles of a smooth contact, with notes on them."""
 
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -30,6 +31,12 @@ from contactimg.tables import CIRCLES, UNCERTAINTIES, Status
 
 CURVE_POINTS = 200  # of the fitted curve in the figure
 
+FEW_LOADS = 5
+"""Number of different loads below which the fit tests its law with two loads or fewer."""
+
+BEYOND_PRIOR = 3.0
+"""Zero over its stated uncertainty from which the two contradict each other. Theory: 0.3 % by chance."""
+
 
 def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Advance = None) -> Calibrated:
     """Modulus, work of adhesion and centre from frames of the smooth contact.
@@ -57,7 +64,12 @@ def run_jkr(experiment: Experiment, *, workers: int | None = None, advance: Adva
     part, scene = table[chosen], experiment.scene
     calibration = _calibrate(part, scene)
     sphere = calibration.problem.sphere
-    _check_plausible(calibration, part, sphere.radius)
+    doubts = doubts_about_calibration(
+        young_modulus=calibration.young_modulus.value,
+        work_of_adhesion=calibration.work_of_adhesion.value,
+        contact_over_radius=float(part["radius_m"].max()) / sphere.radius,
+    )
+    settle(doubts, "the calibration")
     sources = list(jkr_uncertainties(calibration))
     if series.rival is not None:
         rival = _calibrate(series.rival[chosen & np.isfinite(series.rival["radius_m"])], scene)
@@ -137,16 +149,6 @@ def _film_source(calibration: JkrCalibration, rival: JkrCalibration, doubt: floa
     return UncertaintySource("opening of the film", doubt, "1", changes[0], changes[-1], ALLOWED)
 
 
-def _check_plausible(calibration: JkrCalibration, circles: pd.DataFrame, sphere_radius: float) -> None:
-    """Raise if the result is that of no material; see `contactimg.plausibility`."""
-    doubts = doubts_about_calibration(
-        young_modulus=calibration.young_modulus.value,
-        work_of_adhesion=calibration.work_of_adhesion.value,
-        contact_over_radius=float(circles["radius_m"].max()) / sphere_radius,
-    )
-    settle(doubts, "the calibration")
-
-
 def _widened(calibration: JkrCalibration, rival: JkrCalibration, doubt: float) -> JkrCalibration:
     """The calibration with the uncertainty added by a rival opening of the film, of probability ``doubt``."""
 
@@ -215,21 +217,11 @@ def _jkr_figures(
         loads, sphere_radius=sphere_radius, contact_modulus=contact_modulus, work_of_adhesion=work
     )
     curve = pd.DataFrame({"load_N": loads, "radius_m": radius})
-    return {"jkr": plot_jkr(calibration.points, curve, fitted=_fitted_values(calibration))}
-
-
-def _fitted_values(calibration: JkrCalibration) -> list[str]:
-    """Modulus and work of adhesion with their intervals, for the legend."""
-    modulus = number_with_interval(calibration.young_modulus, factor=1e-6)
-    work = number_with_interval(calibration.work_of_adhesion, factor=1e3)
-    return [f"E = {modulus} MPa", f"w = {work} mJ/m²"]
-
-
-FEW_LOADS = 5
-"""Number of different loads below which the fit tests its law with two loads or fewer."""
-
-BEYOND_PRIOR = 3.0
-"""Zero over its stated uncertainty from which the two contradict each other. Theory: 0.3 % by chance."""
+    fitted = [
+        f"E = {number_with_interval(calibration.young_modulus, factor=1e-6)} MPa",
+        f"w = {number_with_interval(calibration.work_of_adhesion, factor=1e3)} mJ/m²",
+    ]
+    return {"jkr": plot_jkr(calibration.points, curve, fitted=fitted)}
 
 
 def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene: Scene) -> list[str]:
@@ -263,50 +255,47 @@ def calibration_notes(calibration: JkrCalibration, circles: pd.DataFrame, scene:
     ]
 
 
-def _edge_notes(calibration: JkrCalibration) -> list[str]:
-    """Notes on an edge that is shifted, or whose shift the loads do not determine."""
+def _edge_notes(calibration: JkrCalibration) -> Iterator[str]:
+    """An edge that is shifted, or whose shift the loads do not determine."""
     edge = calibration.edge
     if edge is None:
-        return []
+        return
     stated = f"{edge.shift.value:+.3g} +- {edge.shift.std:.2g} px"
     if edge.seen:
-        note = (
+        yield (
             f"the edge seems to lie {stated} outside the true one: the radii were corrected; `process "
             "--calibration` takes it off the radii of other contacts"
         )
-        return [note]
-    used = "" if edge.settled else "; too uncertain to act on other contacts"
-    return [f"the edge lies where it seems, to {stated}{used}"]
+    else:
+        used = "" if edge.settled else "; too uncertain to act on other contacts"
+        yield f"the edge lies where it seems, to {stated}{used}"
 
 
-def _zero_notes(calibration: JkrCalibration) -> list[str]:
-    """Notes on a zero of the loads that the frames show to be off."""
+def _zero_notes(calibration: JkrCalibration) -> Iterator[str]:
+    """A zero of the loads that the frames show to be off."""
     zero, stated = calibration.load_zero, calibration.problem.series.zero_std
-    if zero is None:
-        asked = suggested_zero(calibration)
-        if asked is None:
-            return []
-        note = (
+    asked = suggested_zero(calibration) if zero is None else None
+    if asked is not None:
+        yield (
             f"the frames ask for a zero of the loads of {1e3 * asked:.3g} mN, which was not fitted: state "
             "zero_std_N in [load] if the load cell may be off so far, or correct the loads"
         )
-        return [note]
-    if not calibration.load_zero_seen:
-        return []
+    if zero is None or not calibration.load_zero_seen:
+        return
     note = (
         f"the loads are off by {1e3 * zero.value:.3g} +- {1e3 * zero.std:.2g} mN: their zero was fitted and "
         "taken off; correct the loads of the other folders of this load cell too"
     )
     if abs(zero.value) > BEYOND_PRIOR * stated:
         note += f". This is far more than the {1e3 * stated:.2g} mN stated: check the loads"
-    return [note]
+    yield note
 
 
-def _departure_notes(calibration: JkrCalibration) -> list[str]:
-    """Notes on the cause of a difference between unloading and loading."""
+def _departure_notes(calibration: JkrCalibration) -> Iterator[str]:
+    """The cause of a difference between unloading and loading."""
     name, rival = calibration.departure, calibration.rival
     if not name:
-        return []
+        return
     note = f"the order of the loads matters: a {name} was fitted"
     if name == HYSTERESIS:
         note = "unloading adheres more or less than loading: each branch has its own work of adhesion"
@@ -315,58 +304,53 @@ def _departure_notes(calibration: JkrCalibration) -> list[str]:
             f"; a {rival} explains the frames nearly as well, and the difference is in the uncertainties; "
             "repeat the first load at the end to tell them apart"
         )
-    return [note]
+    yield note
 
 
-def _series_notes(calibration: JkrCalibration) -> list[str]:
-    """Notes on the limits of a short series, or of one of a single branch."""
+def _series_notes(calibration: JkrCalibration) -> Iterator[str]:
+    """The limits of a short series, or of one of a single branch."""
     points = calibration.points[calibration.points["used"].astype(bool)]
-    count, notes = points["load_N"].nunique(), []
+    count, branches = points["load_N"].nunique(), set(points["branch"])
     if count < FEW_LOADS:
-        notes.append(
+        yield (
             f"{count} different loads: they hardly test the law, and the zero of the loads is not checked; "
             "five or more do"
         )
-    branches = set(points["branch"])
     if branches == {"unloading"}:
-        notes.append(
+        yield (
             "the loads only fall: the work of adhesion is that of unloading, which for rubber often exceeds "
             "that of loading; E does not depend on it"
         )
     elif branches == {"loading"}:
-        notes.append(
+        yield (
             "the loads only rise: hysteresis of adhesion and drift of the load cell cannot be seen; "
             "w is that of loading"
         )
-    return notes
 
 
-def _lens_notes(circles: pd.DataFrame) -> list[str]:
-    """Notes on contacts that are ellipses."""
+def _lens_notes(circles: pd.DataFrame) -> Iterator[str]:
+    """Contacts that are ellipses."""
     lens = mean_astigmatism(circles)
-    if not lens.seen:
-        return []
-    curvatures = 100 * 1.5 * (lens.axis_ratio - 1)
-    note = (
-        f"the contacts are ellipses, axes {lens.axis_ratio:.4f} +- {lens.axis_ratio_std:.1g} to 1: the "
-        f"lens's radii of curvature differ by {curvatures:.2g} % (or pixels are not square); radius_m must "
-        f"be their geometric mean, and E is uncertain by {100 * lens.curvature_std:.2g} % unless it is"
-    )
-    return [note]
+    if lens.seen:
+        curvatures = 100 * 1.5 * (lens.axis_ratio - 1)
+        yield (
+            f"the contacts are ellipses, axes {lens.axis_ratio:.4f} +- {lens.axis_ratio_std:.1g} to 1: the "
+            f"lens's radii of curvature differ by {curvatures:.2g} % (or pixels are not square); radius_m "
+            f"must be their geometric mean, and E is uncertain by {100 * lens.curvature_std:.2g} % unless it "
+            "is"
+        )
 
 
-def _layer_notes(calibration: JkrCalibration) -> list[str]:
-    """Notes on the thickness of the layer."""
+def _layer_notes(calibration: JkrCalibration) -> Iterator[str]:
+    """The thickness of the layer."""
     thickness = calibration.problem.sphere.thickness
-    if thickness is None:
-        hint = suggested_layer(calibration)
-        if hint is None:
-            return []
-        note = (
+    hint = suggested_layer(calibration) if thickness is None else None
+    if thickness is not None:
+        ratio = float(calibration.points["radius_m"].max()) / thickness
+        yield f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"
+    elif hint is not None:
+        yield (
             f"the loads ask for an elastic layer about {1e3 * hint.thickness:.2g} mm thick instead of a "
             f"half-space, which would change E by {100 * hint.young_modulus:+.2g} %: measure it and state "
             "thickness_m in [elastic]"
         )
-        return [note]
-    ratio = float(calibration.points["radius_m"].max()) / thickness
-    return [f"the contact reaches {ratio:.2g} of the layer's thickness; the law is that of the layer"]

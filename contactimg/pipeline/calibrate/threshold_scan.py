@@ -11,13 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from contactimg.errors import FrameError, InputError
 from contactimg.files import Experiment, Run
 from contactimg.frame import Frame
-from contactimg.imaging.measure import ImageMeasurement, count_again
-from contactimg.pipeline.frame import measure_prepared
-from contactimg.pipeline.inputs import (
-    contact_sites,
-    scene_asperities,
-    scene_of_defined_laws,
-)
+from contactimg.imaging.measure import count_again
+from contactimg.pipeline.frame import frame_row, measure_prepared
+from contactimg.pipeline.inputs import asperities_and_sites
 from contactimg.pipeline.parallel import FailedFrame, for_each_frame
 from contactimg.pipeline.pose_and_forces import local_law, locate_frames, series_pose, with_forces
 from contactimg.scene import Scene
@@ -91,16 +87,22 @@ def measure_thresholds(
     scene = experiment.scene
     scene.need("camera", "a calibration")
     measure = partial(_count_frame, scene=scene, thresholds=levels)
-    parts = list(for_each_frame(experiment, measure, workers=workers, advance=advance))
-    frames = FRAMES.conform(pd.DataFrame([part.row for part in parts])).assign(
-        load_N=[experiment.load_of(str(part.row["frame"])) for part in parts]
-    )
-    measured = [part for part in parts if not isinstance(part, FailedFrame)]
-    good = np.array([not isinstance(part, FailedFrame) for part in parts])
-    if not measured:
+    parts = [
+        (part.row, [], (0, 0)) if isinstance(part, FailedFrame) else part
+        for part in for_each_frame(experiment, measure, workers=workers, advance=advance)
+    ]
+    loads = [experiment.load_of(str(row["frame"])) for row, _, _ in parts]
+    frames = FRAMES.conform(pd.DataFrame([row for row, _, _ in parts])).assign(load_N=loads)
+    good = np.array([len(contacts) > 0 for _, contacts, _ in parts])
+    if not good.any():
         raise InputError(f"no frame could be measured; the first: {frames['message'].iloc[0]}")
     kept = frames[good].reset_index(drop=True)
-    runs = _runs(scene, kept, measured, levels)
+    counted = [
+        pd.concat(tables, ignore_index=True)
+        for tables in zip(*(contacts for _, contacts, _ in parts if contacts), strict=True)
+    ]
+    shape = next(size for _, contacts, size in parts if contacts)
+    runs = _runs(scene, kept, counted, shape, int(np.abs(levels - 0.5).argmin()))
     return ThresholdSeries(
         levels,
         np.array([run.frames["area_m2"].to_numpy(float) for run in runs]),
@@ -110,57 +112,30 @@ def measure_thresholds(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _CountedFrame:
-    """One frame's row and its contacts at each threshold."""
-
-    row: dict[str, object]
-    contacts: list[pd.DataFrame]
-    shape: tuple[int, int]
-
-
 def _count_frame(
     frame: Frame, reference: NDArray | None, *, scene: Scene, thresholds: Values
-) -> _CountedFrame:
-    """Register one frame and count it at each threshold."""
-    measurement = measure_prepared(frame, reference, scene, method="threshold")
+) -> tuple[dict[str, object], list[pd.DataFrame], tuple[int, int]]:
+    """Register one frame and count it: its row, its contacts at each threshold, and its shape."""
+    measurement = measure_prepared(frame, reference, scene, count_at=0.5)
     if not measurement.contrast:
         raise FrameError(measurement.message or "nothing stands out of the noise")
-    contacts = [
-        CONTACTS.conform(count_at(measurement, float(t)).assign(frame=frame.name)) for t in thresholds
-    ]
-    row: dict[str, object] = {
-        "frame": frame.name,
-        "status": measurement.status,
-        "n_contacts": len(measurement.disks),
-        "contrast": measurement.contrast,
-        "noise": measurement.noise,
-        "shift_x_px": measurement.shift_x_px,
-        "shift_y_px": measurement.shift_y_px,
-        "message": measurement.message,
-    }
-    return _CountedFrame(row, contacts, frame.shape)
+    counted = (count_again(measurement.foreground, float(level)).disks for level in thresholds)
+    contacts = [CONTACTS.conform(disks.assign(frame=frame.name)) for disks in counted]
+    own = {"n_contacts": len(measurement.disks), "smallest_px": np.nan}
+    return frame_row(measurement, frame.name) | own, contacts, frame.shape
 
 
-def count_at(measurement: ImageMeasurement, threshold: float) -> pd.DataFrame:
-    """Contacts of a measured frame at another threshold, a fraction of the contrast: its disks table."""
-    return count_again(measurement.foreground, threshold).disks
-
-
-def _runs(scene: Scene, frames: pd.DataFrame, parts: list[_CountedFrame], thresholds: Values) -> list[Run]:
-    """One run a threshold, all under the pose found at the threshold next to one half."""
-    asperities = scene_asperities(scene)
-    sites = None if asperities is None else contact_sites(asperities, scene)
-    scene = scene_of_defined_laws(scene, sites)
+def _runs(
+    scene: Scene, frames: pd.DataFrame, counted: list[pd.DataFrame], shape: tuple[int, int], half: int
+) -> list[Run]:
+    """One run a threshold, all under the pose found at the threshold of number ``half``."""
+    scene, asperities, sites = asperities_and_sites(scene)
     if asperities is not None:
         refuse_own_caps(asperities, "calibrate", columns=("young_modulus_Pa",))
     targets = None if sites is None else sites[["x_m", "y_m"]].to_numpy(float)
-    counted = [
-        pd.concat([part.contacts[k] for part in parts], ignore_index=True) for k in range(len(thresholds))
-    ]
-    middle = counted[int(np.abs(thresholds - 0.5).argmin())]
+    middle = counted[half]
     run = Run(scene, middle, frames)
-    pose = scene.pose(parts[0].shape)
+    pose = scene.pose(shape)
     if targets is not None and scene.measure.pose == "fit" and len(middle):
         pose = series_pose(run, pose, targets).pose
 

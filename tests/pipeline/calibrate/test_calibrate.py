@@ -21,7 +21,7 @@ from contactimg.files import (
 from contactimg.frame import Frame
 from contactimg.pipeline.calibrate.circles import mean_centre, measure_circles
 from contactimg.pipeline.calibrate.threshold_scan import measure_thresholds
-from contactimg.pipeline.series import measure_experiment
+from contactimg.pipeline.series import measure_parts
 from contactimg.pipeline.simulate import write_simulation
 from contactimg.scene import scene_from_dict
 
@@ -163,7 +163,7 @@ def test_calibrations_prepare_frames_as_process_does(small_series, tmp_path):
     for effects in ({}, {"position_drift": "off", "dust": "off", "saturation": "off"}):
         with_scene(folder, effects=effects)
         experiment = open_experiment(read_scene(folder))
-        frames = measure_experiment(experiment, workers=1).frames
+        frames = measure_parts(experiment, workers=1).whole().frames
         series = measure_thresholds(experiment, [0.5], workers=1)
         columns = ["contrast", "noise", "shift_x_px", "shift_y_px", "n_contacts"]
         pd.testing.assert_frame_equal(series.frames[columns], frames[columns])
@@ -185,7 +185,10 @@ def test_a_bar_counts_at_no_threshold(small_series, tmp_path):
         folder, effects={"dust": "on"}, images={"frames": "frame_[23].tif"}
     )  # frame_1 shows no plateau
     experiment = open_experiment(read_scene(folder))
-    run, series = measure_experiment(experiment, workers=1), measure_thresholds(experiment, [0.3, 0.5, 0.7])
+    run, series = (
+        measure_parts(experiment, workers=1).whole(),
+        measure_thresholds(experiment, [0.3, 0.5, 0.7]),
+    )
     assert run.rejected["reason"].str.startswith("long").sum() == 2
     np.testing.assert_allclose(series.areas[1], run.frames["area_m2"], rtol=1e-12)
     assert (np.diff(series.areas, axis=0) < 0).all()
@@ -200,13 +203,13 @@ def test_circles_are_measured_on_frames_prepared_as_process_does(smooth_frames, 
     with_scene(folder, effects={"position_drift": "off"}, measure={"method": "threshold"})
     experiment = open_experiment(read_scene(folder))
     circles = measure_circles(experiment, workers=1).table
-    frames = measure_experiment(experiment, workers=1).frames
+    frames = measure_parts(experiment, workers=1).whole().frames
     columns = ["frame", "shift_x_px", "shift_y_px"]
     pd.testing.assert_frame_equal(circles[columns], frames[columns])
     assert (frames["shift_x_px"] == 0).all()
 
 
-@pytest.mark.parametrize("measure", [measure_circles, measure_thresholds, measure_experiment])
+@pytest.mark.parametrize("measure", [measure_circles, measure_thresholds, measure_parts])
 def test_full_scale_is_that_of_the_scene_in_every_command(measure, monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(frame_module, "measure_image", lambda *_, **options: seen.append(options) or 1 / 0)
