@@ -163,7 +163,7 @@ class GapField:
         if x.size * sx.size > MOST_PAIRS:
             both = np.concatenate([sx, x]), np.concatenate([sy, y])
             try:
-                sums = FastCoupling(*both, k, SUM_ACCURACY, kept=False)
+                sums = FastCoupling(*both, k, SUM_ACCURACY)
             except InputError:  # so unevenly spread that the modes would not fit into memory
                 pass
             else:

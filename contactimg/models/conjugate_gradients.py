@@ -16,7 +16,7 @@ from contactimg.compiled import njit
 
 Values = NDArray[np.float64]
 
-MAX_CONJUGATE_GRADIENT_STEPS = 500
+MAX_CONJUGATE_GRADIENT_STEPS = 200
 """Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
 
 

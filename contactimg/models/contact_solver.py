@@ -2,9 +2,9 @@
 
 Candidates are the asperities with ``g < D``, which the indenter would reach if the others did not lower the
 surface. At prescribed load ``D`` is unknown: an upper estimate selects the candidates, and if the solution
-exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A coarse grid
-and then a rough solution, with sums of low accuracy, therefore select those near contact; the accurate
-solution is found for them and then checked on the others.
+exceeds it, a larger selection is solved. Most candidates of a large set stay out of contact. A rough
+solution, with sums of low accuracy, therefore selects those near contact; the accurate solution is found for
+them and then checked on the others.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.asperity_laws import AsperityLaw
-from contactimg.models.coarse_grid import GridStart
 from contactimg.models.conjugate_gradients import NotPositiveDefinite
 from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
 from contactimg.models.fast_coupling import FastCoupling
@@ -31,7 +30,6 @@ from contactimg.models.newton_iteration import (
 )
 from contactimg.models.scaled_problem import ScaledProblem
 from contactimg.models.validity import Pairs, close_pairs, overlapping, sampled_spacing, unstable_pair
-from contactimg.models.work_limit import limit_work
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -51,13 +49,6 @@ number of steps, not the converged solution; sensitivity not measured."""
 
 MAX_SELECTIONS = 100
 """Most selections of candidates for one problem. Chosen by hand: each enlarges the previous one."""
-
-
-GRID_GAP_FRACTION = 0.5
-"""Asperities with a gap below this fraction of the deepest penetration on the coarse grid are kept.
-
-Measured: of 35 000 contacts 600 are out of contact on the grid. Those missed are added in the end.
-"""
 
 
 @dataclass(frozen=True)
@@ -102,11 +93,6 @@ MIN_SCREENED_CANDIDATES = 100
 """Fewest candidates of a stored matrix that are screened before the field corrections. Chosen by hand: it
 affects the time only; below, all terms together take less than a millisecond."""
 
-START_RESIDUAL, MAX_CORRECTIONS, CORRECTION_GAIN = 3e-3, 6, 0.5
-"""A start on the cells of a grid is corrected to this residual, at most so often, and while each correction
-lowers the residual to this fraction. Chosen by time: a correction takes a quarter of a Newton step, and two
-steps from there leave the square of the square of it."""
-
 CLOSE_DIAMETERS = 1.5
 """Candidates within this many diameters of a contact of the rough solution are kept. Chosen: solutions can be
 ambiguous only within one diameter, and the radii of the rough solution are good to a tenth."""
@@ -145,25 +131,14 @@ class ContactSolver:
         alone = self._uncoupled()
         if self.coupling == "none":
             return self.problem, self._system(self.problem, NoCoupling()), alone, 0
-        with limit_work():
-            return self._select(alone, seed)
-
-    def _select(
-        self, alone: Iterate, seed: Values | None
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for the candidates, and for more of them until none is left out."""
         force, reach, taken = alone.force if seed is None else seed, self._reach(alone), 0
         for _ in range(MAX_SELECTIONS):
             count = int(np.searchsorted(self.problem.gap, reach, side="right"))
             candidates = self.problem.part(slice(count))
             candidates.refuse_duplicates()
-            start = candidates, force[:count], alone.indentation
-            if self._dense(candidates):
-                found, system, iterate, steps = self._solve_all(*start)
-            else:
-                found, system, iterate, steps = self._solve_screened(
-                    *start, seeded=seed is not None or taken > 0
-                )
+            found, system, iterate, steps = self._solve_candidates(
+                candidates, force[:count], alone.indentation
+            )
             taken += steps
             if iterate.indentation <= reach or count == self.problem.gap.size:
                 raised = self._reached_by_bulge(count, found, iterate)
@@ -199,63 +174,23 @@ class ContactSolver:
                 touched = float(beyond.gap[row])
         return touched if touched > -np.inf else None
 
-    def _solve_all(
+    def _solve_candidates(
         self, candidates: ScaledProblem, force: Values, indentation: float
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve with a stored matrix; with field corrections, for the candidates near contact."""
-        system = self._system(candidates, self._operator(candidates))
+        """Solve with a stored matrix or with fast sums, these and field corrections near contact only."""
+        dense, screening = self._dense(candidates), FAST_SCREENING
+        if dense:
+            screening, operator = STORED_SCREENING, self._operator(candidates)
+        else:
+            _refuse_excessive_load(candidates)
+            operator = FastCoupling(candidates.x, candidates.y, self.kernel, screening.sum_accuracy)
+        system = self._system(candidates, operator)
         iterate = initial_iterate(system, force, indentation)
-        if self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
+        if not dense:
+            _refuse_crowd(candidates, iterate)
+        elif self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
             return candidates, *self._converge(candidates, system, iterate)
-        return self._solve_near(candidates, system, iterate, STORED_SCREENING)
-
-    def _solve_screened(
-        self, candidates: ScaledProblem, force: Values, indentation: float, *, seeded: bool
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve for those near contact on a coarse grid, then add those missed."""
-        _refuse_excessive_load(candidates)
-        if seeded:
-            return self._solve_part(candidates, force, indentation, None)
-        grid = GridStart.of(candidates, self.law, self.kernel, force, indentation)
-        force, indentation = grid.force, grid.indentation
-        kept, taken = grid.penetration > -GRID_GAP_FRACTION * float(grid.penetration.max()), 0
-        kept[:FEWEST_SUMMED] = True
-        for _ in range(MAX_SELECTIONS):
-            part = candidates.part(kept)
-            start = part, force[kept], indentation, None if taken else grid.part(kept)
-            found, system, iterate, steps = self._solve_part(*start)
-            taken += steps
-            force = found.scattered(iterate.force)[candidates.order]
-            indentation, deepest = iterate.indentation, float(iterate.penetration(system).max())
-            if kept.all():
-                return found, system, iterate, taken
-            sums = FastCoupling(
-                candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy, kept=False
-            )
-            penetration = indentation - candidates.gap - sums.displacement(force)
-            margin = FAST_SCREENING.gap_fraction * deepest
-            if not np.any(penetration[~kept] > -0.5 * margin):
-                return found, system, iterate, taken
-            kept |= penetration > -margin
-        raise ConvergenceError(
-            f"the contacts were not selected in {MAX_SELECTIONS} rounds: the coarse grid misses contacts "
-            'every time; lower the load, or use method "dense"'
-        )
-
-    def _solve_part(
-        self, candidates: ScaledProblem, force: Values, indentation: float, grid: GridStart | None
-    ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
-        """Solve with fast sums: roughly, then for the candidates near contact in that solution.
-
-        ``grid`` is the start on the cells of a grid; None if the forces are those of a solution.
-        """
-        sums = FastCoupling(candidates.x, candidates.y, self.kernel, FAST_SCREENING.sum_accuracy)
-        rough = self._system(candidates, sums)
-        iterate = _first_on_grid(rough, grid) if grid else initial_iterate(rough, force, indentation)
-        _refuse_crowd(candidates, iterate)
-        if grid:
-            iterate = _correct_start(rough, grid, iterate)
-        return self._solve_near(candidates, rough, iterate, FAST_SCREENING)
+        return self._solve_near(candidates, system, iterate, screening)
 
     def _solve_near(
         self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate, screening: Screening
@@ -363,25 +298,6 @@ class ContactSolver:
                 else "start from the solution at a smaller load, or allow a larger tolerance"
             )
         )
-
-
-def _first_on_grid(system: ContactSystem, grid: GridStart) -> Iterate:
-    """First iterate from a start on the cells of a grid."""
-    displacement = system.coupling.displacement(grid.force)
-    return evaluate_iterate(system, grid.force, grid.indentation, displacement)
-
-
-def _correct_start(system: ContactSystem, grid: GridStart, iterate: Iterate) -> Iterate:
-    """Correct a start on the cells of a grid, and its iterate, as long as that gains."""
-    for _ in range(MAX_CORRECTIONS):
-        if iterate.residual <= START_RESIDUAL:
-            break
-        grid = grid.corrected(iterate.displacement)
-        following = _first_on_grid(system, grid)
-        if following.residual > CORRECTION_GAIN * iterate.residual:
-            return min(iterate, following, key=lambda one: one.residual)
-        iterate = following
-    return iterate
 
 
 def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> float:

@@ -22,7 +22,6 @@ from contactimg.models.conjugate_gradients import (
     NotPositiveDefinite,
     dense_conjugate_gradients,
 )
-from contactimg.models.work_limit import count_matrix
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -248,7 +247,6 @@ class DenseCoupling:
         """By conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
         matrix = _newton_matrix(self._with_rows(active), active, system.scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:
-            count_matrix(active.size, products=MAX_DENSE_STEPS)
             border = system.missing, system.stiffness
             solution, rise, solved = dense_conjugate_gradients(
                 matrix, system.scale, system.side, *border, tolerance, MAX_DENSE_STEPS
@@ -280,7 +278,6 @@ class DenseCoupling:
 
 def _cholesky_factor(system: Values) -> Values:
     """The lower factor of a symmetric matrix, which is overwritten; `NotPositiveDefinite` if it has none."""
-    count_matrix(len(system), factorisations=1)
     # the upper triangle in C order is the lower one for LAPACK, whose factorisation is the faster
     factor, failed = lapack.dpotrf(system.T, lower=1, clean=0, overwrite_a=1)
     if failed:
