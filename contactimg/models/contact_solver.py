@@ -165,14 +165,12 @@ class ContactSolver:
         near = np.flatnonzero(beyond.gap < iterate.indentation + rise)
         if not rise or not near.size:
             return None
-        touched = -np.inf
-        for row in near:
-            r = np.hypot(beyond.x[row] - found.x[loaded], beyond.y[row] - found.y[loaded])
-            r = np.maximum(r, np.finfo(float).tiny)
-            displacement = float(np.sum(iterate.force[loaded] * (1 / r - self.kernel.deficit(r)))) / np.pi
-            if iterate.indentation - beyond.gap[row] > displacement:
-                touched = float(beyond.gap[row])
-        return touched if touched > -np.inf else None
+        sources = np.stack([found.x[loaded], found.y[loaded]])
+        displacement = self.kernel.displacement(
+            beyond.x[near], beyond.y[near], sources, iterate.force[loaded]
+        )
+        touched = near[iterate.indentation - beyond.gap[near] > displacement]
+        return float(beyond.gap[touched].max()) if touched.size else None
 
     def _solve_candidates(
         self, candidates: ScaledProblem, force: Values, indentation: float

@@ -71,6 +71,13 @@ class Kernel:
         excess = fields.excess + 0.1 * contact_radius**2 * bend
         return replace(fields, excess=excess, curvature=fields.curvature + 0.5 * bend)
 
+    def displacement(self, x: Values, y: Values, sources: Values, force: Values) -> Values:
+        """Displacement at places ``x, y`` by point forces at other places (2, n), summed pair by pair."""
+        unit = float(np.ptp(sources)) if force.size else 1.0
+        unit = unit or 1.0  # squared distances are to be of the order of one
+        table = self.thinness * unit, self.value, self.slope
+        return np.asarray(direct_sum(x / unit, y / unit, sources / unit, force / unit, *table))
+
     def largest_rise(self) -> float:
         """Largest rise of a layer by a unit of ``q/pi``, ``max(phi(s) - 1/s)/t``; 0 for a half-space."""
         if not self.thinness:

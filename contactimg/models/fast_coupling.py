@@ -32,7 +32,6 @@ from contactimg.models.coupling import (
     DenseCoupling,
     Fields,
     Kernel,
-    direct_sum,
     displacement_excess,
     elongation,
 )
@@ -448,9 +447,8 @@ class FastCoupling:
         """``C q`` at some candidates, of which none is loaded, summed over those and the loaded ones."""
         loaded = np.flatnonzero(force)
         if loaded.size <= MAX_DIRECT_SOURCES:
-            k, x, y = self._kernel, self._x, self._y
-            sources = np.stack([x[loaded], y[loaded]])
-            return direct_sum(x[rows], y[rows], sources, force[loaded], k.thinness, k.value, k.slope)
+            sources = np.stack([self._x, self._y])[:, loaded]
+            return self._kernel.displacement(self._x[rows], self._y[rows], sources, force[loaded])
         involved = np.union1d(rows, loaded)
         part = FastCoupling(self._x[involved], self._y[involved], self._kernel, self._accuracy)
         return part.displacement(force[involved])[np.searchsorted(involved, rows)]

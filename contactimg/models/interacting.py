@@ -8,7 +8,7 @@ others did not lower the surface.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -32,19 +32,6 @@ from contactimg.models.solution import InteractingSolution
 Values = NDArray[np.float64]
 
 COUPLINGS = ("none", "asymptotic", "hertz", "full")
-
-
-class InteractingOptions(TypedDict, total=False):
-    """Keywords of `solve_interacting` that hold for every load of a series."""
-
-    apex: tuple[float, float]
-    coupling: str
-    law: str | AxisymmetricProfile
-    thickness: float
-    poisson_ratio: float
-    method: str
-    tolerance: float
-    max_iterations: int
 
 
 @refuse_beyond_floats
@@ -317,7 +304,7 @@ def solve_loads(
     loads: Iterable[float | LoadSpring],
     indenter_radius: float,
     contact_modulus: float,
-    **options: Unpack[InteractingOptions],
+    **options: Any,
 ) -> Iterator[InteractingSolution]:
     """Solve at several loads, each solution started from the previous one where that is close.
 
@@ -328,7 +315,7 @@ def solve_loads(
     indenter_radius : float, m
     contact_modulus : float, Pa
     **options
-        Further keywords of `solve_interacting`: those of `InteractingOptions`.
+        Further keywords of `solve_interacting` that hold for every load.
 
     Yields
     ------
