@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from contactimg.errors import ConvergenceError, InputError
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw
 from contactimg.models.adhesive_path import AdhesivePath, AdhesiveState
-from contactimg.models.asperity_laws import LAWS, Caps
+from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, Caps
 from contactimg.models.coupling import DenseCoupling, Kernel
 from contactimg.models.interacting import check_layer, solve_interacting
 from contactimg.models.load_spring import ContactConditions, LoadSpring, prescribed

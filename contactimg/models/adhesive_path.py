@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw
-from contactimg.models.asperity_laws import Caps
+from contactimg.models.asperity_laws import AdhesiveLaw, Caps
 from contactimg.models.coupling import QUARTIC, DenseCoupling, Kernel
 from contactimg.models.full_coupling import CapCorrection, bounded_saddle, pressure_radius
 from contactimg.models.scaled_problem import ScaledProblem

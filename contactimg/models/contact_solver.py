@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from contactimg.errors import ConvergenceError, ModelRangeError
 from contactimg.models.asperity_laws import AsperityLaw
-from contactimg.models.conjugate_gradients import NotPositiveDefinite
-from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling
+from contactimg.models.coupling import Coupling, DenseCoupling, Kernel, NoCoupling, NotPositiveDefinite
 from contactimg.models.fast_coupling import FastCoupling
 from contactimg.models.full_coupling import FieldCorrection
 from contactimg.models.newton_iteration import (

@@ -7,6 +7,7 @@ diagonal matrix of ``s = sqrt(2 a)``. This matrix is close to the identity unles
 conjugate gradients need few steps.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Protocol
 
@@ -17,15 +18,91 @@ from scipy.linalg import lapack
 
 from contactimg.compiled import njit
 from contactimg.mechanics import layer
-from contactimg.models.conjugate_gradients import (
-    NewtonSystem,
-    NotPositiveDefinite,
-    dense_conjugate_gradients,
-)
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
 Rows = NDArray[np.intp]
+
+MAX_CONJUGATE_GRADIENT_STEPS = 200
+"""Most steps of one conjugate-gradient solution. Chosen by hand: the matrix is close to the identity."""
+
+
+class NotPositiveDefinite(ArithmeticError):  # noqa: N818 - a state of the iteration, not a user error
+    """The Newton matrix is indefinite because contacts overlap too far."""
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonSystem:
+    """The right-hand sides of the Newton system of some contacts, and its border.
+
+    Parameters
+    ----------
+    scale : ndarray, shape (n,)
+        ``s = sqrt(2 a)``.
+    side : ndarray, shape (n,)
+        ``b``.
+    missing : float
+        ``m``: by how much the sum of the forces is to rise; 0 at prescribed indentation.
+    stiffness : float
+        ``k`` of the load cell: 0 at prescribed load, infinite at prescribed indentation.
+    """
+
+    scale: Values
+    side: Values
+    missing: float = 0.0
+    stiffness: float = np.inf
+
+    def eliminate(self, from_side: Values, from_scale: Values) -> tuple[Values, float]:
+        """The solution from those of ``A z = b`` and of ``A z = s``."""
+        if np.isinf(self.stiffness):
+            return from_side, 0.0
+        rise = self.missing - float(self.scale @ from_side)
+        rise /= float(self.scale @ from_scale) + self.stiffness
+        return from_side + rise * from_scale, rise
+
+
+def conjugate_gradients(
+    apply: Callable[[Values], Values],
+    system: NewtonSystem,
+    tolerance: float,
+    precondition: Callable[[Values], Values] = np.copy,
+    most_steps: int = MAX_CONJUGATE_GRADIENT_STEPS,
+) -> tuple[Values, float, bool]:
+    """Solve a Newton system with a positive definite matrix: ``z``, the rise, and whether it is solved.
+
+    ``tolerance`` is that of the residual, relative to ``b`` and to what the rise adds to it.
+    """
+    scale, shared = system.scale, precondition(system.scale)
+    share = 1 / (system.stiffness + float(scale @ shared))
+
+    def conditioned(residual: Values) -> tuple[Values, float]:
+        change = precondition(residual)
+        rise = -share * float(scale @ change)
+        return change + rise * shared, rise
+
+    rise = system.missing * share
+    solution = rise * shared
+    residual = system.side + rise * scale - (apply(solution) if rise else 0.0)
+    goal = tolerance**2 * float(system.side @ system.side + (rise * scale) @ (rise * scale))
+    direction, direction_rise = change, change_rise = conditioned(residual)
+    square = float(residual @ change)
+    for _ in range(most_steps):
+        remaining = residual + change_rise * scale
+        if float(remaining @ remaining) <= goal:
+            return solution, rise + change_rise, True
+        image = apply(direction) - direction_rise * scale
+        curvature = float(direction @ image)
+        if curvature <= 0:
+            raise NotPositiveDefinite
+        step = square / curvature
+        solution += step * direction
+        rise += step * direction_rise
+        residual -= step * image
+        change, change_rise = conditioned(residual)
+        before, square = square, float(residual @ change)
+        direction = change + square / before * direction
+        direction_rise = change_rise + square / before * direction_rise
+    return solution, rise + change_rise, False
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,9 +331,8 @@ class DenseCoupling:
         """By conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
         matrix = _newton_matrix(self._with_rows(active), active, system.scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:
-            border = system.missing, system.stiffness
-            solution, rise, solved = dense_conjugate_gradients(
-                matrix, system.scale, system.side, *border, tolerance, MAX_DENSE_STEPS
+            solution, rise, solved = conjugate_gradients(
+                matrix.__matmul__, system, tolerance, most_steps=MAX_DENSE_STEPS
             )
             if solved:
                 return solution, rise

@@ -22,7 +22,6 @@ from scipy.special import erf, erfc, erfcinv
 
 from contactimg.compiled import njit
 from contactimg.errors import InputError
-from contactimg.models.conjugate_gradients import NewtonSystem, conjugate_gradients
 from contactimg.models.coupling import (
     CUBIC,
     EXTENT_CURVATURE,
@@ -32,6 +31,8 @@ from contactimg.models.coupling import (
     DenseCoupling,
     Fields,
     Kernel,
+    NewtonSystem,
+    conjugate_gradients,
     displacement_excess,
     elongation,
 )
@@ -467,7 +468,8 @@ class FastCoupling:
         def apply(z: Values) -> Values:
             return z + scale * contacts.displacement(scale * z)
 
-        return conjugate_gradients(apply, system, tolerance, CellPreconditioner.of(x, y, self._kernel, scale))
+        precondition = CellPreconditioner.of(x, y, self._kernel, scale)
+        return conjugate_gradients(apply, system, tolerance, precondition)[:2]
 
     def check_definite(self, active: Rows, scale: Values) -> None:
         """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""

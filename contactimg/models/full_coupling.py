@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from contactimg.compiled import njit
 from contactimg.mechanics import sphere
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw, LayerLaw
-from contactimg.models.asperity_laws import Caps, SphereLaw
+from contactimg.models.asperity_laws import AdhesiveLaw, Caps, LayerLaw, SphereLaw
 from contactimg.models.coupling import FIELD_NAMES, Fields
 from contactimg.models.newton_iteration import ContactSystem, Iterate, evaluate_iterate
 

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from contactimg.errors import ConvergenceError, InputError, ModelRangeError
 from contactimg.mechanics.layer_contact import LARGEST_RATIO
 from contactimg.mechanics.profiles import AxisymmetricProfile, ProfileUnderLens
-from contactimg.models.adhesive_asperity_law import AdhesiveLaw, LayerLaw
-from contactimg.models.asperity_laws import LAWS, AsperityLaw, asperity_law
+from contactimg.models.asperity_laws import LAWS, AdhesiveLaw, AsperityLaw, LayerLaw, asperity_law
 from contactimg.models.composite_summits import CompositeSummits
 from contactimg.models.contact_solver import METHODS, ContactSolver
 from contactimg.models.coupling import Kernel
