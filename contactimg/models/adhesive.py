@@ -283,7 +283,7 @@ def _continuous(
     first: float | LoadSpring,
     last: float | LoadSpring,
 ) -> InteractingSolution:
-    """From one load to the next, in steps so small that half of them lead to the same contacts."""
+    """Follow the contacts between two loads in steps so small that half of them lead to the same set."""
     coarse: InteractingSolution | None = None
     steps = FIRST_SUBSTEPS
     while steps <= MOST_SUBSTEPS:

@@ -1,4 +1,4 @@
-"""Contact radius and force of one asperity as functions of its penetration, dimensionless (E* = 1).
+"""Contact radius, force and penetration of one asperity, dimensionless (E* = 1): Hertz, sphere, layer, JKR.
 
 A law takes arrays of penetrations and `Caps` of the same length. For every axisymmetric profile the stiffness
 of a contact is ``dp/d delta = 2 E* a``; the solvers rely on this relation. For other contacts, ellipses and
@@ -20,7 +20,8 @@ from contactimg.mechanics.layer_contact import LARGEST_RATIO, factor_table
 Values = NDArray[np.float64]
 
 _MAX_STEPS = 60
-"""Most Newton steps for a contact on a base. A safety limit: four to eight suffice."""
+"""Most steps of a scalar iteration. Theory: a convergence by halves reaches rounding in 53; Newton's
+method takes four to eight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,9 +182,6 @@ def asperity_law(name: str, *, aspect: float) -> AsperityLaw:
 
 TABLE_NODES = 401
 """Nodes of `paraboloid_table`: interpolation is good to 1e-10, and a Newton step leaves the square of it."""
-
-_MAX_STEPS = 60
-"""Most steps of a scalar iteration. Theory: a convergence by halves reaches rounding in 53."""
 
 
 @dataclass(frozen=True)

@@ -145,7 +145,7 @@ class GapField:
 
     @property
     def _largest_rise(self) -> float:
-        """By how much the rubber can rise, m: infinite where contacts pull."""
+        """Largest rise of the rubber, m: infinite where contacts pull."""
         force = self._sources[2]
         if force.min(initial=0.0) < 0:
             return np.inf

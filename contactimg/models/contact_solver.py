@@ -99,7 +99,7 @@ ambiguous only within one diameter, and the radii of the rough solution are good
 
 @dataclass(frozen=True, eq=False)
 class ContactSolver:
-    """Solves one problem.
+    """Selects the candidates of one problem, chooses their coupling and iterates to convergence.
 
     Parameters
     ----------

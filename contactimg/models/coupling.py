@@ -248,14 +248,14 @@ pattern SA+ at 0.5 N need 15 to a residual of 1e-10."""
 
 
 class NoCoupling:
-    """Independent contacts."""
+    """The coupling of independent contacts: none."""
 
     def displacement(self, force: Values) -> Values:
-        """Nothing moves."""
+        """No displacement, since nothing moves."""
         return np.zeros_like(force)
 
     def displacement_at(self, rows: Rows, force: Values) -> Values:  # noqa: ARG002
-        """Nothing moves."""
+        """No displacement, since nothing moves."""
         return np.zeros(rows.size)
 
     def solve_newton_system(
@@ -264,18 +264,18 @@ class NoCoupling:
         system: NewtonSystem,
         tolerance: float,  # noqa: ARG002
     ) -> tuple[Values, float]:
-        """With the identity."""
+        """The solution with the identity as the matrix."""
         return system.eliminate(system.side, system.scale)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """The identity is."""
+        """Nothing to refuse: the identity is positive definite."""
 
     def fields(self, force: Values, contact_radius: Values, saddle: Values | None = None) -> Fields:  # noqa: ARG002
-        """None."""
+        """Fields that are zero everywhere."""
         return Fields(*(np.zeros_like(force) for _ in FIELD_NAMES))
 
     def at_positions(self, x: Values, y: Values) -> "NoCoupling":  # noqa: ARG002
-        """Itself."""
+        """The coupling itself, which knows no places."""
         return self
 
 
@@ -302,7 +302,7 @@ class DenseCoupling:
 
     @property
     def matrix(self) -> Values:
-        """All of ``C``."""
+        """The whole matrix ``C``."""
         return self._with_rows(np.arange(self._x.size))
 
     @stage("coupling sums")
@@ -328,7 +328,7 @@ class DenseCoupling:
     def solve_newton_system(
         self, active: Rows, system: NewtonSystem, tolerance: float
     ) -> tuple[Values, float]:
-        """By conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
+        """Solve by conjugate gradients; if they are slow or the contacts few, by Cholesky, to rounding."""
         matrix = _newton_matrix(self._with_rows(active), active, system.scale)
         if active.size >= MIN_ITERATIVE_CONTACTS:
             solution, rise, solved = conjugate_gradients(
@@ -341,7 +341,7 @@ class DenseCoupling:
         return system.eliminate(*solutions.T)
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """By Cholesky."""
+        """Refuse a matrix that Cholesky's factorisation finds indefinite."""
         _cholesky_factor(_newton_matrix(self._with_rows(active), active, scale))
 
     @stage("coupling sums")

@@ -299,7 +299,7 @@ class CellPreconditioner:
 
     @classmethod
     def of(cls, x: Values, y: Values, kernel: Kernel, scale: Values) -> "CellPreconditioner":
-        """For contacts at ``x, y`` with the scales ``s = sqrt(2 a)``."""
+        """The preconditioner of contacts at ``x, y`` with the scales ``s = sqrt(2 a)``."""
         number = int(np.clip(np.sqrt(x.size / CONTACTS_PER_CELL), 2, MOST_CELLS_PER_SIDE))
         side = max(float(np.ptp(x)), float(np.ptp(y))) / number
         row, column = (((v - v.min()) / side).astype(np.intp) for v in (y, x))
@@ -457,7 +457,7 @@ class FastCoupling:
     def solve_newton_system(
         self, active: Rows, system: NewtonSystem, tolerance: float
     ) -> tuple[Values, float]:
-        """On the contacts alone: by Cholesky if they are few, else by conjugate gradients."""
+        """Solve for the contacts alone: with a stored matrix if they are few, else by conjugate gradients."""
         x, y, scale = self._x[active], self._y[active], system.scale
         if active.size <= MAX_CHOLESKY_CONTACTS:
             direct = DenseCoupling(x, y, self._kernel)
@@ -472,7 +472,7 @@ class FastCoupling:
         return conjugate_gradients(apply, system, tolerance, precondition)[:2]
 
     def check_definite(self, active: Rows, scale: Values) -> None:
-        """As far as the solution for one side shows it, beyond the contacts that Cholesky can take."""
+        """Refuse an indefinite matrix, of many contacts as far as the solution for one side shows it."""
         if active.size <= MAX_CHOLESKY_CONTACTS:
             direct = DenseCoupling(self._x[active], self._y[active], self._kernel)
             direct.check_definite(np.arange(active.size), scale)

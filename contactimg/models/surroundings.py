@@ -142,7 +142,7 @@ class MeanField:
         return asperities.assign(**{BASE_COLUMN: base - sunk})
 
     def sinking(self, asperities: pd.DataFrame) -> float:
-        """By how much (m) the indentation from first touch is larger than that of the table `around`."""
+        """Excess (m) of the indentation from first touch over that of the table `around`."""
         alone, sunk = (
             composite_apexes(one, indenter_radius=self.indenter_radius, apex=self.apex)
             for one in (asperities, self.around(asperities))
