@@ -179,7 +179,6 @@ class ContactSolver:
         if dense:
             screening, operator = STORED_SCREENING, self._operator(candidates)
         else:
-            _refuse_excessive_load(candidates)
             operator = FastCoupling(candidates.x, candidates.y, self.kernel, screening.sum_accuracy)
         system = self._system(candidates, operator)
         iterate = initial_iterate(system, force, indentation)
@@ -303,24 +302,6 @@ def displacement_under_largest_force(problem: ScaledProblem, force: Values) -> f
     distance = np.hypot(problem.x[others] - problem.x[top], problem.y[others] - problem.y[top])
     apart = distance > 0
     return float(np.sum(force[others[apart]] / distance[apart]) / np.pi)
-
-
-def _refuse_excessive_load(problem: ScaledProblem) -> None:
-    """Raise `ModelRangeError` if an equal share of the load makes a contact as wide as the pattern.
-
-    One contact bears at least an equal share, and if it is wider than the pattern it covers all others.
-    """
-    if problem.load is None or problem.stiffness:
-        return
-    extent = float(np.hypot(np.ptp(problem.x), np.ptp(problem.y)))
-    share = problem.load / problem.gap.size
-    contact_radius = float(np.cbrt(0.75 * share * problem.radius.min()))
-    if contact_radius >= extent:
-        raise ModelRangeError(
-            f"the contacts would overlap: an equal share of the load on {problem.gap.size} asperities makes "
-            f"a contact of radius {contact_radius * problem.length:.3g} m on a pattern "
-            f"{extent * problem.length:.3g} m wide; lower the load"
-        )
 
 
 def _refuse_crowd(problem: ScaledProblem, iterate: Iterate) -> None:
