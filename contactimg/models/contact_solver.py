@@ -50,32 +50,14 @@ MAX_SELECTIONS = 100
 """Most selections of candidates for one problem. Chosen by hand: each enlarges the previous one."""
 
 
-@dataclass(frozen=True)
-class Screening:
-    """A rough solution with point forces and the asperities that it leaves to the accurate one.
+SCREENING_RESIDUAL, SCREENING_SUM_ACCURACY = 0.1, 1e-4
+"""Residual of a rough solution with point forces, and relative accuracy of its fast sums, which take most of
+the time. Chosen by hand; sensitivity not measured."""
 
-    Parameters
-    ----------
-    residual : float
-        Of the rough solution.
-    gap_fraction : float
-        Asperities with a gap below this fraction of the deepest penetration are kept. The accurate solution
-        counts an asperity as missed at half of this gap, so that the field corrections, 1e-2 of a penetration
-        or less, do not matter.
-    sum_accuracy : float
-        Relative accuracy of the sums, for which a term is added to that gap; 0 for a stored matrix.
-    """
-
-    residual: float
-    gap_fraction: float
-    sum_accuracy: float = 0.0
-
-
-STORED_SCREENING = Screening(residual=1e-2, gap_fraction=0.1)
-"""With a stored matrix. Chosen by time."""
-
-FAST_SCREENING = Screening(residual=0.1, gap_fraction=0.2, sum_accuracy=1e-4)
-"""With fast sums, which take most of the time. Chosen by hand; sensitivity not measured."""
+SCREENING_GAP_FRACTION = 0.2
+"""Asperities with a gap below this fraction of the deepest penetration in the rough solution are kept. The
+accurate solution counts an asperity as missed at half of this gap, so that the field corrections, 1e-2 of a
+penetration or less, do not matter."""
 
 LEAST_GAIN = 1e-2
 """Factor by which a Newton step between two updates of the field corrections lowers the residual at least.
@@ -175,28 +157,24 @@ class ContactSolver:
         self, candidates: ScaledProblem, force: Values, indentation: float
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """Solve with a stored matrix or with fast sums, these and field corrections near contact only."""
-        dense, screening = self._dense(candidates), FAST_SCREENING
-        if dense:
-            screening, operator = STORED_SCREENING, self._operator(candidates)
-        else:
-            operator = FastCoupling(candidates.x, candidates.y, self.kernel, screening.sum_accuracy)
-        system = self._system(candidates, operator)
+        dense, x, y = self._dense(candidates), candidates.x, candidates.y
+        rough = DenseCoupling(x, y, self.kernel) if dense else None
+        system = self._system(candidates, rough or FastCoupling(x, y, self.kernel, SCREENING_SUM_ACCURACY))
         iterate = initial_iterate(system, force, indentation)
         if not dense:
             _refuse_crowd(candidates, iterate)
         elif self.coupling not in FIELD_COUPLINGS or candidates.gap.size < MIN_SCREENED_CANDIDATES:
             return candidates, *self._converge(candidates, system, iterate)
-        return self._solve_near(candidates, system, iterate, screening)
+        return self._solve_near(candidates, system, iterate)
 
     def _solve_near(
-        self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate, screening: Screening
+        self, candidates: ScaledProblem, rough: ContactSystem, iterate: Iterate
     ) -> tuple[ScaledProblem, ContactSystem, Iterate, int]:
         """Solve roughly, solve for the candidates near contact in that solution, add those it missed."""
-        rough, iterate, steps = self._converge(candidates, rough, iterate, rough_to=screening.residual)
+        rough, iterate, steps = self._converge(candidates, rough, iterate, rough_to=SCREENING_RESIDUAL)
         force, penetration = iterate.force, iterate.penetration(rough)
-        margin = screening.gap_fraction * float(penetration.max()) + 4 * screening.sum_accuracy * float(
-            iterate.displacement.max()
-        )
+        margin = SCREENING_GAP_FRACTION * float(penetration.max())
+        margin += 4 * SCREENING_SUM_ACCURACY * float(iterate.displacement.max())
         near = penetration > -margin
         close = close_pairs(candidates.x, candidates.y, CLOSE_DIAMETERS * 2 * iterate.contact_radius)
         near[close[0]] = near[close[1]] = True  # a contact may keep a close neighbour out of contact
