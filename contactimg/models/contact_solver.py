@@ -28,7 +28,7 @@ from contactimg.models.newton_iteration import (
     take_step,
 )
 from contactimg.models.scaled_problem import ScaledProblem
-from contactimg.models.validity import Pairs, close_pairs, overlapping, sampled_spacing, unstable_pair
+from contactimg.models.validity import Pairs, close_pairs, nearest_neighbours, overlapping, unstable_pair
 from contactimg.timings import stage
 
 Values = NDArray[np.float64]
@@ -286,14 +286,18 @@ def _refuse_crowd(problem: ScaledProblem, iterate: Iterate) -> None:
     """Raise `ModelRangeError` if most contacts of a first estimate overlap a neighbour."""
     # Hertz's radii of the forces, which sum to the load; those at the penetrations are not consistent yet
     contact_radius = np.cbrt(0.75 * problem.radius * np.maximum(iterate.force, 0.0))
-    spacing = sampled_spacing(problem.x, problem.y, contact_radius)
+    rows = np.flatnonzero(contact_radius)
+    if rows.size < 2:
+        return
+    distance, other = nearest_neighbours(problem.x[rows], problem.y[rows])
+    spacing = distance / (contact_radius[rows] + contact_radius[rows[other]])
     share = float(np.mean(spacing < 1))
     if share <= MAX_OVERLAPPING:
         return
     # the force goes as the cube of the contact radius
     bearable = float(iterate.force.sum()) * problem.force_unit * float(np.median(spacing)) ** 3
     raise ModelRangeError(
-        f"about {share:.0%} of {np.count_nonzero(contact_radius)} contacts would overlap a neighbour (at "
+        f"{share:.0%} of {rows.size} contacts would overlap a neighbour (at "
         f"most {MAX_OVERLAPPING:.0%} may): beyond any model of single contacts; lower the load to some "
         f"{bearable:.2g} N or less, or the indentation, and check their units"
     )

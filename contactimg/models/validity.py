@@ -21,9 +21,6 @@ Pairs = tuple[Rows, Rows, Values]
 HERTZ_LIMIT = 0.33
 """``a/R`` up to which Hertz's law describes elastomer spheres (Yashima et al., Experimental setups)."""
 
-SAMPLED_CONTACTS = 1000
-"""Contacts, evenly taken, from which a share is estimated: to 0.016. Theory: binomial standard error."""
-
 
 @dataclass(frozen=True)
 class Validity:
@@ -129,15 +126,11 @@ def overlapping(x: Values, y: Values, contact_radius: Values) -> NDArray[np.bool
     return result
 
 
-def sampled_spacing(x: Values, y: Values, contact_radius: Values) -> Values:
-    """Distances of contacts, `SAMPLED_CONTACTS` at most, to the nearest one over the sum of both radii."""
-    rows = np.flatnonzero(contact_radius > 0)
-    if rows.size < 2:
-        return np.full(1, np.inf)
-    points, a = np.column_stack([x[rows], y[rows]]), contact_radius[rows]
-    sample = np.arange(0, rows.size, -(-rows.size // SAMPLED_CONTACTS))
-    distance, nearest = (np.ravel(answer) for answer in cKDTree(points).query(points[sample], k=[2]))
-    return np.asarray(distance / (a[sample] + a[nearest]))
+def nearest_neighbours(x: Values, y: Values) -> tuple[Values, Rows]:
+    """Distance of each of two points or more to the nearest other one, and which that is."""
+    points = np.column_stack([x, y])
+    distance, nearest = cKDTree(points).query(points, k=2)
+    return np.asarray(distance)[:, 1], np.asarray(nearest)[:, 1]
 
 
 def contact_flags(x: Values, y: Values, contact_radius: Values, radius: Values) -> NDArray[np.int64]:
@@ -164,13 +157,9 @@ def assess(
         max_strain=float(strain.max()) if count else np.nan,
         n_beyond_hertz=int(np.sum(strain > HERTZ_LIMIT)),
         n_overlapping=int(np.sum(overlapping(x, y, contact_radius))),
-        spacing_ratio=_spacing(x, y) / float(contact_radius.mean()) if count > 1 else np.nan,
+        spacing_ratio=float(nearest_neighbours(x, y)[0].mean() / contact_radius.mean())
+        if count > 1
+        else np.nan,
         planes=planes,
         thickness_ratio=(extent + float(contact_radius.max())) / thickness if count else 0.0,
     )
-
-
-def _spacing(x: Values, y: Values) -> float:
-    """Mean distance to the nearest neighbour."""
-    points = np.column_stack([x, y])
-    return float(np.asarray(cKDTree(points).query(points, k=2)[0])[:, 1].mean())
