@@ -172,7 +172,8 @@ def draw_surface(kind: str, rng: np.random.Generator) -> tuple[CapLaw, float]:
     >>> round(law.height_mean * 1e6, 2), round(coverage, 3)
     (9.05, 0.347)
     """
-    law, coverage = _law_and_coverage(kind, None)
+    _law_and_coverage(kind, None)  # refuses a name that is none
+    law, coverage = _PATTERNS[kind]
     count, coverage_std = _MEASURED.get(kind, (1, 0.0))
     if not isinstance(law, UniformCaps):
         law = replace(law, height_mean=rng.normal(law.height_mean, law.height_std / np.sqrt(count)))
